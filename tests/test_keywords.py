@@ -14,8 +14,8 @@ from click.testing import CliRunner
 
 import xdynamics as xd
 from xdynamics.cli import main
-from xdynamics.keywords import IN_FILES, KEYWORDS, RECORD, Keyword, columns_of, number
-from xdynamics.record.arguments import asked_of
+from xdynamics.keywords import IN_FILES, KEYWORDS, RECORD, Keyword, read_log_columns, read_number
+from xdynamics.record.arguments import recorded_arguments
 from xdynamics.units import parse_unit
 
 MODEL = xd.Model(
@@ -159,7 +159,7 @@ def test_options_are_keywords(case: str, tmp_path: Path) -> None:
     done = CliRunner().invoke(main, ["run", str(file), "-o", str(tmp_path / "run.nc"), *options])
     assert done.exit_code == 0, done.output
     assert attributes(xd.open_run(tmp_path / "run.nc")) == attributes(by_keywords)
-    assert attributes(xd.simulate(MODEL, **asked_of(by_keywords))) == attributes(by_keywords)
+    assert attributes(xd.simulate(MODEL, **recorded_arguments(by_keywords))) == attributes(by_keywords)
     inside = {name: value for name, value in asked.items() if name in IN_FILES}
     outside = {name: value for name, value in asked.items() if name not in IN_FILES}
     filed = xd.Model(**tomllib.loads(MODEL.to_toml()) | {"run": inside})
@@ -175,7 +175,7 @@ def test_defaults_are_among_the_words(keyword: Keyword) -> None:
     """Assert that where words are listed, what holds without one begins with one of them."""
     words = [word.strip('" ') for word in keyword.takes.split(" | ")] if " | " in keyword.takes else [""]
     assert keyword.default.startswith(tuple(words)) or keyword.name == "estimator"
-    assert keyword.written == (keyword.takes or keyword.kind)
+    assert keyword.value_form == (keyword.takes or keyword.kind)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_values_are_read(name: str, value: Any, read: Any) -> None:
 )
 def test_columns_are_read(given: Any, read: Any) -> None:
     """Assert a word for many columns, or names, each once."""
-    assert columns_of(given) == read
+    assert read_log_columns(given) == read
 
 
 def test_a_tolerance_for_one_variable_is_a_table() -> None:
@@ -210,16 +210,16 @@ def test_a_tolerance_for_one_variable_is_a_table() -> None:
     with pytest.raises(
         xd.InputError, match=r"^atol is '1 um', needs a number; for one variable write \{'y': '1 um'\}$"
     ):
-        number("1 um", "atol")
+        read_number("1 um", "atol")
     with pytest.raises(xd.InputError, match=r"^safety is '1 um', needs a number$"):
-        number("1 um", "safety")
+        read_number("1 um", "safety")
 
 
 @pytest.mark.parametrize("given", [[], ["x", 3], {"x": 1}, 7])
 def test_wrong_columns(given: Any) -> None:
     """Assert that what is neither a word nor a list of names is refused."""
     with pytest.raises(xd.InputError, match=r"^log is .*, needs 'full', 'states' or a list of variables, like \['x'"):
-        columns_of(given)
+        read_log_columns(given)
 
 
 @pytest.mark.parametrize("verb", ["run", "refine", "sweep", "budget", "certify", "fit"])

@@ -26,14 +26,14 @@ def run() -> xr.Dataset:
 @pytest.mark.dear
 def test_a_quantified_record_is_the_same_again(run: xr.Dataset) -> None:
     """Assert that units go into arrays and come out as they were, flags and texts untouched."""
-    from xdynamics.record.pint_records import is_quantified, plain
+    from xdynamics.record.pint_records import is_quantified, without_pint_units
 
     found = run.dynamics.quantify()
     assert is_quantified(found)
     assert not is_quantified(run)
     assert str(found.v_y.pint.units) == "meter / second"
     assert found.row_kind.dtype == run.row_kind.dtype
-    back = plain(found)
+    back = without_pint_units(found)
     xr.testing.assert_identical(back.drop_attrs(deep=False), run.drop_attrs(deep=False))
     assert xd.content_digest(found) == xd.content_digest(run)
 

@@ -153,7 +153,7 @@ def test_no_stage_has_a_second(kind: str, tmp_path: Path) -> None:
 @pytest.mark.dear
 def test_no_line_of_the_command_has_a_second(tmp_path: Path) -> None:
     """Assert check, run, extend, sample, compare, diagnose, refine, validate, modes and animate of a model without units."""
-    from xdynamics.figures.animation import drawing
+    from xdynamics.figures.animation import scene_figure
     from xdynamics.figures.scenes import scene_of
 
     model, path = xd.Model(**DUFFING), tmp_path / "duffing.toml"
@@ -182,7 +182,7 @@ def test_no_line_of_the_command_has_a_second(tmp_path: Path) -> None:
     ball = xd.simulate(xd.Model(**BALL))
     scene = scene_of(ball, 0.5)
     assert scene is not None
-    figure, frame_at = drawing(ball, scene, np.array([0.0, 1.0]), 90)
+    figure, frame_at = scene_figure(ball, scene, np.array([0.0, 1.0]), 90)
     frame_at(1)
     check(drawn(figure), "film")
 

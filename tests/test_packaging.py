@@ -38,7 +38,7 @@ with event.install_recorder("numba:compile") as compilations:
     ]
     settings = settings_for(kepler, method="dop853", rtol=1e-8, until=2.0, force_samples="none")
     ensemble = march_many(kepler, settings, initial={"x": np.linspace(0.9, 1.1, 16)}, lanes=8)
-    side_by_side = hashlib.sha256(ensemble.kept.log.rows.tobytes() + ensemble.ends.tobytes()).hexdigest()
+    side_by_side = hashlib.sha256(ensemble.log_block.log.rows.tobytes() + ensemble.ends.tobytes()).hexdigest()
 print(xd.__file__, runs[0].attrs["engine_origin"], len(compilations.buffer), sep="|")
 print(*map(xd.content_digest, runs), side_by_side)
 """

@@ -211,7 +211,7 @@ _OF_RECORDS = (
 _entered = entrance(
     __name__,
     {name: room for room, names in _ROOMS.items() for name in names},
-    beside="interchange.accessor",
+    companion_module="interchange.accessor",
     through={
         "keywords.checked_keywords": tuple(name for name in __all__ if name[0].islower()),
         "record.unmarched.marching": _OF_RECORDS,

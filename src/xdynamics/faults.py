@@ -30,14 +30,14 @@ _NUMBER = re.compile(r"\d[\d.e+-]*")
 _ENDLESS = re.compile(r"(?<!\S)(\S{100})\S{900,}")  # a word of a file that no terminal shows
 
 
-def spoken(text: str) -> str:
+def display_text(text: str) -> str:
     """Return a text with elements as people write them.
 
     Examples
     --------
-    >>> spoken("initial value of 'v_r·Jupiter·x' is missing")
+    >>> display_text("initial value of 'v_r·Jupiter·x' is missing")
     "initial value of 'v_r[Jupiter, x]' is missing"
-    >>> spoken("maximum_r·0·x_time = 4.63 s")
+    >>> display_text("maximum_r·0·x_time = 4.63 s")
     'maximum_r_time[0, x] = 4.63 s'
     """
     return (
@@ -47,12 +47,12 @@ def spoken(text: str) -> str:
     )
 
 
-def written(text: str) -> str:
-    """Return a text with elements as they are named inside; the inverse of `spoken`.
+def internal_text(text: str) -> str:
+    """Return a text with elements as they are named inside; the inverse of `display_text`.
 
     Examples
     --------
-    >>> written("r[Jupiter, x]"), written("u[0]"), written("g")
+    >>> internal_text("r[Jupiter, x]"), internal_text("u[0]"), internal_text("g")
     ('r·Jupiter·x', 'u·0', 'g')
     """
     return (
@@ -93,19 +93,21 @@ class InputError(ValueError):
     Parameters
     ----------
     message : str
-        What is wrong, its value, what was needed and the remedy. Its lines are those of `numbered`, and one that may
+        What is wrong, its value, what was needed and the remedy. Its lines are those of `numbered_lines`, and one that may
         follow them; whatever else names and values of a file would do to a terminal is written out.
     faults : tuple of str
         The single faults, when several were found in one input.
     """
 
     def __init__(self, message: str, faults: tuple[str, ...] = ()) -> None:
-        listed = numbered(faults)
-        before, found, after = message.partition(listed) if listed else (message, "", "")
-        line = "\n" if found and after.startswith("\n") else ""
-        text = spoken(escaped(before) + found + line + escaped(after.removeprefix(line)))
+        fault_lines = numbered_lines(faults)
+        leading_text, matched_lines, trailing_text = (
+            message.partition(fault_lines) if fault_lines else (message, "", "")
+        )
+        line = "\n" if matched_lines and trailing_text.startswith("\n") else ""
+        text = display_text(escaped(leading_text) + matched_lines + line + escaped(trailing_text.removeprefix(line)))
         super().__init__(text)
-        self.faults = tuple(spoken(escaped(fault)) for fault in faults) or (text,)
+        self.faults = tuple(display_text(escaped(fault)) for fault in faults) or (text,)
 
 
 class StabilityWarning(UserWarning):
@@ -161,48 +163,53 @@ def warn(message: str, category: type[Warning]) -> None:
     level, frame = 1, inspect.currentframe()
     while frame is not None and frame.f_code.co_filename.startswith(_OURS):
         level, frame = level + 1, frame.f_back
-    warnings.warn(spoken(message), category, stacklevel=level)
+    warnings.warn(display_text(message), category, stacklevel=level)
 
 
-def few(names: Iterable[str]) -> str:
+def first_names(names: Iterable[str]) -> str:
     """List the first ten names and count the others."""
-    listed = [*names]
-    rest = len(listed) - MOST_NAMED
-    return ", ".join(listed[:MOST_NAMED]) + (f" and {rest} more" if rest > 0 else "")
+    all_names = [*names]
+    further_count = len(all_names) - MOST_NAMED
+    return ", ".join(all_names[:MOST_NAMED]) + (f" and {further_count} more" if further_count > 0 else "")
 
 
-def brief(value: object) -> str:
+def brief_repr(value: object) -> str:
     """Write a value as Python does, in one line, cut short where it is long.
 
     Examples
     --------
-    >>> brief([1, 2]), brief("a" * 200)
+    >>> brief_repr([1, 2]), brief_repr("a" * 200)
     ('[1, 2]', "'aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa …")
     """
     text = " ".join(repr(value).split())
     return text if len(text) <= MOST_SHOWN else f"{text[: MOST_SHOWN // 2]} …"
 
 
-def numbered(faults: Iterable[str]) -> str:
+def numbered_lines(faults: Iterable[str]) -> str:
     """Print faults as numbered lines, to follow a colon."""
-    listed = [f"\n  {n}. {escaped(fault)}" for n, fault in enumerate(faults, 1)]
-    rest = len(listed) - MOST_LISTED
-    return "".join(listed if rest <= 1 else [*listed[:MOST_LISTED], f"\n  … and {rest} more"])
+    lines = [f"\n  {n}. {escaped(fault)}" for n, fault in enumerate(faults, 1)]
+    further_count = len(lines) - MOST_LISTED
+    return "".join(lines if further_count <= 1 else [*lines[:MOST_LISTED], f"\n  … and {further_count} more"])
 
 
-def merged(faults: Iterable[str]) -> list[str]:
+def merge_similar_faults(faults: Iterable[str]) -> list[str]:
     """Return faults with one in the place of those that differ in the element, and in numbers, alone.
 
     Examples
     --------
-    >>> merged(["mass of 'u·0' is -1", "mass of 'u·1' is -2", "time runs back"])
+    >>> merge_similar_faults(["mass of 'u·0' is -1", "mass of 'u·1' is -2", "time runs back"])
     ["mass of 'u·0' is -1; likewise for 1 more", 'time runs back']
     """
-    alike: dict[str, list[str]] = {}
+    similar_faults: dict[str, list[str]] = {}
     for fault in faults:
-        inside = written(fault)
-        alike.setdefault(_NUMBER.sub("", _ELEMENT.sub(r"\1", inside)) if DOT in inside else fault, []).append(fault)
-    return [first + (f"; likewise for {len(others)} more" if others else "") for first, *others in alike.values()]
+        internal_fault = internal_text(fault)
+        similar_faults.setdefault(
+            _NUMBER.sub("", _ELEMENT.sub(r"\1", internal_fault)) if DOT in internal_fault else fault, []
+        ).append(fault)
+    return [
+        first + (f"; likewise for {len(further_faults)} more" if further_faults else "")
+        for first, *further_faults in similar_faults.values()
+    ]
 
 
 class Ledger:
@@ -230,12 +237,12 @@ class Ledger:
             self.raise_faults()
 
     @contextlib.contextmanager
-    def entry(self, what: str) -> Iterator[None]:
-        """Turn an `InputError` raised inside into faults of `what`."""
+    def entry(self, entry_subject: str) -> Iterator[None]:
+        """Turn an `InputError` raised inside into faults of `entry_subject`."""
         try:
             yield
         except InputError as error:
-            self.faults.extend(_ENDLESS.sub(r"\1…", f"{what}: {fault}") for fault in error.faults)
+            self.faults.extend(_ENDLESS.sub(r"\1…", f"{entry_subject}: {fault}") for fault in error.faults)
             if len(self.faults) >= MOST_SOUGHT:
                 self.raise_faults()
 
@@ -249,7 +256,7 @@ class Ledger:
         """
         if not self.faults:
             return
-        different = merged(self.faults)
+        different = merge_similar_faults(self.faults)
         if len(different) == 1:
             raise self.error(f"{self.subject}: {different[0]}", tuple(self.faults))
-        raise self.error(f"{self.subject} has {len(different)} faults:{numbered(different)}", tuple(self.faults))
+        raise self.error(f"{self.subject} has {len(different)} faults:{numbered_lines(different)}", tuple(self.faults))

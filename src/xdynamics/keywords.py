@@ -13,7 +13,7 @@ from functools import wraps
 from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.faults import InputError, written
+from xdynamics.faults import InputError, internal_text
 
 if TYPE_CHECKING:
     from xdynamics.units import Unit
@@ -70,7 +70,7 @@ class Keyword:
         return self.option or "--" + self.name.replace("_", "-")
 
     @property
-    def written(self) -> str:
+    def value_form(self) -> str:
         """How a value is written in a model file."""
         return self.takes or self.kind
 
@@ -122,7 +122,7 @@ PACING = ("safety", "growth_limits", "min_step", "max_step", "max_steps")  # lim
 IN_FILES = tuple(name for name, keyword in KEYWORDS.items() if keyword.example)
 
 
-def joined(defaults: Mapping[str, Any], requested: Mapping[str, Any]) -> dict[str, Any]:
+def merge_settings(defaults: Mapping[str, Any], requested: Mapping[str, Any]) -> dict[str, Any]:
     """Join settings with others: a requested step takes the place of the defaults' tolerances, and these that of their step."""
     tolerant = "rtol" in requested or "atol" in requested
     replaced = ("step",) if tolerant else ("step", "rtol", "atol", *PACING) if "step" in requested else ()
@@ -155,33 +155,35 @@ def checked_keywords(verb: Callable[..., Any]) -> Callable[..., Any]:
     """Let a verb refuse keywords that it does not have in words, with what was meant."""
 
     @wraps(verb)
-    def called(*arguments: Any, **keywords: Any) -> Any:
+    def checked_verb(*arguments: Any, **keywords: Any) -> Any:
         try:
             return verb(*arguments, **keywords)
         except TypeError:
-            taken = signature(verb).parameters
-            if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in taken.values()):
+            parameters = signature(verb).parameters
+            if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters.values()):
                 raise
-            unknown = next((name for name in keywords if name not in taken), None)
+            unknown = next((name for name in keywords if name not in parameters), None)
             if unknown is None:
                 raise
-        known = [name for name, parameter in taken.items() if parameter.kind is not Parameter.POSITIONAL_ONLY]
-        raise InputError(f"{verb.__name__} has no '{unknown}'; {meant(unknown, known)}")
+        keyword_names = [
+            name for name, parameter in parameters.items() if parameter.kind is not Parameter.POSITIONAL_ONLY
+        ]
+        raise InputError(f"{verb.__name__} has no '{unknown}'; {keyword_hint(unknown, keyword_names)}")
 
-    return called
+    return checked_verb
 
 
-def meant(word: str, known: Sequence[str]) -> str:
+def keyword_hint(word: str, known_names: Sequence[str]) -> str:
     """Say which of the known names a word stands for, or where what it names is said."""
-    if ours := [name for name in _OTHER_WORDS.get(word, ()) if name in known]:
+    if ours := [name for name in _OTHER_WORDS.get(word, ()) if name in known_names]:
         return f"did you mean '{ours[0]}'?"
     if word in _ELSEWHERE:
         return _ELSEWHERE[word]
-    alike = get_close_matches(word, known, n=1)
-    return f"did you mean '{alike[0]}'?" if alike else f"there are {', '.join(known)}"
+    close_names = get_close_matches(word, known_names, n=1)
+    return f"did you mean '{close_names[0]}'?" if close_names else f"there are {', '.join(known_names)}"
 
 
-def number(value: Any, name: str) -> float:
+def read_number(value: Any, name: str) -> float:
     """Read a number.
 
     Raises
@@ -198,7 +200,7 @@ def number(value: Any, name: str) -> float:
         raise InputError(f"{name} is {value!r}, needs a number{remedy}") from None
 
 
-def columns_of(given: Any) -> str | tuple[str, ...]:
+def read_log_columns(requested_log: Any) -> str | tuple[str, ...]:
     """Read which columns of the log are recorded: a word for many, or their names.
 
     Raises
@@ -206,53 +208,59 @@ def columns_of(given: Any) -> str | tuple[str, ...]:
     InputError
         If it is no word for that, and no list of names.
     """
-    if isinstance(given, str):
-        if given in (FULL, STATES):
-            return given
-        raise InputError(f"log is {given!r}; there are '{FULL}', '{STATES}', or a list of variables, like ['{given}']")
-    if not isinstance(given, list | tuple) or not given or not all(isinstance(column, str) for column in given):
+    if isinstance(requested_log, str):
+        if requested_log in (FULL, STATES):
+            return requested_log
         raise InputError(
-            f"log is {given!r}, needs '{FULL}', '{STATES}' or a list of variables, like ['x', 'total_energy']"
+            f"log is {requested_log!r}; there are '{FULL}', '{STATES}', or a list of variables, like ['{requested_log}']"
         )
-    return tuple(dict.fromkeys(map(written, given)))
+    if (
+        not isinstance(requested_log, list | tuple)
+        or not requested_log
+        or not all(isinstance(column, str) for column in requested_log)
+    ):
+        raise InputError(
+            f"log is {requested_log!r}, needs '{FULL}', '{STATES}' or a list of variables, like ['x', 'total_energy']"
+        )
+    return tuple(dict.fromkeys(map(internal_text, requested_log)))
 
 
-def _whole(value: Any, name: str, _: Unit) -> int:
-    real = number(value, name)
+def _read_whole_number(value: Any, name: str, _: Unit) -> int:
+    real = read_number(value, name)
     if not real.is_integer():
         raise InputError(f"{name} is {value!r}, needs a whole number")
     return int(real)
 
 
-def _time(value: Any, name: str, time: Unit) -> float:
+def _read_time(value: Any, name: str, time: Unit) -> float:
     from xdynamics.units import time_in  # here, since the command line reads this table before it needs units
 
     return time_in(time, value, name)
 
 
-def _pair(value: Any, name: str, _: Unit) -> tuple[float, ...]:
+def _read_pair(value: Any, name: str, _: Unit) -> tuple[float, ...]:
     if isinstance(value, str) or not (isinstance(value, Sequence) or hasattr(value, "__array__")) or len(value) != 2:
         raise InputError(f"{name} are {value!r}, need two factors, like (0.2, 10)")
-    return tuple(number(factor, name) for factor in value)
+    return tuple(read_number(factor, name) for factor in value)
 
 
-def _truth(value: Any, name: str, _: Unit) -> bool:
+def _read_truth(value: Any, name: str, _: Unit) -> bool:
     if not isinstance(value, bool):
         raise InputError(f"{name} is {value!r}, needs true or false")
     return value
 
 
-def _word(value: Any, name: str, _: Unit) -> str:
+def _read_word(value: Any, name: str, _: Unit) -> str:
     if not isinstance(value, str):
         raise InputError(f"{name} is {value!r}, needs a word")
     return value
 
 
 _READERS: dict[str, Callable[[Any, str, Unit], Any]] = {
-    WORD: _word,
-    TIME: _time,
-    NUMBER: lambda value, name, _: number(value, name),
-    WHOLE: _whole,
-    PAIR: _pair,
-    TRUTH: _truth,
+    WORD: _read_word,
+    TIME: _read_time,
+    NUMBER: lambda value, name, _: read_number(value, name),
+    WHOLE: _read_whole_number,
+    PAIR: _read_pair,
+    TRUTH: _read_truth,
 }

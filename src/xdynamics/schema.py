@@ -258,7 +258,7 @@ class Variable:
         return {"units": self.units, "long_name": self.long_name, "role": self.role} | dict(self.more)
 
 
-def flags(words: Mapping[int, str], dtype: str = "i1") -> dict[str, Any]:
+def flag_attributes(words: Mapping[int, str], dtype: str = "i1") -> dict[str, Any]:
     """Return the CF attributes of a flag variable of a type."""
     import numpy as np
 
@@ -281,14 +281,23 @@ def coordinates_of(name: str, about: Mapping[str, tuple[Sequence[str], Any]], *,
     dims = about[name][0]
     times = {dim: TIME_OF[dim] for dim in (STEPS, AT)} if former else TIME_OF
     times = times | ({ROW: "time"} if ROW_SIZE in about else {})
-    known = [times[dim] for dim in dims if dim in times and (former or times[dim] in about)]
-    found = [time for time in known if time != name][:1]
-    found += [label for label in map(label_of, dims) if label in about and label != name]
+    time_names = [times[dim] for dim in dims if dim in times and (former or times[dim] in about)]
+    coordinate_names = [time for time in time_names if time != name][:1]
+    coordinate_names += [label for label in map(label_of, dims) if label in about and label != name]
     if not former and name == DESCRIBED:
-        found += [STEP_NUMBER.name, *(other for other, (own, role) in about.items() if role == "parameter" and not own)]
+        coordinate_names += [
+            STEP_NUMBER.name,
+            *(
+                further_name
+                for further_name, (variable_dims, role) in about.items()
+                if role == "parameter" and not variable_dims
+            ),
+        ]
     if not former and name in TEXT_NAMES and DOCUMENT in dims:
-        found += [other for other in TEXT_NAMES if other != name and other in about]
-    return " ".join(found) or None
+        coordinate_names += [
+            further_name for further_name in TEXT_NAMES if further_name != name and further_name in about
+        ]
+    return " ".join(coordinate_names) or None
 
 
 def is_former(attributes: Mapping[Any, Any]) -> bool:
@@ -299,17 +308,17 @@ def is_former(attributes: Mapping[Any, Any]) -> bool:
 def content_of(attributes: Mapping[Any, Any]) -> dict[str, Any]:
     """Return those attributes of a record that are a part of its content: neither circumstances nor notes."""
     of_sweep = is_former(attributes) and attributes.get(EVIDENCE) == SWEEP  # these had a comment of ours in it
-    beside = {*VOLATILE, ROOT_DIGEST, ORIGIN, *(NOTES - {"comment"} if of_sweep else NOTES)}
-    return {str(name): value for name, value in attributes.items() if name not in beside}
+    left_out_names = {*VOLATILE, ROOT_DIGEST, ORIGIN, *(NOTES - {"comment"} if of_sweep else NOTES)}
+    return {str(name): value for name, value in attributes.items() if name not in left_out_names}
 
 
 def is_coordinate(name: str, role: Any) -> bool:
     """Whether a variable of a run describes it, and is not among what it yields."""
-    named = (*TIME_OF.values(), STEP_NUMBER.name, GIVEN_STEP.name, END_MEMORY.name, *TEXT_NAMES)
-    return name in named or role in ("parameter", LABEL)
+    describing_names = (*TIME_OF.values(), STEP_NUMBER.name, GIVEN_STEP.name, END_MEMORY.name, *TEXT_NAMES)
+    return name in describing_names or role in ("parameter", LABEL)
 
 
-def beside(added: Collection[str], name: str) -> str:
+def name_without_clash(added: Collection[str], name: str) -> str:
     """Return what a model's quantity is called in a result that adds names: as in the model, or with a trailing ``_``.
 
     New models have none of these names; those of schema 1 may.
@@ -370,7 +379,7 @@ def rate(name: str) -> str:
     return f"rate_{name}"
 
 
-def rest(name: str) -> str:
+def rest_name(name: str) -> str:
     """Name what is left of a number beside the nearest float."""
     return f"rest_{name}"
 
@@ -393,12 +402,12 @@ def continuity_defect(name: str) -> tuple[str, str]:
 SCALED_RESIDUAL, RESIDUAL_SCALE = "scaled_residual", "residual_scale"  # of a ledger, along `case`
 
 
-def scaled(name: str) -> str:
+def scaled_name(name: str) -> str:
     """Name a residual, or another difference, over its scale."""
     return f"scaled_{name}"
 
 
-def scale(kind: str, name: str) -> str:
+def scale_name(kind: str, name: str) -> str:
     """Name the scale of a residual of a quantity."""
     return f"{kind}_scale_{name}"
 
@@ -408,7 +417,7 @@ def side_of(name: str) -> str:
     return f"side_{name.replace('.', '_')}"
 
 
-def sampled(name: str) -> str:
+def sample_name(name: str) -> str:
     """Name a quantity that a force evaluation used or gave."""
     return f"sample_{name}"
 
@@ -418,7 +427,7 @@ AXIS = {"_CoordinateAxisType": "Time"}
 FIXED_STEPS = (
     Variable("time", (STEPS,), "f8", SECONDS.text, "time of the accepted state", "time", AXIS),
     Variable("step_size", (STEPS,), "f8", SECONDS.text, "step used to reach the state; 0 for the initial one and after an event", "step_size"),
-    Variable("row_kind", (STEPS,), "i1", "1", "how the state was reached", "flag", flags(dict(enumerate(ROW_KINDS)))),
+    Variable("row_kind", (STEPS,), "i1", "1", "how the state was reached", "flag", flag_attributes(dict(enumerate(ROW_KINDS)))),
 )  # fmt: skip
 # of records whose numbers are sums of two floats
 LEFT_OVER = "rest"  # their role
@@ -454,7 +463,7 @@ FIXED_TRIALS = (
     Variable("trial_step", (TRIALS,), "i8", "1", "step_number of the row that the rejected trial started from", "trial"),
     Variable("trial_step_size", (TRIALS,), "f8", SECONDS.text, "step of the rejected trial", "trial"),
     Variable("trial_error_norm", (TRIALS,), "f8", "1", "scaled local error norm of the rejected trial; nan where there is no estimate", "trial"),
-    Variable("trial_reason", (TRIALS,), "i1", "1", "why the trial was rejected", "flag", flags(dict(enumerate(TRIAL_REASONS)))),
+    Variable("trial_reason", (TRIALS,), "i1", "1", "why the trial was rejected", "flag", flag_attributes(dict(enumerate(TRIAL_REASONS)))),
 )  # fmt: skip
 FIXED_EVENTS = (
     Variable("event_time", (EVENTS,), "f8", SECONDS.text, "accepted time of the event: the right end of its bracket, whose ends are its bounds", "event", {"ancillary_variables": "event_time_uncertainty", "bounds": EVENT_BOUNDS}),
@@ -462,8 +471,8 @@ FIXED_EVENTS = (
     Variable("event_time_uncertainty", (EVENTS,), "f8", SECONDS.text, "uncertainty of locating the event: the sum of its parts, at least half a spacing of t; the error of the integration is not in it", "event"),
     Variable("event_row_before", (EVENTS,), "i8", "1", "step_number of the row with the state before the event", "event"),
     Variable("event_row_after", (EVENTS,), "i8", "1", "step_number of the row with the state after the event", "event"),
-    Variable("event_kind", (EVENTS,), "i1", "1", "kind of the event", "flag", flags(dict(enumerate(EVENT_KINDS))) | {"kinds": KINDS_IN_WORDS}),
-    Variable("event_direction", (EVENTS,), "i1", "1", "direction in which the event function passed zero", "flag", flags(EVENT_DIRECTIONS)),
+    Variable("event_kind", (EVENTS,), "i1", "1", "kind of the event", "flag", flag_attributes(dict(enumerate(EVENT_KINDS))) | {"kinds": KINDS_IN_WORDS}),
+    Variable("event_direction", (EVENTS,), "i1", "1", "direction in which the event function passed zero", "flag", flag_attributes(EVENT_DIRECTIONS)),
 )  # fmt: skip
 EVENT_UNCERTAINTIES = (
     Variable("event_time_uncertainty_bracket", (EVENTS,), "f8", SECONDS.text, "part of event_time_uncertainty: width of the final bracket", "event"),
@@ -513,6 +522,6 @@ TIMES = {
 }
 
 
-def in_time(variable: Variable, unit: Unit) -> Variable:
+def with_time_unit(variable: Variable, unit: Unit) -> Variable:
     """Return a variable with its model's unit of time, if it is a time."""
     return replace(variable, units=unit.text) if variable.name in TIMES else variable

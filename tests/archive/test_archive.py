@@ -270,14 +270,14 @@ def test_reproduce_names_the_first_difference(archived: Path, monkeypatch: pytes
     """Assert that a rerun that departs is told, with variable and row."""
     from xdynamics.simulation import single_run as simulation
 
-    again = simulation._again
+    again = simulation._march_again
 
     def departed(kept: xr.Dataset, functions: object) -> xr.Dataset:
         run = again(kept, functions).copy(deep=True)
         run["x"].values[5] += 1e-15
         return run
 
-    monkeypatch.setattr(simulation, "_again", departed)
+    monkeypatch.setattr(simulation, "_march_again", departed)
     table = xd.reproduce(archived)
     assert table.attrs["identical"] == 0
     assert table.attrs["first_difference"].startswith("variable 'x', row 5: ")

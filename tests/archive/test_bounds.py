@@ -17,7 +17,7 @@ import xdynamics as xd
 from cases.problems import oscillator
 from cases.verdicts import verified
 from xdynamics.archive import sandboxed_reading
-from xdynamics.archive.declared_sizes import foreign, oversize
+from xdynamics.archive.declared_sizes import size_faults, unused_dimensions
 from xdynamics.archive.sandboxed_reading import _Examiner
 from xdynamics.archive.seals import seal_file, tail_of
 
@@ -153,7 +153,7 @@ WHOLE, LONG = ("a", F8, (10,), "contiguous", PLAIN), ("b", F8, (4,), [11], None)
 )
 def test_what_is_declared_is_held_against_the_bytes(variables: list[Any], size: int, said: list[str]) -> None:
     """Assert that a variable, a chunk of it and all variables together must fit into the file, to the byte."""
-    assert oversize(sized(size, st_blocks=1), declared(*variables)) == said
+    assert size_faults(sized(size, st_blocks=1), declared(*variables)) == said
 
 
 @pytest.mark.parametrize(
@@ -170,14 +170,14 @@ def test_bytes_that_are_on_no_disk(size: int, blocks: int | None, *, sparse: boo
     """Assert that a large file of which a thousandth is there is refused, where the system says how much is."""
     about = {} if blocks is None else {"st_blocks": blocks}
     said = [f"the file says that it has {size} bytes, but almost none of them are on the disk"]
-    assert oversize(sized(size, **about), declared()) == said * sparse
+    assert size_faults(sized(size, **about), declared()) == said * sparse
 
 
 def test_what_no_archive_has_is_told() -> None:
     """Assert that dimensions that no variable has are named one by one."""
     variables = {"x": SimpleNamespace(dimensions=("step",))}
     file: Any = SimpleNamespace(dimensions={"step": 0, "more": 0, "most": 0}, variables=variables)
-    assert foreign(file) == [f"dimension '{name}' is none of a run" for name in ("more", "most")]
+    assert unused_dimensions(file) == [f"dimension '{name}' is none of a run" for name in ("more", "most")]
 
 
 @pytest.mark.parametrize("kind", ["a pipe", "a socket", "a directory"])
@@ -232,9 +232,9 @@ def test_what_takes_too_much_is_ended(tmp_path: Path, other: _Examiner) -> None:
 def test_a_crash_is_one_error(tmp_path: Path, other: _Examiner, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a crash of the libraries is told as a fault of the file."""
     path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
-    monkeypatch.setattr(other, "_asked", lambda *_: {"code": -signal.SIGSEGV})
+    monkeypatch.setattr(other, "_ask_reader", lambda *_: {"code": -signal.SIGSEGV})
     with pytest.raises(xd.ArchiveError, match=r"the libraries break off when they read it \(exit code -11\)"):
-        other.examine(path, tail_of(path)).settle(path)
+        other.examine(path, tail_of(path)).raise_faults(path)
 
 
 @pytest.mark.dear
@@ -277,7 +277,7 @@ def test_where_no_process_can_be_had(tmp_path: Path, other: _Examiner, monkeypat
 def test_bytes_that_are_known_are_read_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that what this process wrote, or examined whole, needs no other process; one changed byte does."""
     path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
-    monkeypatch.setattr(sandboxed_reading._EXAMINER, "_asked", lambda *_: {"code": 1})
+    monkeypatch.setattr(sandboxed_reading._EXAMINER, "_ask_reader", lambda *_: {"code": 1})
     assert verified(path) == xd.content_digest(xd.open_run(path))
     content = bytearray(path.read_bytes())
     content[5000] ^= 1

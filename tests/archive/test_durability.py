@@ -12,12 +12,12 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS, oscillator
 from xdynamics.archive import segment
-from xdynamics.archive.target import check_target, taking_name
+from xdynamics.archive.target import check_path_target, taking_path_name
 
 WAYS = {
     "save": lambda path: xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), path),
     "simulate": lambda path: xd.simulate(oscillator().model, step=0.1, until=1.0, path=path).close(),
-    "segment": lambda path: segment.write(path, {}, {"a": np.ones(3)}, [("b", "f8", (2,))], [np.ones(2)]),
+    "segment": lambda path: segment.write_segment(path, {}, {"a": np.ones(3)}, [("b", "f8", (2,))], [np.ones(2)]),
 }
 
 
@@ -50,10 +50,10 @@ def test_a_new_file_has_the_rights_of_any_new_file(tmp_path: Path) -> None:
     """Assert that nobody loses or gets a right by the temporary name, and that one that replaces a file is private until then."""
     usual, new = tmp_path / "usual", tmp_path / "new"
     usual.touch()
-    with taking_name(new) as file:
+    with taking_path_name(new) as file:
         file.part.write_bytes(b"1")
     assert new.stat().st_mode == usual.stat().st_mode
-    with taking_name(usual) as file:
+    with taking_path_name(usual) as file:
         assert file.part.stat().st_mode & 0o077 == 0
         file.part.write_bytes(b"1")
     assert usual.stat().st_mode == new.stat().st_mode
@@ -66,7 +66,7 @@ def test_a_file_that_is_not_the_model_s_may_be_replaced(tmp_path: Path) -> None:
     old.touch()
     model = xd.Model.from_toml(path)
     with pytest.raises(xd.InputError, match="is the model file itself"):
-        check_target(path, model)
+        check_path_target(path, model)
     path.unlink()
     for one in (model, oscillator().model, xd.Model.from_toml(MODELS / "rocket_c6.toml"), None):
-        check_target(old, one)
+        check_path_target(old, one)

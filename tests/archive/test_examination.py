@@ -17,7 +17,7 @@ import xdynamics as xd
 from cases.odd import restate
 from cases.problems import oscillator
 from xdynamics.archive import integrity_checks
-from xdynamics.archive.integrity_checks import Examination, examine
+from xdynamics.archive.integrity_checks import Examination, examine_file
 from xdynamics.archive.seals import Tail, tail_of
 
 SEALED = Tail("0" * 64)  # for a file whose seal nobody is to look at
@@ -35,9 +35,9 @@ def archived(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_an_archive_as_it_was_written(archived: Path) -> None:
     """Assert no fault, the digest and how the run ended."""
     digest = xd.content_digest(xd.simulate(oscillator().model, step=0.1, until=1.0))
-    assert examine(archived, tail_of(archived)) == Examination((), digest, "completed")
+    assert examine_file(archived, tail_of(archived)) == Examination((), digest, "completed")
     found = Examination((), digest)
-    found.settle(archived)
+    found.raise_faults(archived)
 
 
 def recoded(file: Any) -> None:
@@ -118,17 +118,17 @@ def test_what_was_harmed_is_named(archived: Path, tmp_path: Path, what: str) -> 
     with netCDF4.Dataset(path, "a") as file:
         harm(file)
     verdict = "damaged" if what in HARMED else "edited"
-    assert (examine(path, SEALED).faults, examine(path, SEALED).verdict) == (faults, verdict)
-    doubted = examine(path, Tail(fault="its seal is hurt"))
+    assert (examine_file(path, SEALED).faults, examine_file(path, SEALED).verdict) == (faults, verdict)
+    doubted = examine_file(path, Tail(fault="its seal is hurt"))
     assert (doubted.faults, doubted.verdict) == (("its seal is hurt", *faults), "damaged")
     unsealed, edits = (
-        examine(path, Tail()),
+        examine_file(path, Tail()),
         tuple(fault for fault in faults if not any(word in fault for word in MANNER)),
     )
     assert (unsealed.faults, unsealed.verdict) == (edits, verdict if edits else "repacked")
     said = {"edited": "was edited since it was archived", "damaged": "is damaged or no run archive"}[verdict]
     with pytest.raises(xd.ArchiveError, match=f"harmed.nc' {said}:\n  1. ") as caught:
-        examine(path, SEALED).settle(path)
+        examine_file(path, SEALED).raise_faults(path)
     assert (caught.value.faults, caught.value.verdict) == (faults, verdict)
 
 
@@ -139,13 +139,13 @@ def test_what_is_out_of_bounds_is_not_read(archived: Path, tmp_path: Path, monke
         file.createVariable("more", "f8", ("step",), compression="bzip2")
     monkeypatch.setattr(integrity_checks, "stored_digest", lambda _: 1 / 0)
     said = "variable 'more' is compressed (bzip2), which no variable of an archive is"
-    assert examine(path, Tail(fault="its seal is hurt")).faults == ("its seal is hurt", said)
+    assert examine_file(path, Tail(fault="its seal is hurt")).faults == ("its seal is hurt", said)
 
 
 def test_what_cannot_be_read_is_told(archived: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that what the libraries say is passed on, for the file and for a variable, and an error without words by its name."""
     (tmp_path / "text.nc").write_text("time,y\n")
-    found = examine(tmp_path / "text.nc", Tail(fault="its seal is hurt"))
+    found = examine_file(tmp_path / "text.nc", Tail(fault="its seal is hurt"))
     assert (found.faults[0], found.digest) == ("its seal is hurt", "")
     assert found.faults[1] == "it cannot be read: it does not begin as an HDF5 file does"
 
@@ -157,11 +157,11 @@ def test_what_cannot_be_read_is_told(archived: Path, tmp_path: Path, monkeypatch
 
     with monkeypatch.context() as patch:
         patch.setattr(integrity_checks, "stored_digest", refuse(RuntimeError("NetCDF: HDF error")))
-        faults = examine(archived, SEALED).faults
+        faults = examine_file(archived, SEALED).faults
         assert "variable 'x' cannot be read: NetCDF: HDF error" in faults
         assert DIFFER not in faults
-    monkeypatch.setattr(integrity_checks, "opened", refuse(MemoryError()))
-    assert examine(archived, SEALED).faults == ("it cannot be read: MemoryError",)
+    monkeypatch.setattr(integrity_checks, "opened_file", refuse(MemoryError()))
+    assert examine_file(archived, SEALED).faults == ("it cannot be read: MemoryError",)
 
 
 def test_a_value_for_nothing_is_none_of_an_archive(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,7 +172,7 @@ def test_a_value_for_nothing_is_none_of_an_archive(archived: Path, monkeypatch: 
         "attributes_of",
         lambda of: told(of) | ({"_FillValue": 1.0} if getattr(of, "name", "") == "x" else {}),
     )
-    assert examine(archived, SEALED).faults == ("variable 'x' is not stored as it was written",)
+    assert examine_file(archived, SEALED).faults == ("variable 'x' is not stored as it was written",)
 
 
 def test_the_examining_process_loads_no_engine() -> None:

@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 import xdynamics as xd
-from xdynamics.archive.folder import BUILT, taking_folder
+from xdynamics.archive.folder import BUILT, new_folder_at
 
 FILES = {f"part{k}": bytes([65 + k]) * 20_000 for k in range(12)}
 
 
 def build(path: Path) -> None:
     """Build a folder of some files."""
-    with taking_folder(path) as built:
+    with new_folder_at(path) as built:
         for name, content in FILES.items():
             (built / name).write_bytes(content)
 
@@ -103,12 +103,12 @@ def test_a_folder_that_is_being_built_stays(tmp_path: Path) -> None:
     path, living = tmp_path / "made", []
 
     def late() -> None:
-        with taking_folder(path):
+        with new_folder_at(path):
             living.append(first.exists())
             path.mkdir()
             (path / "x").write_text("")
 
-    with taking_folder(path) as first:
+    with new_folder_at(path) as first:
         with pytest.raises(xd.InputError, match="holds 'x' already"):
             late()
         (path / "x").unlink()

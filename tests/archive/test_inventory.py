@@ -81,7 +81,7 @@ def test_a_file_that_takes_the_name_of_a_checked_one_is_checked(
 ) -> None:
     """Assert that what is opened is what was looked at: another run is looked at in its turn, and a planted one refused."""
     path, other = Path(shutil.copy(archived, tmp_path / "run.nc")), tmp_path / "other.nc"
-    lent, swaps = reading.lent, [1]
+    lent, swaps = reading.open_shared, [1]
 
     def swapped(*given: Any) -> Any:
         if swaps:
@@ -89,7 +89,7 @@ def test_a_file_that_takes_the_name_of_a_checked_one_is_checked(
             other.replace(path)
         return lent(*given)
 
-    monkeypatch.setattr(reading, "lent", swapped)
+    monkeypatch.setattr(reading, "open_shared", swapped)
     xd.save(xd.simulate(oscillator().model, step=0.05, until=1.0), other)
     with xd.open_run(path, check=check) as run:
         assert run.sizes["step"] == 21
@@ -105,7 +105,7 @@ def test_a_file_that_takes_the_name_of_a_checked_one_is_checked(
         other.replace(path)
         return lent(*given)
 
-    monkeypatch.setattr(reading, "lent", swapped_always)
+    monkeypatch.setattr(reading, "open_shared", swapped_always)
     shutil.copy(archived, other)
     other.replace(path)
     with pytest.raises(xd.ArchiveError, match="was replaced each time it was opened; try again"):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from xdynamics.archive import temporary_files
-from xdynamics.archive.temporary_files import TemporaryFile, sweep, take
+from xdynamics.archive.temporary_files import TemporaryFile, sweep_temporary_files, try_lock
 
 HDF = b"\x89HDF\r\n\x1a\n"
 
@@ -25,7 +25,7 @@ def test_a_part_stands_beside_its_target(tmp_path: Path, name: str) -> None:
     """Assert an empty file of the asked mode and its lock, with names that a sweep knows, gone in the end."""
     mask = os.umask(0)
     os.umask(mask)
-    with TemporaryFile.beside(tmp_path / name, 0o640) as part:
+    with TemporaryFile.create_beside(tmp_path / name, 0o640) as part:
         lock = f"{part.path.name}.lock"
         assert names(tmp_path) == [part.path.name, lock]
         assert len(os.fsencode(lock)) == min(255, len(os.fsencode(name)) + 20)
@@ -33,7 +33,7 @@ def test_a_part_stands_beside_its_target(tmp_path: Path, name: str) -> None:
         assert os.fsencode(part.path.name).startswith(b"." + os.fsencode(name)[:230])
         assert (part.path.stat().st_size, part.path.stat().st_mode & 0o777) == (0, 0o640 & ~mask)
         assert (tmp_path / lock).stat().st_mode & 0o777 == 0o600 & ~mask
-        assert not take(os.open(tmp_path / lock, os.O_RDWR), needed=False)
+        assert not try_lock(os.open(tmp_path / lock, os.O_RDWR), needed=False)
         part.path.rename(tmp_path / "taken")
     assert names(tmp_path) == ["taken"]
     with pytest.raises(OSError, match="Bad file descriptor"):
@@ -50,11 +50,11 @@ def test_a_name_that_is_taken_is_passed_over(tmp_path: Path, monkeypatch: pytest
         if not swept:
             swept.append(handle)
             (tmp_path / ".run.nc.bbbbbbbb.part.lock").unlink()
-        return take(handle, needed=needed)
+        return try_lock(handle, needed=needed)
 
-    with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as first:
-        monkeypatch.setattr(temporary_files, "take", swept_once)
-        with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as second:
+    with TemporaryFile.create_beside(tmp_path / "run.nc", 0o600) as first:
+        monkeypatch.setattr(temporary_files, "try_lock", swept_once)
+        with TemporaryFile.create_beside(tmp_path / "run.nc", 0o600) as second:
             assert [one.path.name for one in (first, second)] == [".run.nc.aaaaaaaa.part", ".run.nc.cccccccc.part"]
             assert second.handle == swept[0]  # closed, and given again
     assert names(tmp_path) == []
@@ -68,8 +68,8 @@ def test_an_interrupt_leaves_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyP
         held.append(handle)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(temporary_files, "take", interrupt)
-    with pytest.raises(KeyboardInterrupt), TemporaryFile.beside(tmp_path / "run.nc", 0o600):
+    monkeypatch.setattr(temporary_files, "try_lock", interrupt)
+    with pytest.raises(KeyboardInterrupt), TemporaryFile.create_beside(tmp_path / "run.nc", 0o600):
         pass
     assert names(tmp_path) == []
     with pytest.raises(OSError, match="Bad file descriptor"):
@@ -89,13 +89,13 @@ def test_where_there_are_no_locks(
             raise error
 
     monkeypatch.setattr(fcntl, "flock", lock)
-    assert (take(0, needed=True), take(0, needed=False)) == taken
+    assert (try_lock(0, needed=True), try_lock(0, needed=False)) == taken
     if error:
         (tmp_path / ".run.nc.abcd1234.part").touch()
-        sweep(tmp_path)
+        sweep_temporary_files(tmp_path)
         assert names(tmp_path) == [".run.nc.abcd1234.part"]
     if error is OSError:
-        with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as part:
+        with TemporaryFile.create_beside(tmp_path / "run.nc", 0o600) as part:
             assert part.path.exists()
 
 
@@ -124,22 +124,25 @@ def test_what_is_swept_away(tmp_path: Path) -> None:
     (tmp_path / ".m.nc.abcd1234.part").mkdir()
     os.mkfifo(tmp_path / ".n.nc.abcd1234.part")
     (tmp_path / ".o.nc.abcd1234.part").symlink_to(tmp_path / "i.nc.abcd1234.part")
-    sweep(tmp_path)
+    sweep_temporary_files(tmp_path)
     assert names(tmp_path) == sorted([*others, *(f".{name}.nc.abcd1234.part" for name in "mno")])
-    sweep(tmp_path / "nowhere")
+    sweep_temporary_files(tmp_path / "nowhere")
 
 
 def test_what_a_living_process_writes_stays(tmp_path: Path) -> None:
     """Assert that a lock keeps its part too, old files beside which there is none are asked themselves, and nothing stays open."""
-    with TemporaryFile.beside(tmp_path / "run.nc", 0o600), (tmp_path / ".old.nc.abcd1234.part").open("wb") as old:
+    with (
+        TemporaryFile.create_beside(tmp_path / "run.nc", 0o600),
+        (tmp_path / ".old.nc.abcd1234.part").open("wb") as old,
+    ):
         fcntl.flock(old, fcntl.LOCK_EX)
         before = names(tmp_path)
         free = os.open(os.devnull, os.O_RDONLY)
         os.close(free)
-        sweep(tmp_path)
+        sweep_temporary_files(tmp_path)
         assert names(tmp_path) == before
         again = os.open(os.devnull, os.O_RDONLY)
         os.close(again)
         assert again == free
-    sweep(tmp_path)
+    sweep_temporary_files(tmp_path)
     assert names(tmp_path) == []

@@ -14,7 +14,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import oscillator
 from xdynamics.archive import netcdf_library, shared_handles
-from xdynamics.archive.shared_handles import Lent, identity_of, is_lent, lent
+from xdynamics.archive.shared_handles import SharedArchive, identity_of, is_still_read, open_shared
 from xdynamics.faults import ArchiveError
 
 
@@ -28,13 +28,13 @@ def archived(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def nothing_open() -> None:
     """Let go of what earlier tests opened."""
     gc.collect()
-    shared_handles._end()
+    shared_handles._close_all_archives()
 
 
 def test_what_was_used_longest_ago_is_closed(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that of many files those stay open that were read last, and that all can be read."""
     monkeypatch.setattr(shared_handles, "MOST_OPEN", 2)
-    first, second, third = (Lent(archived) for _ in range(3))
+    first, second, third = (SharedArchive(archived) for _ in range(3))
     a, b = first.acquire(), second.acquire()
     assert first.acquire() is a
     third.acquire()
@@ -60,7 +60,7 @@ def test_another_file_is_closed_again(archived: Path, tmp_path: Path) -> None:
     """Assert that a file which is not the one that was opened is neither read nor held."""
     path, opened = Path(shutil.copy(archived, tmp_path / "run.nc")), []
     device, *rest = identity_of(path)
-    assert Lent(path, (device + 1, *rest)).acquire().isopen()
+    assert SharedArchive(path, (device + 1, *rest)).acquire().isopen()
     for other in (
         (device, rest[0] + 1, *rest[1:]),
         (device, rest[0], rest[1] + 1, rest[2]),
@@ -69,7 +69,7 @@ def test_another_file_is_closed_again(archived: Path, tmp_path: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(shared_handles, "file_at", opened.append)
             with pytest.raises(ArchiveError, match="run.nc' is another file than the one that was opened; open it"):
-                Lent(path, other).acquire()
+                SharedArchive(path, other).acquire()
         assert opened == []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -78,29 +78,29 @@ def test_another_file_is_closed_again(archived: Path, tmp_path: Path) -> None:
             lambda path: opened.append(netcdf_library.file_at(path)) or os.utime(path) or opened[-1],
         )
         with pytest.raises(ArchiveError, match="run.nc' is another file than the one that was opened; open it again"):
-            Lent(path).acquire()
+            SharedArchive(path).acquire()
     assert not opened[-1].isopen()
     assert list(shared_handles._open) == []
 
 
 def test_a_name_that_others_take_is_asked_for_again(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a file is opened anew while its name goes to others, for a while."""
-    acquire, tried = Lent.acquire, []
+    acquire, tried = SharedArchive.acquire, []
 
-    def taken(one: Lent, needs_lock: bool = True) -> Any:
+    def taken(one: SharedArchive, needs_lock: bool = True) -> Any:
         tried.append(one)
         if len(tried) < times:
             raise ArchiveError("is another file")
         return acquire(one, needs_lock)
 
-    monkeypatch.setattr(Lent, "acquire", taken)
+    monkeypatch.setattr(SharedArchive, "acquire", taken)
     times = shared_handles.MOST_REPLACED
-    lent(archived).close()
+    open_shared(archived).close()
     assert len({id(one) for one in tried[:times]}) == times
     tried.clear()
     times = shared_handles.MOST_REPLACED + 1
     with pytest.raises(ArchiveError, match="is another file"):
-        lent(archived)
+        open_shared(archived)
     assert len(tried) == shared_handles.MOST_REPLACED
 
 
@@ -113,22 +113,22 @@ def test_a_file_is_lent_until_nobody_can_read_it(archived: Path, tmp_path: Path)
         patch.setattr(
             shared_handles.gc, "collect", lambda: 1 / 0
         )  # nobody waits for it where there is nothing to collect
-        assert not is_lent(archived)
+        assert not is_still_read(archived)
     run = xd.open_run(archived)
     again = xd.open_run(archived)
-    assert [is_lent(one) for one in (archived, tmp_path / "link.nc", other, tmp_path / "none.nc")] == [
+    assert [is_still_read(one) for one in (archived, tmp_path / "link.nc", other, tmp_path / "none.nc")] == [
         True,
         True,
         False,
         False,
     ]
     again.close()
-    assert is_lent(archived)
+    assert is_still_read(archived)
     run.attrs["itself"] = run  # which waits to be collected
     del run
-    assert not is_lent(archived)
+    assert not is_still_read(archived)
     assert again.x.values.size == 11
-    assert not is_lent(archived)
+    assert not is_still_read(archived)
 
 
 def test_closing_goes_with_a_run(archived: Path) -> None:
@@ -150,7 +150,7 @@ def test_closing_goes_with_a_run(archived: Path) -> None:
 
 def test_values_are_lent_as_they_are_stored(tmp_path: Path) -> None:
     """Assert that nothing that a file says of scales, gaps and dates makes other numbers of those that it holds."""
-    with netcdf_library.opened(tmp_path / "odd.nc", "w") as file:
+    with netcdf_library.opened_file(tmp_path / "odd.nc", "w") as file:
         file.createDimension("n", 3)
         for name, about in (
             ("when", {"units": "days since 2000-01-01"}),
@@ -160,7 +160,7 @@ def test_values_are_lent_as_they_are_stored(tmp_path: Path) -> None:
             variable.set_auto_maskandscale(False)
             variable[:] = [1.0, 2.0, 3.0]
             variable.setncatts(about)
-    with lent(tmp_path / "odd.nc") as run:
+    with open_shared(tmp_path / "odd.nc") as run:
         assert {str(name): value.values.tolist() for name, value in run.items()} == {
             "when": [1, 2, 3],
             "scaled": [1, 2, 3],
@@ -172,7 +172,7 @@ def test_in_the_end_every_file_is_closed(archived: Path) -> None:
     runs = [xd.open_run(archived) for _ in range(3)]
     files = [*shared_handles._open.values()]
     del runs[0]
-    shared_handles._end()
+    shared_handles._close_all_archives()
     assert len(files) == 3
     assert not any(file.isopen() for file in files)
-    assert (list(shared_handles._open), netcdf_library._left) == ([], [])
+    assert (list(shared_handles._open), netcdf_library._files_to_close) == ([], [])

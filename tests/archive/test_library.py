@@ -21,7 +21,7 @@ import xdynamics as xd
 from cases.problems import oscillator
 from cases.verdicts import verified
 from xdynamics.archive import netcdf_library, shared_handles
-from xdynamics.archive.netcdf_library import READ_CACHE, alone, file_at
+from xdynamics.archive.netcdf_library import READ_CACHE, file_at, with_library_lock
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def waits(function: Callable[[], object], held: threading.Event) -> bool:
 def inside(held: threading.Event) -> threading.Thread:
     """Start a thread that is in the library until an event is set, or for a while."""
     taken = threading.Event()
-    thread = threading.Thread(target=alone(lambda: (taken.set(), held.wait(10))))
+    thread = threading.Thread(target=with_library_lock(lambda: (taken.set(), held.wait(10))))
     thread.start()
     taken.wait()
     return thread
@@ -107,9 +107,9 @@ def inside(held: threading.Event) -> threading.Thread:
 
 def test_one_is_alone(archived: Path) -> None:
     """Assert that who is in the library may go into it again, and that other threads wait, xarray's own too."""
-    assert alone(alone(lambda: 1))() == 1
+    assert with_library_lock(with_library_lock(lambda: 1))() == 1
     foreign = xr.open_dataset(archived, engine="netcdf4", decode_times=False)
-    for function in (alone(lambda: None), foreign.x.load):
+    for function in (with_library_lock(lambda: None), foreign.x.load):
         held = threading.Event()
         thread = inside(held)
         assert waits(function, held)
@@ -128,7 +128,7 @@ def test_who_reads_by_xarray_is_waited_for() -> None:
     thread = threading.Thread(target=read)
     thread.start()
     taken.wait()
-    assert waits(alone(lambda: None), held)
+    assert waits(with_library_lock(lambda: None), held)
     thread.join()
 
 
@@ -148,12 +148,12 @@ def test_a_finaliser_does_not_wait(archived: Path) -> None:
     thread = inside(held)
     del run
     gc.collect()
-    assert netcdf_library._left
+    assert netcdf_library._files_to_close
     held.set()
     thread.join()
-    assert not shared_handles.is_lent(archived)
+    assert not shared_handles.is_still_read(archived)
     again = xd.open_run(archived)
-    assert not netcdf_library._left
+    assert not netcdf_library._files_to_close
     again.close()
 
 
@@ -174,7 +174,7 @@ import os, random, signal, sys, threading
 from pathlib import Path
 import xdynamics as xd
 from cases.problems import oscillator
-from xdynamics.archive.netcdf_library import _own, alone
+from xdynamics.archive.netcdf_library import _library_lock, with_library_lock
 
 path, moments = Path(sys.argv[1]), random.Random(5)
 run = xd.simulate(oscillator().model, step=0.01, until=5.0)
@@ -187,8 +187,8 @@ for _ in range(int(sys.argv[2])):
             xd.open_run(path).load()
     except KeyboardInterrupt:
         pass
-    assert not _own._is_owned()
-    thread = threading.Thread(target=alone(lambda: None))
+    assert not _library_lock._is_owned()
+    thread = threading.Thread(target=with_library_lock(lambda: None))
     thread.start()
     thread.join(10)
     assert not thread.is_alive()
@@ -262,7 +262,7 @@ def test_a_close_that_fails_is_the_last_one(tmp_path: Path) -> None:
     file.createDimension("step", 2**62)  # more than HDF5 can lay out
     file.createVariable("x", "f8", ())
     with pytest.raises(RuntimeError, match="HDF error"):
-        netcdf_library.close(file)
+        netcdf_library.close_file(file)
     assert not file.isopen()
 
 
@@ -273,27 +273,27 @@ def test_the_locks_are_xarrays_own(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = netcdf_library._locks_of_xarray()
     assert first is not second
     assert not first.locked()
-    assert alone(lambda: 1)() == 1
+    assert with_library_lock(lambda: 1)() == 1
 
 
 def test_a_fork_is_made_with_all_locks_and_frees_them() -> None:
     """Assert that nobody is in the library while a process forks, but who forks may be, and goes on being."""
     locks = netcdf_library._locks_of_xarray()
     netcdf_library._before_fork()
-    assert netcdf_library._own._is_owned()
+    assert netcdf_library._library_lock._is_owned()
     assert [lock.locked() for lock in locks] == [True, True]
     netcdf_library._after_fork()
-    assert not netcdf_library._own._is_owned()
+    assert not netcdf_library._library_lock._is_owned()
     assert [lock.locked() for lock in locks] == [False, False]
 
-    @alone
+    @with_library_lock
     def forking() -> bool:
         netcdf_library._before_fork()
         netcdf_library._after_fork()
-        return netcdf_library._own._is_owned()
+        return netcdf_library._library_lock._is_owned()
 
     assert forking()
-    assert not netcdf_library._own._is_owned()
+    assert not netcdf_library._library_lock._is_owned()
 
 
 def test_a_file_says_its_own_name(archived: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -301,7 +301,7 @@ def test_a_file_says_its_own_name(archived: Path, tmp_path: Path, monkeypatch: p
     path = tmp_path / os.fsdecode(b"caf\xe9 \xc3\xa4.nc")
     path.write_bytes(archived.read_bytes())
     monkeypatch.chdir(tmp_path)
-    with netcdf_library.opened(Path(path.name)) as file:
+    with netcdf_library.opened_file(Path(path.name)) as file:
         assert file.filepath() == str(path)
         assert file.filepath("latin-1") == os.fsencode(path).decode("latin-1")
     assert not file.isopen()
@@ -309,15 +309,15 @@ def test_a_file_says_its_own_name(archived: Path, tmp_path: Path, monkeypatch: p
 
 def test_values_are_read_as_they_are_stored(tmp_path: Path) -> None:
     """Assert that no scale that a file names is applied, that its attributes are told, and that it is closed after an error."""
-    with netcdf_library.opened(tmp_path / "new.nc", "w") as file:
+    with netcdf_library.opened_file(tmp_path / "new.nc", "w") as file:
         file.createDimension("n", 2)
         variable = file.createVariable("x", "i2", ("n",))
         variable.scale_factor = 10.0
         variable.set_auto_maskandscale(False)
         variable[:] = [1, 2]
-    with suppress(KeyError), netcdf_library.opened(tmp_path / "new.nc") as file:
-        assert netcdf_library.read(file["x"], slice(1, 2)).tolist() == [2]
-        assert netcdf_library.attributes(file["x"]) == {"scale_factor": 10.0}
+    with suppress(KeyError), netcdf_library.opened_file(tmp_path / "new.nc") as file:
+        assert netcdf_library.read_stored(file["x"], slice(1, 2)).tolist() == [2]
+        assert netcdf_library.stored_attributes(file["x"]) == {"scale_factor": 10.0}
         raise KeyError
     assert not file.isopen()
 
@@ -325,10 +325,10 @@ def test_values_are_read_as_they_are_stored(tmp_path: Path) -> None:
 def test_what_was_left_is_closed_before_the_next(archived: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that files of finalisers are closed, those that are closed already too, and half-opened ones collected."""
     one, two = netcdf_library.file_at(archived), netcdf_library.file_at(archived)
-    netcdf_library.close(one)
+    netcdf_library.close_file(one)
     for file in (one, two):
-        netcdf_library.leave(file)
-    netcdf_library.close(netcdf_library.file_at(archived))
+        netcdf_library.close_later(file)
+    netcdf_library.close_file(netcdf_library.file_at(archived))
     assert not two.isopen()
     collected = []
     monkeypatch.setattr(netcdf_library.gc, "collect", lambda: collected.append(1))
@@ -340,7 +340,7 @@ def test_what_was_left_is_closed_before_the_next(archived: Path, monkeypatch: py
 
 def test_an_error_without_words_is_told_by_its_name() -> None:
     """Assert what is said of a file that could not be read."""
-    assert [netcdf_library.words_of(one) for one in (OSError("odd"), MemoryError())] == ["odd", "MemoryError"]
+    assert [netcdf_library.error_text(one) for one in (OSError("odd"), MemoryError())] == ["odd", "MemoryError"]
 
 
 def two_of_a_size(folder: Path) -> tuple[Path, Path]:

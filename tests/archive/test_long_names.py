@@ -10,7 +10,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import oscillator
 from cases.verdicts import verified
-from xdynamics.archive.segments import folder_of
+from xdynamics.archive.segments import segments_folder
 from xdynamics.archive.signatures import new_key, protection
 
 RUN = xd.simulate(oscillator().model, step=0.1, until=1.0)
@@ -23,8 +23,8 @@ def test_a_run_may_have_any_name(length: int, tmp_path: Path) -> None:
     path = tmp_path / ("n" * (length - 3) + ".nc")
     xd.simulate(oscillator().model, step=0.1, until=1.0, path=path).close()
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
-    assert len(folder_of(path).name) <= 255
-    assert folder_of(path) != folder_of(tmp_path / ("n" * (length - 4) + "m.nc"))
+    assert len(segments_folder(path).name) <= 255
+    assert segments_folder(path) != segments_folder(tmp_path / ("n" * (length - 4) + "m.nc"))
 
 
 @pytest.mark.every(3)

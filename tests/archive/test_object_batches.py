@@ -20,10 +20,10 @@ from cases.object_server import Way, bucket
 from cases.problems import MODELS
 from cases.verdicts import verified
 from xdynamics.archive import lease, object_upload
-from xdynamics.archive.object_calls import call
+from xdynamics.archive.object_calls import call_store
 from xdynamics.archive.object_store import OBJECTS
 from xdynamics.archive.object_upload import BATCH, LOCK, uploads_of
-from xdynamics.archive.place import ObjectName, placed
+from xdynamics.archive.place import ObjectName, location_of
 from xdynamics.archive.store import TakenError
 
 pytest.importorskip("s3fs")
@@ -42,7 +42,7 @@ def store() -> Iterator[Way]:
 @pytest.fixture
 def folder(store: Way, request: pytest.FixtureRequest) -> ObjectName:  # noqa: ARG001 - it has to be there
     """A folder of this test's own, in which nothing is."""
-    made = placed(f"s3://bucket/{abs(hash(request.node.name)):x}")
+    made = location_of(f"s3://bucket/{abs(hash(request.node.name)):x}")
     assert isinstance(made, ObjectName)
     return made
 
@@ -64,7 +64,7 @@ def contents(made: list[xr.Dataset]) -> list[str]:
 
 def left_in(folder: ObjectName) -> list[str]:
     """All that is in a folder beside archives: locks and unfinished uploads."""
-    keys = [entry["Key"] for entry in call(folder, "list_objects_v2", Prefix=folder.key).get("Contents", [])]
+    keys = [entry["Key"] for entry in call_store(folder, "list_objects_v2", Prefix=folder.key).get("Contents", [])]
     return [key for key in keys if not key.endswith(".nc")] + [key for key, _ in uploads_of(folder, folder.key)]
 
 
@@ -176,8 +176,8 @@ def test_what_another_writes_meanwhile_stays(folder: ObjectName) -> None:
     complete = object_upload.Upload.complete
 
     def late(upload: Any) -> None:
-        if upload.place.name == "000004.nc":
-            xd.save(other, str(upload.place))
+        if upload.location.name == "000004.nc":
+            xd.save(other, str(upload.location))
         complete(upload)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -199,7 +199,7 @@ def test_uploads_under_way_are_not_cleared_away(folder: ObjectName, monkeypatch:
 
     def sent(upload: Any) -> None:
         send(upload)
-        if upload.place.name == "000001.nc":
+        if upload.location.name == "000001.nc":
             OBJECTS.clear(folder)
             cleared.append(uploads_of(folder, folder.key))
 
@@ -208,13 +208,15 @@ def test_uploads_under_way_are_not_cleared_away(folder: ObjectName, monkeypatch:
     assert f"{folder.key}/000001.nc" in [key for key, _ in cleared[0]]
     assert digests(folder) == contents(made)
     lock = folder / f"{BATCH}aa{LOCK}"
-    call(lock, "put_object", Key=lock.key, Body=b'{"token": "bb", "host": "far", "process": 1}')
+    call_store(lock, "put_object", Key=lock.key, Body=b'{"token": "bb", "host": "far", "process": 1}')
     upload = folder / "dead.nc"
-    call(upload, "create_multipart_upload", Key=upload.key)
+    call_store(upload, "create_multipart_upload", Key=upload.key)
     OBJECTS.clear(folder)
     assert sorted(left_in(folder)) == [lock.key, upload.key]  # it may still live
     monkeypatch.setattr(lease, "LEASE", 0.0)
-    monkeypatch.setattr(lease, "_Lease", lambda lock, *_: type("Taken", (), {"end": lambda _: OBJECTS.remove(lock)})())
+    monkeypatch.setattr(
+        lease, "_Lease", lambda lock, *_: type("Taken", (), {"release": lambda _: OBJECTS.remove(lock)})()
+    )
     OBJECTS.clear(folder)
     assert left_in(folder) == []
 
@@ -223,14 +225,14 @@ KILLED = """
 import os, signal, sys, threading
 import xdynamics as xd
 from xdynamics.archive import object_upload
-model, calls, call = xd.Model.from_toml(sys.argv[1]), [], object_upload.call
+model, calls, call = xd.Model.from_toml(sys.argv[1]), [], object_upload.call_store
 def killed(place, method, **how):
     if method == sys.argv[3]:
         calls.append(method)
         if len(calls) == 3:
             os.kill(os.getpid(), signal.SIGKILL)
     return call(place, method, **how)
-object_upload.call = killed
+object_upload.call_store = killed
 runs = [xd.simulate(model, method="rk4", step=0.01 + 0.001 * k, until=0.2) for k in range(6)]
 xd.save_many(runs, sys.argv[2])
 """

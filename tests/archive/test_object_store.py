@@ -21,10 +21,10 @@ from cases.problems import oscillator
 from cases.stages import no_march
 from cases.verdicts import verified
 from xdynamics.archive import lease, object_calls, object_store, object_upload, segments
-from xdynamics.archive.object_calls import call
+from xdynamics.archive.object_calls import call_store
 from xdynamics.archive.object_store import OBJECTS
 from xdynamics.archive.object_upload import LOCK
-from xdynamics.archive.place import ObjectName, placed
+from xdynamics.archive.place import ObjectName, location_of
 from xdynamics.archive.signatures import new_key
 from xdynamics.archive.store import LockedError, TakenError
 
@@ -47,7 +47,7 @@ def store() -> Iterator[Way]:
 @pytest.fixture
 def place(store: Way, request: pytest.FixtureRequest) -> ObjectName:  # noqa: ARG001 - it has to be there
     """A name of this test's own, of which nothing is there."""
-    made = placed(f"s3://bucket/{abs(hash(request.node.name)):x}/run.nc")
+    made = location_of(f"s3://bucket/{abs(hash(request.node.name)):x}/run.nc")
     assert isinstance(made, ObjectName)
     return made
 
@@ -171,7 +171,7 @@ def test_a_broken_download_goes_on(store: Way, place: ObjectName) -> None:
     whole = OBJECTS.content(place, 10**7)
     with tempfile.TemporaryFile() as file:  # by a private function: how much arrives before a break is chance
         file.write(whole[:1000])
-        object_store._fill(file, place, str(OBJECTS.stamp(place)), len(whole))
+        object_store._download_rest(file, place, str(OBJECTS.stamp(place)), len(whole))
         file.seek(0)
         assert file.read() == whole
 
@@ -252,16 +252,16 @@ def test_a_lock_is_one_process_s(place: ObjectName, monkeypatch: pytest.MonkeyPa
     ):
         OBJECTS.locked(folder).__enter__()
     assert OBJECTS.kind(lock) == ""
-    call(lock, "put_object", Key=lock.key, Body=b'{"token": "aa", "host": "far", "process": 1}')
+    call_store(lock, "put_object", Key=lock.key, Body=b'{"token": "aa", "host": "far", "process": 1}')
     with pytest.raises(LockedError, match="by process 1 of far"):
         OBJECTS.locked(folder).__enter__()
     lease._witness("aa").touch()  # of this machine, and nobody has it open
     with OBJECTS.locked(folder):
         pass
     assert not lease._witness("aa").exists()
-    call(lock, "put_object", Key=lock.key, Body=b'{"token": "bb", "host": "far", "process": 1}')
+    call_store(lock, "put_object", Key=lock.key, Body=b'{"token": "bb", "host": "far", "process": 1}')
     monkeypatch.setattr(lease, "LEASE", 0.0)
-    monkeypatch.setattr(lease, "_Lease", lambda *_: type("Ended", (), {"end": lambda _: None})())
+    monkeypatch.setattr(lease, "_Lease", lambda *_: type("Ended", (), {"release": lambda _: None})())
     with OBJECTS.locked(folder):
         pass
 
@@ -273,13 +273,13 @@ def test_a_lock_is_renewed(store: Way, place: ObjectName, monkeypatch: pytest.Mo
     monkeypatch.setattr(lease, "LEASE", 1.2)
     lock = place.parent / LOCK
     with OBJECTS.locked(place.parent):
-        written, begun = call(lock, "head_object", Key=lock.key)["LastModified"], time.monotonic()
+        written, begun = call_store(lock, "head_object", Key=lock.key)["LastModified"], time.monotonic()
         store.log = []
         time.sleep(3.0)
         renewals = [path for method, path, _ in store.log if method == "PUT" and path.split("?")[0].endswith(LOCK)]
         assert len(renewals) * lease.LEASE >= time.monotonic() - begun
-        assert call(lock, "head_object", Key=lock.key)["LastModified"] > written
-        call(lock, "put_object", Key=lock.key, Body=b"of another")
+        assert call_store(lock, "head_object", Key=lock.key)["LastModified"] > written
+        call_store(lock, "put_object", Key=lock.key, Body=b"of another")
     assert OBJECTS.content(lock, 100) == b"of another"
 
 
@@ -287,15 +287,15 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from xdynamics.archive import object_store, object_upload
-from xdynamics.archive.place import placed
+from xdynamics.archive.place import location_of
 object_upload.SINGLE = 5 << 20
-call = object_upload.call
+call = object_upload.call_store
 def killed(place, method, **how):
     if method == sys.argv[2]:
         os.kill(os.getpid(), signal.SIGKILL)
     return call(place, method, **how)
-object_upload.call = killed
-with object_store.OBJECTS.taking_name(placed(sys.argv[1])) as new:
+object_upload.call_store = killed
+with object_store.OBJECTS.taking_name(location_of(sys.argv[1])) as new:
     new.part.write_bytes(bytes(6 << 20))
 """
 
@@ -317,7 +317,7 @@ def test_a_killed_upload_is_cleared_away(place: ObjectName, monkeypatch: pytest.
         assert uploads(place) == []
         new.part.write_bytes(bytes(6 << 20))
     assert len(OBJECTS.content(place, 1 << 24)) == 6 << 20
-    assert [entry["Key"] for entry in call(place, "list_objects_v2", Prefix=place.parent.key)["Contents"]] == [
+    assert [entry["Key"] for entry in call_store(place, "list_objects_v2", Prefix=place.parent.key)["Contents"]] == [
         place.key
     ]
 
@@ -345,7 +345,7 @@ def test_a_folder_is_whole_or_begun_anew(place: ObjectName) -> None:
     folder = place.parent / "bundle"
     for name in (".building", "half.txt"):
         half = folder / name
-        call(half, "put_object", Key=half.key, Body=b"")
+        call_store(half, "put_object", Key=half.key, Body=b"")
     with OBJECTS.taking_folder(folder) as built:
         (built / "one.txt").write_text("one")
     assert [entry.name for entry in OBJECTS.names(folder)] == ["one.txt"]
@@ -369,9 +369,9 @@ def test_a_sweep_goes_on_in_a_store(store: Way, place: ObjectName) -> None:
     run = xd.member(xd.open_sweep(folder), k="2 N m-1")
     assert run.encoding["source"].startswith(f"{folder}/runs/")
     assert float(run.x[-1]) == float(sweep.end_x[1]) == float(xd.open_logs(folder, [1.0]).x[1, 0])
-    broken = placed(run.encoding["source"])
+    broken = location_of(run.encoding["source"])
     run.close()
-    call(broken, "put_object", Key=broken.key, Body=b"broken")
+    call_store(broken, "put_object", Key=broken.key, Body=b"broken")
     with pytest.raises(xd.ArchiveError, match=f"{broken.name}: its seal is None, in the catalogue"):
         xd.verify(folder)
 
@@ -445,7 +445,7 @@ def test_a_sweep_is_one_process_s(place: ObjectName) -> None:
     from xdynamics.sweeping import catalogue
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catalogue, "_march", also)
+        patch.setattr(catalogue, "_march_missing_blocks", also)
         with pytest.raises(KeyError):
             xd.sweep(MODEL, **asked, path=str(folder))
     assert xd.sweep(MODEL, **asked, path=str(folder)).sizes == {"k": 3}

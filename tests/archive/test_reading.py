@@ -18,7 +18,7 @@ from xdynamics import schema
 from xdynamics.archive import reading, seals
 from xdynamics.archive.integrity_checks import Examination
 from xdynamics.archive.seals import Tail
-from xdynamics.archive.shared_handles import is_lent
+from xdynamics.archive.shared_handles import is_still_read
 from xdynamics.evidence import evidence_dataset
 
 
@@ -41,7 +41,7 @@ def test_what_is_no_archive_is_refused_unchecked_too(archived: Path, tmp_path: P
     xr.Dataset({"a": ("n", [1.0])}).to_netcdf(tmp_path / "foreign.nc", engine="netcdf4")
     with pytest.raises(xd.ArchiveError, match="is as it was written, but no run record") as caught:
         xd.open_run(tmp_path / "foreign.nc", check=False)
-    assert not is_lent(tmp_path / "foreign.nc"), caught  # though the error still knows of it
+    assert not is_still_read(tmp_path / "foreign.nc"), caught  # though the error still knows of it
 
 
 def test_values_that_cannot_be_read(archived: Path, tmp_path: Path) -> None:
@@ -117,9 +117,9 @@ def test_a_file_is_examined_again_only_if_it_is_another(
             path.write_text("n" * len(looked))
         return Examination((fault,) if fault else (), "digest")
 
-    monkeypatch.setattr(reading, "examined", examined)
+    monkeypatch.setattr(reading, "examine_sandboxed", examined)
     with pytest.raises(xd.ArchiveError, match="1. hurt") if fault else nullcontext():
-        assert reading.verified(path).digest == "digest"
+        assert reading.verify_digests(path).digest == "digest"
     assert len(looked) == looks
 
 

@@ -57,7 +57,7 @@ def broken(often: None, tmp_path: Path) -> Iterator[Path]:  # noqa: ARG001 - a f
 
 def names(path: Path) -> list[Path]:
     """The segments of a run."""
-    return sorted(segments.folder_of(path).glob("*"))
+    return sorted(segments.segments_folder(path).glob("*"))
 
 
 def whole() -> str:
@@ -158,7 +158,7 @@ def test_a_full_disk_is_resumed(tmp_path: Path) -> None:
 
 def test_segments_without_room_do_not_end_the_run(often: None, tmp_path: Path) -> None:  # noqa: ARG001
     """Assert that a run whose segments cannot be written says so once and is finished."""
-    folder = segments.folder_of(tmp_path / "run.nc")
+    folder = segments.segments_folder(tmp_path / "run.nc")
     folder.write_text("no folder")
     with pytest.warns(
         xd.ResumeWarning, match=r"no more segments of '.*run.nc' can be kept: File exists; the run goes on"
@@ -170,7 +170,7 @@ def test_segments_without_room_do_not_end_the_run(often: None, tmp_path: Path) -
 
 def test_a_second_process_does_not_end_the_run(often: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
     """Assert that a run into whose archive another process has begun to march says so once and is finished."""
-    keep, folder = segments.Segments.keep, segments.folder_of(tmp_path / "run.nc")
+    keep, folder = segments.Segments.keep, segments.segments_folder(tmp_path / "run.nc")
 
     def kept(one: segments.Segments, *given: Any) -> None:
         folder.mkdir(exist_ok=True)
@@ -217,8 +217,8 @@ def test_no_segment_follows_one_that_failed(often: None, tmp_path: Path, monkeyp
             raise OSError(28, "No space left on device")
         return write(*given)
 
-    write, path = segments.segment.write, tmp_path / "run.nc"
-    monkeypatch.setattr(segments.segment, "write", written)
+    write, path = segments.segment.write_segment, tmp_path / "run.nc"
+    monkeypatch.setattr(segments.segment, "write_segment", written)
     stop = [False] * 7 + [True]
     with pytest.warns(xd.ResumeWarning, match="No space left on device; the run goes on"):
         run = xd.simulate(
@@ -361,7 +361,7 @@ def test_two_processes_do_not_share_segments(broken: Path) -> None:
         "import fcntl, os, sys\nhandle = os.open(sys.argv[1], os.O_RDONLY)\nfcntl.flock(handle, fcntl.LOCK_EX)\n"
         "print('held', flush=True)\nsys.stdin.read()"
     )
-    command = [sys.executable, "-c", script, segments.folder_of(broken)]
+    command = [sys.executable, "-c", script, segments.segments_folder(broken)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"held\n"

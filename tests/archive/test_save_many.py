@@ -56,7 +56,7 @@ def test_the_disk_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.every(2)
-@pytest.mark.parametrize("where", ["_finish", "sync_file_systems"])
+@pytest.mark.parametrize("where", ["_seal_new_file", "sync_file_systems"])
 def test_a_write_that_fails_changes_nothing(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that no name is taken where one file, or the disk, fails, that nothing is left beside, and one error names it."""
     before = [verified(one) for one in xd.save_many(runs(3), tmp_path)]
@@ -64,11 +64,11 @@ def test_a_write_that_fails_changes_nothing(where: str, tmp_path: Path, monkeypa
 
     def full(*_given: object, **_asked: object) -> str:
         calls.append(0)
-        if where == "_finish" and len(calls) < 3:
+        if where == "_seal_new_file" and len(calls) < 3:
             return "0" * 64
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(writing if where == "_finish" else target, where, full)
+    monkeypatch.setattr(writing if where == "_seal_new_file" else target, where, full)
     with pytest.raises(xd.ArchiveError, match=r"00000\d.nc' cannot be written: .*nothing is changed"):
         xd.save_many(runs(3, until=2.0), tmp_path)
     assert [verified(entry) for entry in sorted(tmp_path.iterdir())] == before

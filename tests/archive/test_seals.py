@@ -12,12 +12,12 @@ import xarray as xr
 
 from xdynamics.archive import seals
 from xdynamics.archive.content import content_digest
-from xdynamics.archive.origin import digest_of
-from xdynamics.archive.seals import letters
+from xdynamics.archive.origin import variable_digest
+from xdynamics.archive.seals import utf8_letters
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS, Variable
 
 NUMBERS = np.arange(6.0).reshape(2, 3)
-SAME = digest_of("a", xr.Variable(("n", "m"), NUMBERS))
+SAME = variable_digest("a", xr.Variable(("n", "m"), NUMBERS))
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ SAME = digest_of("a", xr.Variable(("n", "m"), NUMBERS))
 )
 def test_a_digest_is_of_name_dims_shape_type_and_bits(name: str, dims: tuple[str, ...], values: np.ndarray) -> None:
     """Assert that no two variables that differ in any of these have one digest, the same bytes in another shape either."""
-    assert digest_of(name, xr.Variable(dims, values)) != SAME
+    assert variable_digest(name, xr.Variable(dims, values)) != SAME
 
 
 @pytest.mark.parametrize("shape", [(0, 2), (0, 3), (2, 0), ()])
@@ -42,8 +42,8 @@ def test_a_digest_of_nothing_is_of_its_shape(shape: tuple[int, ...]) -> None:
     """Assert that variables without a value are told from one another, and from one of a row."""
     others = [(0, 2), (0, 3), (2, 0)]
     dims = ("n", "m")[: len(shape)]
-    found = digest_of("a", xr.Variable(dims, np.zeros(shape)))
-    assert [other for other in others if digest_of("a", xr.Variable(("n", "m"), np.zeros(other))) == found] == [
+    found = variable_digest("a", xr.Variable(dims, np.zeros(shape)))
+    assert [other for other in others if variable_digest("a", xr.Variable(("n", "m"), np.zeros(other))) == found] == [
         other for other in others if other == shape
     ]
 
@@ -51,9 +51,9 @@ def test_a_digest_of_nothing_is_of_its_shape(shape: tuple[int, ...]) -> None:
 def test_a_digest_is_of_no_order_in_memory() -> None:
     """Assert that byte order, strides and chunks of the same numbers change nothing."""
     for values in (NUMBERS.astype(">f8"), np.asfortranarray(NUMBERS), np.repeat(NUMBERS, 2, axis=1)[:, ::2]):
-        assert digest_of("a", xr.Variable(("n", "m"), values)) == SAME
+        assert variable_digest("a", xr.Variable(("n", "m"), values)) == SAME
     long = xr.Variable(("n",), np.arange(70_000.0))
-    assert digest_of("a", long.chunk({"n": 999})) == digest_of("a", long)
+    assert variable_digest("a", long.chunk({"n": 999})) == variable_digest("a", long)
 
 
 def test_the_content_digest_is_of_every_attribute_that_is_no_circumstance() -> None:
@@ -70,15 +70,15 @@ def test_the_content_digest_is_of_every_attribute_that_is_no_circumstance() -> N
 
 def test_a_digest_of_a_text_is_of_its_letters() -> None:
     """Assert that a text has the digest of its UTF-8, whether it is one value or letters."""
-    text = digest_of("a", xr.Variable((), np.array("kräftig")))
-    assert text != digest_of("a", xr.Variable((), np.array("kraftig")))
-    assert text == digest_of("a", xr.Variable((), np.array("kräftig", dtype=object)))
+    text = variable_digest("a", xr.Variable((), np.array("kräftig")))
+    assert text != variable_digest("a", xr.Variable((), np.array("kraftig")))
+    assert text == variable_digest("a", xr.Variable((), np.array("kräftig", dtype=object)))
 
 
 def test_a_digest_is_begun_before_its_first_value() -> None:
     """Assert that rows that come one by one have the digest of all of them, their form being known beforehand."""
     variable = Variable("a", ("n", "m"), "f8", "m", "some number", "state")
-    seal = seals.Seal.of(variable)
+    seal = seals.Seal.for_variable(variable)
     for row in NUMBERS:
         seal.update(row[None])
     assert seal.hexdigest() == SAME
@@ -103,7 +103,7 @@ class Stored:
 def test_a_variable_of_a_file_is_read_in_parts(shape: tuple[int, ...]) -> None:
     """Assert that at most 32 MiB are read at once, or one row, and that the digest is that of the whole."""
     stored = Stored(np.zeros(shape))
-    assert seals.stored_digest(stored) == digest_of("a", xr.Variable(stored.dimensions, stored.values))
+    assert seals.stored_digest(stored) == variable_digest("a", xr.Variable(stored.dimensions, stored.values))
     row = stored.values.itemsize * int(np.prod(shape[1:]))
     assert sum(stored.read) == shape[0]
     assert max(stored.read) * row <= 1 << 25
@@ -113,7 +113,7 @@ def test_a_variable_of_a_file_is_read_in_parts(shape: tuple[int, ...]) -> None:
 def test_rows_of_nothing_are_read_too() -> None:
     """Assert that a variable of a file whose rows have no bytes has the digest that it has in memory."""
     stored = Stored(np.zeros((5, 0)))
-    assert seals.stored_digest(stored) == digest_of("a", xr.Variable(stored.dimensions, stored.values))
+    assert seals.stored_digest(stored) == variable_digest("a", xr.Variable(stored.dimensions, stored.values))
 
 
 def test_chunks_are_a_megabyte_at_most() -> None:
@@ -156,6 +156,6 @@ def test_letters_are_the_bytes_of_utf_8(texts: Any) -> None:
         text = np.array(texts, kind)
         encoded = np.char.encode(text.astype(str), "utf-8")
         expected = np.ascontiguousarray(encoded).view("S1").reshape(*text.shape, encoded.dtype.itemsize)
-        found = letters(text)
+        found = utf8_letters(text)
         assert found.shape == expected.shape
         assert found.tobytes() == expected.tobytes()

@@ -44,14 +44,14 @@ def digests() -> dict[str, str]:
 def path(tmp_path: Path) -> Path:
     """A segment."""
     shapes = [(name, row.dtype, row.shape) for name, row in ROWS.items()]
-    segment.write(tmp_path / "1.segment", {"of": "a run", "digests": digests()}, MEMORY, shapes, ROWS.values())
+    segment.write_segment(tmp_path / "1.segment", {"of": "a run", "digests": digests()}, MEMORY, shapes, ROWS.values())
     return tmp_path / "1.segment"
 
 
 def test_a_segment_comes_back(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert memory and rows bit by bit, rows in pieces, one at least of every variable, and the digest of the head."""
-    found = segment.read(path)
-    assert (found.said["of"], found.path) == ("a run", path)
+    found = segment.read_segment(path)
+    assert (found.header["of"], found.path) == ("a run", path)
     head = path.read_bytes().partition(b"\nsha256 ")[0]
     assert found.digest == hashlib.sha256(head).hexdigest()
     memory = found.memory()
@@ -72,13 +72,16 @@ def test_a_segment_comes_back(path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_rows_come_four_megabytes_at_a_time(tmp_path: Path) -> None:
     """Assert that the memory a segment takes is bounded, however long it is."""
     values = np.arange(600_000.0)
-    segment.write(tmp_path / "1.segment", {}, {}, [("x", values.dtype, values.shape)], [values])
-    assert [len(part) for _, part in segment.read(tmp_path / "1.segment").rows()] == [1 << 19, 600_000 - (1 << 19)]
+    segment.write_segment(tmp_path / "1.segment", {}, {}, [("x", values.dtype, values.shape)], [values])
+    assert [len(part) for _, part in segment.read_segment(tmp_path / "1.segment").rows()] == [
+        1 << 19,
+        600_000 - (1 << 19),
+    ]
 
 
 def test_rows_are_held_against_digests(path: Path) -> None:
     """Assert that a digest of all rows so far passes, and that what differs in kind or value is named."""
-    found = segment.read(path)
+    found = segment.read_segment(path)
     found.check(seals())
     for missing in ROWS:
         with pytest.raises(ArchiveError, match=f"has a variable '{missing}' that the run has not"):
@@ -123,20 +126,20 @@ def test_what_is_no_segment_is_told(tmp_path: Path, content: bytes, fault: str) 
     """Assert a predicate for whatever a file may hold."""
     (tmp_path / "1.segment").write_bytes(content)
     with pytest.raises(ArchiveError, match=f"^{fault}$"):
-        segment.read(tmp_path / "1.segment")
+        segment.read_segment(tmp_path / "1.segment")
 
 
 def test_what_cannot_be_read_is_told(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a folder, a file that the system does not open and a line without an end are told from damage."""
     with pytest.raises(ArchiveError, match="^is no file$"):
-        segment.read(path.parent)
+        segment.read_segment(path.parent)
     with monkeypatch.context() as patch:
-        patch.setattr(segment, "_head", refuse)
+        patch.setattr(segment, "_read_segment_head", refuse)
         with pytest.raises(ArchiveError, match="^cannot be read: Input/output error$"):
-            segment.read(path)
+            segment.read_segment(path)
     monkeypatch.setattr(segment, "_LONGEST_LINE", 100)
     with pytest.raises(ArchiveError, match="is damaged, or no segment"):
-        segment.read(path)
+        segment.read_segment(path)
 
 
 def refuse(*_: object) -> Any:
@@ -148,6 +151,6 @@ def test_a_segment_is_whole_or_not_there(path: Path) -> None:
     """Assert that a write that breaks off leaves the old one as it was, and no part."""
     before = path.read_bytes()
     with pytest.raises(ArchiveError, match="1.segment' cannot be written: Input/output error; nothing is changed"):
-        segment.write(path, {}, {}, [("x", "f8", (2,))], (refuse() if n else np.ones(1) for n in range(2)))
+        segment.write_segment(path, {}, {}, [("x", "f8", (2,))], (refuse() if n else np.ones(1) for n in range(2)))
     assert path.read_bytes() == before
     assert [entry.name for entry in path.parent.iterdir()] == ["1.segment"]

@@ -13,7 +13,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import oscillator
 from xdynamics.archive import segment, segments
-from xdynamics.archive.segments import Segments, discard, folder_of, has_segments
+from xdynamics.archive.segments import Segments, discard, has_segments, segments_folder
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
 
@@ -27,7 +27,7 @@ def march() -> March:
 
 def segments_at(path: Path, *names: str) -> Path:
     """Put empty files where the segments of an archive would be."""
-    folder = folder_of(path)
+    folder = segments_folder(path)
     folder.mkdir()
     for name in names:
         (folder / name).touch()
@@ -62,17 +62,17 @@ def test_a_segment_says_the_time_in_seconds(tmp_path: Path) -> None:
     with Segments(tmp_path / "run.nc", scaled, resume=False) as made:
         for _ in range(2):
             made.keep(writer, {"now": np.array([(0.125,)], dtype=[("t", "f8")])}, {})
-    names = segments._names(folder_of(tmp_path / "run.nc"))
+    names = segments._segment_names(segments_folder(tmp_path / "run.nc"))
     assert [name.name for name in names] == ["000001.segment", "000002.segment"]
-    first, second = (segment.read(name) for name in names)
-    assert (first.said["t"], first.said["before"], second.said["before"]) == (0.5, "", first.digest)
+    first, second = (segment.read_segment(name) for name in names)
+    assert (first.header["t"], first.header["before"], second.header["before"]) == (0.5, "", first.digest)
 
 
 def test_segments_stand_beside_the_file_itself(tmp_path: Path) -> None:
     """Assert that links lead to the segments of the file that they point to."""
     (tmp_path / "far").mkdir()
     (tmp_path / "run.nc").symlink_to(tmp_path / "far" / "real.nc")
-    assert folder_of(tmp_path / "run.nc") == (tmp_path / "far").resolve() / ".real.nc.segments"
+    assert segments_folder(tmp_path / "run.nc") == (tmp_path / "far").resolve() / ".real.nc.segments"
     assert not has_segments(tmp_path / "run.nc")
     segments_at(tmp_path / "run.nc", "000001.segment")
     assert has_segments(tmp_path / "far" / "real.nc")
@@ -82,7 +82,7 @@ def test_segments_are_taken_in_their_order(tmp_path: Path) -> None:
     """Assert that the order in which a folder lists its files says nothing."""
     names = [f"{n:06d}.segment" for n in range(1, 40)]
     folder = segments_at(tmp_path / "run.nc", *names[::2], *names[1::2], "000040.part")
-    assert [name.name for name in segments._names(folder)] == names
+    assert [name.name for name in segments._segment_names(folder)] == names
 
 
 def test_the_last_segment_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,7 +125,7 @@ def test_a_folder_is_one_process_s_at_a_time(tmp_path: Path) -> None:
         for act in (lambda: discard(tmp_path / "run.nc"), lambda: Segments(tmp_path / "run.nc", march(), resume=True)):
             with pytest.raises(xd.InputError, match="run.nc' is being marched by another process; wait for it, or end"):
                 act()
-    assert not folder_of(tmp_path / "run.nc").exists()  # an empty one is of no use
+    assert not segments_folder(tmp_path / "run.nc").exists()  # an empty one is of no use
     free = os.open(tmp_path, os.O_RDONLY)
     os.close(free)
     assert free == before

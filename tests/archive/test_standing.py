@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 from xdynamics.archive.content import content_digest
-from xdynamics.archive.integrity import check_unchanged, rows_within, selected_like, standing
-from xdynamics.archive.origin import digest_of, marched
+from xdynamics.archive.integrity import check_unchanged, record_standing, rows_within, selected_like
+from xdynamics.archive.origin import marched, variable_digest
 from xdynamics.faults import InputError
 from xdynamics.schema import LEFT_OUT_ATOL, SELECTION, SELECTION_OF
 
@@ -104,7 +104,7 @@ def test_an_edit_is_named(edit: str) -> None:
     """Assert one fault, with both values, and that such a record is not gone on with."""
     change, fault = EDITS[edit]
     edited = change(record())
-    assert standing(edited).faults == (fault,)
+    assert record_standing(edited).faults == (fault,)
     with pytest.raises(InputError, match="this is not the record that was marched:\n  1. ") as caught:
         check_unchanged(edited)
     assert fault in str(caught.value)
@@ -123,9 +123,9 @@ def test_an_edit_is_named(edit: str) -> None:
 def test_what_was_not_edited_is_the_run(same: Change) -> None:
     """Assert that copies, chunks, byte order and what may be written afterwards are no edit."""
     run = record()
-    found = standing(same(run))
+    found = record_standing(same(run))
     assert (found.faults, found.selected, found.left_out_atol) == ((), "", {})
-    assert found.of == content_digest(run)
+    assert found.source_digest == content_digest(run)
     check_unchanged(same(run))
 
 
@@ -133,11 +133,11 @@ def test_a_part_is_told_from_the_run() -> None:
     """Assert how many rows are kept, what is left out, ten of it by name, and the tolerances of that."""
     run = record()
     part = run.drop_vars(["pairs", *list(MANY)[:9]]).isel(step=[1, 4], rows=slice(5, 9))
-    found = standing(part)
+    found = record_standing(part)
     named = ", ".join(["pairs", *list(MANY)[:9]])
     assert found.selected == f"2 of 6 rows of 'step'; 4 of {LONG} rows of 'rows'; without {named}"
-    assert (found.faults, found.left_out_atol, found.of) == ((), {"pairs": (1e-3, "s")}, content_digest(run))
-    more = standing(part.drop_vars(list(MANY)[9:11])).selected
+    assert (found.faults, found.left_out_atol, found.source_digest) == ((), {"pairs": (1e-3, "s")}, content_digest(run))
+    more = record_standing(part.drop_vars(list(MANY)[9:11])).selected
     assert more.endswith(f"; without {named} and 2 more")
     with pytest.raises(InputError, match="this is a part of a run, 2 of 6 rows of 'step'; .*; take the whole one"):
         check_unchanged(part)
@@ -150,26 +150,32 @@ def test_a_record_without_a_past_is_known_by_its_digest() -> None:
     plain = run.drop_attrs(deep=False).assign_attrs(
         {name: attr for name, attr in run.attrs.items() if name != "origin"}
     )
-    assert standing(plain.assign_attrs(content_digest=digest)).of == digest
+    assert record_standing(plain.assign_attrs(content_digest=digest)).source_digest == digest
     for other in (plain, plain.assign_attrs(content_digest=digest, title="u")):
-        found = standing(other)
-        assert found.of == ""
+        found = record_standing(other)
+        assert found.source_digest == ""
         assert found.faults[0].startswith("its origin is unknown")
 
 
 def test_where_the_run_is_no_longer_at_hand() -> None:
     """Assert that an edit is told by the digest alone, and that rows cannot be looked for."""
     sent = pickle.loads(pickle.dumps(record()))
-    assert standing(sent).faults == ()
-    assert standing(put("x", 4, 7.0)(sent)).faults == ("variable 'x' differs from its digest in the run",)
-    assert standing(sent.isel(step=slice(3))).faults[0].startswith("rows of 'step' are left out, and the run they were")
+    assert record_standing(sent).faults == ()
+    assert record_standing(put("x", 4, 7.0)(sent)).faults == ("variable 'x' differs from its digest in the run",)
+    assert (
+        record_standing(sent.isel(step=slice(3)))
+        .faults[0]
+        .startswith("rows of 'step' are left out, and the run they were")
+    )
 
 
 def test_arrays_that_were_opened_to_writing_are_told() -> None:
     """Assert that the very array of the march vouches for nothing once it could be written to."""
     run = record()
     run.x.values.flags.writeable = True
-    assert standing(run).faults == ("variable 'x' was opened to writing, and what was marched is no longer known",)
+    assert record_standing(run).faults == (
+        "variable 'x' was opened to writing, and what was marched is no longer known",
+    )
 
 
 def test_rows_are_found_in_their_order() -> None:
@@ -190,8 +196,8 @@ def test_what_a_selection_kept_is_selected_again() -> None:
     part = whole.drop_vars(["event", *MANY]).isel(step=[1, 4])
     kept = part.assign_attrs({SELECTION: "2 rows", SELECTION_OF: "0" * 64, LEFT_OUT_ATOL: "{}"})
     found = selected_like(kept, whole)
-    assert {name: digest_of(str(name), variable) for name, variable in found.variables.items()} == {
-        name: digest_of(str(name), variable) for name, variable in part.variables.items()
+    assert {name: variable_digest(str(name), variable) for name, variable in found.variables.items()} == {
+        name: variable_digest(str(name), variable) for name, variable in part.variables.items()
     }
     said = {name: found.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL)}
     assert said == {SELECTION: "2 rows", SELECTION_OF: content_digest(whole), LEFT_OUT_ATOL: "{}"}

@@ -39,7 +39,7 @@ def test_a_block_is_bounded(columns: int, elements: bool, expected: int, rows: i
     shapes = SimpleNamespace(shapes=SimpleNamespace(dims={"u": ("site",)} if elements else {}))
     layout = SimpleNamespace(row=SimpleNamespace(size=columns), watched=(), model=shapes)
     march: Any = SimpleNamespace(layout=layout, expected_rows=expected)
-    assert streaming._rows(march) == rows
+    assert streaming._rows_per_block(march) == rows
 
 
 def test_a_run_of_one_block_is_as_long_as_it_is(tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(streaming, "BLOCK_ROWS", 50)
     monkeypatch.setattr(segments.Segments, "due", property(lambda self: not self.failed))
-    monkeypatch.setattr(segments.segment, "write", full)
+    monkeypatch.setattr(segments.segment, "write_segment", full)
     monkeypatch.setattr(Writer, "finish", full)
     with (
         pytest.warns(xd.ResumeWarning, match="no more segments of .*: No space left on device; the run goes on"),

@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.archive.chunk_reading import chosen
-from xdynamics.archive.netcdf_library import opened
+from xdynamics.archive.chunk_reading import read_elements
+from xdynamics.archive.netcdf_library import opened_file
 
 
 class Watched:
@@ -56,7 +56,7 @@ def test_any_choice_is_that_of_numpy(case: int, tmp_path: Path, monkeypatch: pyt
     values = rng.integers(0, 120, shape).astype(rng.choice(["f8", "i1", "i8"]))
     chunks = None if case % 3 == 0 else [int(rng.integers(1, length + 1)) for length in shape]
     monkeypatch.setattr("xdynamics.archive.chunk_reading.LARGEST", int(rng.integers(1, 4000)))
-    with opened(tmp_path / "any.nc", "w") as file:
+    with opened_file(tmp_path / "any.nc", "w") as file:
         names = [file.createDimension(f"d{i}", length).name for i, length in enumerate(shape)]
         stored = file.createVariable("any", values.dtype, names, chunksizes=chunks, contiguous=chunks is None)
         stored.set_auto_maskandscale(False)
@@ -66,7 +66,7 @@ def test_any_choice_is_that_of_numpy(case: int, tmp_path: Path, monkeypatch: pyt
             expected = values
             for axis in reversed(range(len(shape))):  # one dimension after the other: each list along its own
                 expected = expected[(slice(None),) * axis + (key[axis],)]
-            found = np.asarray(chosen(watched, key))
+            found = np.asarray(read_elements(watched, key))
             assert (found.dtype, found.shape) == (expected.dtype, expected.shape)
             assert np.array_equal(found, expected)
             assert not any(isinstance(one, np.ndarray) for each in watched.keys for one in each)
@@ -74,25 +74,25 @@ def test_any_choice_is_that_of_numpy(case: int, tmp_path: Path, monkeypatch: pyt
 
 def test_few_rows_of_a_long_run_cost_few_reads(tmp_path: Path) -> None:
     """Assert that neighbours are read together, and what lies between far rows is not read."""
-    with opened(tmp_path / "long.nc", "w") as file:
+    with opened_file(tmp_path / "long.nc", "w") as file:
         file.createDimension("step", 1_000_000)
         stored = file.createVariable("y", "f8", ("step",), chunksizes=[1000])
         stored[:] = np.arange(1e6)
         near, far = Watched(stored), Watched(stored)
-        chosen(near, (np.arange(0, 5000, 7),))
-        chosen(far, (np.array([999_999, 0, 1, 500_000]),))
+        read_elements(near, (np.arange(0, 5000, 7),))
+        read_elements(far, (np.array([999_999, 0, 1, 500_000]),))
     assert (len(near.keys), near.read) == (1, 4999)
     assert (len(far.keys), far.read) == (3, 4)
 
 
 def test_a_row_beyond_the_end_is_an_error(tmp_path: Path) -> None:
     """Assert that it is named, and is not the last one."""
-    with opened(tmp_path / "short.nc", "w") as file:
+    with opened_file(tmp_path / "short.nc", "w") as file:
         file.createDimension("step", 4)
         stored = file.createVariable("y", "f8", ("step",))
         stored[:] = np.arange(4.0)
         with pytest.raises(IndexError, match="index 4 is out of bounds for a dimension of 4"):
-            chosen(stored, (np.array([1, 4]),))
+            read_elements(stored, (np.array([1, 4]),))
 
 
 @pytest.mark.dear

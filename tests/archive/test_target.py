@@ -23,8 +23,8 @@ import xdynamics as xd
 from cases.problems import MODELS, oscillator
 from cases.stages import no_march
 from cases.verdicts import verified
-from xdynamics.archive.target import check_no_table, taking_name
-from xdynamics.archive.temporary_files import TemporaryFile, sweep
+from xdynamics.archive.target import check_path_no_table, taking_path_name
+from xdynamics.archive.temporary_files import TemporaryFile, sweep_temporary_files
 from xdynamics.cli import main
 
 
@@ -127,7 +127,7 @@ def test_owner_and_group_are_given_apart(
 
     monkeypatch.setattr(os, "fchown", lambda _handle, *who: given.append(who))
     monkeypatch.setattr(os, "fstat", another)
-    with taking_name(path):
+    with taking_path_name(path):
         pass
     assert given == [(-1, old.st_gid)] * group + [(old.st_uid, -1)] * user
 
@@ -174,11 +174,11 @@ def test_the_models_own_files_stay(tmp_path: Path) -> None:
 def test_a_table_is_told_by_its_text(tmp_path: Path, content: str, *, refused: bool) -> None:
     """Assert that each table of a model is known again, be it the longest, and that longer files and other bytes are none."""
     path, tables = tmp_path / "it", ["t,y\n0,1\n", "t,y\n" + "0,1\n" * 20]
-    check_no_table(path, tables)
+    check_path_no_table(path, tables)
     path.write_bytes(content.encode("latin-1"))
-    check_no_table(path, [])
+    check_path_no_table(path, [])
     with pytest.raises(xd.InputError, match="is a table of the model; name another file") if refused else nullcontext():
-        check_no_table(path, tables)
+        check_path_no_table(path, tables)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_a_write_that_fails_says_why(
             patch.setattr(tempfile, "TemporaryFile", probe)
         with (
             pytest.raises(xd.ArchiveError, match=f"run.nc' cannot be written: {said}; nothing is changed there"),
-            taking_name(tmp_path / "run.nc"),
+            taking_path_name(tmp_path / "run.nc"),
         ):
             raise error
     assert names(tmp_path) == ["run.nc"]
@@ -280,18 +280,18 @@ def test_the_command_says_where_it_is(tmp_path: Path) -> None:
 
 def test_parts_of_living_processes_stay(tmp_path: Path) -> None:
     """Assert that a temporary file is left alone while it is locked, and removed when nobody locks it any more."""
-    with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as part:
-        sweep(tmp_path)
+    with TemporaryFile.create_beside(tmp_path / "run.nc", 0o600) as part:
+        sweep_temporary_files(tmp_path)
         assert len(names(tmp_path)) == 2
         os.close(part.handle)
-        sweep(tmp_path)
+        sweep_temporary_files(tmp_path)
         assert names(tmp_path) == []
         os.dup2(os.open(os.devnull, os.O_RDONLY), part.handle)  # which the end of the part closes
 
 
 def test_what_could_not_be_written_takes_no_room(tmp_path: Path) -> None:
     """Assert that a temporary file that is given up is empty for who still has it open, as HDF5 may until the end."""
-    with TemporaryFile.beside(tmp_path / "run.nc", 0o600) as part:
+    with TemporaryFile.create_beside(tmp_path / "run.nc", 0o600) as part:
         held = part.path.open("wb")
         held.write(b"as much as the disk had room for")
         held.flush()
@@ -313,8 +313,8 @@ def test_files_of_others_stay(run: xr.Dataset, tmp_path: Path) -> None:
 HANGING = """
 import sys, time
 from pathlib import Path
-from xdynamics.archive.target import taking_name
-with taking_name(Path(sys.argv[1])) as new:
+from xdynamics.archive.target import taking_path_name
+with taking_path_name(Path(sys.argv[1])) as new:
     print(new.part.name, flush=True)
     time.sleep(60)
 """

@@ -15,8 +15,8 @@ from cases.problems import MODELS
 from cases.stages import without_dates
 from cases.verdicts import verified
 from xdynamics.archive import writer
-from xdynamics.archive.seals import letters, seal_file
-from xdynamics.archive.text_encoding import form_of, numbers_of
+from xdynamics.archive.seals import seal_file, utf8_letters
+from xdynamics.archive.text_encoding import encoded_texts, text_form
 
 ASKED: dict[str, Any] = {"method": "heun", "rtol": 1e-6, "members_per_task": 2}
 AXES = {"vt": "20:40:5 m s-1", "y": [0.0, 1.0]}
@@ -40,16 +40,16 @@ def test_texts_come_back_from_numbers(case: int) -> None:
     words = ["".join(draw.choice(alphabet, same if role == "digest" else draw.integers(0, 9))) for _ in range(count)]
     texts = np.array(words)[np.arange(count) if role == "digest" else draw.integers(0, count, np.prod(shape))]
     texts = texts.reshape(shape)
-    found = numbers_of("a", role, letters(texts))
+    found = encoded_texts("a", role, utf8_letters(texts))
     even = role == "digest" and (same == 0 or same % 2 or not {*"".join(words)} <= {*"0123456789abcdef"})
     spoilt = role == "outcome" and (any(" " in one or "é" in one for one in texts.flat) or not any(texts.flat))
     assert (found is None) == (even or spoilt)
     if found is None:
         return
-    form = form_of(found.attributes, found.values.dtype, (*"abcd"[: found.values.ndim],), found.values.shape)
+    form = text_form(found.attributes, found.values.dtype, (*"abcd"[: found.values.ndim],), found.values.shape)
     assert form is not None
     np.testing.assert_array_equal(form.texts(found.values), texts)
-    np.testing.assert_array_equal(form.letters(found.values), letters(texts))
+    np.testing.assert_array_equal(form.letters(found.values), utf8_letters(texts))
     at = tuple(int(draw.integers(n)) for n in shape)
     assert str(form.texts(found.values[at])) == texts[at]
 
@@ -58,7 +58,7 @@ def test_texts_come_back_from_numbers(case: int) -> None:
 def test_a_catalogue_of_numbers_is_that_of_letters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert words, types, attributes and digests of a catalogue as it was kept before, whose file still opens."""
     new = swept(tmp_path / "new")
-    monkeypatch.setattr(writer, "numbers_of", lambda *_: None)
+    monkeypatch.setattr(writer, "encoded_texts", lambda *_: None)
     old = swept(tmp_path / "old")
     with netCDF4.Dataset(new) as one, netCDF4.Dataset(old) as other:
         kinds = [[file[name].dtype.str for name in ("run_outcome", "run_digest")] for file in (one, other)]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from xdynamics.archive.netcdf_library import opened
-from xdynamics.archive.shared_handles import Lent
+from xdynamics.archive.netcdf_library import opened_file
+from xdynamics.archive.shared_handles import SharedArchive
 from xdynamics.archive.values import StoredValues, VariableStore
 
 TABLE = np.arange(12, dtype="i2").reshape(4, 3)
@@ -18,7 +18,7 @@ TABLE = np.arange(12, dtype="i2").reshape(4, 3)
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """A file whose variables ask for more than to be read."""
-    with opened(tmp_path / "odd.nc", "w") as file:
+    with opened_file(tmp_path / "odd.nc", "w") as file:
         file.createDimension("n", 4)
         file.createDimension("m", 3)
         scaled = file.createVariable("scaled", "i2", ("n", "m"), fill_value=5)
@@ -33,7 +33,7 @@ def path(tmp_path: Path) -> Path:
 
 def test_values_are_those_that_are_stored(path: Path) -> None:
     """Assert that no scale is applied, nothing is masked, and letters stay apart."""
-    one = Lent(path)
+    one = SharedArchive(path)
     store = VariableStore(one, mode="r")
     found = store.open_store_variable("scaled", store.ds.variables["scaled"])
     assert (found.dims, found.shape, found.dtype, found.attrs["units"]) == (("n", "m"), (4, 3), np.dtype("i2"), "m")
@@ -50,9 +50,9 @@ def test_values_are_those_that_are_stored(path: Path) -> None:
 def test_only_what_is_asked_for_is_read(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that rows and columns are chosen by the library, and points of the little that it read."""
     keys = []
-    read = StoredValues._read
-    monkeypatch.setattr(StoredValues, "_read", lambda one, key: keys.append(key) or read(one, key))
-    store = VariableStore(Lent(path), mode="r")
+    read = StoredValues._read_by_key
+    monkeypatch.setattr(StoredValues, "_read_by_key", lambda one, key: keys.append(key) or read(one, key))
+    store = VariableStore(SharedArchive(path), mode="r")
     array = xr.DataArray(store.open_store_variable("scaled", store.ds.variables["scaled"]))
     assert keys == []
     assert array[1:3, 0].values.tolist() == TABLE[1:3, 0].tolist()

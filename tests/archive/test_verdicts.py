@@ -19,7 +19,7 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS, ROOT
 from cases.verdicts import verified
-from xdynamics.archive.integrity_checks import examine
+from xdynamics.archive.integrity_checks import examine_file
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.signatures import new_key
 
@@ -330,7 +330,7 @@ def test_damage_under_a_seal_is_damage(tmp_path: Path) -> None:
     content = path.read_bytes()
     place = content.index(pattern) + 100
     path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
-    found = examine(path, tail_of(path))
+    found = examine_file(path, tail_of(path))
     assert found.verdict == "damaged"
     assert found.faults == ("the bytes of the file differ from its seal", "variable 'y' differs from its digest")
     with pytest.raises(xd.ArchiveError) as told:

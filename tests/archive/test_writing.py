@@ -28,13 +28,13 @@ def run() -> xr.Dataset:
 def test_a_name_beside_is_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stem: str) -> None:
     """Assert that a name is free or a bad end's, keeps its ending and is no longer than names may be."""
     path, ends = tmp_path / f"{stem}.nc", {}
-    monkeypatch.setattr(writing, "examined", lambda path, _tail: Examination((), "", ends[path]))
-    assert writing.beside(path) == path
+    monkeypatch.setattr(writing, "examine_sandboxed", lambda path, _tail: Examination((), "", ends[path]))
+    assert writing.partial_run_location(path) == path
     path.touch()
     ends[path] = "interrupted"
-    assert writing.beside(path) == path
+    assert writing.partial_run_location(path) == path
     ends[path] = "completed"
-    other = writing.beside(path)
+    other = writing.partial_run_location(path)
     room = len(os.fsencode(stem)) + len(".partial.nc") - len(os.fsencode(other.name))
     assert (len(os.fsencode(other.name)) <= 255, 0 <= room < 14) == (True, True)
     assert other.name.endswith(".partial.nc")
@@ -42,12 +42,12 @@ def test_a_name_beside_is_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     if stem == "run":
         other.touch()
         ends[other] = "completed"
-        assert writing.beside(path).name == "run.partial.partial.nc"
+        assert writing.partial_run_location(path).name == "run.partial.partial.nc"
 
 
 def test_what_reads_otherwise_takes_no_name(run: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a new file is compared with what was written before it takes its name."""
-    monkeypatch.setattr(writing, "compare", lambda *_: Examination(("a is other", "b is other")))
+    monkeypatch.setattr(writing, "compare_file", lambda *_: Examination(("a is other", "b is other")))
     with pytest.raises(xd.ArchiveError, match="what was written reads otherwise: a is other; b is other"):
         xd.save(run, tmp_path / "run.nc")
     assert list(tmp_path.iterdir()) == []
@@ -55,8 +55,8 @@ def test_what_reads_otherwise_takes_no_name(run: xr.Dataset, tmp_path: Path, mon
 
 def test_a_large_file_is_opened_only(run: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a file over the limit is not read again, a smaller one is, and that both are known from then on."""
-    compare, read = writing.compare, []
-    monkeypatch.setattr(writing, "compare", lambda *given: read.append(given) or compare(*given))
+    compare, read = writing.compare_file, []
+    monkeypatch.setattr(writing, "compare_file", lambda *given: read.append(given) or compare(*given))
     small = xd.save(run, tmp_path / "small.nc")
     size = small.stat().st_size
     for limit, looks in ((size, 2), (size - 1, 2)):
@@ -124,8 +124,8 @@ def test_derived_data_of_nothing_known(run: xr.Dataset, tmp_path: Path) -> None:
 )
 def test_tables_are_found_in_any_text(text: str, tables: list[str]) -> None:
     """Assert the texts of tables, and none of what is no model; derived data may hold anything."""
-    assert writing._tables(xr.Dataset({"model_toml": ((), text)})) == tables
-    assert writing._tables(xr.Dataset()) == []
+    assert writing._table_texts(xr.Dataset({"model_toml": ((), text)})) == tables
+    assert writing._table_texts(xr.Dataset()) == []
 
 
 def test_one_element_of_a_run_is_no_run(tmp_path: Path) -> None:

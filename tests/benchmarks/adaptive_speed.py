@@ -88,7 +88,7 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
     from xdynamics.march.configuration import settings_for
     from xdynamics.march.engine import engine
     from xdynamics.march.log import allocate
-    from xdynamics.march.memory import arrays_of, put_back
+    from xdynamics.march.memory import changing_arrays, put_back
 
     one = PROBLEMS[problem]
     model = one.model()
@@ -113,7 +113,7 @@ def our_runs(problem: str, method: str, tolerance: float, end: float | None = No
     march = March(model, settings)
     loop, posed = engine().march, march.run
     allocate(march.layout, run.sizes["step"] + 5, sampled=0).lend(posed)
-    memory = arrays_of(posed)
+    memory = changing_arrays(posed)
     looped = spent(lambda: loop(posed, 1 << 30), most=2000, before=lambda: put_back(posed, memory))
     assert OUTCOMES[int(march.now.status)].word == run.attrs["run_outcome"]
     assert march.now.rows == run.sizes["step"]

@@ -21,7 +21,7 @@ from typing import Any
 
 import xdynamics as xd
 from xdynamics.evidence.cluster import cluster_of
-from xdynamics.evidence.stages import computed
+from xdynamics.evidence.stages import compute_datasets
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
 MODEL = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
@@ -91,7 +91,7 @@ def refined(client: Any, until: float) -> None:
     print(f"{len(marches)} marches, {len(tasks)} tasks in the graph")
     with traffic(client, "refinements", len(marches)), get_task_stream(client) as stream:
         begin = time.perf_counter()
-        computed(*studies)
+        compute_datasets(*studies)
         took = time.perf_counter() - begin
     spans = [
         (part["start"], part["stop"], task["key"])
@@ -133,10 +133,12 @@ def main() -> None:
             with traffic(client, "states of these runs at 20 times, opened together", 200):
                 xd.open_logs(grid, "0.25:5:20 s").compute()
         with traffic(client, "a budget of 10,000 draws, by block of 512", 20):
-            computed(xd.error_budget(BALL, "y", at="1 s", draws=10_000, method="rk4", step="20 ms", compute=False))
+            compute_datasets(
+                xd.error_budget(BALL, "y", at="1 s", draws=10_000, method="rk4", step="20 ms", compute=False)
+            )
         ledger = xd.validate(METHODS[:3], compute=False)
         with traffic(client, "a ledger of three methods, by case", ledger.sizes["case"]):
-            computed(ledger)
+            compute_datasets(ledger)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ def unvectorised(text: str) -> bytes:
     """Compile without making vectors of loops."""
     module = llvm.parse_assembly(text)
     module.triple = llvm.get_process_triple()
-    target = machine._machine()
+    target = machine._target_machine()
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
     builder = llvm.create_pass_builder(target, options)

@@ -23,7 +23,7 @@ from xdynamics.expressions import parse
 from xdynamics.expressions.calculus import negative
 from xdynamics.kernels.machine import vector_lanes
 from xdynamics.kernels.nests import Nests
-from xdynamics.kernels.program import Place, Program
+from xdynamics.kernels.program import Location, Program
 from xdynamics.shapes import Extent, Relation, Shapes, gradient
 
 ABREAST, OPERATIONS, ROUNDS = vector_lanes() // 2, 2_000_000, 7
@@ -77,10 +77,12 @@ def program(shapes: Shapes, potential: str, dims: tuple[str, ...]) -> Program:
     size = int(np.prod(shapes.shape(dims)))
     places = {"r": 0, "m": size, "G": size + shapes.extent(dims[0]).size, "k": size}
     nests = Nests(
-        shapes, lambda lines, name: lines.load(Place("p", places[name]), name), lambda name: Place("p", places[name])
+        shapes,
+        lambda lines, name: lines.load(Location("p", places[name]), name),
+        lambda name: Location("p", places[name]),
     )
     force = gradient(negative(parse(potential)), {"r"}, shapes)["r"]
-    nests.results([("force", dims, force, Place("z"))])
+    nests.results([("force", dims, force, Location("z"))])
     return Program("force", "The force.", tuple(nests.lines), local=nests.local, tables=nests.tables)
 
 

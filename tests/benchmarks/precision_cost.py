@@ -80,7 +80,7 @@ def compile_time(model: xd.Model, precision: str, method: str, *, order: int | N
 
     def build() -> None:
         law = Law(layout, sampled=False)
-        machine.built(law.text(without=[entry for entry in law.entries if entry.name == "inside"]))
+        machine.build_object(law.text(excluded=[entry for entry in law.entries if entry.name == "inside"]))
         laws.append(law)
 
     return fastest(build, 2), len(laws[0].source.splitlines())

@@ -14,10 +14,10 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.uncertain_models import doubtful, slope
 from cases.verdicts import verified
-from xdynamics.budgeting.budget_summary import lines_of as lines_of_budget
+from xdynamics.budgeting.budget_summary import budget_lines as lines_of_budget
 from xdynamics.budgeting.measurand import Measurand, Target
-from xdynamics.budgeting.montecarlo import drawn, judged, tolerance_of
-from xdynamics.budgeting.time_reversal import returned
+from xdynamics.budgeting.montecarlo import draw_statistics, judge_linear, tolerance_of
+from xdynamics.budgeting.time_reversal import reversal_distance
 from xdynamics.units import parse_quantity
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -229,15 +229,18 @@ def test_an_input_that_may_undo_the_event_is_told() -> None:
 def test_intervals_and_verdicts_of_draws() -> None:
     """Assert intervals of a skew distribution, JCGM 101's tolerance, and that few draws leave the verdict open."""
     values = np.sort(np.random.default_rng(1).exponential(size=200_000))
-    found = drawn(np.random.default_rng(2).permutation(values), 0.95)
+    found = draw_statistics(np.random.default_rng(2).permutation(values), 0.95)
     assert found.shortest == pytest.approx((0.0, -math.log(0.05)), abs=0.03)
     assert found.symmetric == pytest.approx((-math.log(0.975), -math.log(0.025)), abs=0.04)
     assert found.standard == pytest.approx(1.0, rel=0.01)
-    assert judged(1.0, 1.0, found, 0.95)[0] == 1
+    assert judge_linear(1.0, 1.0, found, 0.95)[0] == 1
     assert [tolerance_of(value) for value in (0.0755, 0.0968, 3.0, 12.0)] == pytest.approx([0.005, 0.05, 0.5, 5.0])
-    normal = drawn(5.0 + 0.3 * np.random.default_rng(3).standard_normal(200_000), 0.95)
-    assert judged(5.0, 0.3, normal, 0.95)[0] == 0
-    assert judged(5.0, 0.3, drawn(5.0 + 0.3 * np.random.default_rng(4).standard_normal(60), 0.9), 0.9)[0] == 2
+    normal = draw_statistics(5.0 + 0.3 * np.random.default_rng(3).standard_normal(200_000), 0.95)
+    assert judge_linear(5.0, 0.3, normal, 0.95)[0] == 0
+    assert (
+        judge_linear(5.0, 0.3, draw_statistics(5.0 + 0.3 * np.random.default_rng(4).standard_normal(60), 0.9), 0.9)[0]
+        == 2
+    )
 
 
 @pytest.mark.dear
@@ -413,7 +416,7 @@ def test_two_digits_of_the_uncertainty_ask_more() -> None:
     assert float(two.physical_rss) == pytest.approx(10.1, abs=0.05)
     assert two.monte_carlo_symmetric.values == pytest.approx([-17.0, 17.0], abs=0.2)
     assert int(two.linear_verdict) == 1
-    assert drawn(np.arange(1.0, 1001.0), 0.95).symmetric == (25.0, 975.0)
+    assert draw_statistics(np.arange(1.0, 1001.0), 0.95).symmetric == (25.0, 975.0)
 
 
 @pytest.mark.parametrize(
@@ -494,14 +497,14 @@ def test_what_steps_do_not_undo_is_not_marched_back() -> None:
     asked: dict[str, Any] = {"method": "velocity_verlet", "step": 0.25, "until": 1.0, "summation": "plain"}
     run = xd.simulate(REVERSED, **asked)
     for quantity, at in (("x", 0.25), ("x", 0.3), ("v_y", 1.0)):
-        assert returned(run, Measurand(REVERSED, Target(quantity, at), asked)) == pytest.approx(0.0, abs=1e-14)
-    assert returned(run, Measurand(REVERSED, Target("x", 0.2), asked)) is None
-    assert returned(run, Measurand(REVERSED, Target("total_energy", 1.0), asked)) is None
-    assert returned(run, Measurand(REVERSED, Target("x", None, "never"), asked)) is None
+        assert reversal_distance(run, Measurand(REVERSED, Target(quantity, at), asked)) == pytest.approx(0.0, abs=1e-14)
+    assert reversal_distance(run, Measurand(REVERSED, Target("x", 0.2), asked)) is None
+    assert reversal_distance(run, Measurand(REVERSED, Target("total_energy", 1.0), asked)) is None
+    assert reversal_distance(run, Measurand(REVERSED, Target("x", None, "never"), asked)) is None
     watched = xd.Model.from_text(REVERSED.to_toml() + '\n[events.never]\nfunction = "x - 9*metre"\n')
     fourth = asked | {"method": "rk4"}
     for model, how in ((watched, asked), (REVERSED, fourth)):
-        assert returned(xd.simulate(model, **how), Measurand(model, Target("x", 1.0), how)) is None
+        assert reversal_distance(xd.simulate(model, **how), Measurand(model, Target("x", 1.0), how)) is None
 
 
 @pytest.mark.every(2)

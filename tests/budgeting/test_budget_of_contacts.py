@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.budgeting.budget_summary import lines_of
+from xdynamics.budgeting.budget_summary import budget_lines
 from xdynamics.budgeting.met_events import MetEvents
 from xdynamics.faults import InputError
 
@@ -86,7 +86,7 @@ def test_runs_that_met_other_events_leave_a_number_of_unknown_uncertainty() -> N
     assert np.isnan(budget.share).all()
     assert [float(budget[name]) for name in ("numerical_bound", "numerical_rss", "total_rss")] == [np.inf] * 3
     assert budget.result.item() == f"{budget.value.item():.6g} m, of unknown uncertainty"
-    lines = list(lines_of(budget))
+    lines = list(budget_lines(budget))
     assert any(line.split()[:3] == ["truncation", "numerical", "unknown"] for line in lines)
     (why,) = (line for line in lines if "did not meet the same events" in line)
     assert f"step_size 0.005 and 0.0025 did not meet the same events (balls {counts[0]} and {counts[1]} times)" in why

@@ -16,16 +16,23 @@ from scipy.stats import chi2, norm
 import xdynamics as xd
 from xdynamics.budgeting import tabulated
 from xdynamics.budgeting.budget import _doubt_slopes
-from xdynamics.budgeting.budget_request import _check, _declared
-from xdynamics.budgeting.budget_summary import lines_of
-from xdynamics.budgeting.budget_variables import draws_as, terms_as
-from xdynamics.budgeting.fit_summary import lines_of as fit_in_lines
+from xdynamics.budgeting.budget_request import _check_draw_settings, _checked_declared
+from xdynamics.budgeting.budget_summary import budget_lines
+from xdynamics.budgeting.budget_variables import draw_variables, term_variables
+from xdynamics.budgeting.fit_summary import fit_lines as fit_in_lines
 from xdynamics.budgeting.losses import Loss
 from xdynamics.budgeting.measurand import Target
-from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED, Drawn, drawn, judged
-from xdynamics.budgeting.multistart import drawn_starts, grown, search, searches
-from xdynamics.budgeting.numerical import Compared, Estimate
-from xdynamics.budgeting.random_draws import MOST_DRAWS, Propagation, drawn_until, wanted_of
+from xdynamics.budgeting.montecarlo import (
+    ADEQUATE,
+    NOT_ADEQUATE,
+    NOT_CHECKED,
+    DrawStatistics,
+    draw_statistics,
+    judge_linear,
+)
+from xdynamics.budgeting.multistart import drawn_starts, search_from_start, search_growing, searches
+from xdynamics.budgeting.numerical import Estimate, LevelComparison
+from xdynamics.budgeting.random_draws import MAX_DRAWS, Propagation, draw_until_known, end_tolerance_of
 from xdynamics.budgeting.term import Declared, Term
 from xdynamics.model import toml
 from xdynamics.model.parts import Fitted
@@ -42,7 +49,7 @@ def test_intervals_are_windows_of_ordered_draws(case: int) -> None:
     rng = np.random.default_rng(case)
     count, coverage = int(rng.integers(40, 90)), float(rng.uniform(0.3, 0.95))
     values = rng.standard_gamma(2.0, count)
-    found, ordered, held = drawn(values, coverage), np.sort(values).tolist(), round(coverage * count)
+    found, ordered, held = draw_statistics(values, coverage), np.sort(values).tolist(), round(coverage * count)
     windows = list(zip(ordered, ordered[held:], strict=False))
     assert found.shortest == min(windows, key=lambda one: one[1] - one[0])
     assert found.symmetric == windows[math.ceil((count - held) / 2) - 1]
@@ -55,21 +62,26 @@ def test_intervals_are_windows_of_ordered_draws(case: int) -> None:
 def test_an_interval_holds_one_draw_at_least_and_leaves_one_out() -> None:
     """Assert the least and the most that an interval may hold of 40 draws."""
     row = np.arange(40.0)
-    assert (drawn(row, 0.02).shortest, drawn(row, 0.02).symmetric) == ((0.0, 1.0), (19.0, 20.0))
-    assert (drawn(row, 0.98).shortest, drawn(row, 0.98).symmetric) == ((0.0, 39.0), (0.0, 39.0))
+    assert (draw_statistics(row, 0.02).shortest, draw_statistics(row, 0.02).symmetric) == ((0.0, 1.0), (19.0, 20.0))
+    assert (draw_statistics(row, 0.98).shortest, draw_statistics(row, 0.98).symmetric) == ((0.0, 39.0), (0.0, 39.0))
     for coverage in (0.01, 0.99):
         with pytest.raises(xd.InputError, match="too few"):
-            drawn(row, coverage)
+            draw_statistics(row, coverage)
 
 
 def test_ends_of_intervals_are_as_sure_as_order_statistics() -> None:
     """Assert half of what lies between the draws a binomial deviation, and two of them, about each end; infinite beyond all."""
-    even = drawn(np.arange(10_000.0), 0.5)  # 2,500 and 7,500, each give or take sqrt(10,000/4*3/4) = 43.3
+    even = draw_statistics(np.arange(10_000.0), 0.5)  # 2,500 and 7,500, each give or take sqrt(10,000/4*3/4) = 43.3
     assert (even.ends_doubt, even.ends_reach) == (44.0, 87.0)
-    steep = drawn(np.concatenate([np.arange(5000.0), 5000.0 + 3.0 * np.arange(5000.0)]), 0.5)  # the upper end is worse
+    steep = draw_statistics(
+        np.concatenate([np.arange(5000.0), 5000.0 + 3.0 * np.arange(5000.0)]), 0.5
+    )  # the upper end is worse
     assert steep.ends_doubt == 3 * 44.0
-    assert drawn(np.arange(100.0), 0.88).ends_reach == 5.0  # from the 89th to the 99th
-    assert (drawn(np.arange(100.0), 0.9).ends_doubt, drawn(np.arange(100.0), 0.9).ends_reach) == (3.0, math.inf)
+    assert draw_statistics(np.arange(100.0), 0.88).ends_reach == 5.0  # from the 89th to the 99th
+    assert (draw_statistics(np.arange(100.0), 0.9).ends_doubt, draw_statistics(np.arange(100.0), 0.9).ends_reach) == (
+        3.0,
+        math.inf,
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,17 +99,20 @@ def test_a_linear_interval_is_held_against_both_ends(
     low: float, high: float, reach: float, verdict: int, apart: float
 ) -> None:
     """Assert the larger distance, and what it is beside the tolerance and one and a half times the reach of chance."""
-    assert judged(0.0, 0.0, Drawn(0.0, 5.5, (0.0, 0.0), (low, high), 0.0, 0.0, reach), 0.95) == (verdict, apart)
+    assert judge_linear(0.0, 0.0, DrawStatistics(0.0, 5.5, (0.0, 0.0), (low, high), 0.0, 0.0, reach), 0.95) == (
+        verdict,
+        apart,
+    )
 
 
 def test_a_linear_interval_has_the_quantile_of_its_coverage() -> None:
     """Assert value plus and minus 1.645 standard uncertainties at 90 %, and that what is certain is adequate."""
-    found = Drawn(0.0, 2.0, (0.0, 0.0), (7.0 - 2 * 1.6448536, 7.0 + 2 * 1.6448536 + 0.25), 0.0, 0.0, 0.0)
-    assert judged(7.0, 2.0, found, 0.9) == (ADEQUATE, pytest.approx(0.25, abs=1e-6))
-    assert judged(7.0, 2.0, found, 0.95)[1] == pytest.approx(2 * (1.9599640 - 1.6448536), abs=1e-6)
-    still = Drawn(7.0, 0.0, (7.0, 7.0), (7.0, 7.0), 0.0, 0.0, 0.0)
-    assert judged(7.0, 0.0, still, 0.95) == (ADEQUATE, 0.0)
-    assert judged(7.5, 0.0, still, 0.95)[0] == NOT_CHECKED
+    found = DrawStatistics(0.0, 2.0, (0.0, 0.0), (7.0 - 2 * 1.6448536, 7.0 + 2 * 1.6448536 + 0.25), 0.0, 0.0, 0.0)
+    assert judge_linear(7.0, 2.0, found, 0.9) == (ADEQUATE, pytest.approx(0.25, abs=1e-6))
+    assert judge_linear(7.0, 2.0, found, 0.95)[1] == pytest.approx(2 * (1.9599640 - 1.6448536), abs=1e-6)
+    still = DrawStatistics(7.0, 0.0, (7.0, 7.0), (7.0, 7.0), 0.0, 0.0, 0.0)
+    assert judge_linear(7.0, 0.0, still, 0.95) == (ADEQUATE, 0.0)
+    assert judge_linear(7.5, 0.0, still, 0.95)[0] == NOT_CHECKED
 
 
 def propagated(model: Any, values: Any = None, added: Any = ()) -> Propagation:
@@ -131,33 +146,33 @@ def test_draws_are_doubled_until_the_ends_are_known() -> None:
 
     def even(draws: int) -> np.ndarray:
         tried.append(draws)
-        return np.arange(100.0) if draws >= MOST_DRAWS // 2 else np.linspace(0.0, 1.0, draws)
+        return np.arange(100.0) if draws >= MAX_DRAWS // 2 else np.linspace(0.0, 1.0, draws)
 
     source: Any = SimpleNamespace(values=even)
-    doubts = {draws: drawn(np.linspace(0.0, 1.0, draws), 0.5).ends_doubt for draws in (100, 200, 400, 800)}
+    doubts = {draws: draw_statistics(np.linspace(0.0, 1.0, draws), 0.5).ends_doubt for draws in (100, 200, 400, 800)}
     for draws, doubt in doubts.items():
-        found, count = drawn_until(source, 100, 0.5, doubt)
+        found, count = draw_until_known(source, 100, 0.5, doubt)
         assert (count, found.ends_doubt) == (draws, doubt)
     assert tried == [100, 100, 200, 100, 200, 400, 100, 200, 400, 800]
     tried.clear()
     with pytest.raises(xd.InputError, match="4194304 draws leave the ends of the interval uncertain by 5, and 4.5 is"):
-        drawn_until(source, MOST_DRAWS // 2, 0.5, 4.5)
-    assert tried == [MOST_DRAWS // 2, MOST_DRAWS]
+        draw_until_known(source, MAX_DRAWS // 2, 0.5, 4.5)
+    assert tried == [MAX_DRAWS // 2, MAX_DRAWS]
 
 
 def test_how_well_ends_are_to_be_known() -> None:
     """Assert a standard uncertainty in the number's unit from a size and its level, and what is no such size."""
     unit, target = parse_unit("mm"), Target("y", 1.0)
-    assert wanted_of(None, unit, target, 0.95) == math.inf
+    assert end_tolerance_of(None, unit, target, 0.95) == math.inf
     for told, wanted in (
         ("2 m", 2000 / 1.9599640),
         ("2 m at 90 %", 2000 / 1.6448536),
         ("5 um at 50%", 5e-3 / 0.6744898),
     ):
-        assert wanted_of(told, unit, target, 0.95) == pytest.approx(wanted, rel=1e-7)
+        assert end_tolerance_of(told, unit, target, 0.95) == pytest.approx(wanted, rel=1e-7)
     for told in ("2 s", "0 m", "-1 m", "2 m at 0 %", "2 m at 100 %", "2 m at most"):
         with pytest.raises(xd.InputError, match="needs a positive size of y at t = 1 s, like '1 mm at 95 %'"):
-            wanted_of(told, unit, target, 0.95)
+            end_tolerance_of(told, unit, target, 0.95)
 
 
 # --------------------------------------------------------------------------------------------------------------- tables
@@ -180,7 +195,7 @@ def test_independent_rows_add_their_squares(bend: float, doubtful: bool) -> None
     def number(change: np.ndarray) -> float:
         return 5.0 + float(weights @ change) + bend * float(weights @ change) ** 2
 
-    found = tabulated.independent(copies(number), sizes)
+    found = tabulated.independent_rows_term(copies(number), sizes)
     assert found.standard == pytest.approx(math.sqrt(0.01 + 0.36 + 0.64))
     assert found.bound == pytest.approx(2.0 * found.standard)
     points = norm.ppf(np.random.default_rng(3).random((32, 4)))[:4] * sizes @ weights
@@ -197,12 +212,12 @@ def test_rows_that_are_not_in_proportion_are_drawn() -> None:
     def number(change: np.ndarray) -> float:
         return float(slope @ change) ** 2 - 3.0
 
-    found = tabulated.independent(copies(number), sizes)
+    found = tabulated.independent_rows_term(copies(number), sizes)
     assert found.standard == pytest.approx(math.sqrt(np.mean((points @ slope) ** 4)))
     assert found.standard_doubt == pytest.approx(found.standard / 8.0)
     assert found.bound == pytest.approx(2.0 * found.standard)
     for rows, said in ((256, "slopes by all 256"), (257, "64 tables with every row drawn")):
-        linear = tabulated.independent(copies(lambda change: float(change.sum())), np.full(rows, 0.1))
+        linear = tabulated.independent_rows_term(copies(lambda change: float(change.sum())), np.full(rows, 0.1))
         assert said in linear.rule
         assert abs(linear.standard - 0.1 * math.sqrt(rows)) <= 3.0 * linear.standard_doubt + 1e-9
 
@@ -213,7 +228,7 @@ def test_rows_that_are_not_in_proportion_are_drawn() -> None:
 def test_what_rows_have_together_is_one_input(sizes: list[float], size: float, unit: str) -> None:
     """Assert slope, size and doubt of a number that goes as -a p + b p**3 with the whole table's shift."""
     given = np.array(sizes)
-    found = tabulated.common(
+    found = tabulated.common_term(
         copies(lambda change: 2.0 - 0.7 * (change[0] / given[0]) + 0.1 * (change[0] / given[0]) ** 3), given
     )
     assert found.standard == pytest.approx(0.7)
@@ -235,7 +250,7 @@ class Line:
     shares: list[float] = field(default_factory=list)
     loss: Loss = field(default_factory=Loss)
 
-    def looked(self, scaled: np.ndarray, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    def weighted_residuals(self, scaled: np.ndarray, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and slopes of a + b t against 2 + 3 t, with a residue of 0.1 that no line takes away."""
         if self.fails:
             raise xd.InputError("no run comes to its end")
@@ -257,7 +272,7 @@ FREE = (np.full(2, -np.inf), np.full(2, np.inf))
 def test_a_search_ends_in_the_least_sum_of_squares() -> None:
     """Assert estimates, the sum of squares and why it ended, free and between bounds."""
     line = Line()
-    found = search(line, "own", np.array([0.5, 0.5]), *FREE)
+    found = search_from_start(line, "own", np.array([0.5, 0.5]), *FREE)
     best, squares, *_ = np.linalg.lstsq(
         np.stack([np.ones(50), line.times], axis=1), 2 + 3 * line.times - 0.1 * (-1.0) ** np.arange(50), rcond=None
     )
@@ -266,7 +281,7 @@ def test_a_search_ends_in_the_least_sum_of_squares() -> None:
     assert found.square == pytest.approx(float(found.residual @ found.residual))
     assert (found.converged, found.rule, found.slopes.shape) == (True, "own", (50, 2))
     assert found.evaluations >= 2
-    bound = search(line, "own", np.array([9.0, 0.5]), np.array([0.0, 0.0]), np.array([1.0, 5.0]))
+    bound = search_from_start(line, "own", np.array([9.0, 0.5]), np.array([0.0, 0.0]), np.array([1.0, 5.0]))
     assert bound.end[0] == pytest.approx(1.0, abs=1e-6)
     assert (found.bounded.tolist(), bound.bounded.tolist()) == ([False, False], [True, False])
     assert bound.square > 2 * found.square
@@ -275,11 +290,11 @@ def test_a_search_ends_in_the_least_sum_of_squares() -> None:
 def test_a_growing_search_goes_from_part_to_part() -> None:
     """Assert that each part of the time is searched once, from short to all, and evaluations are counted together."""
     line = Line()
-    found = grown(line, "growing", np.array([9.0, -4.0]), *FREE)
+    found = search_growing(line, "growing", np.array([9.0, -4.0]), *FREE)
     assert line.shares == [0.06, 0.12, 0.25, 0.5, 1.0]
     assert found.start.tolist() == [9.0, -4.0]
-    assert found.end == pytest.approx(search(Line(), "own", np.array([0.5, 0.5]), *FREE).end, rel=1e-9)
-    alone = search(Line(), "own", found.end, *FREE).evaluations
+    assert found.end == pytest.approx(search_from_start(Line(), "own", np.array([0.5, 0.5]), *FREE).end, rel=1e-9)
+    alone = search_from_start(Line(), "own", found.end, *FREE).evaluations
     assert found.evaluations >= 4 * alone > 0
 
 
@@ -424,7 +439,7 @@ def test_an_extreme_says_how_it_was_found() -> None:
     ):
         budget = xd.error_budget(model, quantity, method="rk4", step="0.3 s", until="3 s")
         assert str(row(budget, "interpolation").term_rule.values).startswith(rule)
-        assert next(line for line in lines_of(budget) if line.startswith("found")).startswith(f"found     {where}")
+        assert next(line for line in budget_lines(budget) if line.startswith("found")).startswith(f"found     {where}")
         assert float(budget.value) == pytest.approx(value, abs=1e-6)
         assert (float(row(budget, "interpolation").bound) > 0.0) is (quantity == "maximum_y")
     number = row(xd.error_budget(model, "y", at="0.4 s", method="rk4", step="0.3 s", until="3 s"), "interpolation")
@@ -457,7 +472,7 @@ def budget_in_words(**more: Any) -> xr.Dataset:
 
 def test_a_budget_in_words_begins_with_the_largest_share() -> None:
     """Assert order, numbers, signs and units of every line of a budget that was not drawn."""
-    assert list(lines_of(budget_in_words())) == [
+    assert list(budget_lines(budget_in_words())) == [
         "result    time of apex = 3 s",
         "term        kind       standard uncertainty  of the variance  sensitivity times input",
         "g           physical   0.02 s                -70.0%           -2.5 m-1 s2 times 0.008 m s-2",
@@ -482,7 +497,7 @@ def test_a_drawn_budget_in_words_says_both_intervals() -> None:
         2,
         {"flag_values": np.array([0, 1, 2]), "flag_meanings": "adequate not_adequate not_checked"},
     )
-    lines = list(lines_of(found))
+    lines = list(budget_lines(found))
     assert lines[1] == "found     located by an event, at t = 1.5 s"
     assert lines[7:] == [
         "drawn     shortest 95% interval 2.01 to 3.90 s, its ends ± 0.01 s",
@@ -493,8 +508,8 @@ def test_a_drawn_budget_in_words_says_both_intervals() -> None:
     settled = found.drop_attrs(deep=False).assign_attrs(
         {key: attr for key, attr in found.attrs.items() if key != "draws_needed"}
     )
-    assert list(lines_of(settled))[-1].endswith("0.004 s from that of the draws")
-    assert next(line for line in lines_of(found.assign_attrs(time_units="1")) if line.startswith("found")).endswith(
+    assert list(budget_lines(settled))[-1].endswith("0.004 s from that of the draws")
+    assert next(line for line in budget_lines(found.assign_attrs(time_units="1")) if line.startswith("found")).endswith(
         "t = 1.5"
     )
 
@@ -534,7 +549,7 @@ def test_terms_add_up_with_their_doubts() -> None:
             sensitivity_doubt=0.25,
         ),
     ]
-    found = terms_as(model, Target("s", 1.0), parse_unit("m"), 7.0, terms)
+    found = term_variables(model, Target("s", 1.0), parse_unit("m"), 7.0, terms)
     variance = 0.36 + 0.04 - 2 * 0.5 * 0.6 * 0.2
     numbers = {
         name: float(found[name][1])
@@ -564,7 +579,7 @@ def test_terms_add_up_with_their_doubts() -> None:
         ("input_uncertainty", "input_units"),
     ):
         assert found[name][2]["comment"] == f"in the unit that {unit} names"
-    nothing = terms_as(model, Target("s", 1.0), parse_unit("m"), 7.0, [term_of("truncation", "numerical", 0.0)])
+    nothing = term_variables(model, Target("s", 1.0), parse_unit("m"), 7.0, [term_of("truncation", "numerical", 0.0)])
     assert (float(nothing["physical_rss_doubt"][1]), nothing["share"][1].tolist()) == (0.0, [0.0])
 
 
@@ -578,7 +593,7 @@ def test_units_of_slopes_keep_their_names_unless_all_are_base_units() -> None:
         ("kg m", "m", "kg"),
     ):
         term = term_of("a", "physical", 0.1, sensitivity=1.0, input_uncertainty=0.1, input_unit=parse_unit(by))
-        found = terms_as(model, Target("s", 1.0), parse_unit(of), 1.0, [term])["sensitivity_units"][1].tolist()
+        found = term_variables(model, Target("s", 1.0), parse_unit(of), 1.0, [term])["sensitivity_units"][1].tolist()
         assert found == [spelled]
 
 
@@ -588,7 +603,7 @@ def test_levels_and_draws_stand_in_their_units() -> None:
     assert steps.step_size.attrs["units"] == "s"
     assert steps.level_value.attrs["units"] == "g"
     assert budgeted_levels(rtol=1e-5, method="dop853").rtol.attrs["units"] == "1"
-    found = draws_as(Drawn(1.0, 2.0, (3.0, 4.0), (5.0, 6.0), 7.0, 8.0, 9.0), parse_unit("g"), 0.9)
+    found = draw_variables(DrawStatistics(1.0, 2.0, (3.0, 4.0), (5.0, 6.0), 7.0, 8.0, 9.0), parse_unit("g"), 0.9)
     values = {name: np.asarray(value[1]).tolist() for name, value in found.items()}
     assert values == {
         "monte_carlo_mean": 1.0,
@@ -717,10 +732,10 @@ def test_slopes_that_are_in_doubt_are_warned_of(off: float, standard: float, oth
 def test_what_a_budget_is_asked_is_checked(draws: Any, seed: Any, coverage: Any, digits: Any, said: str | None) -> None:
     """Assert borders and kinds of draws, seed, coverage and digits."""
     if said is None:
-        _check(draws, seed, coverage, digits)
+        _check_draw_settings(draws, seed, coverage, digits)
         return
     with pytest.raises(xd.InputError, match=said):
-        _check(draws, seed, coverage, digits)
+        _check_draw_settings(draws, seed, coverage, digits)
 
 
 @pytest.mark.parametrize(
@@ -740,7 +755,7 @@ def test_fits_that_are_not_adequate_have_no_budget(
     model = standing()
     if adequate is not None:
         model = xd.Model.from_text(
-            toml.write(replace(model.statement, fit=Fitted("bench", adequate, "residuals swing")))
+            toml.model_toml(replace(model.statement, fit=Fitted("bench", adequate, "residuals swing")))
         )
 
     def begun(*_: Any) -> None:
@@ -755,9 +770,9 @@ def test_fits_that_are_not_adequate_have_no_budget(
 def test_declared_terms_are_declared() -> None:
     """Assert that nothing else is taken for one."""
     one = Declared("scale", "s", "1 g", at="1 s")
-    assert _declared(one) is one
+    assert _checked_declared(one) is one
     with pytest.raises(xd.InputError, match="terms has 'scale', needs Declared"):
-        _declared("scale")
+        _checked_declared("scale")
 
 
 def fitted_in_words(**more: Any) -> xr.Dataset:
@@ -907,4 +922,4 @@ def test_what_levels_are_limited_by_is_named(interpolation: float, location: flo
         varied=SimpleNamespace(keyword="rtols"),
     )
     found = [Estimate(1.0 + change, interpolation, location, 100, "") for change in (1e-8, 1e-9, 0.0)]
-    assert Compared.of(levels, *found).judgement.verdict == verdict
+    assert LevelComparison.from_estimates(levels, *found).judgement.verdict == verdict

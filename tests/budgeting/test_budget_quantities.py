@@ -13,8 +13,8 @@ from scipy.stats import chi2, norm
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.budgeting import residuals
-from xdynamics.budgeting.montecarlo import Drawn, drawn, draws_needed
-from xdynamics.budgeting.rounding import rounded
+from xdynamics.budgeting.montecarlo import DrawStatistics, draw_statistics, draws_needed
+from xdynamics.budgeting.rounding import rounded_result
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.diagnosing.cycles import cycles
 
@@ -200,25 +200,25 @@ def test_a_periods_uncertainty_is_that_of_both_crossings() -> None:
 )
 def test_a_number_is_rounded_by_its_expanded_uncertainty(given: tuple[float, float, float, str], text: str) -> None:
     """Assert two digits of twice the standard uncertainty, the value to the same place, and powers of ten."""
-    assert rounded(*given) == text
+    assert rounded_result(*given) == text
 
 
 def test_few_draws_are_refused_by_their_number() -> None:
     """Assert the fewest that an interval is taken of, and both ends of the mean and the standard deviation of numbers in a row."""
-    found = drawn(np.arange(40.0), 0.9)
+    found = draw_statistics(np.arange(40.0), 0.9)
     assert (found.mean, found.symmetric, found.shortest) == (19.5, (1.0, 37.0), (0.0, 36.0))
     assert found.standard == pytest.approx(math.sqrt(40 * 41 / 12))
     assert (found.ends_doubt, found.ends_reach) == (math.inf, math.inf)
     with pytest.raises(xd.InputError, match="39 draws are too few for an interval of 0.9"):
-        drawn(np.arange(39.0), 0.9)
+        draw_statistics(np.arange(39.0), 0.9)
     with pytest.raises(xd.InputError, match="too few for an interval of 0.99"):
-        drawn(np.arange(40.0), 0.99)
+        draw_statistics(np.arange(40.0), 0.99)
 
 
 @pytest.mark.parametrize(("standard", "apart", "count"), [(0.061, 0.002, 4000), (0.02, 0.0, 400), (0.9, 0.2, 1000)])
 def test_the_number_of_draws_that_settles_a_verdict(standard: float, apart: float, count: int) -> None:
     """Assert four and a half standard uncertainties of an end between the tolerance and the distance without its chance."""
-    found = Drawn(0.0, standard, (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0)
+    found = DrawStatistics(0.0, standard, (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0)
     single = standard * math.sqrt(0.025 * 0.975) / 0.0584451
     tolerance = {0.061: 0.005, 0.02: 0.005, 0.9: 0.05}[standard]
     away = math.sqrt(max(apart**2 - 2.0 * single**2 / count, 0.0))
@@ -234,12 +234,12 @@ def test_the_number_of_draws_that_settles_a_verdict(standard: float, apart: floa
 def test_residuals_far_below_their_uncertainties_are_no_matter(size: float, adequate: bool, said: str) -> None:
     """Assert a tenth of the uncertainties as the border, under which the order of residuals does not count."""
     row = size * np.repeat([1.0, -1.0], 20)
-    found = residuals.tested(float(row @ row), 40, [row], [np.arange(40.0)], known=True)
+    found = residuals.judge_residuals(float(row @ row), 40, [row], [np.arange(40.0)], has_uncertainties=True)
     assert found.adequate is adequate
     assert said in found.text
     noise = np.tile([1.0, 1.0, -1.0, -1.0], 10) * 0.5
     assert (
-        residuals.tested(float(noise @ noise), 40, [noise], [np.arange(40.0)], known=True).text
+        residuals.judge_residuals(float(noise @ noise), 40, [noise], [np.arange(40.0)], has_uncertainties=True).text
         == "residuals are no more than noise"
     )
 
@@ -248,7 +248,7 @@ def test_residuals_far_below_their_uncertainties_are_no_matter(size: float, adeq
 def test_residuals_that_are_less_likely_than_a_thousandth_are_no_noise(probability: float, adequate: bool) -> None:
     """Assert the border of sums of squares, and that of runs of one sign of as many quantities as there are."""
     square, noise = float(chi2.isf(probability, 40)), np.tile([1.0, 1.0, -1.0, -1.0], 10)
-    found = residuals.tested(square, 40, [noise], [np.arange(40.0)], known=True)
+    found = residuals.judge_residuals(square, 40, [noise], [np.arange(40.0)], has_uncertainties=True)
     assert found.adequate is adequate
     assert found.chi_square_probability == pytest.approx(probability, rel=1e-9)
     for above, below in ((30, 10), (1, 20), (8, 8), (0, 20)):
@@ -261,7 +261,7 @@ def test_residuals_that_are_less_likely_than_a_thousandth_are_no_noise(probabili
     one = residuals.runs_probability(row)
     assert 1.9e-4 < one < 2e-4
     for count, fits in ((1, False), (5, False), (6, True)):
-        several = residuals.tested(40.0, 40, [row] * count, [np.arange(24.0)] * count, known=True)
+        several = residuals.judge_residuals(40.0, 40, [row] * count, [np.arange(24.0)] * count, has_uncertainties=True)
         assert several.runs_probability == pytest.approx(count * one, rel=1e-12)
         assert several.adequate is fits
 
@@ -271,4 +271,9 @@ def test_without_uncertainties_all_residuals_have_to_be_slight(sizes: tuple[floa
     """Assert a thousandth of the deviation of the data as the border, for every quantity."""
     rows = [size * np.repeat([1.0, -1.0], 20) for size in sizes]
     measured = [np.tile([1.0, -1.0], 20)] * 2
-    assert residuals.tested(float(sum(row @ row for row in rows)), 80, rows, measured, known=False).adequate is adequate
+    assert (
+        residuals.judge_residuals(
+            float(sum(row @ row for row in rows)), 80, rows, measured, has_uncertainties=False
+        ).adequate
+        is adequate
+    )

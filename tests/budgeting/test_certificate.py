@@ -14,8 +14,8 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.budgeting.certificate import _apart, _gates, lines_of
-from xdynamics.budgeting.rounding import rounded
+from xdynamics.budgeting.certificate import _decide_gates, _differences, certificate_lines
+from xdynamics.budgeting.rounding import rounded_result
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 ASKED: dict[str, Any] = {
@@ -90,7 +90,7 @@ def budget_by_hand(**more: Any) -> xr.Dataset:
 def test_each_gate_has_its_own_border(more: dict[str, Any], verdicts: list[int], failed: str) -> None:
     """Assert which gate a number fails by hand-made figures, that the border is passed, and what is said of it."""
     ledger = xr.Dataset({"verdict": ("case", np.array(verdicts))})
-    found = _gates(budget_by_hand(**more), ledger, drawn=False)
+    found = _decide_gates(budget_by_hand(**more), ledger, drawn=False)
     assert [name for name, verdict, _ in found if verdict != "passed"] == [failed] * bool(failed)
     assert [verdict for *_, verdict, _ in found if verdict not in ("passed", "failed")] == []
     said = {name: why for name, _, why in found}
@@ -109,7 +109,7 @@ def test_gates_of_levels_and_draws_have_their_words() -> None:
     for verdict in range(len(VERDICTS)):
         budget = budget_by_hand(verdict=verdict)
         budget["level_verdict"].attrs["flag_meanings"] = " ".join(VERDICTS)
-        gate = _gates(budget, ledger, drawn=False)[2]
+        gate = _decide_gates(budget, ledger, drawn=False)[2]
         word = VERDICTS[verdict].replace("pre_", "pre-").replace("_", " ")
         assert gate == (
             "convergence",
@@ -121,9 +121,11 @@ def test_gates_of_levels_and_draws_have_their_words() -> None:
         (NOT_ADEQUATE, "failed", "the linear budget is not adequate"),
         (NOT_CHECKED, "not_checked", "the linear budget is not checked: nothing was drawn; 10000 draws tell as a rule"),
     ):
-        assert _gates(budget_by_hand(linear=linear), ledger, drawn=True)[-1] == ("linear_budget", verdict, said)
+        assert _decide_gates(budget_by_hand(linear=linear), ledger, drawn=True)[-1] == ("linear_budget", verdict, said)
     few = budget_by_hand(linear=NOT_CHECKED, attributes={"draws_needed": 2300.0, "draws": 400})
-    assert _gates(few, ledger, drawn=True)[-1][2].endswith("checked: 400 draws leave it open, about 2300 settle it")
+    assert _decide_gates(few, ledger, drawn=True)[-1][2].endswith(
+        "checked: 400 draws leave it open, about 2300 settle it"
+    )
 
 
 def test_what_is_apart_is_named_with_both_values() -> None:
@@ -132,17 +134,17 @@ def test_what_is_apart_is_named_with_both_values() -> None:
         {"a": ("x", [1.0, np.nan, 3.0]), "b": ((), 2.0), "c": ("x", ["u", "v", "w"])},
         attrs={"of": "y", "seed": 5, "extra": 1},
     )
-    assert _apart(again.copy(), again) == []
-    assert _apart(again.drop_vars("b"), again) == ["'b' is missing"]
-    assert _apart(again.assign(d=1.0), again) == ["'d' is added"]
-    assert _apart(again.assign(a=("z", [1.0, 2.0])), again) == ["'a' has the shape (2,), and comes out as (3,)"]
-    assert _apart(again.assign(a=("x", [1.0, np.nan, 4.0])), again) == ["'a'[2] is 4.0, and comes out as 3.0"]
-    assert _apart(again.assign(a=("x", [1.0, 5.0, 3.0])), again) == ["'a'[1] is 5.0, and comes out as nan"]
-    assert _apart(again.assign(b=2.5), again) == ["'b' is 2.5, and comes out as 2.0"]
-    assert _apart(again.assign(b=np.nan), again) == ["'b' is nan, and comes out as 2.0"]
-    assert _apart(again.assign(c=("x", ["u", "q", "w"])), again) == ["'c'[1] is q, and comes out as v"]
-    assert _apart(again.assign_attrs(seed=6, extra=2), again) == ["attribute 'seed' is 6, and comes out as 5"]
-    assert _apart(again.assign_attrs(seed="5"), again) == []
+    assert _differences(again.copy(), again) == []
+    assert _differences(again.drop_vars("b"), again) == ["'b' is missing"]
+    assert _differences(again.assign(d=1.0), again) == ["'d' is added"]
+    assert _differences(again.assign(a=("z", [1.0, 2.0])), again) == ["'a' has the shape (2,), and comes out as (3,)"]
+    assert _differences(again.assign(a=("x", [1.0, np.nan, 4.0])), again) == ["'a'[2] is 4.0, and comes out as 3.0"]
+    assert _differences(again.assign(a=("x", [1.0, 5.0, 3.0])), again) == ["'a'[1] is 5.0, and comes out as nan"]
+    assert _differences(again.assign(b=2.5), again) == ["'b' is 2.5, and comes out as 2.0"]
+    assert _differences(again.assign(b=np.nan), again) == ["'b' is nan, and comes out as 2.0"]
+    assert _differences(again.assign(c=("x", ["u", "q", "w"])), again) == ["'c'[1] is q, and comes out as v"]
+    assert _differences(again.assign_attrs(seed=6, extra=2), again) == ["attribute 'seed' is 6, and comes out as 5"]
+    assert _differences(again.assign_attrs(seed="5"), again) == []
 
 
 def test_a_certificate_in_words() -> None:
@@ -162,7 +164,7 @@ def test_a_certificate_in_words() -> None:
         "extreme_rule": "located",
         "extreme_time": 1.5,
     }
-    assert lines_of(found) == [
+    assert certificate_lines(found) == [
         "result    maximum of y = 3 m",
         "found     located by an event, at t = 1.5 s",
         "failed    numerical part: too large",
@@ -237,9 +239,9 @@ def test_a_small_uncertainty_of_old_is_written_otherwise(certificate: xr.Dataset
     old, new = certificate.copy(), certificate.copy()
     new.attrs["result"] = "3.71119880 ± 5.3e-7 s (k = 2)"
     old.attrs["result"] = "3.71119880 ± 0.00000053 s (k = 2)"
-    assert _apart(old, new) == []
+    assert _differences(old, new) == []
     old.attrs["result"] = "3.71119880 ± 0.00000054 s (k = 2)"
-    assert len(_apart(old, new)) == 1
+    assert len(_differences(old, new)) == 1
 
 
 def test_a_certificate_of_old_has_twice_what_was_drawn() -> None:
@@ -250,7 +252,7 @@ def test_a_certificate_of_old_has_twice_what_was_drawn() -> None:
     old = now.isel(gate=now.gate_name.values != "record").drop_vars("run_contradiction")
     old.attrs["asked"] = json.dumps(asked, sort_keys=True)
     value, drawn = float(now.value), float(now.monte_carlo_standard_uncertainty)
-    former = rounded(value, drawn, float(now.numerical_bound), "kg", "k = 2, drawn")
+    former = rounded_result(value, drawn, float(now.numerical_bound), "kg", "k = 2, drawn")
     old = old.assign(result=((), former, now.result.attrs)).assign_attrs(result=former)
     assert "± 0.15)e-6 kg (k = 2, drawn" in former
     assert xd.recheck(old).attrs["result"] == former
@@ -453,9 +455,9 @@ def test_the_number_of_draws_that_is_told_settles_it(case: int) -> None:
         ADEQUATE,
         NOT_ADEQUATE,
         NOT_CHECKED,
-        drawn,
+        draw_statistics,
         draws_needed,
-        judged,
+        judge_linear,
         tolerance_of,
     )
 
@@ -476,8 +478,8 @@ def test_the_number_of_draws_that_is_told_settles_it(case: int) -> None:
     count, rounds, verdict = 100, 0, NOT_CHECKED
     while verdict == NOT_CHECKED and rounds < 5 and count < 2_000_000:
         normal = rng.standard_normal(count)
-        found = drawn(3.0 + spread * (normal + bent * normal**2), 0.95)
-        verdict, apart = judged(3.0, spread, found, 0.95)
+        found = draw_statistics(3.0 + spread * (normal + bent * normal**2), 0.95)
+        verdict, apart = judge_linear(3.0, spread, found, 0.95)
         needed, rounds = draws_needed(apart, found, count, 0.95), rounds + 1
         assert needed > count
         count = round(needed)

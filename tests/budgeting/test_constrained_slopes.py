@@ -8,7 +8,7 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.budgeting.measurand import Target
-from xdynamics.budgeting.slopes import slopes_along
+from xdynamics.budgeting.slopes import variational_slopes
 from xdynamics.dynamics.variational import NotVariedError
 
 ROD = """
@@ -62,7 +62,7 @@ def test_slopes_of_a_rod_are_those_of_differences(text: str) -> None:
     model = xd.Model.from_text(text)
     run = xd.simulate(model, **SETTINGS)
     for quantity in ("x", "v_y"):
-        slopes = slopes_along(run, model, Target(quantity, at=1.3), list(VALUES))
+        slopes = variational_slopes(run, model, Target(quantity, at=1.3), list(VALUES))
         assert slopes["x"] == pytest.approx(0.0, abs=1e-12)  # the rod takes it back
         for name in ("m", "L", "g", "c", "v_y"):
             assert slopes[name] == pytest.approx(differences(text, name, quantity), rel=1e-7), name
@@ -74,8 +74,8 @@ def test_a_start_that_may_not_follow_is_varied_by_what_the_rod_allows() -> None:
     model = xd.Model.from_text(text)
     run = xd.simulate(model, **SETTINGS)
     with pytest.raises(NotVariedError, match="moves the start from where constraints hold"):
-        slopes_along(run, model, Target("x", at=1.3), ["L"])
-    slopes = slopes_along(run, model, Target("x", at=1.3), ["g", "v_y"])
+        variational_slopes(run, model, Target("x", at=1.3), ["L"])
+    slopes = variational_slopes(run, model, Target("x", at=1.3), ["g", "v_y"])
     assert slopes["g"] == pytest.approx(differences(text, "g", "x"), rel=1e-7)
 
 
@@ -85,7 +85,7 @@ def test_the_time_of_an_event_has_slopes_on_a_rod() -> None:
     model = xd.Model.from_text(still)
     run = xd.simulate(model, **SETTINGS | {"until": 2.0})
     time = float(run.event_time[0])
-    slopes = slopes_along(run, model, Target("t", event="low", occurrence=1), ["g", "L"])
+    slopes = variational_slopes(run, model, Target("t", event="low", occurrence=1), ["g", "L"])
     assert slopes["g"] == pytest.approx(-time / (2 * 9.81), rel=1e-8)  # t ~ sqrt(L/g)
     assert slopes["L"] == pytest.approx(time / (2 * 1.5), rel=1e-8)
 

@@ -16,11 +16,11 @@ from scipy.stats import t as student
 import xdynamics as xd
 from cases.command_line import call
 from xdynamics.budgeting.fit_intervals import quantile
-from xdynamics.budgeting.fit_problem import Asked
-from xdynamics.budgeting.losses import Loss, loss_named
-from xdynamics.budgeting.multistart import search
+from xdynamics.budgeting.fit_problem import FitRecord
+from xdynamics.budgeting.losses import Loss, loss_by_name
+from xdynamics.budgeting.multistart import search_from_start
 from xdynamics.documenting.summary import summary
-from xdynamics.evidence.comparing.measured import measured
+from xdynamics.evidence.comparing.measured import read_measured_data
 from xdynamics.units import parse_unit
 
 G = 9.81
@@ -175,8 +175,8 @@ def test_offsets_without_room_are_refused(swung: Any, until: str, bounds: Any, s
 def test_many_offsets_are_marched_in_parts(swung: Any) -> None:
     """Assert the rows of twenty unlike offsets, in the order in which they were given."""
     model, at = spring(), swung[0]
-    table = measured(pd.DataFrame({"time [s]": at, "x [m]": swung[1]}), ("x",), "refuse", model.time_unit)
-    asked = Asked(model, ("k", "offset"), table, {"x": parse_unit("m")}, {})
+    table = read_measured_data(pd.DataFrame({"time [s]": at, "x [m]": swung[1]}), ("x",), "refuse", model.time_unit)
+    asked = FitRecord(model, ("k", "offset"), table, {"x": parse_unit("m")}, {})
     zeros = -4.2 - np.random.default_rng(2).permutation(20) / 10.0
     rows = asked.computed(np.column_stack([np.full(20, 8.0), zeros]))
     assert rows == pytest.approx(np.array([swing(8.0, zero, at) for zero in zeros]), abs=1e-8)
@@ -331,7 +331,7 @@ class Line:
     loss: Loss
     design: np.ndarray = field(default_factory=lambda: np.column_stack([np.ones(6), np.linspace(0.0, 4.0, 6)]))
 
-    def looked(self, scaled: np.ndarray, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    def weighted_residuals(self, scaled: np.ndarray, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and slopes of a line against zero and noise."""
         assert share == 1.0
         return self.design @ scaled - self.noise, self.design
@@ -359,12 +359,12 @@ def test_intervals_hold_the_true_number(loss: str, outliers: float, known: bool,
     design = np.column_stack([np.ones(size), np.linspace(0.0, 4.0, size)])
     for _ in range(count):
         noise = rng.standard_normal(size) * np.where(rng.random(size) < outliers, 10.0, 1.0)
-        problem = Line(noise, loss_named(loss), design)
-        found = search(problem, "own", np.zeros(2), -free_ends, free_ends)
+        problem = Line(noise, loss_by_name(loss), design)
+        found = search_from_start(problem, "own", np.zeros(2), -free_ends, free_ends)
         covariance = np.linalg.inv(found.slopes.T @ found.slopes)
         if not known or loss != "linear":
             covariance *= problem.loss.variance(found.residual, 2)
-        half = quantile(wanted, size - 2, known=known) * np.sqrt(np.diag(covariance))
+        half = quantile(wanted, size - 2, has_uncertainties=known) * np.sqrt(np.diag(covariance))
         held += int(np.sum(np.abs(found.end) < half))
     assert abs(held / (2 * count) - wanted) < 0.035  # two of the 300 spreads of a share
 
@@ -436,6 +436,6 @@ def test_the_variance_of_a_robust_estimate_is_hubers() -> None:
     residuals = np.array([0.5, -0.5, 3.0, -0.2])
     squares, mean, spread = 0.5**2 + 0.5**2 + 1.345**2 + 0.2**2, 0.75, 0.1875
     wanted = (1.0 + 2 / 4 * spread / mean**2) ** 2 * squares / 2 / mean**2
-    assert loss_named("huber").variance(residuals, 2) == pytest.approx(wanted, rel=1e-14)
-    assert loss_named("linear").variance(residuals, 2) == pytest.approx(float(residuals @ residuals) / 2, rel=1e-14)
-    assert loss_named("huber").variance(np.full(4, 9.0), 2) == np.inf
+    assert loss_by_name("huber").variance(residuals, 2) == pytest.approx(wanted, rel=1e-14)
+    assert loss_by_name("linear").variance(residuals, 2) == pytest.approx(float(residuals @ residuals) / 2, rel=1e-14)
+    assert loss_by_name("huber").variance(np.full(4, 9.0), 2) == np.inf

@@ -17,9 +17,9 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.verdicts import verified
 from xdynamics.budgeting import residuals
-from xdynamics.budgeting.fit_problem import Asked, FittedNumber, Fitting, with_slopes
-from xdynamics.budgeting.fit_records import bounds_of, scales_of
-from xdynamics.budgeting.fitting import _covariance, _fitted
+from xdynamics.budgeting.fit_problem import FitRecord, FittedNumber, Fitting, with_slopes
+from xdynamics.budgeting.fit_records import fit_bounds, number_scales
+from xdynamics.budgeting.fitting import _covariance, _fitted_model
 from xdynamics.budgeting.multistart import Search
 from xdynamics.evidence.comparing.measured import Measured
 from xdynamics.units import Unit, parse_unit
@@ -87,7 +87,7 @@ def test_without_uncertainties_residuals_tell_them() -> None:
     assert math.sqrt(untold.attrs["residual_variance"]) == pytest.approx(2e-3, rel=0.1)
 
 
-class ByHand(Asked):
+class ByHand(FitRecord):
     """A fit of x = a t + b**3 and v = a, whose numbers are known without a march."""
 
     def computed(self, values: np.ndarray, *, whole: bool = True) -> np.ndarray:
@@ -125,25 +125,25 @@ def test_what_is_fitted_has_the_models_units_and_its_weights() -> None:
     assert asked.measured == pytest.approx(measured)
     assert asked.weights == pytest.approx(weights)
     assert by_hand(told=False).weights.tolist() == [1.0] * 10
-    assert asked.within(0.2).tolist() == [True, False, True, False, False] * 2
-    assert asked.within(0.39).sum() == 4
-    assert asked.within(0.4).sum() == 6
-    assert asked.within(1.0).all()
-    problem = Fitting.alone(asked, np.array([2.0, 0.5]))
+    assert asked.in_first_share(0.2).tolist() == [True, False, True, False, False] * 2
+    assert asked.in_first_share(0.39).sum() == 4
+    assert asked.in_first_share(0.4).sum() == 6
+    assert asked.in_first_share(1.0).all()
+    problem = Fitting.of_record(asked, np.array([2.0, 0.5]))
     scaled, t = np.array([1.5, 4.0]), asked.data.times
     rows, slopes = np.concatenate([3.0 * t + 8.0, np.full(5, 3.0)]), np.zeros((10, 2))
     slopes[:5, 0], slopes[5:, 0], slopes[:5, 1] = t, 1.0, 12.0
     assert asked.computed(scaled[None] * problem.scales)[0] == pytest.approx(rows)
     for slope, wanted in zip(with_slopes(asked, scaled * problem.scales, problem.scales), (rows, slopes), strict=True):
         assert slope == pytest.approx(wanted, abs=1e-9)
-    found, steep = problem.looked(scaled)
+    found, steep = problem.weighted_residuals(scaled)
     assert found == pytest.approx((rows - measured) * weights)
     assert steep == pytest.approx(slopes * weights[:, None] * [2.0, 0.5], abs=1e-9)
-    part = asked.within(0.2)
-    assert problem.looked(scaled, 0.2)[0] == pytest.approx(((rows - measured) * weights)[part])
+    part = asked.in_first_share(0.2)
+    assert problem.weighted_residuals(scaled, 0.2)[0] == pytest.approx(((rows - measured) * weights)[part])
     assert problem.squares(scaled[None], 0.2) == pytest.approx([np.sum((((rows - measured) * weights)[part]) ** 2)])
     with pytest.raises(xd.InputError, match="2 numbers are too few"):
-        problem.looked(scaled, 0.0)
+        problem.weighted_residuals(scaled, 0.0)
 
 
 def test_a_run_that_ends_before_is_named_with_its_numbers() -> None:
@@ -158,9 +158,9 @@ def test_a_run_that_ends_before_is_named_with_its_numbers() -> None:
         events={"far": {"function": "x - 4.5*metre", "action": "stop"}},
     )
     data = Measured("bench", np.array([4.0, 1.0, 2.0]), parse_unit("s"), {"x": (np.zeros(3), parse_unit("m"))}, {})
-    asked = Asked(model, ("x", "v_x"), data, {"x": parse_unit("m")}, {"method": "rk4", "step": 0.5, "until": 4.0})
+    asked = FitRecord(model, ("x", "v_x"), data, {"x": parse_unit("m")}, {"method": "rk4", "step": 0.5, "until": 4.0})
     values = np.array([[0.25, 1.0], [0.0, 2.0], [0.5, 0.5]])
-    found = asked.computed(values, whole=False)
+    found = asked.computed(values, require_all=False)
     assert found[[0, 2]] == pytest.approx(np.array([[4.25, 1.25, 2.25], [2.5, 1.0, 1.5]]))
     assert found[1] == pytest.approx([np.nan, 2.0, 4.0], nan_ok=True)
     assert asked.computed(values[[0, 2]]) == pytest.approx(found[[0, 2]])
@@ -177,10 +177,12 @@ def test_residuals_are_tested_quantity_by_quantity_in_the_order_of_time() -> Non
     noise: dict[str, tuple[np.ndarray, Unit]] = {"x": (np.arange(20.0), mm), "v": (np.arange(20.0), speed)}
     doubts = {name: (np.ones(20), unit) for name, (_, unit) in noise.items()}
     own = by_hand()
-    asked = Asked(own.model, own.names, Measured("bench", times, parse_unit("s"), noise, doubts), own.quantities, {})
+    asked = FitRecord(
+        own.model, own.names, Measured("bench", times, parse_unit("s"), noise, doubts), own.quantities, {}
+    )
     signs = np.concatenate([np.where(times < 10, 1.0, -1.0), np.tile([1.0, -1.0], 10)])
     search = Search("", np.zeros(2), np.zeros(2), 40.0, 1, True, "", signs)
-    found = Fitting.alone(asked, np.ones(2)).tested(search)
+    found = Fitting.of_record(asked, np.ones(2)).residual_tests(search)
     assert (found.adequate, found.text[:36]) == (False, "residuals are not in a random order ")
     assert found.chi_square_probability == pytest.approx(float(chi2.sf(40.0, 38)))
 
@@ -188,30 +190,30 @@ def test_residuals_are_tested_quantity_by_quantity_in_the_order_of_time() -> Non
 def test_sizes_and_bounds_of_numbers() -> None:
     """Assert a number's own size, else half of what bounds leave, its uncertainty, or one; and bounds in its own unit."""
     own = by_hand()
-    asked = Asked(own.model, ("a", "b", "x", "v_x"), own.data, own.quantities, {})
+    asked = FitRecord(own.model, ("a", "b", "x", "v_x"), own.data, own.quantities, {})
     free, alone = np.full(4, np.inf), ((asked,), [*map(FittedNumber, asked.names)])
     start = np.array([asked.declared(name).value for name in asked.names])
     assert start.tolist() == [2.0, 0.0, 0.0, 0.0]
-    assert scales_of(*alone, -start, -free, free).tolist() == [2.0, 0.25, 3.0, 1.0]
-    low, high = bounds_of(*alone, {"b": ("-1 kg", "3 kg"), "v_x": (0.0, 5.0), "a": ("2 mm s-1", "1 m s-1")})
+    assert number_scales(*alone, -start, -free, free).tolist() == [2.0, 0.25, 3.0, 1.0]
+    low, high = fit_bounds(*alone, {"b": ("-1 kg", "3 kg"), "v_x": (0.0, 5.0), "a": ("2 mm s-1", "1 m s-1")})
     assert low.tolist() == [2.0, -1000.0, -np.inf, 0.0]
     assert high.tolist() == pytest.approx([1000.0, 3000.0, np.inf, 5.0])
-    assert scales_of(*alone, start, low, high).tolist() == [2.0, 2000.0, 3.0, 2.5]
+    assert number_scales(*alone, start, low, high).tolist() == [2.0, 2000.0, 3.0, 2.5]
     for ends in ((2.0, 2.0), (3.0, 1.0), (2.1, 3.0), (0.0, 1.9), (0.0, 1.0, 5.0)):
         with pytest.raises(xd.InputError, match="need the lowest, then the highest, and 2.0 mm s-1 between them"):
-            bounds_of(*alone, {"a": ends})
+            fit_bounds(*alone, {"a": ends})
 
 
 def test_a_covariance_is_the_inverse_of_the_normal_matrix() -> None:
     """Assert it and the condition of columns of one length by hand, and who is named where columns tell the same."""
     asked, slopes = by_hand(), np.array([[3.0, 0.0], [4.0, 2.0]])
-    alone = Fitting.alone(asked, np.ones(2))
+    alone = Fitting.of_record(asked, np.ones(2))
     covariance, condition = _covariance(alone, slopes)
     assert covariance == pytest.approx(np.linalg.inv(slopes.T @ slopes))
     assert condition == pytest.approx(math.sqrt(1.8 / 0.2))  # columns of length 1 at an angle whose cosine is 0.8
     with pytest.raises(xd.InputError, match="do not change with 'b'"):
         _covariance(alone, np.array([[3.0, 0.0], [4.0, 0.0]]))
-    three = Fitting.alone(Asked(asked.model, ("a", "b", "c"), asked.data, asked.quantities, {}), np.ones(3))
+    three = Fitting.of_record(FitRecord(asked.model, ("a", "b", "c"), asked.data, asked.quantities, {}), np.ones(3))
     for off, said in ((1e-9, "do not tell a and c apart"), (3e-8, None)):
         columns = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2 * off]])
         if said is None:
@@ -224,10 +226,10 @@ def test_a_covariance_is_the_inverse_of_the_normal_matrix() -> None:
 def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
     """Assert values, uncertainties and correlations of what was fitted, 1 at most, and those of others alone."""
     own = by_hand()
-    asked = Asked(own.model, ("a", "c", "v_x"), own.data, own.quantities, {})
+    asked = FitRecord(own.model, ("a", "c", "v_x"), own.data, own.quantities, {})
     correlation = np.array([[1.0, -0.5, 1.0 + 1e-12], [-0.5, 1.0, -0.5], [1.0 + 1e-12, -0.5, 1.0]])
-    mark = residuals.Tested(0.5, 0.5, True, "residuals are no more than noise")
-    found = _fitted(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.25, 0.125]), correlation, mark)
+    mark = residuals.ResidualTests(0.5, 0.5, True, "residuals are no more than noise")
+    found = _fitted_model(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.25, 0.125]), correlation, mark)
     numbers = {
         name: (found.uncertain[name].quantity.value, found.uncertain[name].uncertainty)
         for name in ("a", "c", "v_x", "x")
@@ -246,7 +248,7 @@ def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
         True,
         "residuals are no more than noise",
     )
-    known = _fitted(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.0, 0.125]), correlation, mark)
+    known = _fitted_model(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.0, 0.125]), correlation, mark)
     assert dict(known.statement.correlations) == {("a", "v_x"): 1.0, ("x", "d"): 0.25}
 
 

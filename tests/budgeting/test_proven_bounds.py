@@ -13,8 +13,8 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.smooth_models import oscillator
 from cases.stages import assert_described, assert_same_bits
-from xdynamics.budgeting.budget_summary import lines_of
-from xdynamics.budgeting.certificate import _gates
+from xdynamics.budgeting.budget_summary import budget_lines
+from xdynamics.budgeting.certificate import _decide_gates
 
 ASKED: dict[str, Any] = {"method": "rk4", "step": "0.1 s", "without": ["roundoff", "k"], "proven": True}
 
@@ -45,7 +45,7 @@ def test_the_number_lies_within_what_is_proven(quantity: str, where: dict[str, A
     assert off == np.nextafter(max(value - low, high - value), 1.0)
     assert abs(value - exact) <= off <= float(budget.numerical_bound)
     assert budget.proven_error.attrs["units"] == budget.value.attrs["units"]
-    assert sum(line.startswith("proven    ") for line in lines_of(budget)) == 1
+    assert sum(line.startswith("proven    ") for line in budget_lines(budget)) == 1
 
 
 def test_where_nothing_is_proven() -> None:
@@ -54,7 +54,7 @@ def test_where_nothing_is_proven() -> None:
     budget = xd.error_budget(ball, "t", event="ground", **ASKED | {"only": ["truncation"], "without": None})
     assert np.isnan(budget.proven_interval.values).all()
     assert "no bounds are proven after t = 1.7" in str(budget.proven_text.item())
-    assert [line for line in lines_of(budget) if line.startswith("proven    nothing: no bounds")]
+    assert [line for line in budget_lines(budget) if line.startswith("proven    nothing: no bounds")]
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_the_gate_of_proven_bounds(interval: tuple[float, float], verdict: str) 
     }
     budget = budget.assign({name: ((), number) for name, number in numbers.items()} | {"proven_text": ((), "why")})
     ledger = xr.Dataset({"verdict": ("case", np.array([0]))})
-    found = {name: became for name, became, _ in _gates(budget, ledger, drawn=False)}
+    found = {name: became for name, became, _ in _decide_gates(budget, ledger, drawn=False)}
     assert found["proven"] == verdict
 
 

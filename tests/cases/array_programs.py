@@ -25,9 +25,9 @@ from xdynamics.kernels.program import (
     WORDS,
     Compute,
     Load,
+    Location,
     Loop,
     Ordinal,
-    Place,
     Program,
     Reduction,
     StoreTo,
@@ -41,11 +41,11 @@ AXES = "xyz"
 def gravity(n: int, *, by_body: bool = False) -> Program:
     """Accelerations of n bodies, `z`, by their places, `y`, and masses, `p`; coordinates axis by axis, or body by body."""
 
-    def vector(array: str, axis: int, index: str) -> Place:
-        return Place(array, axis, ((index, 3),)) if by_body else Place(array, axis * n, ((index, 1),))
+    def vector(array: str, axis: int, index: str) -> Location:
+        return Location(array, axis, ((index, 3),)) if by_body else Location(array, axis * n, ((index, 1),))
 
     inner = [Load(f"{a}j", vector("y", k, "j")) for k, a in enumerate(AXES)]
-    inner += [Load("mj", Place("p", 0, (("j", 1),))), Ordinal("nj", "j"), Compute("other", "unequal", ("ni", "nj"))]
+    inner += [Load("mj", Location("p", 0, (("j", 1),))), Ordinal("nj", "j"), Compute("other", "unequal", ("ni", "nj"))]
     inner += [Compute(f"d{a}", "subtract", (f"{a}j", f"{a}i")) for a in AXES]
     inner += [Compute(f"s{a}", "multiply", (f"d{a}", f"d{a}")) for a in AXES]
     inner += [Compute("sxy", "add", ("sx", "sy")), Compute("d2", "add", ("sxy", "sz")), Compute("d", "sqrt", ("d2",))]
@@ -75,8 +75,8 @@ def plain_gravity(places: Floats, masses: Floats) -> Floats:
 def enclosed(program: Program) -> Program:
     """The program for intervals: in place of every number two, its lower and its upper bound, one after the other."""
 
-    def doubled(place: Place, more: int) -> Place:
-        return Place(place.array, 2 * place.offset + more, tuple((index, 2 * by) for index, by in place.strides))
+    def doubled(place: Location, more: int) -> Location:
+        return Location(place.array, 2 * place.offset + more, tuple((index, 2 * by) for index, by in place.strides))
 
     def lines(body: tuple[Any, ...], exact: set[str]) -> tuple[Any, ...]:
         found: list[Any] = []
@@ -84,12 +84,12 @@ def enclosed(program: Program) -> Program:
             match line:
                 case Load():
                     ends = [f"{line.target}_{end}" for end in ("low", "high")]
-                    found += [Load(end, doubled(line.place, k)) for k, end in enumerate(ends)]
+                    found += [Load(end, doubled(line.location, k)) for k, end in enumerate(ends)]
                     found.append(Compute(line.target, "between", tuple(ends), INTERVAL))
                 case StoreTo():
                     for k, end in enumerate(("low", "high")):
                         found.append(Compute(f"{line.value}_{end}", end, (line.value,), INTERVAL))
-                        found.append(StoreTo(doubled(line.place, k), f"{line.value}_{end}"))
+                        found.append(StoreTo(doubled(line.location, k), f"{line.value}_{end}"))
                 case Compute() if exact.issuperset(line.arguments):
                     exact.add(line.target)
                     found.append(line)
@@ -116,7 +116,7 @@ def bound(
     program: Program, *called: Program, runs: int = 1, abreast: int = 1, apart: int = 0, **arrays: Floats
 ) -> Callable[[], None]:
     """Compile the program and return a call of it with these arrays; elements of a row of the log are so far apart."""
-    code = machine.Code(machine.built(llvm_of([*called, program], runs, abreast=abreast)), [program.name])
+    code = machine.Code(machine.build_object(llvm_of([*called, program], runs, abreast=abreast)), [program.name])
     entry = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(code.addresses[program.name])
     table = np.zeros(WORDS * len(TABLE), np.int64)
     for name, array in arrays.items():

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels import Law
 from xdynamics.kernels.compiling import UNCOMPILED
-from xdynamics.kernels.drive_tables import flattened
+from xdynamics.kernels.drive_tables import concatenated_tables
 from xdynamics.kernels.program import AT, DEVIATION, TABLE, WORDS
-from xdynamics.model.motion import constants, tables_of
+from xdynamics.model.motion import constants, drive_pieces
 from xdynamics.units import UNSCALED
 
 # in the place of the engine, which laws of contacts of many bodies call: what does nothing. As a float its address is
@@ -26,7 +26,7 @@ class Bench:
 
     def __init__(self, one: Law, lanes: int, states: NDArray[np.float64], steps: NDArray[np.float64]) -> None:
         self.law, model, layout = one, one.layout.model, one.layout
-        tables, places = flattened(tables_of(model, UNSCALED))
+        tables, places = concatenated_tables(drive_pieces(model, UNSCALED))
         kinds = 1 + layout.is_doubled  # beside each number what is left of it
         self.at = np.zeros((DEVIATION + 1, lanes))
         self.at[1], self.at[2], self.at[3] = steps, steps, 0.3

@@ -47,13 +47,13 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 # where a run is killed, by the function in which it is: (where it is looked up, its name, times it may be called before)
 PLACES: dict[str, tuple[Any, str, int]] = {
-    "a segment is written": (segment, "write", 3),
+    "a segment is written": (segment, "write_segment", 3),
     "segments are compared": (segment.Segment, "check", 3),
     "rows are taken over": (segments.Segments, "rows", 0),
     "the march is put behind them": (March, "go_on_from", 0),
     "the archive is finished": (Writer, "finish", 0),
-    "it is sealed and read back": (writing, "_finish", 0),
-    "segments are removed": (segments, "_emptied", 0),
+    "it is sealed and read back": (writing, "_seal_new_file", 0),
+    "segments are removed": (segments, "_remove_segments", 0),
 }
 
 
@@ -137,7 +137,7 @@ def attempt(name: str, moments: random.Random, start: Callable[[str, Path], int]
             time.sleep(moments.uniform(0.0, whole))
             os.kill(number, signal.SIGKILL)
             kills += ended(number) == -signal.SIGKILL
-            left = len(list(segments.folder_of(path).glob("*.segment")))
+            left = len(list(segments.segments_folder(path).glob("*.segment")))
         if ended(start(name, path)) != 0:
             return "did not end", kills, left
         if segments.has_segments(path):
@@ -156,7 +156,7 @@ def aimed(name: str, moments: random.Random, expected: str) -> tuple[str, list[t
         for place, calls in plan:
             killed = ended(wounded(place, calls, 10.0 ** moments.uniform(-6.0, -1.5))(name, path)) == -signal.SIGALRM
             if killed:
-                kills.append((place, len(list(segments.folder_of(path).glob("*.segment")))))
+                kills.append((place, len(list(segments.segments_folder(path).glob("*.segment")))))
             if path.exists() and verified(path) != expected:
                 wrong = f"another digest after '{place}'"
         if ended(forked(name, path)) != 0:

@@ -10,7 +10,7 @@ import netCDF4
 import xarray as xr
 
 from xdynamics.archive.seals import seal_file, stored_digest
-from xdynamics.archive.text_encoding import form_of
+from xdynamics.archive.text_encoding import text_form
 from xdynamics.archive.writer import Writer
 from xdynamics.record.variable_attributes import own_attributes
 
@@ -21,7 +21,7 @@ def changed(source: Path, target: Path, change: Callable[[xr.Dataset], xr.Datase
         run = kept.load().drop_encoding()
     for name, one in list(run.variables.items()):
         one.attrs.pop("sha256", None)
-        form = form_of(one.attrs, one.dtype, tuple(map(str, one.dims)), one.shape)
+        form = text_form(one.attrs, one.dtype, tuple(map(str, one.dims)), one.shape)
         if form is not None:
             run[name] = (one.dims[: one.ndim - form.further], form.texts(one.values), own_attributes(one.attrs))
     run = change(run) or run

@@ -13,7 +13,7 @@ from xdynamics.kernels.compiling import UNCOMPILED, is_declared, keys_of
 from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.program import AT, UNSOUND, H
-from xdynamics.march.calls import applied_plainly, called_plainly, noted_plainly
+from xdynamics.march.calls import apply_plainly, call_law_plainly, write_row_plainly
 from xdynamics.march.run import ARRAYS, DETECTOR, EVENT_PHASE, EVENT_ROW, NOW, PLAN, SUBSTEP, WATCH, Run
 
 _KNOWN: dict[Any, Callable[..., Any]] = {}
@@ -28,11 +28,11 @@ def plain(function: Any) -> Callable[..., Any]:
         for name, value in python.__globals__.items():
             scope[name] = plain(value) if hasattr(value, "py_func") or is_declared(value) else value
         scope |= {
-            "called": called_plainly,
-            "noted": noted_plainly,
-            "applied": applied_plainly,
+            "call_law": call_law_plainly,
+            "call_row_writer": write_row_plainly,
+            "apply_function": apply_plainly,
             "run_at": lambda run: run,
-            "entered_by": lambda entry, *given: UNCOMPILED[int(entry)](*given),
+            "call_phase": lambda entry, *given: UNCOMPILED[int(entry)](*given),
             "row_by": lambda entry, *given: UNCOMPILED[int(entry)](*given),
         }
     return _KNOWN[python]
@@ -131,9 +131,9 @@ def watching(
     )
     run.plan[0].stages, run.now[0].t = 1, t
     run.g[:] = run.near_g[:] = [seen.value(0.0) for seen in functions]
-    plain(trial_step.propose)(run, t + h, h)
-    plain(trial_step.look)(run)
-    plain(trial_step.keep)(run)
+    plain(trial_step.propose_step)(run, t + h, h)
+    plain(trial_step.evaluate_events)(run)
+    plain(trial_step.store_trial)(run)
     watches["armed"], watches["before"], watches["alive"] = np.sign(run.g), run.g, 1
     watches["hit"], watches["right"] = zero_tests.CROSSED, h
     looks.clear()

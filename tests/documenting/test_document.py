@@ -11,8 +11,8 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.documenting.document_blocks import TextTable, drawn
-from xdynamics.documenting.equations import of_model
+from xdynamics.documenting.document_blocks import TextTable, formula_svg
+from xdynamics.documenting.equations import model_blocks
 from xdynamics.expressions import latex, parse
 
 
@@ -116,11 +116,11 @@ def test_every_model_is_written_in_formulas(path: Path) -> None:
     from matplotlib.mathtext import MathTextParser
 
     model, parser = xd.Model.from_toml(path), MathTextParser("path")
-    formulas = [one.latex for one in of_model(model) if hasattr(one, "latex")]
+    formulas = [one.latex for one in model_blocks(model) if hasattr(one, "latex")]
     assert formulas
     for formula in {re.sub(r"\d+|(?<=\\mathrm{)[^{}]*", "", one): one for one in formulas}.values():
         parser.parse(f"${formula}$")
-    rows = [row[0] for one in of_model(model) if isinstance(one, TextTable) for row in one.rows]
+    rows = [row[0] for one in model_blocks(model) if isinstance(one, TextTable) for row in one.rows]
     stated = model.shaped
     at_start = (f"{name} at the start" for name in (*stated.initial, *stated.starting))
     assert {*stated.parameters, *stated.arrays, *at_start} <= {re.sub(r"\[.*?\]|, along .*", "", row) for row in rows}
@@ -131,7 +131,7 @@ def test_elements_that_are_alike_have_one_row() -> None:
     text = (MODELS / "fermi_pasta_ulam.toml").read_text(encoding="utf-8")
 
     def rows(model: xd.Model) -> list[list[str]]:
-        tables = [one for one in of_model(model) if isinstance(one, TextTable)]
+        tables = [one for one in model_blocks(model) if isinstance(one, TextTable)]
         return [list(row) for table in tables for row in table.rows if row[0].startswith("v_u")]
 
     model = xd.Model.from_text(text)
@@ -146,7 +146,7 @@ def test_elements_that_are_alike_have_one_row() -> None:
 def test_formulas_of_elements_are_one_formula() -> None:
     """Assert that a chain of 5,000 sites is written in as many formulas as quantities, with places of a shift in them."""
     text = (MODELS / "heat.toml").read_text(encoding="utf-8").replace("cell = 50", "cell = 5000")
-    written = [*of_model(xd.Model.from_text(text))]
+    written = [*model_blocks(xd.Model.from_text(text))]
     rate = next(one.latex for one in written if hasattr(one, "latex") and "dot{T}" in one.latex)
     assert len(written) < 10
     assert r"\mathrm{shift}\left(T, \mathrm{cell}, -1, 0\,\mathrm{kelvin}\right)" in rate
@@ -157,8 +157,8 @@ def test_formulas_of_elements_are_one_formula() -> None:
 
 def test_formulas_are_drawn_the_same_twice() -> None:
     """Assert bytes, and that what is no formula stands as it is written."""
-    assert drawn(r"m\,\ddot{y} = -m\,g") == drawn(r"m\,\ddot{y} = -m\,g")
-    assert b"<svg" in drawn(r"\frac{1}{")
+    assert formula_svg(r"m\,\ddot{y} = -m\,g") == formula_svg(r"m\,\ddot{y} = -m\,g")
+    assert b"<svg" in formula_svg(r"\frac{1}{")
 
 
 @pytest.mark.parametrize(

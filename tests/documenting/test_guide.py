@@ -21,7 +21,7 @@ from xdynamics.expressions.traced_rows import MOST_PIECES
 from xdynamics.expressions.tracing import MOST_NODES
 from xdynamics.expressions.tree import ALONG, FUNCTIONS
 from xdynamics.model.grammar import SECTIONS
-from xdynamics.simulation.array_models import MOST_WRITTEN_OUT
+from xdynamics.simulation.array_models import MAX_WRITTEN_OUT
 from xdynamics.simulation.scipy_interface import MOST_NAMED
 
 
@@ -77,7 +77,7 @@ def test_the_page_on_records_has_what_models_and_logs_name() -> None:
 
 def test_the_page_on_solve_has_its_limits() -> None:
     """Assert that the numbers that the page names are those that are kept to."""
-    limits = (MOST_NODES, MOST_WRITTEN_OUT, MOST_NAMED, MOST_KINKS, LARGEST_SOLVED, MOST_DIAGONALS, MOST_PIECES)
+    limits = (MOST_NODES, MAX_WRITTEN_OUT, MOST_NAMED, MOST_KINKS, LARGEST_SOLVED, MOST_DIAGONALS, MOST_PIECES)
     named = [line.split()[0] for line in guide("solve") if line.split()[0].isdigit()]
     assert named == [*map(str, limits)]
     assert f"{LARGEST_DENSE} rows at most" in "\n".join(guide("solve"))

@@ -7,7 +7,7 @@ import re
 import pytest
 
 import xdynamics as xd
-from xdynamics.documenting.plain_text import lines_of
+from xdynamics.documenting.plain_text import model_lines
 from xdynamics.march.configuration import settings_for
 from xdynamics.methods import METHODS
 
@@ -73,7 +73,7 @@ def test_fate_of_switches_is_that_of_a_run(points: int, fate: str) -> None:
     """Assert that kinks of short tables are said to be located, and those of long ones landed on, as a run does by default."""
     rows = "".join(f"{0.1 * row!r},{0.01 * (row % 3)!r}\n" for row in range(points))
     model = xd.Model.from_text(ROAD.format(rows=rows))
-    said = [line for line in lines_of(model) if line.startswith("switches")]
+    said = [line for line in model_lines(model) if line.startswith("switches")]
     assert len(said) == 1
     assert f"tyre.road: kinks and jumps inside forces, which are {fate}" in said[0]
     assert settings_for(model, method="dop853", until="1 s").switches == fate
@@ -82,7 +82,7 @@ def test_fate_of_switches_is_that_of_a_run(points: int, fate: str) -> None:
 def test_methods_that_take_delays_are_those_that_march_them() -> None:
     """Assert that a method is offered for delayed values just where settings with it are accepted."""
     model = xd.Model.from_text(LATE)
-    offered = {line.split()[1].rstrip(":") for line in lines_of(model) if line.startswith("method ")}
+    offered = {line.split()[1].rstrip(":") for line in model_lines(model) if line.startswith("method ")}
     accepted = set()
     for name in METHODS:
         try:
@@ -112,7 +112,7 @@ KINDS = {
 def test_methods_that_take_a_model_are_those_that_begin(name: str) -> None:
     """Assert that a method is listed where a march by it begins, and refused with the same reason where none does."""
     model = xd.Model.from_toml(f"data/models/{name}.toml")
-    told = [line.split(maxsplit=1) for line in lines_of(model) if line.startswith(("method ", "not by "))]
+    told = [line.split(maxsplit=1) for line in model_lines(model) if line.startswith(("method ", "not by "))]
     listed = {line.partition(":")[0] for key, line in told if key == "method"}
     reasons = {
         one: reason
@@ -133,7 +133,7 @@ def test_methods_that_take_a_model_are_those_that_begin(name: str) -> None:
 
 def test_joints_are_named_in_the_motion() -> None:
     """Assert that what joints and bodies stand for is named, not written out, what a user wrote is, and that starts move."""
-    lines = list(lines_of(xd.Model.from_text(LINKS)))
+    lines = list(model_lines(xd.Model.from_text(LINKS)))
     assert "motion    upper_mass*a_upper_r[x] = joint hip + joint knee" in lines
     assert "motion    lower_mass*a_lower_r[z] = (1)*constraint_force_plane + joint knee" in lines
     assert "constraint plane holds: lower_r[z] = 0" in lines
@@ -182,7 +182,7 @@ y = "index(ball)*metre"
 )
 def test_heaps_are_advised_to_step_over_impacts(old: str, new: str, count: int) -> None:
     """Assert that of fifty bodies that rub, and no fewer, Moreau's method is named before the march, if it takes them."""
-    lines = [one for one in lines_of(xd.Model.from_text(ROUGH.replace(old, new))) if one.startswith("heap ")]
+    lines = [one for one in model_lines(xd.Model.from_text(ROUGH.replace(old, new))) if one.startswith("heap ")]
     assert len(lines) == count
     assert all("50 bodies may rub against each other by contact 'balls'" in one for one in lines)
     assert all(one.endswith("method = moreau_jean steps over them") for one in lines)
@@ -202,7 +202,7 @@ def test_starts_are_as_written_or_without_what_rounding_leaves(y: str, said: str
     """Assert all digits of starts that are written, and 12 of those that expressions give, also to each element."""
     model = xd.Model.from_text(ROW.format(x="l*(1 + index(site))", y=y))
     assert repr(model.initial["x·2"].value) == "30.000000000000004"
-    (start,) = [line for line in lines_of(model) if line.startswith("start")]
+    (start,) = [line for line in model_lines(model) if line.startswith("start")]
     parts = dict(part.split(" = ") for part in start.removeprefix("start").strip().split(", "))
     assert [parts[f"x[{i}]"] for i in range(3)] == ["10.0 cm", "20.0 cm", "30.0 cm"]
     assert parts["y"] == said

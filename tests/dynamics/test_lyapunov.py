@@ -18,16 +18,16 @@ from xdynamics.dynamics import growth
 from xdynamics.dynamics.exponents import Exponents, exponents_of
 from xdynamics.dynamics.path import BLOCKS
 from xdynamics.dynamics.path import RunPath as Along
-from xdynamics.dynamics.tangents import FEW, Local, _chunks, _scheme, _tangent
+from xdynamics.dynamics.tangents import FEW, LocalGrowth, _initial_tangent, _row_chunks, _scheme
 from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov
-from xdynamics.evidence.diagnosing.diagnosis import lines_of
+from xdynamics.evidence.diagnosing.diagnosis import diagnosis_lines
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
 
 
 def exponents(run: xr.Dataset, *, wanted: bool | int = True) -> xr.Dataset:
     """Return what `diagnose` says of growth, and of nothing else."""
-    return xr.Dataset(lyapunov(run, None, wanted=wanted))
+    return xr.Dataset(lyapunov(run, None, exponent_count=wanted))
 
 
 def diagnosis(run: xr.Dataset, **more: Any) -> xr.Dataset:
@@ -93,7 +93,7 @@ def test_exponents_are_means_behind_the_transient() -> None:
     powers, errors = np.zeros((400, 3), np.int64), rng.uniform(0.0, 1e-3, 400)
     powers[7, 1], powers[300, 2] = 2, -1
     whole = np.array([[3.0, 1.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.1]])
-    found = exponents_of(Local(times, np.exp(logs), powers, errors, whole, 2, 500, 3))
+    found = exponents_of(LocalGrowth(times, np.exp(logs), powers, errors, whole, 2, 500, 3))
     begin, end = float(times[0]), float(times[-1])
     first, grown = begin + 0.1 * (end - begin), logs + powers * shift
     values = weighted(times, grown, first, end)
@@ -117,7 +117,7 @@ def test_a_direction_that_is_gone_is_certain() -> None:
     factors[200, 0] = 0.0
     with np.errstate(divide="ignore"):
         found = exponents_of(
-            Local(times, factors, np.zeros((400, 2), np.int64), np.zeros(400), np.zeros((2, 2)), 0, 400, 2)
+            LocalGrowth(times, factors, np.zeros((400, 2), np.int64), np.zeros(400), np.zeros((2, 2)), 0, 400, 2)
         )
     assert found.values == pytest.approx([1.0, -np.inf])
     assert found.uncertainties == pytest.approx([0.0, 0.0], abs=1e-12)
@@ -141,7 +141,7 @@ def test_a_time_follows_from_growth_that_is_certain(
     """Assert exponents, units, and 1 over the largest: above twice its uncertainty, and grown a thousandfold behind the transient."""
     times = np.linspace(3.0, 3.0 + span, 3201)
     grown = np.exp(np.diff(times)[:, None] * [rate - 0.25, rate])
-    local = Local(
+    local = LocalGrowth(
         times,
         grown,
         np.zeros(grown.shape, np.int64),
@@ -177,7 +177,9 @@ def test_a_time_follows_from_growth_that_is_certain(
 
 def test_vectors_are_taken_apart_as_q_and_r(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert Q R of rows, and 0 with an orthogonal unit vector in the place of one that depends on those before it."""
-    monkeypatch.setattr(growth, "renew", plain(growth.renew))  # what is compiled has no way in from Python
+    monkeypatch.setattr(
+        growth, "replace_vanished", plain(growth.replace_vanished)
+    )  # what is compiled has no way in from Python
     rng = np.random.default_rng(1)
     vectors, upper = rng.normal(0.0, 3.0, (4, 5)), np.zeros((3, 3))
     given = vectors.copy()
@@ -196,7 +198,7 @@ def test_vectors_are_taken_apart_as_q_and_r(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_growth_is_noted_of_each_block_and_of_all() -> None:
     """Assert factors, powers of 2**332 above and below, and the product of all triangles."""
-    tangent = _tangent(np.eye(3), 2, 7.0)
+    tangent = _initial_tangent(np.eye(3), 2, 7.0)
     assert tangent.pace.tolist() == [7.0]
     assert tangent.state[1:] @ tangent.state[1:].T == pytest.approx(np.eye(2), abs=1e-14)
     assert (tangent.state[1:] != 0.0).all()
@@ -204,21 +206,21 @@ def test_growth_is_noted_of_each_block_and_of_all() -> None:
     first, second = np.array([[2.0, 3.0], [0.0, 0.5]]), np.array([[4.0, -1.0], [0.0, 2.0**-200]])
     for block, upper in ((0, first), (1, second), (1, second)):
         tangent.upper[:] = upper
-        plain(growth.note)(tangent, grown, block)
+        plain(growth.add_growth)(tangent, grown, block)
     assert grown.factors.tolist() == [[2.0, 0.5], [16.0, 2.0**-68]]
     assert grown.exponents.tolist() == [[0, 0], [0, -1]]
     assert tangent.total == pytest.approx(second @ second @ first)
     tangent.upper[:] = np.array([[2.0**200, 0.0], [0.0, 2.0**-200]])
     for _ in range(2):
-        plain(growth.note)(tangent, grown, 0)
+        plain(growth.add_growth)(tangent, grown, 0)
     assert grown.factors[0].tolist() == [2.0**69, 0.5 * 2.0**-68]
     assert grown.exponents[0].tolist() == [1, -1]
     assert int(tangent.exponents[0]) == 1
     assert float(tangent.total[0, 0]) == pytest.approx(32.0 * 2.0**68)
-    small = _tangent(np.eye(3), 2, 7.0)
+    small = _initial_tangent(np.eye(3), 2, 7.0)
     for _ in range(2):
         small.upper[:] = np.diag([2.0**-200, 2.0**-210])
-        plain(growth.note)(small, grown, 0)
+        plain(growth.add_growth)(small, grown, 0)
     assert int(small.exponents[0]) == -1
     assert np.diag(small.total).tolist() == [2.0**-68, 2.0**-88]
 
@@ -229,23 +231,23 @@ def test_stages_and_ends_are_those_of_dop853() -> None:
     assert scheme.b.sum() == pytest.approx(1.0)
     assert scheme.a.sum(axis=1) == pytest.approx(scheme.c, abs=1e-14)
     assert (scheme.fifth.sum(), scheme.third.sum()) == pytest.approx((0.0, 0.0), abs=1e-14)
-    tangent = _tangent(np.eye(3), 2, 1.0)
+    tangent = _initial_tangent(np.eye(3), 2, 1.0)
     tangent.state[0] = rng.normal(size=3)
     tangent.slopes[:] = rng.normal(size=tangent.slopes.shape)
-    error = plain(growth.finish)(scheme, tangent, -0.5)
+    error = plain(growth.finish_piece)(scheme, tangent, -0.5)
     assert tangent.end == pytest.approx(tangent.state - 0.5 * np.tensordot(scheme.b, tangent.slopes, 1))
     low, lower = (
         float(np.sum(np.tensordot(one, tangent.slopes[:, 1:], 1) ** 2)) for one in (scheme.fifth, scheme.third)
     )
     assert error == pytest.approx(0.5 * low / math.sqrt(low + 0.01 * lower))
     tangent.slopes[:] = 0.0
-    assert plain(growth.finish)(scheme, tangent, -0.5) == 0.0
+    assert plain(growth.finish_piece)(scheme, tangent, -0.5) == 0.0
     tangent.slopes[:] = rng.normal(size=tangent.slopes.shape)
     plain(growth.combine)(tangent.state, tangent.slopes, scheme.a, 7, 0.25, tangent.stage)
     assert tangent.stage == pytest.approx(tangent.state + 0.25 * np.tensordot(scheme.a[7, :7], tangent.slopes[:7], 1))
     entries, weights, e = np.array([[1, 2, 2], [0, 1, 2]]), np.array([2.0, 3.0, -1.0]), np.array([0.5, 4.0, 7.0, 9.0])
     before = tangent.slopes.copy()
-    plain(growth.multiply)(e, weights, entries, 1, tangent.stage, tangent.slopes, 4)
+    plain(growth.multiply_derivatives)(e, weights, entries, 1, tangent.stage, tangent.slopes, 4)
     matrix = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 12.0, -7.0]])
     assert tangent.slopes[4, 1:, 1:] == pytest.approx((tangent.stage[1:] @ matrix.T)[:, 1:])
     assert tangent.slopes[4, :, 0].tolist() == before[4, :, 0].tolist()
@@ -255,7 +257,7 @@ def test_stages_and_ends_are_those_of_dop853() -> None:
 @pytest.fixture
 def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put Python's own in the place of what is compiled, which has no way in from Python."""
-    for name in ("renew", "orthonormalise", "note"):
+    for name in ("replace_vanished", "orthonormalise", "add_growth"):
         monkeypatch.setattr(growth, name, plain(getattr(growth, name)))
 
 
@@ -270,13 +272,13 @@ def test_pieces_are_as_long_as_their_errors_allow(monkeypatch: pytest.MonkeyPatc
         tangent.end[:] = math.exp(h) * tangent.state
         return 1e-8 * h / most[0]
 
-    monkeypatch.setattr(growth, "advance", advance)
+    monkeypatch.setattr(growth, "advance_piece", advance)
     carry: Any = plain(growth.carry)
 
     def carried(t: float, t1: float, pieces: int = 99, pace: float = 1.0) -> tuple[int, Any, Any]:
         asked.clear()
         tangent, grown = (
-            _tangent(np.eye(3), 2, pace),
+            _initial_tangent(np.eye(3), 2, pace),
             growth.Grown(np.ones((2, 2)), np.zeros((2, 2), np.int64), np.zeros(2)),
         )
         return carry(None, _scheme(pieces), tangent, grown, 1, t, t1), tangent, grown
@@ -287,7 +289,7 @@ def test_pieces_are_as_long_as_their_errors_allow(monkeypatch: pytest.MonkeyPatc
     assert (int(tangent.pieces[0]), float(tangent.pace[0])) == (6, 0.25)
     assert grown.errors == pytest.approx([0.0, 1e-8 / 0.3])
     assert grown.factors == pytest.approx(np.array([[1.0, 1.0], [math.e, math.e]]))
-    assert tangent.state[0] == pytest.approx(math.e * _tangent(np.eye(3), 2, 1.0).state[0])
+    assert tangent.state[0] == pytest.approx(math.e * _initial_tangent(np.eye(3), 2, 1.0).state[0])
     assert [carried(0.0, 1.0, pieces)[0] for pieces in (5, 6)] == [growth.STIFF, growth.DONE]
     most[0] = 1e6
     assert carried(0.0, 0.7, pace=0.1)[0] == growth.DONE
@@ -330,10 +332,10 @@ def test_a_time_is_of_the_largest_exponent(doubts: list[float], time: float, mon
 
 def test_events_act_in_units_of_each_variable() -> None:
     """Assert the matrix of an event on vectors whose places are over the variables' sizes; the state stays."""
-    tangent, sizes = _tangent(np.eye(3), 2, 1.0), np.array([2.0, 0.5, 10.0])
+    tangent, sizes = _initial_tangent(np.eye(3), 2, 1.0), np.array([2.0, 0.5, 10.0])
     matrix, before = np.arange(9.0).reshape(3, 3) - 4.0, tangent.state.copy()
     law = growth.GrowthLaw(*([None] * 12), sizes, None, 1, 0.0)  # type: ignore[arg-type]
-    plain(growth.cross)(law, matrix, tangent)
+    plain(growth.apply_event_matrix)(law, matrix, tangent)
     assert tangent.state[1:] == pytest.approx((before[1:] * sizes) @ matrix.T / sizes)
     assert tangent.state[0].tolist() == before[0].tolist()
 
@@ -352,7 +354,7 @@ def test_rows_are_carried_a_part_at_a_time() -> None:
         each,
         each,
     )
-    parts = list(_chunks(rows))
+    parts = list(_row_chunks(rows))
     assert [len(part.times) - 1 for part in parts] == [1024, 1024, 452]
     assert [float(part.times[0]) for part in parts] == [0.0, 1024.0, 2048.0]
     assert all(
@@ -517,7 +519,7 @@ def test_units_of_a_model_with_seconds() -> None:
         found[name].attrs["units"] for name in ("lyapunov_exponents", "lyapunov_uncertainty", "finite_time_growth")
     } == {"s-1"}
     assert found.lyapunov_time.attrs["units"] == "s"
-    assert any(line.startswith("lyapunov_exponents = ") and line.endswith(" s-1") for line in lines_of(found))
+    assert any(line.startswith("lyapunov_exponents = ") and line.endswith(" s-1") for line in diagnosis_lines(found))
 
 
 # ---------------------------------------------------------------------------------------------- periodic solutions
@@ -887,7 +889,7 @@ def test_figure_of_exponents() -> None:
 
 
 def _parts(found: xr.Dataset) -> list[str]:
-    line = next(one for one in lines_of(found) if one.startswith("lyapunov_exponents = "))
+    line = next(one for one in diagnosis_lines(found) if one.startswith("lyapunov_exponents = "))
     return line.removeprefix("lyapunov_exponents = ").split(", ")
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.schema import EVENT_AFTER
 
@@ -29,7 +29,7 @@ def pile(log: str = "full", until: str = "0.225 s") -> xr.Dataset:
 def defects(run: xr.Dataset) -> float:
     """Return how far any step, made again, is from the row it led to."""
     rows = np.flatnonzero(np.diff(run.time.values) > 0.0)
-    found = Inside.of(run, None, REINTEGRATE).defects(rows, 1)
+    found = StepInterpolator.of_run(run, None, REINTEGRATE).defects(rows, 1)
     return max(float(np.abs(found[name]).max()) for name in STATES)
 
 

@@ -14,8 +14,8 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.uncertain_models import doubtful, slope
 from xdynamics.budgeting.measurand import Measurand, Target
-from xdynamics.budgeting.physical import copies, differences
-from xdynamics.budgeting.slopes import _check_open, _equations, slopes_along
+from xdynamics.budgeting.physical import difference_slopes, shifted_copies
+from xdynamics.budgeting.slopes import _check_open, _variational_equations, variational_slopes
 from xdynamics.dynamics.variational import NotVariedError, gauss
 
 TIGHT: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}
@@ -25,11 +25,12 @@ def slopes(model: xd.Model, quantity: str, **where: Any) -> tuple[dict[str, floa
     """Slopes of a number by variational equations, and by differences."""
     asked = {key: where.pop(key) for key in list(where) if key not in ("at", "event", "occurrence", "side")}
     place = {"at": None, "event": None, "occurrence": 1, "side": "before"} | where
-    target, settings = Target.of(model, quantity, **place), TIGHT | {"time_tolerance": "1e-13 s"} | asked
+    target, settings = Target.from_arguments(model, quantity, **place), TIGHT | {"time_tolerance": "1e-13 s"} | asked
     names, measurand = [*model.uncertain], Measurand(model, target, settings)
-    by_equations = slopes_along(xd.simulate(model, **settings), model, target, names)
+    by_equations = variational_slopes(xd.simulate(model, **settings), model, target, names)
     return by_equations, {
-        name: one for name, (one, *_) in differences(measurand, names, 0.0, copies(measurand, names).values).items()
+        name: one
+        for name, (one, *_) in difference_slopes(measurand, names, 0.0, shifted_copies(measurand, names).values).items()
     }
 
 
@@ -111,11 +112,14 @@ def test_slopes_of_a_bounce_are_closed_forms_in_their_own_units() -> None:
     for place in bounced(**own):
         quantity, at, *which = place
         target = Target(quantity, at, "ground" if which else "", *which)
-        found, unit = slopes_along(run, model, target, [*model.uncertain]), 1e3 if quantity in ("y", "v_y") else 1.0
+        found, unit = (
+            variational_slopes(run, model, target, [*model.uncertain]),
+            1e3 if quantity in ("y", "v_y") else 1.0,
+        )
         wanted = {by: slopes_of[by][place].imag / tiny * unit * factors[by] for by in own}
         assert found == pytest.approx(wanted, rel=1e-8, abs=1e-9), target.description
     with pytest.raises(NotVariedError, match="an extreme is where"):
-        slopes_along(run, model, Target("maximum_y"), [*model.uncertain])
+        variational_slopes(run, model, Target("maximum_y"), [*model.uncertain])
 
 
 @pytest.mark.every(3)
@@ -224,9 +228,9 @@ def test_what_is_not_told(name: str, first: str, where: dict[str, Any], said: st
     """Assert that held contacts, dry friction and corners are left to differences, and that it is said why."""
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
     model = doubtful(model, **{first: f"uncertainty = {1e-6 * model.parameters[first].quantity.value!r}"})
-    target = Target.of(model, "x", where["at"], None, 1, "before")
+    target = Target.from_arguments(model, "x", where["at"], None, 1, "before")
     with pytest.raises(NotVariedError) as told:
-        slopes_along(xd.simulate(model), model, target, [*model.uncertain])
+        variational_slopes(xd.simulate(model), model, target, [*model.uncertain])
     assert str(told.value).replace("'", "").startswith(said)
     budget = xd.error_budget(model, "x", **where)
     rule = str(budget.term_rule.values[budget.term_name.values.tolist().index(first)])
@@ -240,11 +244,11 @@ def test_a_number_at_the_very_time_of_an_event_is_behind_it() -> None:
     run = xd.simulate(model, method="rk4", step="0.125 s", until="1 s")
     assert 0.5 in run.event_time.values
     behind = {"y": 0.0, "v_y": -0.8, "g": 0.4, "e": 9.81 * 0.5 - 0.5}
-    assert slopes_along(run, model, Target("v_y", 0.5), [*model.uncertain]) == pytest.approx(behind, abs=1e-12)
-    assert slopes_along(run, model, Target("y", 0.5), [*model.uncertain]) == pytest.approx(
+    assert variational_slopes(run, model, Target("v_y", 0.5), [*model.uncertain]) == pytest.approx(behind, abs=1e-12)
+    assert variational_slopes(run, model, Target("y", 0.5), [*model.uncertain]) == pytest.approx(
         {"y": 1.0, "v_y": 0.5, "g": -0.125, "e": 0.0}, abs=1e-12
     )
-    before = slopes_along(run, model, Target("v_y", 0.5 - 1e-9), [*model.uncertain])
+    before = variational_slopes(run, model, Target("v_y", 0.5 - 1e-9), [*model.uncertain])
     assert before == pytest.approx({"y": 0.0, "v_y": 1.0, "g": -0.5, "e": 0.0}, abs=1e-8)
 
 
@@ -255,10 +259,10 @@ def test_as_many_variables_as_collocation_bears(method: str, most: int, monkeypa
     for size, fits in ((most, True), (most + 1, False)):
         monkeypatch.setattr("xdynamics.budgeting.slopes.Equations", lambda *_, size=size: SimpleNamespace(size=size))
         if fits:
-            assert _equations(run, model, ()).size == size
+            assert _variational_equations(run, model, ()).size == size
             continue
         with pytest.raises(NotVariedError, match=f"{size} variables are too many"):
-            _equations(run, model, ())
+            _variational_equations(run, model, ())
 
 
 @pytest.mark.dear

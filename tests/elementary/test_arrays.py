@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from xdynamics.elementary.arrays import dot, exp, expm1, least_squares, log, power, product, solved
+from xdynamics.elementary.arrays import dot, exp, expm1, least_squares, log, power, product, solve_systems
 
 
 def test_systems_side_by_side() -> None:
@@ -14,7 +14,7 @@ def test_systems_side_by_side() -> None:
     rng = np.random.default_rng(1)
     for n in (1, 2, 5, 12):
         matrices, right = rng.normal(size=(200, n, n)), rng.normal(size=(200, n, 3))
-        found = solved(matrices, right)
+        found = solve_systems(matrices, right)
         off = np.abs(found - np.linalg.solve(matrices, right)).max(axis=(1, 2)) / np.abs(found).max(axis=(1, 2))
         assert (off <= 1e-14 * n * np.linalg.cond(matrices)).all()
         assert (np.abs(product(matrices, found) - right) <= 1e-12 * np.linalg.cond(matrices)[:, None, None]).all()
@@ -23,7 +23,7 @@ def test_systems_side_by_side() -> None:
 def test_a_system_that_needs_its_pivot_and_one_without_answer() -> None:
     """Assert that rows are exchanged, each system its own, and that a singular one spoils no other."""
     matrices = np.array([[[0.0, 1.0], [1.0, 0.0]], [[1.0, 2.0], [2.0, 4.0]], [[1e-20, 1.0], [1.0, 1.0]]])
-    found = solved(matrices, np.array([[3.0], [4.0]]))[..., 0]
+    found = solve_systems(matrices, np.array([[3.0], [4.0]]))[..., 0]
     assert found[0].tolist() == [4.0, 3.0]
     assert not np.isfinite(found[1]).any()
     assert found[2].tolist() == [1.0, 3.0]

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from xdynamics.elementary.bounds import greatest, least
+from xdynamics.elementary.bounds import maximum, minimum
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8])
@@ -15,7 +15,7 @@ def test_least_and_greatest_of_any_number(count: int) -> None:
     """Assert those of Python, of one number and of three too, in any order and number by number in arrays."""
     numbers = [3.0, -1.5, 2.0**-1074, -np.inf, 7.25, 0.5, np.inf, -2.0][:count]
     for given in itertools.islice(itertools.permutations(numbers), 200):
-        assert (least(*given), greatest(*given)) == (min(given), max(given))
+        assert (minimum(*given), maximum(*given)) == (min(given), max(given))
     arrays = [np.array([number, -number]) for number in numbers]
-    assert np.array_equal(least(*arrays), np.min(arrays, axis=0))
-    assert np.array_equal(greatest(*arrays), np.max(arrays, axis=0))
+    assert np.array_equal(minimum(*arrays), np.min(arrays, axis=0))
+    assert np.array_equal(maximum(*arrays), np.max(arrays, axis=0))

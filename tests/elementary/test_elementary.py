@@ -18,7 +18,7 @@ from cases.elementary_loops import NAMES, loops
 from cases.problems import arguments_of, true_value, ulps
 from elementary_tables import fitted, tables
 from xdynamics.elementary import FUNCTIONS, NAME, SETS, TOGETHER, circular, exponential, kept_set
-from xdynamics.elementary.circular import reduced_exactly
+from xdynamics.elementary.circular import reduce_exactly
 from xdynamics.elementary.tables import TABLES
 from xdynamics.kernels import machine
 
@@ -80,7 +80,7 @@ def test_reduction_is_one() -> None:
     """Assert that the exact reduction agrees with the true remainder to twice the digits, from 2 to 1e308."""
     with mpmath.workprec(1400):
         for x in np.exp(np.random.default_rng(3).uniform(0.5, 709, 300)):
-            high, low, n = reduced_exactly(float(x))
+            high, low, n = reduce_exactly(float(x))
             turns = mpmath.nint(mpmath.mpf(float(x)) * 2 / mpmath.pi)
             rest = mpmath.mpf(float(x)) - turns * mpmath.pi / 2
             assert n % 4 == int(turns) % 4

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
-from xdynamics.elementary.piecewise import begun, bend_at, cube_at, find_piece, slope_at, value_at
+from xdynamics.elementary.piecewise import bend_at, cube_at, find_piece, last_piece_begun, slope_at, value_at
 from xdynamics.elementary.text import declarations
 from xdynamics.kernels import drive_tables, machine
 
@@ -32,17 +32,17 @@ NUMBERS = [-3.0, -2.0, -1.5, -1.0, 0.0, 0.5, 0.6, 0.75, 3.9999, 4.0, 6.0, 7.0, 8
 def test_a_piece_applies_from_its_origin_on() -> None:
     """Assert the piece of every number, one by one and in an array; the last point belongs to the piece before."""
     for x in NUMBERS:
-        assert begun(read, 6, x) == wanted(x)
+        assert last_piece_begun(read, 6, x) == wanted(x)
         assert find_piece(read, 6, x) == (4 if x == 7.0 else wanted(x))
     numbers = np.array(NUMBERS).reshape(3, 5)
-    assert np.array_equal(begun(read, 6, numbers).ravel(), list(map(wanted, NUMBERS)))
+    assert np.array_equal(last_piece_begun(read, 6, numbers).ravel(), list(map(wanted, NUMBERS)))
     assert np.array_equal(find_piece(read, 6, numbers).ravel(), [4 if x == 7.0 else wanted(x) for x in NUMBERS])
     assert find_piece(read, 6, np.nan) == 0
 
 
 def test_the_engine_finds_the_same_piece() -> None:
     """Assert that the engine's own search, in a flat array of tables, ends where that of programs does."""
-    engines = getattr(drive_tables.find_piece, "py_func", drive_tables.find_piece)
+    engines = getattr(drive_tables.find_piece_of_table, "py_func", drive_tables.find_piece_of_table)
     flat = np.concatenate([[9.0, 9.0], TABLE.ravel(), [9.0]])
     between = [(low + high) / 2.0 for low, high in pairwise(ORIGINS.tolist())]
     for x in [
@@ -68,7 +68,7 @@ def test_machine_code_finds_the_same_piece_in_every_lane(lanes: int) -> None:
     assert isinstance(found, LaneValue)
     body = "\n  ".join([*lines.lines, f"store {whole} {found.text}, ptr %z, align 8", "ret void"])
     text = f"{declarations(lanes)}\ndefine void @found(ptr %table, ptr %x, ptr %z) {{\nentry:\n  {body}\n}}\n"
-    code = machine.Code(machine.built(text), ["found"])
+    code = machine.Code(machine.build_object(text), ["found"])
     call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(code.addresses["found"])
     numbers = np.array([*NUMBERS, np.nan])
     pieces = np.full(16, -1, np.int64)

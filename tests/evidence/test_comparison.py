@@ -14,7 +14,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.contacts import ball
 from cases.problems import MODELS, driven_decay, oscillator
-from xdynamics.evidence.comparing.comparison_summary import lines_of
+from xdynamics.evidence.comparing.comparison_summary import comparison_lines
 
 
 def made(step: float, **changes: float) -> xr.Dataset:
@@ -28,7 +28,7 @@ def test_same_runs_are_the_same() -> None:
     table = xd.compare(made(0.01), made(0.01))
     assert table.attrs["identical"] == 1
     assert (table.same == 1).all()
-    assert lines_of(table) == [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
+    assert comparison_lines(table) == [f"the same: {table.sizes['variable']} variables and every setting, bit for bit"]
 
 
 def test_refined_runs_meet_at_common_times() -> None:
@@ -50,7 +50,7 @@ def test_a_parameter_apart_is_named() -> None:
     assert table.attrs["cause"] == "parameters: k: 4.0 N m-1 | 4.1 N m-1"
     assert table.attrs["parted"].startswith("t = 0 s: potential_energy by 0.05 J, beyond")
     assert table.attrs["first_difference"].startswith("variable 'a_x', row 0")
-    assert any(line.startswith("x ") for line in lines_of(table))
+    assert any(line.startswith("x ") for line in comparison_lines(table))
 
 
 def test_what_is_no_run_is_refused() -> None:
@@ -61,7 +61,7 @@ def test_what_is_no_run_is_refused() -> None:
 
 def test_a_rerun_says_how_far_it_is() -> None:
     """Assert that the largest difference is told of variables that were zero, and of a number against none."""
-    from xdynamics.evidence.comparing.bits import reproduced
+    from xdynamics.evidence.comparing.bits import compare_reproduction
 
     kept = made(0.01)
     still = kept.assign(x=kept.x * 0.0)
@@ -71,27 +71,32 @@ def test_a_rerun_says_how_far_it_is() -> None:
     ):
         again = still.copy(deep=True)
         again["x"].values[3] = value
-        table = reproduced(still, again)
+        table = compare_reproduction(still, again)
         assert table.attrs["identical"] == 0
         assert table.attrs["arithmetic"].startswith(words)
-    assert reproduced(kept, kept.copy(deep=True)).attrs["arithmetic"] == ""
+    assert compare_reproduction(kept, kept.copy(deep=True)).attrs["arithmetic"] == ""
 
 
 def test_archives_of_another_schema_are_held_to_what_they_have() -> None:
     """Assert that variables and settings that a record did not have yet do not count, and that numbers do."""
-    from xdynamics.evidence.comparing.bits import reproduced
+    from xdynamics.evidence.comparing.bits import compare_reproduction
 
     again = made(0.01)
     kept = again.drop_vars("a_x").assign_attrs(schema_version="1", force_digest="in other words")
     del kept.attrs["solver_summation"]
-    table = reproduced(kept, again)
+    table = compare_reproduction(kept, again)
     assert table.attrs["identical"] == 1
     assert "records of schema 1 had the law in other words" in table.attrs["arithmetic"]
-    assert reproduced(kept.assign_attrs(schema_version=again.attrs["schema_version"]), again).attrs["identical"] == 0
-    assert reproduced(kept.assign(x=kept.x * 2.0), again).attrs["identical"] == 0
+    assert (
+        compare_reproduction(kept.assign_attrs(schema_version=again.attrs["schema_version"]), again).attrs["identical"]
+        == 0
+    )
+    assert compare_reproduction(kept.assign(x=kept.x * 2.0), again).attrs["identical"] == 0
     for units, same in (("m s-1", 1), ("m/s", 1), ("km s-1", 0), ("N", 0)):
-        assert reproduced(kept.assign(v_x=kept.v_x.assign_attrs(units=units)), again).attrs["identical"] == same
-    assert reproduced(kept.assign_attrs(solver_step=0.02), again).attrs["identical"] == 0
+        assert (
+            compare_reproduction(kept.assign(v_x=kept.v_x.assign_attrs(units=units)), again).attrs["identical"] == same
+        )
+    assert compare_reproduction(kept.assign_attrs(solver_step=0.02), again).attrs["identical"] == 0
 
 
 ODD = {
@@ -205,7 +210,7 @@ def test_a_run_beside_measured_data(tmp_path: Path) -> None:
     assert float(table.rms_difference_x) == pytest.approx(5e-4, abs=2e-9)
     assert float(table.reduced_chi_square_x) == pytest.approx(0.25, rel=1e-4)
     assert table.difference_x.attrs["units"] == table.rms_difference_x.attrs["units"] == "m"
-    assert lines_of(table)[-1].startswith("reduced_chi_square_x = 0.25")
+    assert comparison_lines(table)[-1].startswith("reduced_chi_square_x = 0.25")
     frame = pd.read_csv(bench(tmp_path), comment="#")
     assert np.array_equal(xd.compare(run, frame).difference_x, table.difference_x)
     columns = {
@@ -317,7 +322,7 @@ def test_what_two_falls_differ_in_is_said() -> None:
     table = xd.compare(first, second)
     assert table.attrs["cause"] == "parameters: g: 10.0 m s-2 | 9.0 m s-2"
     assert xd.compare(first, fall(9.0, 2.0)).attrs["cause"].endswith(", and 1 more")
-    said = lines_of(table)
+    said = comparison_lines(table)
     assert said[0].startswith(f"{int((table.same == 0).sum())} of {table.sizes['variable']} variables differ; first: ")
     times = table.difference_event_time_level
     worst = int(np.abs(times.values).argmax())

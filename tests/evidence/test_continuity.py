@@ -12,7 +12,7 @@ import xdynamics as xd
 from cases.chunked import chunked
 from cases.problems import MODELS, free
 from xdynamics.evidence.diagnosing import continuity
-from xdynamics.evidence.diagnosing.diagnosis import lines_of
+from xdynamics.evidence.diagnosing.diagnosis import diagnosis_lines
 
 PASSED, FAILED, NOT_CHECKED = range(3)
 WALL = """
@@ -66,7 +66,7 @@ def test_a_changed_velocity_is_off_by_its_change_and_moves_the_position_by_it() 
     assert found.continuity_defect_x == pytest.approx(3 * 2.0**-40 / 8, rel=1e-3, abs=0)
     assert found.continuity_bound_v_x < 1e-13
     assert float(found.continuity_time) in (0.625, 0.75)
-    (line,) = (line for line in lines_of(found) if "continuity" in line)
+    (line,) = (line for line in diagnosis_lines(found) if "continuity" in line)
     assert "attention: continuity failed: each of 16 steps was recomputed; that from t = 0." in line
     assert "2.73e-12 m s-1 away from the next row in v_x" in line
 

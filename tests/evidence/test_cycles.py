@@ -15,7 +15,7 @@ from cases.command_line import call
 from cases.problems import MODELS
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.diagnosing import belief, diagnosis
-from xdynamics.evidence.diagnosing.cycles import Cycles, Turns, _chosen, _risen, _turned, cycles
+from xdynamics.evidence.diagnosing.cycles import Cycles, Turns, _choose_level, _rising_rows, _turning_points, cycles
 
 
 class Swing:
@@ -128,7 +128,7 @@ def rows_of(**columns: Any) -> Chunks:
 def test_swings_of_less_than_a_millionth_are_none(dip: float, turns: list[int]) -> None:
     """Assert maxima positive and minima negative; one between two swings of less than a millionth of the range is left out."""
     values = np.array([0.0, 1.0, 1.0 - dip, 1.0, 1.0 - dip, 0.0, 0.5])
-    turned = _turned(rows_of(x=values, v_x=[1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0]), "x")
+    turned = _turning_points(rows_of(x=values, v_x=[1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0]), "x")
     assert turned.rows.tolist() == turns
     assert turned.values.tolist() == values[np.abs(turns)].tolist()
 
@@ -140,7 +140,7 @@ def test_a_level_is_the_first_that_swings_rise_through() -> None:
 
     def chosen(values: Any, rows: Any, maxima: int) -> tuple[float, str]:
         turned = Turns(rows, values[rows], float(values.min()), float(values.max()))
-        return _chosen(rows_of(x=values, time=time[: len(values)]), "x", turned, maxima)
+        return _choose_level(rows_of(x=values, time=time[: len(values)]), "x", turned, maxima)
 
     assert chosen(zigzag, turns, 3) == (0.0, "zero")
     assert chosen(5.0 + zigzag, turns, 3) == (5.0, "the middle of the range")
@@ -150,7 +150,7 @@ def test_a_level_is_the_first_that_swings_rise_through() -> None:
     assert chosen(high[:2], turns[:0], 0) == (4.0, "the middle of the range")
 
     def risen(values: Any, times: Any, level: float) -> list[int]:
-        return _risen(rows_of(x=values, time=times), "x", [level])[0].tolist()
+        return _rising_rows(rows_of(x=values, time=times), "x", [level])[0].tolist()
 
     assert risen(high, time, 7.5) == [0, 2, 4, 6]
     assert risen(high, [0, 0, 1, 2, 2, 3, 4, 5, 6.0], 7.0) == []
@@ -205,7 +205,7 @@ def test_a_diagnosis_in_words() -> None:
         "reference": "none",
         "cycle_doubt": "few",
     }
-    lines = list(diagnosis.lines_of(found))
+    lines = list(diagnosis.diagnosis_lines(found))
     assert lines == [
         "energy_band = 0.123457",
         "maximum_x = 1.235 m, interpolated",
@@ -217,9 +217,9 @@ def test_a_diagnosis_in_words() -> None:
         "amplitude = 1 m in the first cycle, 0.75 m in the last",
         "phase_space_area = 3 m2 s-1 in the first cycle, 4 m2 s-1 in the last",
     ]
-    assert len(list(diagnosis.lines_of(found.isel(cycle=[])))) == 4
+    assert len(list(diagnosis.diagnosis_lines(found.isel(cycle=[])))) == 4
     del found.attrs["level_rule"]
-    assert diagnosis.cycles_said(found) == "x, each from one rise through 0.5 m, to the next"
+    assert diagnosis.cycles_text(found) == "x, each from one rise through 0.5 m, to the next"
 
 
 def test_amplitudes_are_of_located_turns_and_where_it_bounces_of_states_between() -> None:
@@ -272,10 +272,10 @@ def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPa
         stub: Any = type(
             "Beside", (), {"run": other, "functions": None, "beside": staticmethod(beside), "holding": lambda *_: other}
         )()
-        return float(belief.believed(Chunks.of(run), stub)["believed_until"][1])
+        return float(belief.belief_variables(Chunks.of(run), stub)["believed_until"][1])
 
     times = run.time.values
-    monkeypatch.setattr(belief, "sampled", lambda _, t, **__: xr.Dataset({"time": ("at", np.asarray(t))}))
+    monkeypatch.setattr(belief, "sample_in_steps", lambda _, t, **__: xr.Dataset({"time": ("at", np.asarray(t))}))
     step = 2 * 0.02 + 1e-9
     late = times > 6.0  # by when the range is that of the whole run
     assert np.ptp(run.x.values[~late]) == pytest.approx(span, rel=0.005)

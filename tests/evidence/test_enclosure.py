@@ -13,7 +13,7 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.smooth_models import of_rate, oscillator
 from cases.stages import assert_described, assert_same_bits
-from xdynamics.evidence.enclosing.parts import parted
+from xdynamics.evidence.enclosing.parts import split_box
 from xdynamics.tubes import Flow
 
 SHORT = {"until": "0.5 s", "order": 12, "rtol": 1e-10}
@@ -131,7 +131,7 @@ def test_a_wide_set_in_parts() -> None:
 def test_parts_make_the_whole() -> None:
     """Assert that parts share the numbers at which they are cut, that the widest beside its size is cut, and all is in one."""
     start = np.array([[1.0, -3.0, 2.0], [2.0, 3.0, 2.0]])
-    parts = parted(start, 5)
+    parts = split_box(start, 5)
     assert len(parts) == 5
     assert sum(float(np.prod((part[1] - part[0])[:2])) for part in parts) == 6.0
     assert {tuple(part[:, 2].tolist()) for part in parts} == {(2.0, 2.0)}

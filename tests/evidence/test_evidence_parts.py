@@ -14,31 +14,37 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.evidence.companion import Companion, companion, companion_of, lines_of
-from xdynamics.evidence.comparing.bits import bitwise, reproduced
-from xdynamics.evidence.comparing.causes import _flat, _short, cause_of, independent
-from xdynamics.evidence.comparing.comparison_summary import lines_of as comparison_in_words
+from xdynamics.evidence.companion import Companion, companion, companion_lines, companion_of
+from xdynamics.evidence.comparing.bits import compare_bits, compare_reproduction
+from xdynamics.evidence.comparing.causes import _flatten_table, _shortened_text, cause_of, independent_settings
+from xdynamics.evidence.comparing.comparison_summary import comparison_lines as comparison_in_words
 from xdynamics.evidence.comparing.differences import (
     common_times,
-    counts_apart,
     difference_of,
-    parting,
+    event_count_differences,
+    parting_text,
     times_between,
 )
-from xdynamics.evidence.event_matching import matched, met
-from xdynamics.evidence.evidence_dataset import exhibit
+from xdynamics.evidence.event_matching import event_rows_by_name, match_times
+from xdynamics.evidence.evidence_dataset import evidence_dataset
 from xdynamics.evidence.observables import comparable, modes_behind, observe
 from xdynamics.evidence.refining import readings
 from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.defects import step_defects
-from xdynamics.evidence.refining.family import Watched, family
-from xdynamics.evidence.refining.forecast import Bounds, obstacle
+from xdynamics.evidence.refining.family import TrackedValue, family
+from xdynamics.evidence.refining.forecast import Bounds, level_obstacle
 from xdynamics.evidence.refining.judgements import EVENT_LIMITED, judge
 from xdynamics.evidence.refining.levels import ALL, CHOICES, RTOLS, STEPS, TIME_TOLERANCES, Levels, Varied
-from xdynamics.evidence.refining.refinement import _bounds, _changing, _known, _stopped, _tolerances
-from xdynamics.evidence.refining.refinement import lines_of as refinement_in_words
+from xdynamics.evidence.refining.refinement import (
+    _change_tolerances,
+    _changing,
+    _known_observables,
+    _level_limits,
+    _stopped,
+)
+from xdynamics.evidence.refining.refinement import refinement_lines as refinement_in_words
 from xdynamics.evidence.refining.study import Study
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import march_model
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -46,7 +52,7 @@ BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 # --------------------------------------------------------------------------------------------------------------- family
 
 
-def planted(case: int) -> tuple[Watched, int]:
+def planted(case: int) -> tuple[TrackedValue, int]:
     """Return numbers of four levels at three places, with errors, rounding and switches drawn at random."""
     rng = np.random.default_rng(case)
     order = rng.choice([1.0, 2.0, 2.3], 3)
@@ -55,7 +61,9 @@ def planted(case: int) -> tuple[Watched, int]:
     errors = sizes[:, None] * 10.0 ** rng.uniform(-4, 0.5, (3, 4))
     rounding, moved = sizes * 10.0 ** rng.uniform(-6, 0.3, 3), sizes * 10.0 ** rng.uniform(-6, 0.0, 3)
     kinks = rng.choice([1.0, np.inf], 3)
-    return Watched("x", "m", "place", ("at",), values, errors, rounding, moved, 2.5, kinks), int(rng.integers(10, 900))
+    return TrackedValue("x", "m", "place", ("at",), values, errors, rounding, moved, 2.5, kinks), int(
+        rng.integers(10, 900)
+    )
 
 
 @pytest.mark.cases(80)
@@ -101,13 +109,15 @@ def test_a_family_judges_every_place_by_its_own_numbers(case: int, varied: Varie
 def test_a_number_of_a_whole_run_has_levels_alone() -> None:
     """Assert that without places there is one verdict, and that an error as large as the difference still passes."""
     values, errors = np.array([[1.0, 1.25, 1.3125]]), np.array([[0.25, 0.0625, 0.0625]])
-    one = Watched("energy_range", "J", "range", (), values, errors, np.zeros(1), np.zeros(1), 1.0)
+    one = TrackedValue("energy_range", "J", "range", (), values, errors, np.zeros(1), np.zeros(1), 1.0)
     levels = Levels(OSCILLATOR, STEPS, np.array([0.4, 0.2, 0.1]), 2.0)
     found = family(one, levels, 100)
     assert found["energy_range"][0] == ("level",)
     assert found["gate_energy_range"][1].tolist() == [0, 0, 0]
     assert found["order_energy_range"][1].tolist()[1] == pytest.approx(2.0)
-    exact = family(Watched("e", "J", "range", (), values, 0.0 * errors, np.zeros(1), np.zeros(1), 1.0), levels, 100)
+    exact = family(
+        TrackedValue("e", "J", "range", (), values, 0.0 * errors, np.zeros(1), np.zeros(1), 1.0), levels, 100
+    )
     assert (exact["limit_e"][0], float(exact["limit_e"][1])) == ((), pytest.approx(4.0 / 3.0))
     rules = Levels(OSCILLATOR, CHOICES, np.array(["interpolant", "reintegrate"]), math.nan)
     assert not {"order_energy_range", "verdict_energy_range"} & {*family(one, rules, 100)}
@@ -137,10 +147,10 @@ def test_levels_know_what_is_varied_and_its_order() -> None:
     assert (rtols.formal, times.formal, math.isnan(rules.formal)) == (1.0, 1.0, True)
     assert [one.ordered for one in (steps, rtols, times, rules)] == [True, True, True, False]
     assert [rules.rule(0), rules.rule(1), steps.rule(0)] == ["interpolant", "reintegrate", "reintegrate"]
-    assert steps.asked_of(0.005) == {"force_samples": "none", "method": "dop853", "step": 0.005}
-    assert rtols.asked_of(1e-6) == {"force_samples": "none", "method": "dop853", "rtol": 1e-6}
-    assert times.asked_of(1e-6)["time_tolerance"] == 1e-6
-    assert "rtol" not in rules.asked_of("interpolant")
+    assert steps.settings_of_level(0.005) == {"force_samples": "none", "method": "dop853", "step": 0.005}
+    assert rtols.settings_of_level(1e-6) == {"force_samples": "none", "method": "dop853", "rtol": 1e-6}
+    assert times.settings_of_level(1e-6)["time_tolerance"] == 1e-6
+    assert "rtol" not in rules.settings_of_level("interpolant")
 
 
 def test_a_finer_level_goes_on_as_the_last_one_went() -> None:
@@ -197,7 +207,7 @@ def test_levels_of_location_change_every_event() -> None:
 def forecast(values: list[float], rows: list[int], varied: Varied = STEPS, **more: Any) -> Any:
     """A study of one number, of which nothing was marched: levels of 0.4, 0.2, … and runs of so many rows of 16 bytes."""
     outlines = [SimpleNamespace(rows=n, row_bytes=16.0) for n in rows]
-    one = Watched(
+    one = TrackedValue(
         "x",
         "m",
         "x",
@@ -222,14 +232,14 @@ def forecast(values: list[float], rows: list[int], varied: Varied = STEPS, **mor
 def test_the_next_level_is_held_against_rows_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert rows of the next level, those of the last times the ratio, and their bytes: 0.4 of what is free by default."""
     study = forecast([0.0, 0.75, 0.9375], [101, 201, 401])
-    assert obstacle(study, {"x": 1e-2}, Bounds(rows=7000.0)) == ""
-    said = obstacle(study, {"x": 1e-2}, Bounds(rows=801.0))
+    assert level_obstacle(study, {"x": 1e-2}, Bounds(rows=7000.0)) == ""
+    said = level_obstacle(study, {"x": 1e-2}, Bounds(rows=801.0))
     assert said.startswith("the next one would have 8e+02 rows (13 kB), more than most_rows = 801; ")
-    assert obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 * 8)) == ""
-    assert "of memory were allowed" in obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 - 1.0))
+    assert level_obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 * 8)) == ""
+    assert "of memory were allowed" in level_obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 - 1.0))
     for free, room in ((802 * 16.0 / 0.8 * 2.0 * 1.01, True), (802 * 16.0 / 0.8 * 2.0 * 0.99, False)):
         monkeypatch.setattr("xdynamics.evidence.refining.forecast.free_memory", lambda free=free: free)
-        assert ("of memory can be had" in obstacle(study, {"x": 0.1}, Bounds(rows=1e9))) is not room
+        assert ("of memory can be had" in level_obstacle(study, {"x": 0.1}, Bounds(rows=1e9))) is not room
 
 
 @pytest.mark.parametrize(("tolerance", "levels"), [(0.047, 1), (1e-3, 4), (1e-6, 9)])
@@ -238,56 +248,56 @@ def test_the_level_that_is_needed_follows_from_the_order(tolerance: float, level
     study = forecast([0.0, 0.75, 0.9375], [101, 201, 401])
     assert 0.1875 / 4.0**levels <= tolerance < 0.1875 / 4.0 ** (levels - 1)
     rows = 401 * 2.0**levels
-    assert obstacle(study, {"x": tolerance}, Bounds(rows=rows * 1.001)) == ""
-    said = obstacle(study, {"x": tolerance}, Bounds(rows=max(rows * 0.999, 803.0)))
+    assert level_obstacle(study, {"x": tolerance}, Bounds(rows=rows * 1.001)) == ""
+    said = level_obstacle(study, {"x": tolerance}, Bounds(rows=max(rows * 0.999, 803.0)))
     if levels > 1:
         assert said.startswith(f"x would need a step_size of about {0.1 / 2.0**levels:.2g} s: {rows:.2g} rows (")
         assert "more than most_rows" in said
-    assert obstacle(study, {"x": 0.2}, Bounds(rows=803.0)) == ""  # changes are small enough
-    assert obstacle(study, {"y": 1e-9}, Bounds(rows=803.0)) == ""
+    assert level_obstacle(study, {"x": 0.2}, Bounds(rows=803.0)) == ""  # changes are small enough
+    assert level_obstacle(study, {"y": 1e-9}, Bounds(rows=803.0)) == ""
 
 
 def test_what_no_level_can_come_to_is_said() -> None:
     """Assert that rounding ends it where changes are at it, that changes which do not fall and a single one prove nothing."""
     noisy = forecast([0.0, 0.75, 0.9375], [101, 201, 401], rounding=0.5)
-    assert obstacle(noisy, {"x": 0.1}, Bounds()) == "rounding alone moves x by 0.5 m: no step_size would do"
+    assert level_obstacle(noisy, {"x": 0.1}, Bounds()) == "rounding alone moves x by 0.5 m: no step_size would do"
     quiet = forecast([0.0, 0.75, 0.9375], [101, 201, 401], rounding=0.15)
-    assert obstacle(quiet, {"x": 0.1}, Bounds()) == ""  # the last change is above it
+    assert level_obstacle(quiet, {"x": 0.1}, Bounds()) == ""  # the last change is above it
     growing = forecast([0.0, 0.1, 0.3], [101, 201, 401])
-    assert obstacle(growing, {"x": 1e-9}, Bounds(rows=1000.0)) == ""
-    assert "changes of x do not fall" in obstacle(growing, {"x": 1e-9}, Bounds(rows=800.0))
+    assert level_obstacle(growing, {"x": 1e-9}, Bounds(rows=1000.0)) == ""
+    assert "changes of x do not fall" in level_obstacle(growing, {"x": 1e-9}, Bounds(rows=800.0))
     slow = forecast(
         [0.0, 1.0, 1.0 + 2.0**-0.15], [101, 201, 401]
     )  # of order 0.15: they fall, and far from the method's
-    assert "x would need a step_size" in obstacle(slow, {"x": 0.5}, Bounds(rows=800.0))
+    assert "x would need a step_size" in level_obstacle(slow, {"x": 0.5}, Bounds(rows=800.0))
     late = forecast([0.0, 0.0, 0.1875], [101, 201, 401])  # the first change tells no order
-    assert "x would need a step_size of about 0.05 s" in obstacle(late, {"x": 0.1}, Bounds(rows=800.0))
+    assert "x would need a step_size of about 0.05 s" in level_obstacle(late, {"x": 0.1}, Bounds(rows=800.0))
     single = forecast([0.0], [101])
-    assert obstacle(single, {"x": 1e-9}, Bounds(rows=203.0)) == ""
+    assert level_obstacle(single, {"x": 1e-9}, Bounds(rows=203.0)) == ""
     two = forecast([0.0, 0.75], [101, 201])
-    assert obstacle(two, {"x": 1e-9}, Bounds(rows=500.0)) == ""
-    said = obstacle(two, {"x": 1e-9}, Bounds(rows=400.0))
+    assert level_obstacle(two, {"x": 1e-9}, Bounds(rows=500.0)) == ""
+    said = level_obstacle(two, {"x": 1e-9}, Bounds(rows=400.0))
     assert f"x would need a step_size of about {0.2 / 2.0**15:.2g} s" in said  # by the method's own order
     unsteady = forecast([0.0, 0.75, 0.75 + 0.75 / 2**2.3], [101, 201, 401])
-    assert obstacle(unsteady, {"x": 1e-9}, Bounds(rows=1000.0)) == ""
+    assert level_obstacle(unsteady, {"x": 1e-9}, Bounds(rows=1000.0)) == ""
 
 
 def test_rows_of_tolerances_grow_as_they_did(tmp_path: Path) -> None:
     """Assert the ratio of the last two runs in relative tolerances, none in those of location, and a folder's free disk."""
     study = forecast([0.0, 0.5, 0.75], [100, 110, 143], RTOLS)
-    assert "would have 1.9e+02 rows" in obstacle(study, {"x": 1e-3}, Bounds(rows=150.0))
+    assert "would have 1.9e+02 rows" in level_obstacle(study, {"x": 1e-3}, Bounds(rows=150.0))
     fewer = forecast([0.0, 0.5, 0.75], [100, 110, 90], RTOLS)
-    assert obstacle(fewer, {"x": 1e-3}, Bounds(rows=91.0)) == ""
-    assert "would have 90 rows" in obstacle(fewer, {"x": 1e-3}, Bounds(rows=89.0))
+    assert level_obstacle(fewer, {"x": 1e-3}, Bounds(rows=91.0)) == ""
+    assert "would have 90 rows" in level_obstacle(fewer, {"x": 1e-3}, Bounds(rows=89.0))
     located = forecast([0.0, 0.5, 0.75], [100, 110, 143], TIME_TOLERANCES)
-    assert obstacle(located, {"x": 1e-3}, Bounds(rows=144.0)) == ""
+    assert level_obstacle(located, {"x": 1e-3}, Bounds(rows=144.0)) == ""
     thirds = forecast([0.0, 0.9, 1.0], [101, 301, 901], ratio=3.0)  # order two in thirds
-    assert "would have 2.7e+03 rows" in obstacle(thirds, {"x": 1e-3}, Bounds(rows=2000.0))
+    assert "would have 2.7e+03 rows" in level_obstacle(thirds, {"x": 1e-3}, Bounds(rows=2000.0))
     said = f"x would need a step_size of about {0.4 / 9.0 / 27.0:.2g} s: {901 * 27.0:.2g} rows"
-    assert obstacle(thirds, {"x": 2e-4}, Bounds(rows=3000.0)).startswith(said)
+    assert level_obstacle(thirds, {"x": 2e-4}, Bounds(rows=3000.0)).startswith(said)
     kept = forecast([0.0, 0.75, 0.9375], [101, 201, 401], keep=tmp_path)
-    assert obstacle(kept, {"x": 1e-3}, Bounds(rows=1e9, memory=1.0)) == ""  # nothing stays in memory
-    assert f"and the disk of '{tmp_path}' has" in obstacle(kept, {"x": 1e-60}, Bounds(rows=math.inf))
+    assert level_obstacle(kept, {"x": 1e-3}, Bounds(rows=1e9, memory=1.0)) == ""  # nothing stays in memory
+    assert f"and the disk of '{tmp_path}' has" in level_obstacle(kept, {"x": 1e-60}, Bounds(rows=math.inf))
 
 
 # ----------------------------------------------------------------------------------------------------------- refinement
@@ -297,9 +307,9 @@ def test_tolerances_of_changes_are_in_the_numbers_unit() -> None:
     """Assert quantities, bare numbers, and what is refused; and that rules have no finer level."""
     study = forecast([0.0, 0.75, 0.9375], [101, 201, 401])
     study.levels.ordered = True
-    assert _tolerances({"x": "3 mm"}, study) == pytest.approx({"x": 3e-3})
-    assert _tolerances({"x": 3.0}, study) == {"x": 3.0}
-    assert _tolerances({}, study) == {}
+    assert _change_tolerances({"x": "3 mm"}, study) == pytest.approx({"x": 3e-3})
+    assert _change_tolerances({"x": 3.0}, study) == {"x": 3.0}
+    assert _change_tolerances({}, study) == {}
     for given, said in (
         ({"y": 1.0}, "names 'y'; there are x"),
         ({"x": "3 s"}, "needs the unit 'm'"),
@@ -308,11 +318,11 @@ def test_tolerances_of_changes_are_in_the_numbers_unit() -> None:
         ({"x": "3"}, "needs the unit 'm'"),
     ):
         with pytest.raises(xd.InputError, match=said):
-            _tolerances(given, study)
+            _change_tolerances(given, study)
     study.levels.ordered, study.levels.varied = False, CHOICES
-    assert _tolerances({}, study) == {}
+    assert _change_tolerances({}, study) == {}
     with pytest.raises(xd.InputError, match="rules have none"):
-        _tolerances({"x": 1.0}, study)
+        _change_tolerances({"x": 1.0}, study)
 
 
 def test_changes_are_those_to_the_last_level_at_every_place() -> None:
@@ -322,7 +332,7 @@ def test_changes_are_those_to_the_last_level_at_every_place() -> None:
     assert _changing(study, {"x": 0.2499}) == ["x"]
     assert _changing(study, {"x": 0.25, "y": 1.0}) == ["y"]
     assert _changing(forecast([0.0], [101]), {"x": 9.0}) == ["x"]
-    two = Watched(
+    two = TrackedValue(
         "x",
         "m",
         "x",
@@ -334,7 +344,7 @@ def test_changes_are_those_to_the_last_level_at_every_place() -> None:
         1.0,
     )
     for rows, tolerance, changing in ((slice(2), 0.5, False), (slice(2), 0.49, True), (slice(3), 9.0, True)):
-        some = Watched(
+        some = TrackedValue(
             "x", "m", "x", ("at",), two.values[rows], two.errors[rows], two.rounding[rows], two.moved[rows], 1.0
         )
         study = SimpleNamespace(outlines=[None, None], numbers=lambda one=some: [one])
@@ -343,19 +353,27 @@ def test_changes_are_those_to_the_last_level_at_every_place() -> None:
 
 def test_bounds_of_levels_and_why_none_was_added() -> None:
     """Assert rows and bytes that are asked for, and both endings in words."""
-    assert (_bounds(None, None).rows, _bounds(2, "3 kB").rows, _bounds(2.5, "3 kB").memory) == (10_000_000, 2.0, 3000.0)
+    assert (_level_limits(None, None).rows, _level_limits(2, "3 kB").rows, _level_limits(2.5, "3 kB").memory) == (
+        10_000_000,
+        2.0,
+        3000.0,
+    )
     for rows in (1, "many"):
         with pytest.raises(xd.InputError, match="most_rows is .*, needs a number of rows"):
-            _bounds(rows, None)  # type: ignore[arg-type]
+            _level_limits(rows, None)  # type: ignore[arg-type]
     assert _stopped([], 4, "") == "every change under its tolerance from level 2 to level 3"
     assert (
         _stopped(["x", "y"], 3, "room")
         == "after 3 levels, with x, y still changing by more than its tolerance: no finer level, room"
     )
-    assert _known(OSCILLATOR, "x") == ("x",)
-    assert _known(OSCILLATOR, ["energy_range", "period_x", "phase_x"]) == ("energy_range", "period_x", "phase_x")
+    assert _known_observables(OSCILLATOR, "x") == ("x",)
+    assert _known_observables(OSCILLATOR, ["energy_range", "period_x", "phase_x"]) == (
+        "energy_range",
+        "period_x",
+        "phase_x",
+    )
     with pytest.raises(xd.InputError, match="'speed' is none of the model's; there are x, v_x"):
-        _known(OSCILLATOR, ["speed"])
+        _known_observables(OSCILLATOR, ["speed"])
 
 
 def refined_by_hand(**more: Any) -> xr.Dataset:
@@ -466,8 +484,11 @@ def test_times_between_two_locations_of_one_event_are_left_out() -> None:
     assert times_between(first, second, at).tolist() == [False, True, True, True, True, False, False, False]
     assert times_between(second, first, at).tolist() == times_between(first, second, at).tolist()
     assert not times_between(first, met_by_hand([1.25, 3.5], 0.25, [1, 1]), at).any()
-    assert list(counts_apart(first, second)) == []
-    assert list(counts_apart(first, met_by_hand([1.0, 2.0, 3.0], 0.1, [0, 1, 1]))) == ["low: 2 | 1", "high: 0 | 2"]
+    assert list(event_count_differences(first, second)) == []
+    assert list(event_count_differences(first, met_by_hand([1.0, 2.0, 3.0], 0.1, [0, 1, 1]))) == [
+        "low: 2 | 1",
+        "high: 0 | 2",
+    ]
 
 
 def test_runs_part_where_interpolation_cannot_be_off_so_far() -> None:
@@ -482,7 +503,7 @@ def test_runs_part_where_interpolation_cannot_be_off_so_far() -> None:
             "interpolation_error_x": ((), np.full(4, 0.25)),
         }
         variables |= {"difference_y": ((), np.array(y), {"units": "s"}), "interpolation_error_y": ((), np.zeros(4))}
-        return parting(variables, first, ["x", "y", "z"], np.isin(np.arange(4), passed))
+        return parting_text(variables, first, ["x", "y", "z"], np.isin(np.arange(4), passed))
 
     assert said([0.0, 0.25, -0.5, 9.0], [0.0] * 4) == "t = 3 s: x by -0.5 m, beyond an interpolation error of 0.25 m"
     assert said([0.0, 0.25, -0.5, 9.0], [0.0] * 4, (2,)).startswith("t = 4 s: x by 9 m")
@@ -500,10 +521,10 @@ def test_a_cause_is_the_first_of_what_differs() -> None:
     assert cause_of(nothing | {"identical": True, "model": "x"}) == ""
     assert cause_of(nothing | {"initial": "y: 1 | 2", "settings": "a: 1 | 2"}) == "initial: y: 1 | 2"
     assert cause_of(nothing | {"parameters": "k: 1 | 2\nm: 1 | 3\nc: 0 | 1"}) == "parameters: k: 1 | 2, and 2 more"
-    assert independent(["a: 1 | 'absent'", "b: 1 | 2"]) == ["b: 1 | 2"]
-    assert independent(["a: 1 | 'absent'"]) == ["a: 1 | 'absent'"]
-    assert (_short("a" * 60), _short("a" * 61)) == ("a" * 60, "a" * 57 + "…")
-    assert list(_flat("", {"m": {"value": 2, "unit": "kg", "u": 1}, "n": {"a": 1}})) == [
+    assert independent_settings(["a: 1 | 'absent'", "b: 1 | 2"]) == ["b: 1 | 2"]
+    assert independent_settings(["a: 1 | 'absent'"]) == ["a: 1 | 'absent'"]
+    assert (_shortened_text("a" * 60), _shortened_text("a" * 61)) == ("a" * 60, "a" * 57 + "…")
+    assert list(_flatten_table("", {"m": {"value": 2, "unit": "kg", "u": 1}, "n": {"a": 1}})) == [
         ("m.value", "2 kg"),
         ("m.u", "1"),
         ("n.a", "1"),
@@ -581,10 +602,10 @@ def test_events_are_matched_where_both_are_closest(case: int) -> None:
     short = np.sort(long[int(rng.integers(0, long.size - n + 1)) :][:n] + rng.normal(0.0, 0.2, n))
     away = [float(np.abs(long[k : k + n] - short).sum()) for k in range(long.size - n + 1)]
     rows = (np.arange(n) + int(np.argmin(away))).tolist()
-    assert [one.tolist() for one in matched(long, short)] == [rows, list(range(n))]
+    assert [one.tolist() for one in match_times(long, short)] == [rows, list(range(n))]
     if n < long.size:
-        assert [one.tolist() for one in matched(short, long)] == [list(range(n)), rows]
-    assert [one.tolist() for one in matched(long, np.zeros(0))] == [[], []]
+        assert [one.tolist() for one in match_times(short, long)] == [list(range(n)), rows]
+    assert [one.tolist() for one in match_times(long, np.zeros(0))] == [[], []]
 
 
 def test_events_that_are_not_known_are_none() -> None:
@@ -592,15 +613,15 @@ def test_events_that_are_not_known_are_none() -> None:
     detector = ("event", np.array([1, 0, 1]), {"flag_values": np.array([0, 1]), "flag_meanings": "ground apex"})
     times = ("event", np.array([0.1, 0.2, 0.3]))
     whole = xr.Dataset({"event_detector": detector, "event_time": times, "event_time_uncertainty": times})
-    assert {name: rows.tolist() for name, rows in met(whole).items()} == {"apex": [0, 2], "ground": [1]}
-    assert met(whole.drop_vars("event_time")) == {}
-    assert met(xr.Dataset()) == {}
+    assert {name: rows.tolist() for name, rows in event_rows_by_name(whole).items()} == {"apex": [0, 2], "ground": [1]}
+    assert event_rows_by_name(whole.drop_vars("event_time")) == {}
+    assert event_rows_by_name(xr.Dataset()) == {}
 
 
 def test_an_exhibit_says_what_it_is_and_of_which_runs() -> None:
     """Assert digests of runs, title, kind and further attributes, coordinates, and every variable as it was given."""
     variables = {"at_time": (("at",), np.array([1.0]), {"units": "s"}), "x": (("at",), np.array([2.0]), {"units": "m"})}
-    found = exhibit("study", "a title", ["abc", "def"], variables, {"more": 3})
+    found = evidence_dataset("study", "a title", ["abc", "def"], variables, {"more": 3})
     assert [found.attrs[name] for name in ("title", "source", "evidence", "runs", "more")] == [
         "a title",
         "study by xdynamics",
@@ -743,7 +764,7 @@ def test_a_study_of_events_scales_by_the_span_of_the_run() -> None:
     for number in study.numbers():
         name = number.name.removeprefix("event_time_")
         for k, run in enumerate(study.runs):
-            row = study.met()[name][k]
+            row = study.event_rows()[name][k]
             assert number.values[0, k] == float(run.event_time[row][0])
             assert number.errors[0, k] == float(run.event_time_uncertainty[row][0])
         assert number.rounding == pytest.approx(
@@ -783,7 +804,7 @@ def test_the_first_row_that_differs_is_named(case: int) -> None:
         values[where] = np.nextafter(values[where], np.inf)
         if name == "time":
             second = second.assign_coords(time=("step", values, {"units": "s"}))
-    table = bitwise(first, second)
+    table = compare_bits(first, second)
     assert {str(name): int(row) for name, row in zip(table.name.values, table.first_row.values, strict=True)} == {
         name: rows.get(name, -1) for name in ("time", "x", "both", "m", "word")
     }
@@ -805,7 +826,7 @@ def test_the_first_row_that_differs_is_named(case: int) -> None:
 def test_lengths_kinds_units_and_settings_differ_too() -> None:
     """Assert the row behind the shorter, row 0 of another kind, unit or name, and settings in the order of both runs."""
     first = recorded(np.random.default_rng(1))
-    shorter = bitwise(first, first.isel(step=slice(4)))
+    shorter = compare_bits(first, first.isel(step=slice(4)))
     assert dict(zip(shorter.name.values.tolist(), shorter.first_row.values.tolist(), strict=True)) == {
         "time": 4,
         "x": 4,
@@ -820,12 +841,12 @@ def test_lengths_kinds_units_and_settings_differ_too() -> None:
         "attribute 'long_name': ": first.x.assign_attrs(long_name="other"),
     }
     for said, other in others.items():
-        assert bitwise(first, first.assign(x=other)).attrs["first_difference"].startswith(f"variable 'x', {said}")
+        assert compare_bits(first, first.assign(x=other)).attrs["first_difference"].startswith(f"variable 'x', {said}")
     for pair, said in (((first, first.drop_vars("m")), " | absent"), ((first.drop_vars("m"), first), "absent | ")):
-        assert bitwise(*pair).attrs["first_difference"].startswith("variable 'm': ")
-        assert said in bitwise(*pair).attrs["first_difference"]
-        assert sorted(bitwise(*pair).first_row.values.tolist()) == [-1, -1, -1, -1, 0]
-    other = bitwise(first, first.assign_attrs(solver_step=0.2, solver_rtol="x" * 90))
+        assert compare_bits(*pair).attrs["first_difference"].startswith("variable 'm': ")
+        assert said in compare_bits(*pair).attrs["first_difference"]
+        assert sorted(compare_bits(*pair).first_row.values.tolist()) == [-1, -1, -1, -1, 0]
+    other = compare_bits(first, first.assign_attrs(solver_step=0.2, solver_rtol="x" * 90))
     assert (other.attrs["identical"], other.attrs["first_difference"]) == (0, "attribute solver_step: 0.1 | 0.2")
     assert other.attrs["settings"].split("\n") == ["solver_step: 0.1 | 0.2", f"solver_rtol: 'absent' | '{'x' * 76}…"]
 
@@ -839,15 +860,15 @@ def test_the_largest_difference_is_against_the_largest_value(row: int, size: flo
     again = kept.copy(deep=True)
     again["x"].values[row] += size
     again["both"].values[0, 1] *= 100.0  # no state
-    said = reproduced(kept, again).attrs["arithmetic"]
+    said = compare_reproduction(kept, again).attrs["arithmetic"]
     assert said == f"the largest difference is {size:.3g} m in 'x', row {row}: {relative:.2g} of its largest value"
     longer = again.isel(step=slice(5)) if row == 2 else again.isel(step=slice(0))
     rest = f"; 6 rows became {longer.sizes['step']}"
-    assert reproduced(kept, longer).attrs["arithmetic"].endswith(rest)
+    assert compare_reproduction(kept, longer).attrs["arithmetic"].endswith(rest)
     only = kept.copy(deep=True)
     only["both"].values[2, 0] += 1.0
-    assert "in 'both', row 2: " in reproduced(kept, only).attrs["arithmetic"]
-    other = reproduced(kept.assign_attrs(math_functions="old"), kept.assign_attrs(math_functions="new"))
+    assert "in 'both', row 2: " in compare_reproduction(kept, only).attrs["arithmetic"]
+    other = compare_reproduction(kept.assign_attrs(math_functions="old"), kept.assign_attrs(math_functions="new"))
     assert (
         other.attrs["arithmetic"]
         == "the archive was made with the elementary functions 'old', here they are 'new'; every number has the same bits"
@@ -858,10 +879,10 @@ def test_the_largest_difference_is_against_the_largest_value(row: int, size: flo
         ("schema_version", "records of schema 1 had the law in other words than those of schema 2"),
     ):
         pair = [kept.assign_attrs({key: letter, "force_digest": letter}) for letter in "12"]
-        assert reproduced(*pair).attrs["arithmetic"] == f"{said}; every number has the same bits"
-        assert reproduced(*pair).attrs["identical"] == 1
-        assert reproduced(pair[0], pair[1].assign_attrs({key: "1"})).attrs["identical"] == 0
-        assert reproduced(pair[0], pair[1].assign_attrs(force_digest="1")).attrs["arithmetic"] == ""
+        assert compare_reproduction(*pair).attrs["arithmetic"] == f"{said}; every number has the same bits"
+        assert compare_reproduction(*pair).attrs["identical"] == 1
+        assert compare_reproduction(pair[0], pair[1].assign_attrs({key: "1"})).attrs["identical"] == 0
+        assert compare_reproduction(pair[0], pair[1].assign_attrs(force_digest="1")).attrs["arithmetic"] == ""
 
 
 # ----------------------------------------------------------------------------------------------------------- companions
@@ -890,7 +911,7 @@ def test_a_tighter_run_tells_the_error_since_the_start() -> None:
         assert found.attrs["companion"] == "half the steps"
         assert len(set(found.attrs["runs"].split())) == 2
     assert "difference from the run with half the steps, times 2" in found.global_error_y.attrs["long_name"]
-    assert list(lines_of(companion(falling()))) == [
+    assert list(companion_lines(companion(falling()))) == [
         "beside a run with half the steps",
         "y = -19 m at t = 2 s, off by 1",
         "v_y = -20 m s-1 at t = 2 s, off by 0",
@@ -905,7 +926,7 @@ def test_every_event_has_its_own_error() -> None:
     late = 2.0 * (run.event_time.values - half.event_time.values)
     assert found.event_time_global_error.values == pytest.approx(late, rel=1e-9, abs=1e-14)
     assert late[-1] == pytest.approx(float(run.event_time[-1]) - 1.0, rel=0.3)
-    lines = list(lines_of(found))
+    lines = list(companion_lines(found))
     assert len(lines) == 1 + 2 + run.sizes["event"]
     assert lines[-1].startswith(f"event at t = {float(run.event_time[-1]):.2f}")
     assert lines[-1].endswith(f" s, off by {late[-1]:.2g} s")
@@ -963,7 +984,7 @@ def test_defects_of_steps_have_their_sign_and_are_spread() -> None:
     found = step_defects(euler)
     assert found["y"] == pytest.approx(10.0 * steps**2 / 2 * 15 / 16, rel=1e-9)
     assert found["v_y"] == pytest.approx(0.0, abs=1e-12)
-    few = step_defects(euler, most=4)
+    few = step_defects(euler, max_steps=4)
     assert few["y"].tolist() == found["y"][np.linspace(0, len(steps) - 1, 4).astype(int)].tolist()
     many = xd.simulate(model, method="forward_euler", step=0.001, until=0.3)
     assert step_defects(many)["y"].shape == (256,)
@@ -979,7 +1000,7 @@ def test_a_tenth_of_the_tolerances_tells_ten_ninths() -> None:
     run = xd.simulate(model, method="dormand_prince", rtol=1e-5, atol={"x": "1e-6 m", "v_x": "1e-6 m s-1"}, until=5.0)
     beside = companion_of(run)
     assert beside.factor == pytest.approx(10.0 / 9.0)
-    assert beside.said == "a 10th of the tolerances"
+    assert beside.tightening == "a 10th of the tolerances"
     assert beside.run.attrs["solver_rtol"] == pytest.approx(1e-6)
     assert float(beside.run.x.attrs["atol"]) == pytest.approx(1e-7)
     off = float(run.x[-1]) - math.cos(10.0)
@@ -1073,7 +1094,7 @@ def test_switches_that_were_stepped_over_are_known_from_their_step_on() -> None:
 class Timed(Study):
     """A study without located switches, in which the order that switches leave before a time is that time."""
 
-    def _with_switches_located(self, numbers: list[Watched]) -> None:  # noqa: ARG002
+    def _with_switches_located(self, numbers: list[TrackedValue]) -> None:  # noqa: ARG002
         return None
 
     def kink_before(self, time: float) -> float:
@@ -1086,7 +1107,7 @@ def test_switches_count_from_when_a_number_is_of() -> None:
     study = bounced([0.1, 0.05], 2.0)
     last = study.runs[-1]
     timed = Timed(study.levels, study.runs, ("y", "v_y", "period_y"), [0.4, 1.1])
-    found = {one.name: one.kinks for one in timed.watched()}
+    found = {one.name: one.kinks for one in timed.tracked_values()}
     assert all(kinks is not None for kinks in found.values())
     times = last.event_time.values.tolist()
     assert {name: kinks.tolist() for name, kinks in found.items() if kinks is not None} == {
@@ -1098,7 +1119,7 @@ def test_switches_count_from_when_a_number_is_of() -> None:
         "after_back_v_y": times,
     }
     fewer = Timed(study.levels, [study.runs[0], bounced([0.1, 0.05], 0.3).runs[1]], ("y",), [0.2])
-    (missed, _) = [one.kinks for one in fewer.watched() if "back" in one.name]
+    (missed, _) = [one.kinks for one in fewer.tracked_values() if "back" in one.name]
     assert missed is not None
     assert missed.tolist() == [math.inf, math.inf]
 
@@ -1116,7 +1137,7 @@ def test_what_located_switches_change_is_added_once_and_a_quarter() -> None:
     study = studied(model, [0.16, 0.08, 0.05], 0.8, ("y",))
     located = study.levels.located()
     assert located is not None
-    (plain,), (watched,) = study.numbers(), study.watched()
+    (plain,), (watched,) = study.numbers(), study.tracked_values()
     exact = [
         float(observe(located.marched(k), located.model, ["y"], study.times, located.rule(k))["y"][0][0])
         for k in range(3)
@@ -1193,11 +1214,11 @@ def test_a_run_that_was_just_written_is_not_examined_again(tmp_path: Path, monke
         return archive.open_run(path, **more)
 
     monkeypatch.setitem(
-        march.__globals__,
+        march_model.__globals__,
         "archive",
         SimpleNamespace(open_run=opening, stream=archive.stream, has_segments=archive.has_segments),
     )
-    with march(OSCILLATOR, tmp_path / "run.nc", method="rk4", step=0.1, until=1.0) as run:
+    with march_model(OSCILLATOR, tmp_path / "run.nc", method="rk4", step=0.1, until=1.0) as run:
         assert run.sizes["step"] == 11
     assert opened == [{"check": False}]
 
@@ -1205,8 +1226,8 @@ def test_a_run_that_was_just_written_is_not_examined_again(tmp_path: Path, monke
 def test_an_interrupted_run_is_no_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that what was interrupted ends the evidence that it was to be a part of."""
     asked = {"method": "rk4", "step": 0.1, "until": 1.0}
-    assert march(OSCILLATOR, **asked).attrs["run_outcome"] == "completed"
+    assert march_model(OSCILLATOR, **asked).attrs["run_outcome"] == "completed"
     half = SimpleNamespace(marched=lambda run: run.assign_attrs(run_outcome="interrupted"))
-    monkeypatch.setitem(march.__globals__, "archive", half)
+    monkeypatch.setitem(march_model.__globals__, "archive", half)
     with pytest.raises(KeyboardInterrupt):
-        march(OSCILLATOR, **asked)
+        march_model(OSCILLATOR, **asked)

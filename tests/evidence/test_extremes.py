@@ -13,9 +13,9 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.documenting.summary import summary
-from xdynamics.evidence.diagnosing.extremes import extreme
-from xdynamics.evidence.grid_axes import numbers
-from xdynamics.record.flag_words import words_of
+from xdynamics.evidence.diagnosing.extremes import find_extreme
+from xdynamics.evidence.grid_axes import member_number_names
+from xdynamics.record.flag_words import words_of_flag
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 FINE: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}
@@ -23,7 +23,7 @@ FINE: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}
 
 def rule(found: xr.Dataset, name: str) -> str:
     """The rule of an extreme, in words."""
-    return words_of(found[f"{name}_rule"])[0]
+    return words_of_flag(found[f"{name}_rule"])[0]
 
 
 def swinging(k: float, m: float, x: float, v: float) -> xd.Model:
@@ -229,12 +229,12 @@ def test_rules_of_members_differ_and_are_told() -> None:
         until="9 s",
         **FINE,
     ).compute()
-    assert words_of(grid.maximum_y_rule) == ["located", "sampled", "sampled"]
+    assert words_of_flag(grid.maximum_y_rule) == ["located", "sampled", "sampled"]
     assert (grid.maximum_y_uncertainty == 0.0).all()
     assert "maximum_y_rule is sampled in 2, located in 1" in summary(grid)
     assert (
         {"maximum_y", "maximum_force_drag_y"}
-        <= {*numbers(grid)}
+        <= {*member_number_names(grid)}
         <= {name for name in grid if not name.endswith(("_rule", "_uncertainty"))}
     )
 
@@ -341,7 +341,7 @@ def test_an_extreme_is_uncertain_by_all_that_it_reads(unit: str, factor: float) 
         assert float(found[name]) * scale == pytest.approx(2.0 * x * v, rel=1e-12)
         assert float(found[f"{name}_uncertainty"]) * scale == pytest.approx(2.0 * (abs(ex * v) + abs(x * ev)), rel=1e-6)
         sign = 1.0 if name.startswith("max") else -1.0
-        alone = extreme(run, "power", sign, None)
+        alone = find_extreme(run, "power", sign, None)
         assert (alone.value, alone.time) == (float(found[name]), float(found[f"{name}_time"]))
     at = xd.sample(run, [float(found.maximum_x_time)], side="before")
     assert float(found.maximum_x_uncertainty) == abs(float(at.error_x[0])) > 0.0

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.cli import main
-from xdynamics.evidence.comparing.grids import DIFFERS, UNKNOWN, WITHIN, lines_of
+from xdynamics.evidence.comparing.grids import DIFFERS, UNKNOWN, WITHIN, sweep_comparison_lines
 
 BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
@@ -116,7 +116,7 @@ def test_a_sweep_is_itself_and_a_lazy_one_is_not_marched() -> None:
     """Assert one line for the same members, dask arrays of lazy ones with the same numbers, and an archive of what is found."""
     sweep = swept()
     same = xd.compare(sweep, sweep)
-    assert [*lines_of(same)] == ["the same sweep: 2 members, bit for bit"]
+    assert [*sweep_comparison_lines(same)] == ["the same sweep: 2 members, bit for bit"]
     lazy = xd.sweep(BALL, {"e": [0.8, 0.9]}, step=0.02, method="velocity_verlet", **KEPT)
     found = xd.compare(sweep, lazy)
     assert found.difference_end_y.chunks is not None

@@ -13,7 +13,7 @@ from cases.contacts import ball, cradle
 from cases.impacts import random_rod
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.model.parts import IMPACT_LAWS
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 
 
 def failed(run: Any, model: xd.Model) -> set[str]:
@@ -102,14 +102,14 @@ def test_a_model_with_contacts_is_validated_by_its_own_run() -> None:
         f"impacts.{name}"
         for name in ("impulse_y", "kinetic_energy", "floor.direction", "floor.restitution", "floor.energy_lost")
     ]
-    assert set(words_of(found.verdict)) == {"passed"}
+    assert set(words_of_flag(found.verdict)) == {"passed"}
     assert found.case_units.values.tolist() == ["kg m s-1", "J", "1", "m s-1", "J"]
     assert all("impacts, worst at event" in str(one) for one in found.case_where.values)
     assert (found.bound.values > 0.0).all()
     assert (found.bound.values < 1e-9).all()
     table["run"]["until"] = "0.1 s"
     none = xd.validate(model=xd.Model(**table))
-    assert (none.case_note.values.tolist(), words_of(none.verdict)) == (["the run has no impact"], ["refused"])
+    assert (none.case_note.values.tolist(), words_of_flag(none.verdict)) == (["the run has no impact"], ["refused"])
 
 
 def test_a_method_that_locates_nothing_is_refused() -> None:

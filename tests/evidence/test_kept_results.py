@@ -36,7 +36,7 @@ MAKE: dict[str, Callable[..., xr.Dataset]] = {
 @pytest.mark.parametrize("what", ["budget", "ledger"])
 def test_evidence_that_was_interrupted_goes_on(what: str, tmp_path: Path) -> None:
     """Assert that what was known before an interrupt is read, every other task done once, and the bits those of one go."""
-    make, keeping, kept = MAKE[what], kept_results._keeping, list[str]()
+    make, keeping, kept = MAKE[what], kept_results._keep_result, list[str]()
 
     def interrupted(*given: Any) -> Any:
         if len(kept) == 4:
@@ -45,15 +45,15 @@ def test_evidence_that_was_interrupted_goes_on(what: str, tmp_path: Path) -> Non
         return keeping(*given)
 
     one_by_one = dask.config.set(scheduler="synchronous")
-    with mock.patch.object(kept_results, "_keeping", interrupted), one_by_one, pytest.raises(KeyboardInterrupt):
+    with mock.patch.object(kept_results, "_keep_result", interrupted), one_by_one, pytest.raises(KeyboardInterrupt):
         make(keep=tmp_path)
     assert sorted(place.name for place in tmp_path.iterdir()) == sorted(kept)
     again = list[str]()
-    with mock.patch.object(kept_results, "_keeping", lambda *given: again.append(given[2].name) or keeping(*given)):
+    with mock.patch.object(kept_results, "_keep_result", lambda *given: again.append(given[2].name) or keeping(*given)):
         found = make(keep=tmp_path)
     assert not {*kept} & {*again}
     assert_same_bits(found, make())
-    with mock.patch.object(kept_results, "_keeping", interrupted):
+    with mock.patch.object(kept_results, "_keep_result", interrupted):
         assert_same_bits(make(keep=tmp_path), found)
         assert_same_bits(make(keep=tmp_path, compute=False), found)
 
@@ -144,8 +144,8 @@ def test_what_is_damaged_or_of_another_version_is_made_again(tmp_path: Path) -> 
     content["made_by"]["xdynamics"] = "0.0.1"
     third.write_text(json.dumps(content))
     again = list[Path]()
-    keeping = kept_results._keeping
-    with mock.patch.object(kept_results, "_keeping", lambda *given: again.append(given[2]) or keeping(*given)):
+    keeping = kept_results._keep_result
+    with mock.patch.object(kept_results, "_keep_result", lambda *given: again.append(given[2]) or keeping(*given)):
         assert_same_bits(MAKE["ledger"](keep=tmp_path), whole)
     assert sorted(again) == [first, second, third]
     with no_march():

@@ -16,7 +16,7 @@ from cases.stages import CIRCUMSTANCES, assert_same_bits, marches, no_march
 from cases.verdicts import verified
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.comparing.lazy_comparison import LATER
-from xdynamics.evidence.stages import computed
+from xdynamics.evidence.stages import compute_datasets
 
 BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
@@ -54,7 +54,7 @@ def test_a_comparison_of_runs_to_be_marched_has_the_bits_of_the_eager_one(times:
     with marches() as begun:
         assert_same_bits(stage, eager)
         assert_told(stage.compute(), eager)
-        (whole,) = computed(stage)
+        (whole,) = compute_datasets(stage)
     assert len(begun) == 2
     assert {name for name in eager.attrs if repr(whole.attrs[name]) != repr(eager.attrs[name])} <= CIRCUMSTANCES
     assert xd.content_digest(whole) == xd.content_digest(eager)
@@ -90,7 +90,7 @@ def test_a_comparison_shares_its_runs_and_travels() -> None:
     ]
     with marches() as begun:
         sent = pickle.loads(pickle.dumps(stages))
-        found = computed(*sent)
+        found = compute_datasets(*sent)
     assert len(begun) == 2
     assert xd.content_digest(found[1]) == xd.content_digest(xd.compare(*pair(compute=True)[::-1]))
     runs = pair(compute=True)
@@ -136,7 +136,7 @@ def test_a_run_to_be_marched_beside_measured_data() -> None:
     assert all(repr(stage[name].attrs) == repr(eager[name].attrs) for name in eager.variables)
     with marches() as begun:
         assert_same_bits(stage, eager)
-        assert xd.content_digest(computed(stage)[0]) == xd.content_digest(eager)
+        assert xd.content_digest(compute_datasets(stage)[0]) == xd.content_digest(eager)
     assert len(begun) == 1
     short = xd.compare(xd.simulate(model, until="1 s", compute=False, sizes=sizes), data, compute=False)
     with pytest.raises(xd.InputError, match="is outside the run, from"):

@@ -18,10 +18,10 @@ from xdynamics.evidence.enclosing.enclosure import enclosure_request
 from xdynamics.evidence.validating import proven_bounds
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.ledger import validate
-from xdynamics.evidence.validating.ledger_rows import FAILED, PASSED, REFUSED, VERDICTS, LedgerRow, lines_of
+from xdynamics.evidence.validating.ledger_rows import FAILED, PASSED, REFUSED, VERDICTS, LedgerRow, ledger_lines
 from xdynamics.expressions import parse
 from xdynamics.model.parts import Validation
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 
 # one of each kind; by all with --whole
 KINDS = [
@@ -45,11 +45,11 @@ def ledger(request: pytest.FixtureRequest) -> Any:
 
 def test_every_method_passes_or_refuses(ledger: Any) -> None:
     """Assert that no case fails, that every method has most of its cases passed, and every refusal a reason."""
-    assert not [line for line in lines_of(ledger) if line.startswith("failed")]
+    assert not [line for line in ledger_lines(ledger) if line.startswith("failed")]
     methods = set(map(str, ledger.case_method.values))
     for method in methods:
         mine = ledger.case_method == method
-        words = words_of(ledger.verdict[mine])
+        words = words_of_flag(ledger.verdict[mine])
         assert words.count("passed") >= 25, method
         notes = ledger.case_note[mine].values[np.array(words) == "refused"]
         assert all(notes)
@@ -85,7 +85,7 @@ def test_stages_are_those_of_the_text(ledger: Any) -> None:
     assert (np.diff(ledger.case_stage) >= 0).all()
     for name in ("case_relation", "case_observable", "case_where", "case_norm", "case_bound_rule", "case_units"):
         assert all(str(one) for one in ledger[name].values), name
-    passed = np.array(words_of(ledger.verdict)) == "passed"
+    passed = np.array(words_of_flag(ledger.verdict)) == "passed"
     assert (ledger.residual.values[passed] <= ledger.bound.values[passed]).all()
     assert all(len(str(one)) == 64 for one in ledger.case_run.values[passed])
 
@@ -125,14 +125,14 @@ def test_a_model_is_compared_with_proven_bounds() -> None:
     found = xd.validate(model=swing, proven=True)
     assert found.case_name.values.tolist() == ["q", "v_q"]
     assert {*found.case_relation.values.tolist()} == {"proven bounds"}
-    assert words_of(found.verdict) == ["passed"] * 2
+    assert words_of_flag(found.verdict) == ["passed"] * 2
     assert (found.residual.values > 1e-9).all()  # the bounds are far narrower than what the method errs by
     other = enclosure_request(swing.replace(parameters={"J": "1 kg m2", "M": "1.0001 N m"}), at=np.arange(1, 9) / 8)
     with mock.patch.object(proven_bounds, "enclosure_request", return_value=other):
-        assert words_of(xd.validate(model=swing, proven=True).verdict) == ["failed"] * 2
+        assert words_of_flag(xd.validate(model=swing, proven=True).verdict) == ["failed"] * 2
     early = swing.replace(forces={"weight": {"q": "-M*(1 + abs(q - 1.8))"}})
     refused = xd.validate(model=early, proven=True)
-    assert words_of(refused.verdict) == ["refused"] * 2
+    assert words_of_flag(refused.verdict) == ["refused"] * 2
     assert "no bounds are proven after t = " in str(refused.case_note.values[0])
     stage = xd.validate(model=swing, proven=True, compute=False)
     assert stage.residual.compute().values.tolist() == found.residual.values.tolist()
@@ -253,7 +253,7 @@ def test_a_model_says_its_own_closed_forms(tmp_path: Path) -> None:
     assert xd.Model.from_text(model.to_toml()) == model
     found = xd.validate(model=model)
     assert found.case_name.values.tolist() == ["y", "landing", "wrong"]
-    assert words_of(found.verdict) == ["passed", "passed", "failed"]
+    assert words_of_flag(found.verdict) == ["passed", "passed", "failed"]
     assert found.case_units.values.tolist() == ["mm", "s", "mm s-1"]
     assert found.bound.values == pytest.approx([1e-9, 1e-9, 1e-3], rel=1e-12)
     assert float(found.residual[2]) == pytest.approx(9810 * 0.4515 * 1e-3, rel=1e-3)
@@ -271,7 +271,7 @@ def falling_from(second: float) -> CaseRuns:
     text = OWN.replace("[events.ground]", f't = "{second!r} s"\n[events.ground]').replace(
         'until = "1 s"', f'until = "{second + 1!r} s"'
     )
-    return CaseRuns(xd.Model.from_text(text), "velocity_verlet", own=False)
+    return CaseRuns(xd.Model.from_text(text), "velocity_verlet", is_ledger_case=False)
 
 
 def closed(
@@ -386,12 +386,12 @@ def test_methods_refuse_what_they_do_not_claim() -> None:
         ("moreau_jean", closed("h", event="ground"), "the method locates no events"),
         ("moreau_jean", closed("h"), ""),
     ):
-        refusal = CaseRuns(model, name, own=False).refusal(case)
+        refusal = CaseRuns(model, name, is_ledger_case=False).refusal(case)
         assert refusal.endswith(said)
         assert bool(refusal) is bool(said)
     for name, part in (("forward_euler", 20), ("velocity_verlet", 4), ("rk4", 1)):
-        assert CaseRuns(model, name, own=True).asked["step"] == pytest.approx(0.1 / part)
-        assert "step" not in CaseRuns(model, name, own=False).asked
+        assert CaseRuns(model, name, is_ledger_case=True).march_settings["step"] == pytest.approx(0.1 / part)
+        assert "step" not in CaseRuns(model, name, is_ledger_case=False).march_settings
     assert times_in_words(closed("h", times=(0.5, 1.25)), model) == "t = 0.5, 1.25 s"
     assert times_in_words(closed("h"), model) == "accepted states up to 1 s"
     assert times_in_words(closed("h", bound="band"), model) == "the last tenth of accepted states up to 1 s"
@@ -421,7 +421,7 @@ def test_a_ledger_in_words() -> None:
         np.array([1, 1, 2, 2]),
         {"flag_values": np.arange(3), "flag_meanings": "passed failed refused"},
     )
-    assert list(lines_of(found)) == [
+    assert list(ledger_lines(found)) == [
         "failed    a by rk4: y, t = 1 s: residual 2 mm, bound 1 mm, scaled 0.5 by 4 mm",
         "failed    b by rk4: y, t = 1 s: residual inf mm, bound 0 mm; late",
         "refused   c by rk4: never",
@@ -455,7 +455,7 @@ def test_an_event_that_was_not_met_has_failed() -> None:
     """Assert that a landing which does not come is no pass."""
     model = xd.Model.from_text(OWN.replace('until = "1 s"', 'until = "0.3 s"'))
     found = xd.validate(model=model)
-    assert words_of(found.verdict)[1] == "failed"
+    assert words_of_flag(found.verdict)[1] == "failed"
     assert found.case_note.values[1] == "ground was met 0 times"
 
 
@@ -518,7 +518,7 @@ def test_manufactured_solutions_have_the_order(method: str) -> None:
     pendulum = xd.Model.from_toml(MODELS / "pendulum.toml")
     known = xd.manufactured(pendulum, {"theta": "radian*(sin(2*t/second) + 0.2*cos(3*t/second))"})
     assert [*known.validation] == ["theta", "v_theta"]
-    assert words_of(xd.validate([method], known).verdict) == ["passed", "passed"]
+    assert words_of_flag(xd.validate([method], known).verdict) == ["passed", "passed"]
     study = xd.refine(known, method=method, steps=[0.2, 0.1, 0.05], until=2.0, at=[2.0])
     true = np.sin(4.0) + 0.2 * np.cos(6.0)
     assert abs(float(study.theta[-1, 0]) - true) <= float(study.uncertainty_theta[0]) + 1e-15
@@ -664,8 +664,8 @@ def swing(expression: str, bound: str, method: str, step: str) -> xd.Model:
 )
 def test_wrong_closed_forms_fail(expression: str, bound: str, method: str, step: str) -> None:
     """Assert that no derived bound is so wide that what is plainly wrong goes through."""
-    assert words_of(xd.validate(model=swing(expression, bound, method, step)).verdict) == ["failed"]
-    assert words_of(xd.validate(model=swing("metre*cos(t/second)", "order", "rk4", "0.1 s")).verdict) == ["passed"]
+    assert words_of_flag(xd.validate(model=swing(expression, bound, method, step)).verdict) == ["failed"]
+    assert words_of_flag(xd.validate(model=swing("metre*cos(t/second)", "order", "rk4", "0.1 s")).verdict) == ["passed"]
 
 
 def test_a_run_that_died_has_failed() -> None:
@@ -678,7 +678,7 @@ def test_a_run_that_died_has_failed() -> None:
         .replace("STEP", "0.1 s")
     )
     found = xd.validate(model=model)
-    assert words_of(found.verdict) == ["failed"]
+    assert words_of_flag(found.verdict) == ["failed"]
     assert "the run ended before" in found.case_note.values[0]
 
 

@@ -10,9 +10,9 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.evidence.validating import case_runs, ledger, proven_bounds
-from xdynamics.evidence.validating.ledger_rows import lines_of
+from xdynamics.evidence.validating.ledger_rows import ledger_lines
 from xdynamics.evidence.validating.worst_elements import MOST_ALONE
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 
 # links are one fewer
 FEW, MANY = MOST_ALONE + 2, 4 * MOST_ALONE
@@ -93,9 +93,9 @@ def test_a_line_is_that_of_the_worst_element(case: str, monkeypatch: pytest.Monk
     (k,) = np.flatnonzero(every.case_observable.values == worst)
     for name in ("residual", "bound", "residual_scale", "scaled_residual", "verdict", "case_run", "case_units"):
         assert line[name][0].item() == every[name][k].item(), name
-    failed = np.array(words_of(every.verdict)) == "failed"
+    failed = np.array(words_of_flag(every.verdict)) == "failed"
     assert int(line.case_elements_failed[0]) == failed.sum()
-    assert words_of(line.verdict) == ["failed" if failed.any() else "passed"]
+    assert words_of_flag(line.verdict) == ["failed" if failed.any() else "passed"]
     parts = np.where(failed | ~failed.any(), np.nan_to_num((every.residual / every.bound).values), -1.0)
     assert parts[k] == parts.max()
     assert int(line.case_elements[0]) == every.sizes["case"]
@@ -103,11 +103,13 @@ def test_a_line_is_that_of_the_worst_element(case: str, monkeypatch: pytest.Monk
 
 def test_some_cases_pass_and_some_fail() -> None:
     """Assert that the cases above tell both verdicts apart, and that a failure names the worst of how many."""
-    verdicts = {case: words_of(xd.validate(model_of(FEW, case)).verdict)[0] for case in ("order", "rounding", "given")}
+    verdicts = {
+        case: words_of_flag(xd.validate(model_of(FEW, case)).verdict)[0] for case in ("order", "rounding", "given")
+    }
     assert set(verdicts.values()) == {"passed", "failed"}
     found = xd.validate(model_of(FEW, "given"))
     assert int(found.case_elements_failed[0]) < FEW
-    (said, _) = lines_of(found)
+    (said, _) = ledger_lines(found)
     worst, count = found.case_worst_element.values[0], int(found.case_elements_failed[0])
     assert f"form by velocity_verlet: u ({count} of {FEW} elements; worst {worst})" in said
 
@@ -131,7 +133,7 @@ def test_lines_are_known_before_marching() -> None:
 def test_a_method_that_refuses_counts_the_elements() -> None:
     """Assert that a refusal is one line, too."""
     found = xd.validate(["forward_euler"], model_of(FEW, "band"))
-    assert words_of(found.verdict) == ["refused"]
+    assert words_of_flag(found.verdict) == ["refused"]
     assert (int(found.case_elements[0]), found.case_worst_element.values[0]) == (FEW, "")
 
 
@@ -146,7 +148,7 @@ def test_work_does_not_grow_with_elements(case: str, monkeypatch: pytest.MonkeyP
         return original(*given)
 
     monkeypatch.setattr(case_runs, "evaluate_elements", counting)
-    monkeypatch.setattr(case_runs, "evaluated_many", None)
+    monkeypatch.setattr(case_runs, "evaluate_over_states", None)
     counts = []
     for n in (FEW, MANY):
         counted.clear()
@@ -187,14 +189,14 @@ def long_chain(planted: str = "") -> xd.Model:
 def test_a_bound_counts_what_rounding_does_to_expressions(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a chain passes only with the parts of its bound that are for closed form and start, which are derived."""
     found = xd.validate(long_chain())
-    assert words_of(found.verdict) == ["passed"]
+    assert words_of_flag(found.verdict) == ["passed"]
     for part in (found.bound_closed_form, found.bound_start):
         # three roundings of the argument, which is near pi, by half a spacing: times the amplitude of 100 mm
         assert 0.0 < float(part[0]) < 100.0 * 1.5 * np.spacing(np.pi)
     few = xd.validate(model_of(9, "rounding"))
     monkeypatch.setattr(case_runs.CaseRuns, "rounding_of_expressions", lambda *_: (0.0, 0.0))
     bare, bare_few = xd.validate(long_chain()), xd.validate(model_of(9, "rounding"))
-    assert words_of(bare.verdict) == ["failed"]
+    assert words_of_flag(bare.verdict) == ["failed"]
     assert int(bare.case_elements_failed[0]) < LONG // 100
     parts = few.bound_closed_form + few.bound_start
     np.testing.assert_allclose(few.bound - bare_few.bound, parts, rtol=1e-6)
@@ -206,7 +208,7 @@ def test_an_error_of_ten_times_the_bound_fails() -> None:
     bound = float(xd.validate(long_chain()).bound[0])
     for sign in "+-":
         found = xd.validate(long_chain(f" {sign} {0.01 * bound!r}*metre"))
-        assert words_of(found.verdict) == ["failed"]
+        assert words_of_flag(found.verdict) == ["failed"]
         assert int(found.case_elements_failed[0]) > 0
 
 
@@ -237,7 +239,7 @@ def test_another_side_of_a_jump_is_no_rounding(shape: str) -> None:
     for wrong, verdict in (("", "passed"), ("*(1 + 1e-9)", "failed")):
         form = FORM.format(quantity="u", expression=shape + wrong, bound="rounding", more="")
         found = xd.validate(xd.Model.from_text(text + form))
-        assert words_of(found.verdict) == [verdict]
+        assert words_of_flag(found.verdict) == [verdict]
         assert int(found.case_elements_failed[0]) == (WITH_JUMPS[shape] if wrong else 0)
         largest = 100.0 * FEW * np.pi
         assert (found.bound_closed_form + found.bound_start < 4.0 * np.spacing(largest)).all()
@@ -281,5 +283,5 @@ until = "1 s"
 def test_a_start_that_cannot_be_moved_is_not_carried() -> None:
     """Assert that a body at rest on a floor, which a moved start would be inside of, is judged without that part."""
     found = xd.validate(xd.Model.from_text(RESTING))
-    assert words_of(found.verdict)[0] == "passed"
+    assert words_of_flag(found.verdict)[0] == "passed"
     assert found.bound_start.values[0] == 0.0

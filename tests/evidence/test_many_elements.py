@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.documenting.plain_text import lines_of
+from xdynamics.documenting.plain_text import model_lines
 from xdynamics.evidence import observables, observed_quantities
 from xdynamics.record.unfolding import unfold
 
@@ -247,7 +247,7 @@ def test_energies_are_evaluated_whole(monkeypatch: pytest.MonkeyPatch) -> None:
 
     run = chain(FEW)
     finer = xd.simulate(model_of(run), step="0.03 s")
-    monkeypatch.setattr(observables, "evaluated_on", refused)
+    monkeypatch.setattr(observables, "evaluate_at_states", refused)
     assert "difference_total_energy" in xd.compare(run, finer)
 
 
@@ -279,7 +279,7 @@ def test_dimensions_in_another_order_are_sampled() -> None:
 
 def test_a_checked_model_has_lines_of_its_first_elements() -> None:
     """Assert that many elements take a line more than seven, which are all told."""
-    few, more, many = ([*lines_of(xd.Model.from_text(CHAIN.format(n=n)))] for n in (7, 8, 30))
+    few, more, many = ([*model_lines(xd.Model.from_text(CHAIN.format(n=n)))] for n in (7, 8, 30))
     assert sum(line.startswith("motion") for line in few) == 7
     assert more.count("… and 2 more elements") == 2
     assert sum(line.startswith("motion") for line in more) == 6
@@ -306,14 +306,14 @@ events.far = {{ function = "max(norm(r, axis), body) - 1000*metre" }}
 
 def test_a_checked_model_of_many_bodies_is_told_as_it_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that forces and functions of very many terms are not written out, nor their derivatives sought."""
-    few = [*lines_of(xd.Model.from_text(TOLD_BODIES.format(n=3)))]
+    few = [*model_lines(xd.Model.from_text(TOLD_BODIES.format(n=3)))]
     assert sum(line.startswith("force     gravity of r[") for line in few) == 6
     assert any(line.startswith("scales    fastest") for line in few)
     monkeypatch.setattr("xdynamics.documenting.plain_text.modes", pytest.fail)
-    many = [*lines_of(xd.Model.from_text(TOLD_BODIES.format(n=120)))]
+    many = [*model_lines(xd.Model.from_text(TOLD_BODIES.format(n=120)))]
     assert "force     gravity by the potential -G*m*m/norm(second(r, pair) - first(r, pair), axis) of each pair" in many
     assert "event     far: max(norm(r, axis), body) - 1000*metre = 0, either: record" in many
     assert "the forces have 129600 derivatives by the state, over 100000" in "\n".join(many)
     assert max(map(len, many)) < 1000
-    chain = "\n".join(lines_of(xd.Model.from_text(CHAIN.format(n=2001))))
+    chain = "\n".join(model_lines(xd.Model.from_text(CHAIN.format(n=2001))))
     assert "there are 2001 accelerations and rates, over 2000; xd.modes(model) takes its time" in chain

@@ -70,7 +70,7 @@ def test_elements_side_by_side_have_the_bits_of_elements(
         run = xd.open_run(tmp_path / "run.nc", chunks={"step": chunks})
     expected = xd.diagnose(run, of="r[2, y]", companion=chunks is None)
     monkeypatch.setattr(element_extremes, "MOST_NAMES", 0)
-    monkeypatch.setattr("xdynamics.record.unfolding._elements", told_apart)
+    monkeypatch.setattr("xdynamics.record.unfolding._split_elements", told_apart)
     large = xd.diagnose(run, of="r[2, y]", companion=chunks is None)
     for word in ("v_r", "heat"):
         assert (expected[f"maximum_{word}_rule"] == heights.INTERPOLATED).any()

@@ -10,7 +10,7 @@ import pytest
 import xdynamics as xd
 from xdynamics.evidence.observables import (
     comparable,
-    evaluated_on,
+    evaluate_at_states,
     modes_behind,
     observables_of,
     observe,
@@ -60,7 +60,9 @@ def test_rates_are_those_along_the_motion() -> None:
     for name, values in wanted.items():
         tree = rate_tree(model, name)
         assert tree is not None, name
-        assert evaluated_on(run, model, [tree], states, run.time.values, rows)[0] == pytest.approx(values, rel=1e-14)
+        assert evaluate_at_states(run, model, [tree], states, run.time.values, rows)[0] == pytest.approx(
+            values, rel=1e-14
+        )
     for name in ("pull", "a_x", "none"):
         assert rate_tree(model, name) is None
     for other in (xd.Model(**FLOOR), xd.Model(**SPRING | {"forces": {"spring": {"x": "-k*x"}, "push": {"x": push}}})):
@@ -131,20 +133,20 @@ def test_forces_between_rows_are_those_behind_their_row() -> None:
     run = xd.simulate(model, method="rk4", step=0.1, until=0.5)
     rows = np.arange(run.sizes["step"] - 1)
     states = {name: run[name].values[rows] for name in ("x", "v_x", "q")}
-    found = evaluated_on(run, model, [tree_of(model, "a_x")], states, run.time.values[rows], rows)[0]
+    found = evaluate_at_states(run, model, [tree_of(model, "a_x")], states, run.time.values[rows], rows)[0]
     pushed = (run.time.values[rows] < 0.25) | (rows == int(run.event_row_before[0]))
     assert found == pytest.approx(3.0 * pushed - 2.0 * run.x.values[rows])
     rubbed = xd.Model(**RUBBED)
     slid = xd.simulate(rubbed, method="rk4", step=0.1, until=0.5)
     assert (slid.friction_state_belt.values[1:] == BACKWARD).all()
     states = {name: slid[name].values[1:5] for name in ("x", "v_x", "q")}
-    found = evaluated_on(
+    found = evaluate_at_states(
         slid, rubbed, [tree_of(rubbed, "friction_force_belt")], states, slid.time.values[1:5], np.arange(1, 5)
     )[0]
     assert found == pytest.approx(slid.friction_force_belt.values[1:5])
     assert found == pytest.approx(1.0)
     with pytest.raises(xd.InputError, match="needs friction_state_belt; take the whole record"):
-        evaluated_on(
+        evaluate_at_states(
             slid.drop_vars("friction_state_belt"),
             rubbed,
             [tree_of(rubbed, "a_x")],

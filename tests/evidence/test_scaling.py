@@ -12,10 +12,10 @@ from click.testing import CliRunner
 
 import xdynamics as xd
 from xdynamics.cli import main
-from xdynamics.evidence.comparing.comparison_summary import lines_of
-from xdynamics.evidence.diagnosing.diagnosis import lines_of as lines_of_diagnosis
-from xdynamics.evidence.scaling import over, scale_of, scaled
-from xdynamics.evidence.validating.ledger_rows import lines_of as lines_of_ledger
+from xdynamics.evidence.comparing.comparison_summary import comparison_lines
+from xdynamics.evidence.diagnosing.diagnosis import diagnosis_lines as lines_of_diagnosis
+from xdynamics.evidence.scaling import divide_by_scale, scale_of, scaled_variables
+from xdynamics.evidence.validating.ledger_rows import ledger_lines as lines_of_ledger
 
 
 def swing(
@@ -66,19 +66,19 @@ def test_the_scale_is_what_is_expected(expected: list[float], computed: list[flo
 
 def test_nothing_over_nothing_is_nothing() -> None:
     """Assert that a residual of 0 of what is 0 throughout is 0 of its scale, and that what is missing stays missing."""
-    assert over(np.array([0.0, 0.0]), np.float64(0.0)).tolist() == [0.0, 0.0]
-    assert np.isnan(over(np.array([np.nan]), np.float64(2.0))).all()
+    assert divide_by_scale(np.array([0.0, 0.0]), np.float64(0.0)).tolist() == [0.0, 0.0]
+    assert np.isnan(divide_by_scale(np.array([np.nan]), np.float64(2.0))).all()
 
 
 @pytest.mark.parametrize("scale", [5e-324, 1e-300, 0.25, 4.0, 1e300])
 def test_every_scale_divides(scale: float) -> None:
     """Assert that a residual as large as its scale is 1 of it, however small the scale is."""
-    assert over(np.array([scale, -scale]), np.float64(scale)).tolist() == [1.0, -1.0]
+    assert divide_by_scale(np.array([scale, -scale]), np.float64(scale)).tolist() == [1.0, -1.0]
 
 
 def test_the_largest_norm_is_the_largest_size() -> None:
     """Assert that of residuals of both signs and sizes the norm is the size of the largest, over the scale."""
-    found = scaled(
+    found = scaled_variables(
         "residual", "y", np.array([0.1, -0.3, 0.2]), np.float64(2.0), ("step",), "m", "y", ("largest", "rms")
     )
     assert float(found["scaled_largest_residual_y"][1]) == 0.15
@@ -212,7 +212,7 @@ def test_lines_say_the_scale(tmp_path: Path) -> None:
         " m, scaled " in line and " by 1 m" in line
         for line in lines_of_diagnosis(xd.diagnose(run, companion=False, exact={"x": "A*cos(sqrt(k/m)*t)"}))
     )
-    assert any(line.startswith("x ") and line.endswith(" of 1 m") for line in lines_of(xd.compare(run, other)))
+    assert any(line.startswith("x ") and line.endswith(" of 1 m") for line in comparison_lines(xd.compare(run, other)))
     paths = [str(xd.save(one, tmp_path / f"{k}.nc")) for k, one in enumerate((run, other))]
     said = CliRunner().invoke(main, ["compare", *paths]).output
     assert " of 1 m" in said

@@ -14,7 +14,7 @@ from cases.problems import MODELS
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.diagnosing import element_extremes
 from xdynamics.expressions import parse
-from xdynamics.figures.bodies_scene import Bodies
+from xdynamics.figures.bodies_scene import BodiesScene
 from xdynamics.figures.scenes import Profile, scene_of
 from xdynamics.record import unfold
 
@@ -212,7 +212,7 @@ def test_bodies_move_with_their_links(name: str, lines: int) -> None:
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
     run = xd.simulate(model, until="0.1 s")
     scene = scene_of(unfold(run), None)
-    assert isinstance(scene, Bodies)
+    assert isinstance(scene, BodiesScene)
     axes = Figure().subplots()
     scene.start(axes)
     _, *links, _ = scene.at(float(run.time[-1]))

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.evidence.diagnosing.cycles import cycles
 
 G = 10.0  # m s-2
@@ -157,13 +157,13 @@ def test_a_crossing_is_uncertain_by_the_error_of_the_place_over_the_speed() -> N
 
 def test_a_crossing_takes_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that Newton's steps come to all crossings of a swing at once in seven looks at the run, where halving takes fifty."""
-    looks, look = list[int](), Inside.at
+    looks, look = list[int](), StepInterpolator.at
 
     def counted(*given: Any, **more: Any) -> Any:
         looks.append(1)
         return look(*given, **more)
 
-    monkeypatch.setattr(Inside, "at", counted)
+    monkeypatch.setattr(StepInterpolator, "at", counted)
     assert cycles(swing(method="rk4", step=0.1), "x").times.size == 6
     assert 3 <= len(looks) <= 8
 
@@ -418,15 +418,15 @@ def test_frequencies_are_in_radians() -> None:
 
 def test_distances_are_values_less_the_limit() -> None:
     """Assert that with less gravity a body falls less: distances -(g - g0) t**2/2, below 0 where g is above its limit."""
-    from xdynamics.evidence.validating.limiting import limiting, lines_of
+    from xdynamics.evidence.validating.limiting import limiting, limiting_lines
 
     found = limiting(falling(), "g", [12.0, 11.0, 10.5], 10.0, at=[1.0], method="velocity_verlet", step=0.1, until=1.0)
     assert found.distance_y.values[:, 0] == pytest.approx([-1.0, -0.5, -0.25], rel=1e-9)
     assert found.order_y.values[1:, 0] == pytest.approx(1.0, abs=1e-9)
     assert float(found.limit_y[0]) == pytest.approx(-5.0)
-    assert next(iter(lines_of(found))) == "y at t = 1 s: -0.25 m from its limit, order 1, approached"
+    assert next(iter(limiting_lines(found))) == "y at t = 1 s: -0.25 m from its limit, order 1, approached"
     apart = found.assign(approached_y=0 * found.approached_y, order_y=np.nan * found.order_y)
-    assert next(iter(lines_of(apart))) == "y at t = 1 s: -0.25 m from its limit, not approached"
+    assert next(iter(limiting_lines(apart))) == "y at t = 1 s: -0.25 m from its limit, not approached"
 
 
 def test_distances_have_an_order_where_they_get_nearer_by_a_hundredth() -> None:

@@ -11,7 +11,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.evidence.refining.convergence import observed_orders
-from xdynamics.evidence.refining.family import Watched, family
+from xdynamics.evidence.refining.family import TrackedValue, family
 from xdynamics.evidence.refining.levels import STEPS, Levels
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
@@ -36,10 +36,10 @@ def test_gates_compare_with_the_next_finer_level() -> None:
     """Assert that a level fails where its own error is beyond its own difference, and the finest by the last difference."""
     levels = Levels(OSCILLATOR, STEPS, np.array([0.4, 0.2, 0.1]), 2.0)
     values, errors = np.array([[1.0, 1.3, 1.4]]), np.array([[0.2, 0.2, 0.05]])
-    one = Watched("x", "m", "x", (), values, errors, np.zeros(1), np.zeros(1), 1.0)
+    one = TrackedValue("x", "m", "x", (), values, errors, np.zeros(1), np.zeros(1), 1.0)
     found = family(one, levels, 100)
     assert found["gate_x"][1].tolist() == [0, 1, 0]
-    worse = Watched("x", "m", "x", (), values, np.array([[0.2, 0.05, 0.2]]), np.zeros(1), np.zeros(1), 1.0)
+    worse = TrackedValue("x", "m", "x", (), values, np.array([[0.2, 0.05, 0.2]]), np.zeros(1), np.zeros(1), 1.0)
     assert family(worse, levels, 100)["gate_x"][1].tolist() == [0, 0, 1]
     assert float(found["limit_x"][1]) > 1.4 or np.isnan(found["limit_x"][1])
 

@@ -17,9 +17,9 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import assert_described, assert_same_bits, marches, no_march
-from xdynamics.evidence.remembered_results import LIMIT, Memory, most_megabytes
+from xdynamics.evidence.remembered_results import LIMIT, Memory, remembered_megabytes
 from xdynamics.evidence.stage_tasks import Task
-from xdynamics.evidence.stages import computed
+from xdynamics.evidence.stages import compute_datasets
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
@@ -159,7 +159,7 @@ def test_a_lazy_refinement_travels_to_another_process(varied: str) -> None:
     asked: dict[str, Any] = {"until": 1.0, "occurrences": 1, **VARIED[varied]}
     sent, eager = pickle.loads(pickle.dumps(xd.refine(BALL, compute=False, **asked))), xd.refine(BALL, **asked)
     with marches():
-        found = computed(sent)[0]
+        found = compute_datasets(sent)[0]
     assert_same_bits(found, eager)
     assert_described(found, eager)
 
@@ -170,7 +170,7 @@ def test_a_lazy_budget_travels_to_another_process() -> None:
     asked: dict[str, Any] = {"at": "1 s", "method": "rk4", "step": "50 ms"}
     sent = pickle.loads(pickle.dumps(xd.error_budget(ball, "y", compute=False, **asked)))
     with marches():
-        found = computed(sent)[0]
+        found = compute_datasets(sent)[0]
     assert_described(found, eager := xd.error_budget(ball, "y", **asked))
     assert_same_bits(found, eager)
 
@@ -223,7 +223,7 @@ def test_the_bound_of_a_memory_is_set_by_the_environment(
 ) -> None:
     """Assert megabytes, and the default where it is no number."""
     monkeypatch.setenv(LIMIT, text)
-    assert most_megabytes() == size
+    assert remembered_megabytes() == size
 
 
 def test_threads_that_want_the_same_make_it_once() -> None:
@@ -360,7 +360,7 @@ def test_stages_that_cannot_be_lazy_say_what_to_give_instead() -> None:
 def test_a_sweep_is_built_without_a_march(count: int, tasks: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert variables, units and tasks of sweeps of any size while no member can be marched."""
     monkeypatch.setattr("dask.system.CPU_COUNT", 4)
-    monkeypatch.setattr("xdynamics.sweeping.tasks.marched", lambda *_: pytest.fail("marched"))
+    monkeypatch.setattr("xdynamics.sweeping.tasks.march_block", lambda *_: pytest.fail("marched"))
     found = xd.sweep(OSCILLATOR, {"k": f"1:2:{count} N m-1"}, until=1.0)
     assert found.end_x.attrs["units"] == "m"
     assert found.end_x.chunks is not None

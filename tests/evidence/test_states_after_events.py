@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 import xdynamics as xd
 from xdynamics.evidence.refining import states_after
-from xdynamics.evidence.refining.refinement import lines_of
+from xdynamics.evidence.refining.refinement import refinement_lines
 from xdynamics.faults import DOT
 from xdynamics.methods import METHODS
 
@@ -112,7 +112,7 @@ def test_labels_select_the_event_and_the_element(falls: xr.Dataset) -> None:
         own = falls.all_after_ground_v_y.sel(event_ball=k, ball=k)
         np.testing.assert_array_equal(own, falls.after_ground_v_y.sel(ball=k))
     assert falls.event_ball.attrs["long_name"] == "label of the ball that the event is of"
-    lines = [line for line in lines_of(falls) if line.startswith("all_after_ground_v_y[b, a] [1] = ")]
+    lines = [line for line in refinement_lines(falls) if line.startswith("all_after_ground_v_y[b, a] [1] = ")]
     assert len(lines) == 1
     assert "asymptotic" in lines[0]
 
@@ -135,7 +135,7 @@ def test_single_elements_are_told_at_every_event(falls: xr.Dataset) -> None:
         assert alone[name].sel(ball="a").isnull().all()
     np.testing.assert_array_equal(alone.after_ground_v_y.sel(ball="b"), falls.after_ground_v_y.sel(ball="b"))
     assert not [name for name in alone.variables if DOT in str(name)]
-    told = [line.partition(" [")[0] for line in lines_of(alone) if "after_" in line]
+    told = [line.partition(" [")[0] for line in refinement_lines(alone) if "after_" in line]
     assert told == ["after_ground_v_y[b]", *(f"all_after_ground_v_y[{event}, b]" for event in "abc")]
 
 
@@ -189,7 +189,7 @@ def test_too_many_states_after_events_are_left_out_in_words(monkeypatch: pytest.
         " than 35; compare single elements, like observables=['y[a]'], or fewer occurrences"
     )
     assert study.attrs["left_out"] == lazy.attrs["left_out"] == said
-    assert f"left out  {said}" in lines_of(study)
+    assert f"left out  {said}" in refinement_lines(study)
     assert not [name for name in {*study, *lazy} if "all_after" in str(name)]
     assert study.after_ground_y.dims == ("level", "occurrence", "ball")
     assert "left_out" not in xd.refine(model, steps=STEPS[:3]).attrs

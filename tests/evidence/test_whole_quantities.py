@@ -11,7 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.evidence.refining.judgements import UNCERTAINTY_RULES, judge
-from xdynamics.evidence.refining.refinement import lines_of
+from xdynamics.evidence.refining.refinement import refinement_lines
 from xdynamics.faults import DOT
 from xdynamics.kernels import law_of
 from xdynamics.march.configuration import settings_for
@@ -20,7 +20,7 @@ from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.methods import METHODS
 from xdynamics.model.elements import Elements
-from xdynamics.sweeping.ensemble_records import Harvest
+from xdynamics.sweeping.ensemble_records import MemberRuns
 from xdynamics.sweeping.members import LOG_BYTES
 
 CHAIN = """
@@ -67,7 +67,7 @@ def untold(*_given: object) -> xr.Dataset:
 
 def test_no_element_is_told_apart(chain: xd.Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that verbs come to their results from whole quantities alone."""
-    monkeypatch.setattr("xdynamics.record.unfolding._elements", untold)
+    monkeypatch.setattr("xdynamics.record.unfolding._split_elements", untold)
     run, finer = (xd.simulate(chain, step=step) for step in STEPS[1:3])
     assert xd.companion(run, 0.5).global_error_u.dims == ("at", "site")
     assert xd.compare(run, finer, times=[0.5]).difference_stretch.dims == ("at", "spring")
@@ -102,7 +102,7 @@ def test_elements_in_their_quantity_are_not_asked_for_twice(chain: xd.Model) -> 
 def test_states_after_events_are_named_before_their_element(chain: xd.Model) -> None:
     """Assert that lines of a refinement name a state after the event of an element as its variable, then the element."""
     study = xd.refine(chain, steps=STEPS[:3], observables=["u", "v_u"])
-    named = [line.partition(" [")[0] for line in lines_of(study) if line.startswith("after_")]
+    named = [line.partition(" [")[0] for line in refinement_lines(study) if line.startswith("after_")]
     assert named == [f"after_passed_{name}[{site}]" for name in ("u", "v_u") for site in "ac"]
     assert "after_passed_v_u" in study
 
@@ -291,11 +291,11 @@ def test_long_rows_are_held_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> 
     text = text.replace('["a", "b", "c", "d"]', str(n)).replace("[4, 5, 6]", "5").replace("[1, 2, 1, 3]", "1")
     model = xd.Model.from_text(text.replace("[1, 0, 0.2, -0.3]", "0"))
 
-    def harvest(*given: Any) -> Harvest:
+    def harvest(*given: Any) -> MemberRuns:
         held.append(8 * len(given[2].columns) * int(given[2].rows.sum()))
-        return Harvest(*given)
+        return MemberRuns(*given)
 
-    monkeypatch.setattr("xdynamics.sweeping.members.Harvest", harvest)
+    monkeypatch.setattr("xdynamics.sweeping.members.MemberRuns", harvest)
     starts = {"u[3]": [f"{i} mm" for i in range(1, 41)]}
     kept = xd.sweep(model, starts, keep=["u[3]"], times=[0.1], until="0.1 s", members_per_task=40).compute()
     assert len(held) > 1

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.simulation.scipy_interface import model_of
+from xdynamics.simulation.scipy_interface import model_of_function
 
 Function = Callable[[Any, Any], Any]
 Make = Callable[[np.random.Generator], tuple[Function, list[Function]]]
@@ -129,7 +129,7 @@ def test_what_changes_is_refused(case: int) -> None:
     draw = np.random.default_rng(case)
     fun, events = list(CHANGING.values())[case % len(CHANGING)](draw)
     with pytest.raises(xd.InputError, match=r"(called again|wrote down|for numbers).*hand them over in args"):
-        model_of(fun, (0.0, 10.0), draw.uniform(0.2, 1.0, 2), (), events, None, None)
+        model_of_function(fun, (0.0, 10.0), draw.uniform(0.2, 1.0, 2), (), events, None, None)
 
 
 @pytest.mark.cases(400)
@@ -139,7 +139,7 @@ def test_what_does_not_change_is_taken(case: int) -> None:
     fun, events = list(STEADY.values())[case % len(STEADY)](draw)
     units = None if case % 3 else ["mm", "mm s-1"]
     starts = draw.choice([0.0, 0.5, 1e-30, 1e30], 2) if case % 4 == 0 else [0.5, float(draw.normal())]
-    assert len(model_of(fun, ("1 s", "3 s"), starts, (), events, None, units).statement.states) == 2
+    assert len(model_of_function(fun, ("1 s", "3 s"), starts, (), events, None, units).statement.states) == 2
 
 
 def test_both_draws_are_shown() -> None:

@@ -14,9 +14,9 @@ from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, N
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tape import Tape
 from xdynamics.faults import InputError
-from xdynamics.model.derivatives import slopes
+from xdynamics.model.derivatives import derivative_assignments
 from xdynamics.model.linearisation import initial_state, linearise
-from xdynamics.model.motion import constants, motion, tables_of
+from xdynamics.model.motion import constants, drive_pieces, motion
 
 MODELS = sorted((Path(__file__).parents[2] / "data" / "models").glob("*.toml"))
 EXPONENTS = (2.0, 3.0, 4.0, 7.0, 0.5, 1.5, 2.5, 0.0, 1.0, 0.25)
@@ -64,7 +64,7 @@ def test_every_number_has_the_bits_of_its_tree(case: int) -> None:
     tape = Tape(named)
     for _ in range(5):
         values = {name: rng.choice([rng.gauss(0.0, 2.0), rng.choice(VALUES)]) for name in "abc"}
-        found, expected = tape.evaluated(values), dict(values)
+        found, expected = tape.evaluate_tape(values), dict(values)
         for name, tree in named:
             expected[name] = evaluate(tree, expected)
         assert {name: bits(value) for name, value in found.items()} == {name: bits(expected[name]) for name, _ in named}
@@ -78,7 +78,7 @@ def test_a_sum_may_be_long_and_equal_parts_are_computed_once() -> None:
         total = Binary("+", total, Call("sin", (Name("a"),)))
     tape = Tape([("total", total), ("again", total)])
     assert len(tape._steps) == 10_000
-    found = tape.evaluated({"a": 1.0})
+    found = tape.evaluate_tape({"a": 1.0})
     assert found == {"total": evaluate(total, {"a": 1.0}), "again": found["total"]}
 
 
@@ -86,9 +86,9 @@ def test_a_name_means_what_it_was_given_last() -> None:
     """Assert that a tree that stands on both sides of a new meaning has both values, and that a name needs one."""
     tree = Binary("*", Name("a"), Name("a"))
     tape = Tape([("old", tree), ("a", Number(3.0)), ("new", tree)])
-    assert tape.evaluated({"a": 2.0}) == {"old": 4.0, "a": 3.0, "new": 9.0}
+    assert tape.evaluate_tape({"a": 2.0}) == {"old": 4.0, "a": 3.0, "new": 9.0}
     with pytest.raises(InputError, match="name 'a' has no value; there are b"):
-        tape.evaluated({"b": 1.0})
+        tape.evaluate_tape({"b": 1.0})
 
 
 @pytest.mark.every(3)
@@ -100,8 +100,8 @@ def test_jacobians_of_the_gallery_have_the_bits_of_their_trees(path: Path) -> No
         return
     state = initial_state(model)
     values = dict(constants(model)) | state | {"_regime": 0.0}
-    assert tables_of(model) == ()
-    for one in (*motion(model), *slopes(model)):
+    assert drive_pieces(model) == ()
+    for one in (*motion(model), *derivative_assignments(model)):
         values[one.name] = evaluate(one.value, values)
     found = linearise(model, state).jacobian.tolist()
     names = (

@@ -12,19 +12,19 @@ from matplotlib.figure import Figure
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.figures.bodies_scene import Bodies
+from xdynamics.figures.bodies_scene import BodiesScene
 from xdynamics.figures.scenes import scene_of
 from xdynamics.record import unfold
 
 
-def filmed(name: str, **asked: Any) -> Bodies:
+def filmed(name: str, **asked: Any) -> BodiesScene:
     """The scene of a model of data/models."""
     scene = scene_of(unfold(xd.simulate(xd.Model.from_toml(MODELS / f"{name}.toml"), **asked)), None)
-    assert isinstance(scene, Bodies)
+    assert isinstance(scene, BodiesScene)
     return scene
 
 
-def lines_of(scene: Bodies) -> list[np.ndarray]:
+def lines_of(scene: BodiesScene) -> list[np.ndarray]:
     """The corners of what a scene draws where gaps close."""
     axes = Figure(figsize=scene.size).subplots()
     scene.start(axes)
@@ -38,7 +38,7 @@ def test_discs_have_their_radii_and_the_box_its_walls() -> None:
     assert scene.radii == pytest.approx([0.1, 0.15, 0.1], rel=1e-12)
     walls = []
     for wall in scene.boundaries:
-        at_corner, across, up = wall.gap.at(np.array([[[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]]), 0.0) + wall.radius
+        at_corner, across, up = wall.gap.values_at(np.array([[[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]]), 0.0) + wall.radius
         walls.append((across - at_corner, up - at_corner, at_corner))
     assert np.array(sorted(walls)) == pytest.approx(
         np.array([(-1.0, 0.0, 1.0), (0.0, -1.0, 0.8), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)]), abs=1e-12
@@ -58,14 +58,14 @@ def test_two_masses_move_on_one_line() -> None:
     model = xd.Model.from_toml(MODELS / "coupled_masses.toml")
     run = xd.simulate(model, until="1 s")
     scene = scene_of(run, None)
-    assert isinstance(scene, Bodies)
+    assert isinstance(scene, BodiesScene)
     assert [body.is_fixed for body in scene.view] == [True, False, False, True]
     assert [len(part.ends) for part in scene.fastenings] == [3]
     assert not any("plane" in axes.get_title(loc="left") for axes in xd.plot(run).axes)
     text = (MODELS / "coupled_masses.toml").read_text()
     bare = xd.Model.from_text(text[: text.index("[figure]")] + text[text.index("[run]") :])
     plain = scene_of(xd.simulate(bare, until="1 s"), None)
-    assert isinstance(plain, Bodies)
+    assert isinstance(plain, BodiesScene)
     assert [(body.across, body.body, float(np.ptp(body.y))) for body in plain.view] == [("x", "x1", 0), ("x", "x2", 0)]
 
 
@@ -100,9 +100,9 @@ def pair_of_balls(gap: str) -> xr.Dataset:
 def test_two_balls_of_a_model_in_centimetres(gap: str, radii: list[float], floor: float) -> None:
     """Assert discs of 2 cm on a floor at 0 within a drum of 1 m; and dots where a gap is no distance less radii."""
     scene = scene_of(pair_of_balls(gap), None)
-    assert isinstance(scene, Bodies)
+    assert isinstance(scene, BodiesScene)
     assert scene.radii == pytest.approx(radii, rel=1e-9)
-    round_radius = scene.boundaries[-1].radius + float(scene.boundaries[-1].gap.at(np.zeros((1, 2, 1)), 0.0)[0])
+    round_radius = scene.boundaries[-1].radius + float(scene.boundaries[-1].gap.values_at(np.zeros((1, 2, 1)), 0.0)[0])
     assert round_radius == pytest.approx(1.0 if radii else 0.98, rel=1e-12)
     level = [line[:, 1] for line in lines_of(scene) if np.ptp(line[:, 1]) < 1e-9]
     assert len(level) <= 1
@@ -166,7 +166,7 @@ def test_coordinates_called_as_axes_are_positions_of_bodies() -> None:
     assert discs.get_offsets() == pytest.approx(np.stack([run.x.values[-1], run.y.values[-1]], axis=-1), abs=1e-12)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (m)", "y (m)")
     scene = scene_of(unfold(run), None)
-    assert isinstance(scene, Bodies)
+    assert isinstance(scene, BodiesScene)
     assert [path.label for path in scene.view] == ["disc 0", "disc 1", "disc 2"]
     assert [part.ends.tolist() for part in scene.fastenings] == [[[0, 1], [1, 2]]]
     (floor,) = lines_of(scene)
@@ -199,7 +199,7 @@ def test_a_picture_holds_walls_nearby_and_names_others(depth: float, said: str) 
     )
     run = xd.simulate(ball, method="rk4", step=0.02, until=0.2)
     scene = scene_of(run, None)
-    assert isinstance(scene, Bodies)
+    assert isinstance(scene, BodiesScene)
     film = Figure(figsize=scene.size).subplots()
     assert scene.start(film) == said
     (orbit,) = xd.plot(run, only="plane").axes
@@ -233,7 +233,7 @@ def test_walls_that_a_relation_leads_to_are_drawn() -> None:
         },
     )
     scene = scene_of(unfold(xd.simulate(balls, method="rk4", step="0.02 s", until="2 s")), None)
-    assert isinstance(scene, Bodies)
+    assert isinstance(scene, BodiesScene)
     across = [float(np.mean(line[:, 0])) for line in lines_of(scene) if np.ptp(line[:, 0]) < 1e-9]
     up = [float(np.mean(line[:, 1])) for line in lines_of(scene) if np.ptp(line[:, 1]) < 1e-9]
     assert sorted(across) == pytest.approx([-0.5, 0.6], abs=1e-12)

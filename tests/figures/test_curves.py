@@ -12,8 +12,8 @@ import xarray as xr
 import xdynamics as xd
 from xdynamics.faults import DOT
 from xdynamics.figures import hermite
-from xdynamics.figures.curves import _places, drawn, energy_changes, has_chords, thinned
-from xdynamics.figures.hermite import StatePolynomials, _hermite, chain_of
+from xdynamics.figures.curves import _inner_times, energy_changes, has_chords, plotted_lines, thinned_rows
+from xdynamics.figures.hermite import StatePolynomials, _hermite, derivative_chain
 from xdynamics.figures.plane import views
 
 Floats = Any
@@ -37,14 +37,14 @@ def spring(x: float, v: float, k: float, damping: float = 0.0) -> xd.Model:
 
 def bent(run: xr.Dataset, name: str, times: Floats, rows: Floats) -> Floats | None:
     """A state on the polynomials of a run, if its derivatives are known."""
-    known = chain_of({*run.variables}, name)
+    known = derivative_chain({*run.variables}, name)
     return StatePolynomials(run, times, rows, {name: None})[name] if known else None
 
 
 def test_elements_are_evaluated_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that 600 elements take three evaluations, to the bits of each alone; where one has no acceleration, four."""
     count, names, called = 600, [f"u{DOT}{i}" for i in range(600)], []
-    inside = hermite._inside
+    inside = hermite._inner_polynomials
 
     def counted(*arguments: Any) -> Any:
         called.append(arguments)
@@ -54,7 +54,7 @@ def test_elements_are_evaluated_together(monkeypatch: pytest.MonkeyPatch) -> Non
     columns = {f"{head}u{DOT}{i}": ("step", random.normal(size=4)) for head in ("", "v_", "a_") for i in range(count)}
     run = xr.Dataset({"time": ("step", time), **columns})
     times, rows = np.array([0.25, 0.5, 1.25, 2.0]), np.array([0, 0, 1, 2])
-    monkeypatch.setattr(hermite, "_inside", counted)
+    monkeypatch.setattr(hermite, "_inner_polynomials", counted)
     for lacking, evaluations in ((run, 3), (run.drop_vars(f"a_u{DOT}7"), 4)):
         together = StatePolynomials(lacking, times, rows, dict.fromkeys(names))
         called.clear()
@@ -126,28 +126,28 @@ def test_parts_polynomials_have_values_and_slopes_of_both_ends() -> None:
 def test_parts_points_are_dealt_out_by_rows_and_by_time() -> None:
     """Assert 40 points in a short step and 2,000 in proportion to time, evenly between both ends, none where time stands."""
     run = xr.Dataset({"time": ("step", np.array([0.0, 1e-3, 1e-3, 0.5, 1.0]))})
-    times, rows = _places(run)
+    times, rows = _inner_times(run)
     assert [int((rows == k).sum()) for k in range(4)] == [40, 0, 998, 1000]
     for k, (begin, end) in ((0, (0.0, 1e-3)), (3, (0.5, 1.0))):
         mine = times[rows == k]
         assert mine == pytest.approx(np.linspace(begin, end, mine.size + 2)[1:-1], rel=1e-12)
-    assert _places(run.isel(step=[0]))[0].size == 0
+    assert _inner_times(run.isel(step=[0]))[0].size == 0
     many = xr.Dataset({"time": ("step", np.arange(1001.0))})
-    assert np.bincount(_places(many)[1]).tolist() == [2] * 1000
+    assert np.bincount(_inner_times(many)[1]).tolist() == [2] * 1000
 
 
 def test_parts_what_is_thinned_keeps_both_ends_and_every_peak() -> None:
     """Assert rows of the least and greatest of stretches of rows and of time, in order, and all where they are few."""
     values = np.zeros(100_000)
     values[[12_345, 67_890]] = 5.0, -7.0
-    kept = thinned(values)
+    kept = thinned_rows(values)
     assert {0, 12_345, 67_890, 99_999} <= set(kept.tolist())
     assert 1990 <= kept.size <= 4003
     assert (np.diff(kept) > 0).all()
-    assert thinned(values[:4000]).size == 4000
-    assert thinned(values[:4001], most=400).size <= 402
+    assert thinned_rows(values[:4000]).size == 4000
+    assert thinned_rows(values[:4001], max_points=400).size <= 402
     times = np.concatenate([np.linspace(0.0, 1e-3, 99_000), np.linspace(0.01, 1.0, 1000)])
-    late = thinned(values, times=times)
+    late = thinned_rows(values, times=times)
     assert (late >= 99_000).sum() > 900
     assert late.size <= 4002
     assert np.diff(times[late]).max() < 3e-3 + 9e-3
@@ -164,7 +164,7 @@ def test_parts_lines_are_in_the_records_unit() -> None:
         initial={"x": "5 mm", "v_x": "0 mm s-1"},
     )
     run = xd.simulate(model, method="dop853", step=0.5, until=2.0)
-    times, (line, places) = drawn(run, "a_x", "x")
+    times, (line, places) = plotted_lines(run, "a_x", "x")
     assert times.size > 100
     assert places == pytest.approx(5.0 * np.cos(2.0 * times), abs=1e-6)
     assert line == pytest.approx(-4.0 * places, rel=1e-9, abs=1e-12)
@@ -206,7 +206,7 @@ def test_lines_are_of_the_methods_own_states(case: int) -> None:
     span = random.uniform(0.5, 3.0)
     run = xd.simulate(spring(x, v, k), method=method, step=uneven(random, span), until=span)
     energies = "potential_energy", "kinetic_energy", "total_energy", "power", "force_spring_x", "a_x"
-    times, lines = drawn(run, *energies)
+    times, lines = plotted_lines(run, *energies)
     time = run.time.values
     assert np.diff(times).max() <= span / 1000  # whatever the steps are, no line is a polygon
     assert np.isin(time, times).all()
@@ -236,7 +236,7 @@ def test_energies_of_long_steps_are_those_of_the_closed_form(case: int) -> None:
     )
     end, count = 2 * speed / g, int(random.integers(1, 4))
     run = xd.simulate(flight, method=str(random.choice(methods)), step=end / count, until=end)
-    times, (potential, kinetic) = drawn(run, "potential_energy", "kinetic_energy")
+    times, (potential, kinetic) = plotted_lines(run, "potential_energy", "kinetic_energy")
     height = speed * times - g * times**2 / 2
     assert np.abs(potential - g * height).max() < 1e-9 * speed**2
     assert potential.max() == pytest.approx(speed**2 / 2, rel=1e-5)
@@ -261,7 +261,7 @@ def test_contact_forces_are_evaluated_between_rows(case: int) -> None:
     run = xd.simulate(
         block, method=("dop853", "rk4", "bogacki_shampine")[case % 3], step=random.uniform(0.2, 1.0), until=2.0
     )
-    times, (normal, friction) = drawn(run, "contact_force_floor", "friction_force_floor")
+    times, (normal, friction) = plotted_lines(run, "contact_force_floor", "friction_force_floor")
     assert len(times) > 1000
     assert np.abs(normal - (9.81 - load * np.cos(w * times))).max() < 1e-9
     assert np.abs(friction + pull * np.sin(w * times)).max() < 1e-9
@@ -324,7 +324,7 @@ def test_a_body_at_rest_is_drawn_at_rest() -> None:
         contacts={"floor": {"gap": "y", "restitution": 0.0, "tangential": "coulomb", "slip": "v_x", "friction": 0.3}},
     )
     run = xd.simulate(ball, method="moreau_jean", step=0.25, until=6.0)
-    times, (line,) = drawn(run, "y")
+    times, (line,) = plotted_lines(run, "y")
     assert times.size > 1000
     assert np.abs(line).max() < 1e-15
 

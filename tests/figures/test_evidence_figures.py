@@ -16,7 +16,7 @@ from cases.problems import MODELS, oscillator
 from xdynamics.evidence.grid_rounding import vanishing
 from xdynamics.figures.fit import panels_of as panels_of_fit
 from xdynamics.figures.ledger import panels_of as panels_of_ledger
-from xdynamics.figures.refinement import foot_of, telling
+from xdynamics.figures.refinement import foot_of, is_informative
 
 
 @pytest.mark.dear
@@ -25,7 +25,7 @@ def test_a_refinement_draws_what_was_asked_for() -> None:
     rocket = xd.Model.from_toml(MODELS / "rocket_c6.toml")
     study: xr.Dataset = xd.refine(rocket, steps=["40 ms", "20 ms", "10 ms"], occurrences=1)
     assert "difference_fuel" in study
-    assert not telling(study, "fuel")
+    assert not is_informative(study, "fuel")
     axes = [axis for axis in xd.plot(study).axes if axis.get_visible()]
     titles = [axis.get_title(loc="left") for axis in axes]
     assert len(titles) == 6

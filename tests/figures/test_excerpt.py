@@ -38,7 +38,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_excerpt_has_the_extremes_and_the_events(long: xr.Dataset) -> None:
     """Assert the least and greatest value of every state and energy, and the states at events, with each chunk read once."""
     lazy, reads = chunked(long, ragged(long.sizes["step"], 23, 1))
-    found = excerpt.drawn_of(lazy)
+    found = excerpt.excerpt_of(lazy)
     assert max(reads.values()) == 1
     assert found.sizes["step"] < long.sizes["step"] / 3
     for name, variable in found.data_vars.items():
@@ -102,8 +102,8 @@ def test_no_chord_is_drawn_through_a_phase_portrait(monkeypatch: pytest.MonkeyPa
 def test_many_events_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that of many events the first and last of each name and the largest impulses are kept, each chunk read once."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=10.0, step=5e-4)
-    monkeypatch.setattr(excerpt, "_most", lambda _: 40)
-    found = excerpt.drawn_of(run.chunk(step=1000, event=7, inline_array=True))
+    monkeypatch.setattr(excerpt, "_max_rows_per_column", lambda _: 40)
+    found = excerpt.excerpt_of(run.chunk(step=1000, event=7, inline_array=True))
     assert found.sizes["event"] < run.sizes["event"]
     assert found.event_impulse_y.max() == run.event_impulse_y.max()
     assert set(found.event_kind.values) == set(run.event_kind.values)

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 import xdynamics as xd
 from cases.problems import MODELS, oscillator
-from xdynamics.figures.curves import between, has_chords, thinned
+from xdynamics.figures.curves import has_chords, refined_line, thinned_rows
 
 
 @pytest.mark.dear
@@ -66,7 +66,7 @@ def test_units_are_not_mixed_on_one_axis() -> None:
 @pytest.mark.dear
 def test_thinning_keeps_least_and_greatest(values: np.ndarray) -> None:
     """Assert that thinning keeps the extremes, the ends and the order, and at most 4,002 rows."""
-    rows = thinned(values)
+    rows = thinned_rows(values)
     assert len(rows) <= 4002
     assert (np.diff(rows) > 0).all()
     assert rows[0] == 0
@@ -101,18 +101,18 @@ def test_events_of_rows_that_are_left_out_are_not_marked() -> None:
 def test_lines_between_few_states_bend_as_the_motion_does() -> None:
     """Assert that what is drawn between long steps is the motion: states of the method's own steps, to the bit."""
     run = xd.simulate(oscillator().model, method="dop853", rtol=1e-9, until=5.0)
-    times, values = between(run, "x") or (np.zeros(0), np.zeros(0))
+    times, values = refined_line(run, "x") or (np.zeros(0), np.zeros(0))
     assert run.sizes["step"] < 60
     assert len(times) > 1000
     assert (values == xd.sample(run, times).x.values).all()
-    assert ((between(run, "v_x") or ([], []))[1] == xd.sample(run, times).v_x.values).all()
+    assert ((refined_line(run, "v_x") or ([], []))[1] == xd.sample(run, times).v_x.values).all()
 
 
 def test_a_record_that_is_not_enough_for_its_steps_is_drawn_by_polynomials() -> None:
     """Assert Hermite's polynomials where rows were edited, near the motion, and through every row."""
     run = xd.simulate(oscillator().model, method="dop853", rtol=1e-9, until=5.0)
     other = run.assign(x=run.x * 1.1, v_x=run.v_x * 1.1, a_x=run.a_x * 1.1)
-    times, values = between(other, "x") or (np.zeros(0), np.zeros(0))
+    times, values = refined_line(other, "x") or (np.zeros(0), np.zeros(0))
     assert np.abs(values - 1.1 * xd.sample(run, times).x.values).max() < 2e-5
     assert np.isin(other.x.values, values).all()
     assert has_chords(other, "total_energy", exact=True)
@@ -121,11 +121,11 @@ def test_a_record_that_is_not_enough_for_its_steps_is_drawn_by_polynomials() -> 
 def test_nothing_is_drawn_between_rows_that_are_left_out() -> None:
     """Assert straight lines where the step from row to row is not the one recorded, and where rows are many."""
     run = xd.simulate(oscillator().model, method="dop853", rtol=1e-9, until=5.0)
-    assert between(run.isel(step=slice(None, None, 3)), "x") is None
-    assert between(run.drop_vars("v_x"), "x") is None
+    assert refined_line(run.isel(step=slice(None, None, 3)), "x") is None
+    assert refined_line(run.drop_vars("v_x"), "x") is None
     titles = [axis.get_title(loc="left") for axis in xd.plot(run.isel(step=slice(None, None, 3))).axes]
     assert titles[0] == "trajectory; straight between rows"
-    assert between(xd.simulate(oscillator().model, step=0.001, until=5.0), "x") is None
+    assert refined_line(xd.simulate(oscillator().model, step=0.001, until=5.0), "x") is None
 
 
 @pytest.mark.dear

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.figures.contrast import contrast, legible
+from xdynamics.figures.contrast import contrast_ratio, legible
 from xdynamics.figures.framing import frame_of
 from xdynamics.figures.scenes import scene_of
 from xdynamics.record import unfold
@@ -143,10 +143,10 @@ def test_bodies_can_be_told_from_the_paper(dark: bool) -> None:
     (axes,) = figure.axes
     paper = axes.get_facecolor()
     for line in axes.lines:
-        assert contrast(line.get_color(), paper) >= 3.0
+        assert contrast_ratio(line.get_color(), paper) >= 3.0
     assert len(axes.texts) == 24
     for text in axes.texts:
-        assert contrast(text.get_color(), paper) >= 4.5
+        assert contrast_ratio(text.get_color(), paper) >= 4.5
 
 
 def test_a_colour_is_changed_as_far_as_needed() -> None:
@@ -154,7 +154,7 @@ def test_a_colour_is_changed_as_far_as_needed() -> None:
     assert legible("#1f5a96", 3.0, "white") == "#1f5a96"
     for paper in ("white", "black"):
         for colour in ("#f0f921", "#7a7a7a", "#20204a", "#e8e8e8"):
-            found = contrast(legible(colour, 4.5, paper), paper)
+            found = contrast_ratio(legible(colour, 4.5, paper), paper)
             assert found >= 4.5
             assert found < 4.7 or legible(colour, 4.5, paper) == colour
 
@@ -185,7 +185,7 @@ def test_names_go_along_in_a_film(discs: bool) -> None:
         text.remove()
     scene.start(axes)
     for now in (0.0, 5.0):
-        scene.at(now)
+        scene.move_to(now)
         angles = 2.0 * np.pi * np.arange(12) / 12
         places = (1.0 + 0.1 * now) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         assert [text.get_text() for text in axes.texts] == [*map(str, range(12))]

@@ -10,7 +10,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.figures.plane import views
-from xdynamics.figures.scenery import fastenings
+from xdynamics.figures.scenery import fastenings_of
 from xdynamics.figures.scenes import scene_of
 from xdynamics.record import unfold
 
@@ -63,7 +63,7 @@ def joined_by(joined: str, count: int = 3, stiffness: str = "40", stretched: str
 def test_links_of_relations_are_what_acts_over_them(joined: str, settings: dict[str, Any], kind: str) -> None:
     """Assert springs for a potential, bars where they are stiff or many, rods for a constraint, and every link once."""
     run, view = joined_by(joined, **settings)
-    (found,) = fastenings(run, view)
+    (found,) = fastenings_of(run, view)
     assert found.kind == kind
     count = settings.get("count", 3)
     assert (found.ends == np.stack([np.arange(count - 1), np.arange(1, count)], axis=-1)).all()
@@ -78,7 +78,7 @@ def test_springs_of_relations_go_from_body_to_body() -> None:
     assert [(line.get_xdata()[0], line.get_xdata()[-1]) for line in grey] == [(0.0, 1.3), (1.3, 2.6)]
     assert all(len(line.get_xdata()) > 10 for line in grey)
     scene.start(figure.axes[0])
-    coils = scene.at(0.2)[1].get_segments()
+    coils = scene.move_to(0.2)[1].get_segments()
     places = np.array([[path.x[-1], path.y[-1]] for path in view])
     assert len(coils) == 2
     for k, coil in enumerate(coils):
@@ -89,7 +89,7 @@ def test_springs_of_relations_go_from_body_to_body() -> None:
 def test_a_truss_is_of_bars() -> None:
     """Assert straight lines for the six elastic bars of a truss, which stretch by less than can be seen."""
     run = unfold(xd.simulate(xd.Model.from_toml(MODELS / "truss.toml"))).copy(deep=False)
-    found, _ = fastenings(run, views(run)[0])
+    found, _ = fastenings_of(run, views(run)[0])
     assert (found.kind, found.ends.shape) == ("lines", (6, 2))
 
 
@@ -116,7 +116,7 @@ def test_links_to_fixed_places_end_there(tmp_path: Any, ends: tuple[str, str], u
     axes = xd.plot(run, only="plane").axes[0]
     assert any(line.get_marker() == "^" and (line.get_xydata()[0] == [-1.0, 3.0]).all() for line in axes.lines)
     scene.start(axes)
-    (line,) = scene.at(0.2)[2].get_segments()
+    (line,) = scene.move_to(0.2)[2].get_segments()
     assert scene.fastenings[1].kind == "springs"
     body, hook = (line[0], line[-1]) if ends[0] == "ball" else (line[-1], line[0])
     assert np.allclose(hook, [-1.0, 3.0], rtol=0.0, atol=1e-12)

@@ -60,7 +60,7 @@ def test_lines_go_from_the_centre_to_points_and_joints() -> None:
     axes = Figure().subplots()
     assert scene.start(axes) == ""
     for now in (0.0, 0.31, 1.0):
-        _, lines, dots = scene.at(now)
+        _, lines, dots = scene.move_to(now)
         tip, hinge, *rest = lines.get_segments()
         assert len(rest) == 3
         assert hinge[0] == pytest.approx(dots.get_offsets()[0])
@@ -73,13 +73,13 @@ def test_lines_go_from_the_centre_to_points_and_joints() -> None:
 def test_whoever_goes_far_is_followed() -> None:
     """Assert that a thrown box stays in the middle of the picture, with a trail behind it."""
     scene = filmed(THROWN)
-    assert scene.follows
+    assert scene.follows_bodies
     assert scene.start(Figure().subplots()) == ", going along"
-    trails, _, dots = scene.at(0.5)
+    trails, _, dots = scene.move_to(0.5)
     assert dots.get_offsets()[0] == pytest.approx([0.0, 0.0], abs=1e-12)
     (trail,) = trails.get_segments()
     assert trail[0] == pytest.approx(projected(np.array([-0.81, 0.0, 0.0])), abs=0.1)
-    assert not filmed(HINGED).follows
+    assert not filmed(HINGED).follows_bodies
 
 
 def test_joints_have_panels_in_the_place_of_their_multipliers() -> None:

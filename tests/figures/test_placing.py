@@ -16,8 +16,8 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
 from xdynamics.figures.event_marks import IN_LEGEND
-from xdynamics.figures.placing import EVENT, dense, settle
-from xdynamics.figures.sheet import sheet, write
+from xdynamics.figures.placing import EVENT, dense, place_legends_and_names
+from xdynamics.figures.sheet import sheet, write_figure
 
 SHORT = {"rocket_c6": {}, "moving_table": {"until": "1 s"}, "ball_in_box": {}, "block_on_incline": {}}
 
@@ -57,7 +57,7 @@ def test_a_figure_is_written_as_it_was_laid_out(
     engine = figure.get_layout_engine()
     with monkeypatch.context() as patched:
         patched.setattr(engine, "execute", lambda _: pytest.fail("laid out anew"))
-        write(figure, tmp_path / "a.png")
+        write_figure(figure, tmp_path / "a.png")
     assert figure.get_layout_engine() is engine
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
@@ -163,7 +163,7 @@ def test_a_legend_without_room_stands_beside_its_axes() -> None:
     half.plot(x, x, label="along the diagonal")
     for axes in figure.axes:
         axes.legend()
-    settle(figure)
+    place_legends_and_names(figure)
     figure.canvas.draw()
     above = full.get_legend().get_window_extent()
     assert above.y0 >= full.bbox.y1

@@ -14,7 +14,7 @@ from PIL import Image
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
-from xdynamics.figures.film import drawn
+from xdynamics.figures.film import drawn_frames
 from xdynamics.figures.marks import typeset
 from xdynamics.figures.plane import views
 from xdynamics.figures.scenes import scene_of
@@ -249,8 +249,8 @@ def test_a_film_draws_what_moves_over_what_stands(tmp_path: Path) -> None:
     figure = Figure(figsize=scene.size, dpi=50)
     axes = figure.subplots()
     scene.start(axes)
-    frames = [*drawn(figure, lambda frame: scene.at(0.5 * (frame + 1)), 3)]
-    moved = scene.at(1.5)
+    frames = [*drawn_frames(figure, lambda frame: scene.move_to(0.5 * (frame + 1)), 3)]
+    moved = scene.move_to(1.5)
     for artist in moved:
         artist.set_animated(False)
     figure.savefig(tmp_path / "whole.png")
@@ -420,7 +420,7 @@ def test_films_have_rods_springs_walls_and_floors() -> None:
     (line,) = (path.vertices for path in wall.get_paths() if len(path.vertices))
     assert line[:, 0] == pytest.approx(np.full(len(line), 0.3), abs=1e-12)
     for now in (0.1, 0.3):
-        moved = scene.at(now)
+        moved = scene.move_to(now)
         place = np.asarray(moved[-1].get_offsets())[0]
         (rod,), (spring,), (floor,) = (part.get_segments() for part in moved[1:4])
         assert rod == pytest.approx(np.array([[0.0, 0.0], place]))
@@ -436,8 +436,8 @@ def test_a_ball_that_only_falls_is_filmed_upright() -> None:
     axes = Figure(figsize=scene.size).subplots()
     scene.start(axes)
     assert any(type(item).__name__ == "QuadContourSet" for item in axes.collections)
-    scene.at(0.0)
-    assert np.asarray(scene.at(0.0)[-1].get_offsets())[0] == pytest.approx([0.0, 1.0])
+    scene.move_to(0.0)
+    assert np.asarray(scene.move_to(0.0)[-1].get_offsets())[0] == pytest.approx([0.0, 1.0])
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ def test_a_field_over_two_dimensions_is_a_film_of_maps() -> None:
     (axes,) = xd.plot(run, only="T[3, 4]").axes
     axes.clear()
     assert scene.start(axes) == ", T over across and up"
-    (mesh,) = scene.at(0.05)
+    (mesh,) = scene.move_to(0.05)
     expected = (run["T"].values[0] + run["T"].values[1]).T / 2.0
     assert np.allclose(np.asarray(mesh.get_array()), expected, rtol=1e-14, atol=0.0)
     assert mesh.get_clim() == (run["T"].min(), run["T"].max())

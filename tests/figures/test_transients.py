@@ -11,7 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.command_line import call
-from xdynamics.figures.transients import Transient, without
+from xdynamics.figures.transients import Transient, without_transient
 from xdynamics.schema import OCCURRENCE
 from xdynamics.sweeping.collection import NUMBER
 
@@ -116,4 +116,4 @@ def test_what_has_no_transient_is_refused(diagram: xr.Dataset) -> None:
 def test_as_many_occurrences_are_left_out_as_are_said() -> None:
     """Assert that of five occurrences those behind the second are left, by their numbers."""
     sweep = xr.Dataset({"after_section_x": ((OCCURRENCE,), np.arange(5.0)), NUMBER: ((OCCURRENCE,), np.arange(1, 6))})
-    assert without(sweep, Transient(2))[NUMBER].values.tolist() == [3, 4, 5]
+    assert without_transient(sweep, Transient(2))[NUMBER].values.tolist() == [3, 4, 5]

@@ -60,7 +60,7 @@ def test_both_views_show_each_body_where_it_is_at_one_scale() -> None:
     assert scene.is_stacked
     figure = Figure(figsize=scene.size)
     scene.start(figure.subplots())
-    scene.at(float(run.time[-1]))
+    scene.move_to(float(run.time[-1]))
     front, plan = figure.axes
     for view, pair, axes in zip(scene.views, (("x", "z"), ("x", "y")), (front, plan), strict=True):
         discs = next(item for item in axes.collections if type(item).__name__ == "EllipseCollection")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import xdynamics as xd
-from xdynamics.interchange.csv_export import text_of
+from xdynamics.interchange.csv_export import states_as_csv
 
 SITES = """
 name = "Sites on springs of their own"
@@ -33,7 +33,7 @@ def test_columns_of_elements_are_named_as_people_write_them(tmp_path: Path) -> N
     """Assert the header of a table of elements, and that a comparison reads it, to the last bit."""
     run = xd.simulate(xd.Model.from_text(SITES))
     table = tmp_path / "sites.csv"
-    table.write_text(text_of(xd.sample(run, ["0.3 s", "0.7 s"])), encoding="utf-8")
+    table.write_text(states_as_csv(xd.sample(run, ["0.3 s", "0.7 s"])), encoding="utf-8")
     header = table.read_text(encoding="utf-8").splitlines()[0]
     assert header.startswith('time [s],"r[a, 0] [m]","r[a, 1] [m]","r[b, 0] [m]","r[b, 1] [m]","v_r[a, 0] [m s-1]"')
     assert (xd.compare(run, table).difference_r == 0.0).all()

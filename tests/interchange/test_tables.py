@@ -17,7 +17,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.cli import main
 from xdynamics.interchange import tables
-from xdynamics.interchange.tables import board_of, kinds_of, lines_of, table
+from xdynamics.interchange.tables import board_of, kinds_of, table, table_lines
 
 BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
 
@@ -139,12 +139,12 @@ def test_markdown_and_latex_need_nothing(run: xr.Dataset, tmp_path: Path) -> Non
     """Assert rows of cells whose signs the language would take for its own are escaped."""
     parameters = table(run, "parameters")
     parameters.loc[2, "description"] = "ratio |v'/v|"
-    tables.write(parameters, tmp_path / "p.md")
+    tables.write_table(parameters, tmp_path / "p.md")
     rows = (tmp_path / "p.md").read_text().splitlines()
     assert rows[0] == "| parameter | value | units | description |"
     assert rows[3] == "| g | 9.81 | m s-2 | parameter g |"
     assert rows[4] == "| e | 0.9 | 1 | ratio \\|v'/v\\| |"
-    tables.write(run.dynamics.table("events"), tmp_path / "e.tex")
+    tables.write_table(run.dynamics.table("events"), tmp_path / "e.tex")
     text = (tmp_path / "e.tex").read_text()
     assert text.startswith("\\begin{tabular}{lllrr")
     assert "event\\_detector & event\\_kind" in text
@@ -156,7 +156,7 @@ def test_a_text_is_no_formula(run: xr.Dataset, tmp_path: Path) -> None:
     openpyxl = pytest.importorskip("openpyxl")
     made = table(run, "parameters")
     made.loc[0, "description"] = '=HYPERLINK("http://example.org")'
-    tables.write(made, tmp_path / "p.xlsx")
+    tables.write_table(made, tmp_path / "p.xlsx")
     cell = openpyxl.load_workbook(tmp_path / "p.xlsx").active["D2"]
     assert (cell.data_type, cell.value) == ("s", '=HYPERLINK("http://example.org")')
 
@@ -183,7 +183,7 @@ def test_a_name_of_a_model_keeps_its_digits() -> None:
         "rebound",
     ]
     made = pd.DataFrame({header: [1 / 3] for header in headers})
-    cells = [*lines_of(made, 1000)][1].split()
+    cells = [*table_lines(made, 1000)][1].split()
     assert cells == [
         *("0.3333333333", "0.3333333333", "0.333333333333333", "0.333333333333333"),
         *("0.333", "0.333", "0.3333333333"),
@@ -196,9 +196,9 @@ def test_a_table_without_rows_has_its_headers(of: str, tmp_path: Path) -> None:
     run = xd.simulate(BALL, until=0.1)
     made = table(run, of)
     assert (len(made), len(made.columns) > 3) == (0, True)
-    assert len({*lines_of(made, 10_000)}) == 1
+    assert len({*table_lines(made, 10_000)}) == 1
     for ending in ("csv", "xlsx", "parquet", "md", "tex"):
-        assert "0 rows" in tables.write(made, tmp_path / f"{of}.{ending}")
+        assert "0 rows" in tables.write_table(made, tmp_path / f"{of}.{ending}")
 
 
 def test_one_member_and_a_lazy_sweep() -> None:
@@ -222,7 +222,7 @@ def test_one_member_and_a_lazy_sweep() -> None:
 def test_a_long_table_is_cut_on_a_terminal(run: xr.Dataset) -> None:
     """Assert the first rows, the last ones, and how many are between."""
     steps = table(run)
-    lines = [*lines_of(steps, 10_000)]
+    lines = [*table_lines(steps, 10_000)]
     assert lines[13] == f"… {len(steps) - 24} rows more"
     assert len(lines) == 26
 
@@ -272,7 +272,7 @@ def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch, tmp
     """Assert one line with the command that installs it."""
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(xd.InputError, match=r"\.parquet needs pyarrow, .* pip install 'xdynamics\[tables\]'"):
-        tables.check_target(tmp_path / "t.parquet")
+        tables.check_table_target(tmp_path / "t.parquet")
 
 
 def test_refine_and_show_print_the_board(folder: Path, study: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from cases.problems import MODELS
 from xdynamics.kernels import cache, engine_part
-from xdynamics.kernels.engine_part import NUMBA, EnginePart, sources
+from xdynamics.kernels.engine_part import NUMBA, EnginePart, source_digest
 from xdynamics.march.engine import ENGINE, engine
 
 SCRIPT = """
@@ -179,7 +179,7 @@ FULL = """
 import resource, sys
 from xdynamics.kernels import cache
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-print(cache.obstacle())
+print(cache.caching_obstacle())
 for name in ("law-x.o", "law-y.o"):
     cache.write(name, bytes(5000))
     print(cache.read(name))
@@ -232,7 +232,7 @@ def test_somebody_elses_temporary_folder_is_not_believed(
     cache.folder().chmod(0o777)
     assert cache.read("law-x.o") is None
     cache.write("law-y.o", b"code")
-    assert "others may write to the folder" in cache.obstacle()
+    assert "others may write to the folder" in cache.caching_obstacle()
     cache.folder().rename(tmp_path / "theirs")
     (tmp_path / "theirs").chmod(0o700)
     cache.folder().symlink_to(tmp_path / "theirs")
@@ -293,10 +293,10 @@ def test_the_secret_is_the_users_alone(tmp_path: Path, monkeypatch: pytest.Monke
     assert [path.name for path in (tmp_path / "shared").iterdir()] == ["law-x.o"]
     secret.chmod(0o640)
     assert cache.read("law-x.o") is None
-    assert "others may read" in cache.obstacle()
+    assert "others may read" in cache.caching_obstacle()
     secret.chmod(0o600)
     secret.write_bytes(b"short")
-    assert "holds no secret" in cache.obstacle()
+    assert "holds no secret" in cache.caching_obstacle()
     secret.unlink()
     assert cache.read("law-x.o") is None
     assert not secret.exists()
@@ -336,7 +336,7 @@ def test_the_folder_is_looked_through_seldom(tmp_path: Path, monkeypatch: pytest
 def test_the_limit_of_the_cache(text: str, limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a limit that is no size is not followed."""
     monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", text)
-    assert cache.most_megabytes() == limit
+    assert cache.max_megabytes() == limit
 
 
 def test_parts_of_dead_processes_are_removed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -401,7 +401,7 @@ def test_a_relative_cache_stays_where_it_was(monkeypatch: pytest.MonkeyPatch, tm
 
 def test_the_key_watches_all_that_is_compiled_in() -> None:
     """Assert that a changed flag number of the schema, like any changed line of the engine, asks for another engine."""
-    before = sources()
+    before = source_digest()
     schema = engine_part.PACKAGE / "schema.py"
     original = Path.read_text
 
@@ -411,8 +411,8 @@ def test_the_key_watches_all_that_is_compiled_in() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Path, "read_text", changed)
-        assert sources.__wrapped__() != before
-    assert sources.__wrapped__() == before
+        assert source_digest.__wrapped__() != before
+    assert source_digest.__wrapped__() == before
 
 
 def test_a_long_compilation_is_told(

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from cases.chain_steps import EXPLICIT, SITES, chain_law, executed, left_by, lengths_of
-from xdynamics.kernels.coalescing import coalesced
-from xdynamics.kernels.program import Compute, Load, Loop, Program, ProgramCall, StoreTo, element
+from xdynamics.kernels.coalescing import coalesce_copies
+from xdynamics.kernels.program import Compute, Load, Loop, Program, ProgramCall, StoreTo, loop_element
 
 
 @pytest.mark.parametrize("name", EXPLICIT)
@@ -17,7 +17,7 @@ def test_steps_keep_their_numbers(name: str) -> None:
     """Assert that a step of every explicit method leaves the same bits everywhere, with fewer numbers of its own."""
     law = chain_law(name, sampled=True)
     by_name = {program.name: program for program in law.programs}
-    fewer = [coalesced(program, by_name, lengths_of(law)) for program in law.programs]
+    fewer = [coalesce_copies(program, by_name, lengths_of(law)) for program in law.programs]
     for program in ("forces", "propose"):
         plain, other = (left_by(law, texts, program) for texts in (law.programs, fewer))
         for array, values in plain.items():
@@ -31,10 +31,10 @@ def vectors(*lines: tuple[str, int, str, int]) -> Program:
     body = []
     for i, (source, begin, target, first) in enumerate(lines):
         names = f"_a{i}", f"_b{i}"
-        inner: tuple[Any, ...] = (Load(names[0], element(source, begin)),)
+        inner: tuple[Any, ...] = (Load(names[0], loop_element(source, begin)),)
         if source == target:
             inner += (Compute(names[1], "multiply", (names[0], 2.0)),)
-        body.append(Loop("i", 5, (*inner, StoreTo(element(target, first), names[len(inner) - 1]))))
+        body.append(Loop("i", 5, (*inner, StoreTo(loop_element(target, first), names[len(inner) - 1]))))
     return Program("one", "About.", tuple(body), local={"x": 5})
 
 
@@ -54,7 +54,7 @@ SIZES = {"at": 8, "y": 10, "p": 1, "tables": 1, "pieces": 1, "z": 10, "e": 10, "
 def test_only_what_nothing_tells_apart_is_moved(lines: list[tuple[str, int, str, int]], left: int) -> None:
     """Assert that a vector is put where its copy goes only where every line finds the same as before."""
     program = vectors(*lines)
-    fewer = coalesced(program, {}, {"y": 10, "z": 10, "e": 10})
+    fewer = coalesce_copies(program, {}, {"y": 10, "z": 10, "e": 10})
     assert sum(fewer.local.values()) == left
     plain, other = (executed([text], "one", SIZES) for text in (program, fewer))
     assert all(values.tobytes() == other[array].tobytes() for array, values in plain.items())
@@ -64,6 +64,6 @@ def test_what_is_not_understood_stays() -> None:
     """Assert that rows of the log, and programs that call what is not known, are left as they are."""
     copies = vectors(("y", 0, "x", 0), ("x", 0, "z", 0))
     row = replace(copies, spread=True)
-    assert coalesced(row, {}, SIZES) is row
+    assert coalesce_copies(row, {}, SIZES) is row
     calls = replace(copies, body=(*copies.body, ProgramCall("forces", "at", "z", "z")))
-    assert coalesced(calls, {}, SIZES) is calls
+    assert coalesce_copies(calls, {}, SIZES) is calls

@@ -16,7 +16,7 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.link_rows import link_rows
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.model_programs import expanded, forces_by_elements
-from xdynamics.kernels.program import Compute, Line, Load, Loop, Place, Program, Reduction, StoreTo, nested
+from xdynamics.kernels.program import Compute, Line, Load, Location, Loop, Program, Reduction, StoreTo, nested_lines
 from xdynamics.march.configuration import settings_for
 from xdynamics.model.motion import constants
 
@@ -134,7 +134,7 @@ def by_elements(layout: Layout, degree: int) -> Expansion:
     """The program without loops, whose sums are ascending and whose powers are products, roots and quotients."""
     motion = Motion(layout.coordinates.size, layout.states.size)
     found = expansion(forces_by_elements(layout), motion, degree, written_out=False, fused=True)
-    assert not any(isinstance(line, Reduction) and line.below == "_half" for line in nested(found.program.body))
+    assert not any(isinstance(line, Reduction) and line.below == "_half" for line in nested_lines(found.program.body))
     return found
 
 
@@ -167,10 +167,10 @@ def test_rows_of_links_go_side_by_side_in_every_order() -> None:
     """Assert that the rows of order 0, and of the orders after it, are such that some can be made at once."""
     layout, _ = plane("gravity", 18)
     found = expanded(layout, 8)
-    loops = [line for line in nested(found.program.body) if isinstance(line, Loop)]
+    loops = [line for line in nested_lines(found.program.body) if isinstance(line, Loop)]
     rows = [line for line in loops if link_rows(line)]
     assert len(rows) == 2
-    assert any(isinstance(line, Reduction) for line in nested(rows[1].body[-4:]))
+    assert any(isinstance(line, Reduction) for line in nested_lines(rows[1].body[-4:]))
     assert (
         link_rows(Loop(rows[1].index, rows[1].count, rows[1].body)) is None
     )  # without knowing whose elements are whose
@@ -180,19 +180,19 @@ def test_rows_of_links_go_side_by_side_in_every_order() -> None:
 def test_a_law_of_distance_takes_the_recurrence_of_one_power() -> None:
     """Assert that gravity has series of squared distances and of a power alone: two sums of products less than by parts."""
     layout, _ = plane("gravity", 18)
-    lines = list(nested(expanded(layout, 8).program.body))
+    lines = list(nested_lines(expanded(layout, 8).program.body))
     (sums,) = (line for line in lines if isinstance(line, Reduction) and line.index == "_term")
     assert (
         len(sums.totals) == 2 + 2 + 2 * 2
     )  # squares along two axes; the power, and the force along each, from both ends
-    kept = {line.place.array for line in lines if isinstance(line, StoreTo) and len(line.place.strides) == 3}
+    kept = {line.location.array for line in lines if isinstance(line, StoreTo) and len(line.location.strides) == 3}
     assert len(kept) == 2
 
 
 def body_of(*lines: Compute) -> tuple[Line, ...]:
     """Lines in a loop, of which the last is kept."""
-    start = Load("a", Place("y", 0, (("i", 1),))), Load("c", Place("p", 0))
-    return (Loop("i", 3, (*start, *lines, StoreTo(Place("z", 6, (("i", 1),)), lines[-1].target))),)
+    start = Load("a", Location("y", 0, (("i", 1),))), Load("c", Location("p", 0))
+    return (Loop("i", 3, (*start, *lines, StoreTo(Location("z", 6, (("i", 1),)), lines[-1].target))),)
 
 
 ROOT = Compute("root", "sqrt", ("a",))
@@ -246,18 +246,18 @@ def running_sums(n: int) -> tuple[Program, Program]:
     """Sums of n elements to which later rows add squares of what they find there: in loops, and line by line."""
     i, j, k = ((index, 1) for index in "ijk")
     links = (
-        Load("x", Place("y", 0, (j,))),
-        Load("sum", Place("sums", 0, (j,))),
+        Load("x", Location("y", 0, (j,))),
+        Load("sum", Location("sums", 0, (j,))),
         Compute("part", "add", ("sum", "x")),
         Compute("square", "multiply", ("part", "part")),
         Compute("more", "add", ("sum", "square")),
-        StoreTo(Place("sums", 0, (j,)), "more"),
+        StoreTo(Location("sums", 0, (j,)), "more"),
         Compute("new", "add", ("total", "square")),
     )
     row = Reduction("j", n, links, ("new",), ("total",), "newest", 0.0, below="i")
-    rates = Load("rate", Place("sums", 0, (k,))), StoreTo(Place("z", n, (k,)), "rate")
-    looped = (Loop("i", n, (row, StoreTo(Place("sums", 0, (i,)), "total"))), Loop("k", n, rates))
-    lines: list[Line] = [Load(f"x{j}", Place("y", j)) for j in range(n)]
+    rates = Load("rate", Location("sums", 0, (k,))), StoreTo(Location("z", n, (k,)), "rate")
+    looped = (Loop("i", n, (row, StoreTo(Location("sums", 0, (i,)), "total"))), Loop("k", n, rates))
+    lines: list[Line] = [Load(f"x{j}", Location("y", j)) for j in range(n)]
     sums: list[str | float] = [0.0] * n
     for row_number in range(n):
         total: str | float = 0.0
@@ -271,7 +271,7 @@ def running_sums(n: int) -> tuple[Program, Program]:
             ]
             sums[other], total = names[2], names[3]
         sums[row_number] = total
-    lines += [StoreTo(Place("z", n + j), value) for j, value in enumerate(sums)]
+    lines += [StoreTo(Location("z", n + j), value) for j, value in enumerate(sums)]
     return Program("forces", "F.", looped, local={"sums": n}), Program("forces", "F.", tuple(lines))
 
 

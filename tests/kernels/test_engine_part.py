@@ -15,9 +15,9 @@ from numba.core.errors import TypingError
 
 from xdynamics.dynamics.growth import GROWTH
 from xdynamics.kernels import cache, engine_part, numba_text
-from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.engine_part import NUMBA, WHEEL, EnginePart, made_by
-from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Fields, array, returning
+from xdynamics.kernels.compiling import jit_separate
+from xdynamics.kernels.engine_part import NUMBA, WHEEL, EnginePart, toolchain_versions
+from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Fields, array_kind, signature_of
 from xdynamics.kernels.machine import HELPERS
 from xdynamics.march.engine import PARTS
 
@@ -29,7 +29,7 @@ class Pair(NamedTuple):
     block: Any
 
 
-@shared
+@jit_separate
 def doubled(x: float) -> float:
     """Return twice a number."""
     return 2.0 * x
@@ -66,13 +66,15 @@ def raised(found: Any) -> None:
         raise ValueError("negative")
 
 
-PAIR = Fields(Pair, (array("f8", 1), array("f8", 2)))
-FILLED = returning(INTEGER, PAIR, FLOAT, INTEGER, FLAG, array("f8", 2))
+PAIR = Fields(Pair, (array_kind("f8", 1), array_kind("f8", 2)))
+FILLED = signature_of(INTEGER, PAIR, FLOAT, INTEGER, FLAG, array_kind("f8", 2))
 
 
 def tiny() -> EnginePart:
     """A part that is compiled in no time."""
-    return EnginePart("tiny", "two tiny functions", 1, ((filled, FILLED), (root, returning(NOTHING, INTEGER, FLOAT))))
+    return EnginePart(
+        "tiny", "two tiny functions", 1, ((filled, FILLED), (root, signature_of(NOTHING, INTEGER, FLOAT)))
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -128,7 +130,7 @@ def test_another_array_is_refused() -> None:
 )
 def test_a_text_that_does_not_stand_alone_is_refused(function: Any, what: str) -> None:
     """Assert that memory of numba's runtime and exceptions are found when the text is made."""
-    part = EnginePart("other", "another function", 1, ((function, returning(NOTHING, array("f8", 1))),))
+    part = EnginePart("other", "another function", 1, ((function, signature_of(NOTHING, array_kind("f8", 1))),))
     with pytest.raises((RuntimeError, TypingError), match=what):
         part.packed_text()
 
@@ -228,7 +230,7 @@ def test_the_texts_of_the_engine_stand_alone() -> None:
     assert set(packed) == {"engine", "solvers", "watchers", "contacts", "assemblies", "lanes", "growth"}
     assert sum(map(len, packed.values())) < 1_000_000
     for text in (lzma.decompress(content).decode() for content in packed.values()):
-        assert text.startswith(f"; {made_by()}\n; ")
+        assert text.startswith(f"; {toolchain_versions()}\n; ")
         declared = {line.split("@")[1].split("(")[0] for line in text.splitlines() if line.startswith("declare ")}
         assert {name for name in declared if not name.startswith("llvm.")} <= {*HELPERS}
         for word in (

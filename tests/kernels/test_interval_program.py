@@ -19,15 +19,15 @@ from xdynamics.kernels.interval_program import (
     UNUSED,
     VARIABLES,
     Enclosing,
-    bounds,
     can_be_watched,
-    enclosing,
+    enclosing_rows,
+    write_bounds,
 )
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import INTERVAL, Compute, Load, Place
+from xdynamics.kernels.program import INTERVAL, Compute, Load, Location
 from xdynamics.march.configuration import settings_for
 from xdynamics.model.motion import constants
-from xdynamics.model.reactions import modes
+from xdynamics.model.reactions import mode_names
 from xdynamics.model.regime_model import switch_inputs
 
 TABLE = "q [m],curve [1]\n-3,1.5\n0,0.1\n3,5\n"
@@ -62,7 +62,7 @@ def operations(program: Enclosing, first: int, last: int) -> list[str]:
 
 def test_what_does_not_change_is_computed_once() -> None:
     """Assert that numbers, parameters and what follows from them stand before what moves, and nothing else does."""
-    program = enclosing(layout_of(model("x - (2*a + 3*metre)")))
+    program = enclosing_rows(layout_of(model("x - (2*a + 3*metre)")))
     assert sorted(operations(program, -1, 0)) == sorted(
         ["constant", "constant", "number", "number", "multiply", "multiply", "add"]
     )
@@ -76,16 +76,16 @@ def test_numbers_of_the_march_are_not_constant() -> None:
     """Assert that sides of switches and modes of friction, which a march changes, are read for every step."""
     belt = {"slip": "v_x - 0.1*metre/second", "kinetic": "0.2*newton"}
     layout = layout_of(model("x - a", forces={"drag": {"x": "-k*abs(x)"}}, frictions={"belt": belt}))
-    program, names = enclosing(layout), list(constants(layout.model))
+    program, names = enclosing_rows(layout), list(constants(layout.model))
     fixed, every = program.rows[: program.parts[0]], program.rows
     constant, read = ({names[row[2]] for row in rows.tolist() if row[0] == CONSTANT} for rows in (fixed, every))
     assert constant == {"m", "k", "a", "metre", "second", "newton"}
-    assert read - constant == {*switch_inputs(layout.model), *modes(layout.model)}
+    assert read - constant == {*switch_inputs(layout.model), *mode_names(layout.model)}
 
 
 def test_operations_that_rows_ask_for() -> None:
     """Assert the operations on intervals among all rows: no loads of numbers, parameters or the time."""
-    program = enclosing(layout_of(model("2*x*w - a + t*metre/second")))
+    program = enclosing_rows(layout_of(model("2*x*w - a + t*metre/second")))
     functions = {"multiply", "subtract", "add", "divide", "position", "state"}
     assert program.rules == functions | {"velocity", "rate"}
 
@@ -94,13 +94,13 @@ def test_operations_that_rows_ask_for() -> None:
 def test_variables_by_the_error_that_counts(method: str) -> None:
     """Assert that each variable is read with its own place, whose error widens it."""
     layout = layout_of(model("x*w", "v_x", "x*w/second"), method)
-    program, record = enclosing(layout), layout.record
+    program, record = enclosing_rows(layout), layout.record
     own = {"position": "x", "velocity": "v_x", "state": "w"}
     rows = [(OPERATIONS[row[0]], row[2:]) for row in program.rows.tolist() if OPERATIONS[row[0]] in VARIABLES]
     assert {name for name, _ in rows} > {*own}
     for name, places in rows:
         if name in own:
-            assert places[VARIABLES[name]] == record.place(own[name])
+            assert places[VARIABLES[name]] == record.offset_of(own[name])
     slopes = {name for name, _ in rows} - {*own}
     assert slopes == ({"acceleration", "rate"} if method == "rk4" else {"velocity_slope", "state_slope"})
 
@@ -108,19 +108,19 @@ def test_variables_by_the_error_that_counts(method: str) -> None:
 def test_bounds_on_the_polynomial_of_a_step() -> None:
     """Assert that every coefficient of radau's cubic is read, by power, from where the polynomial begins in w."""
     layout = layout_of(model("x - a", "2*w - 3"), "radau_iia")
-    lines, ends = bounds(layout, "width", "t", "t1", 7)
-    loads = {line.target: line.place for line in lines if isinstance(line, Load)}
+    lines, ends = write_bounds(layout, "width", "t", "t1", 7)
+    loads = {line.target: line.location for line in lines if isinstance(line, Load)}
     computed = {line.operation: line for line in lines if isinstance(line, Compute)}
     for name, owners in {"state": ("w",), "position": ("x", "v_x")}.items():
         owned = owners[: POLYNOMIALS[name]]
         given = [loads[str(argument)] for argument in computed[on_curve(name)].arguments[: 4 * len(owned)]]
-        places = [layout.used.place(owner) for owner in owned]
-        assert given == [Place("w", 7 + power * layout.used.size + place) for place in places for power in range(4)]
+        places = [layout.used.offset_of(owner) for owner in owned]
+        assert given == [Location("w", 7 + power * layout.used.size + place) for place in places for power in range(4)]
     assert computed[on_curve("position")].arguments[-6:] == ("width", 0.0, 0.0, "width", 0.0, 1.0)
     assert [line.arguments[0] for line in lines if isinstance(line, Compute) and line.operation == "point"].count(
         3.0
     ) == 1
-    of = enclosing(layout).functions
+    of = enclosing_rows(layout).functions
     for (under, over), place in zip(ends, of, strict=True):
         assert Compute(under, "low", (f"_i{place}",), INTERVAL) in lines
         assert Compute(over, "high", (f"_i{place}",), INTERVAL) in lines
@@ -128,7 +128,7 @@ def test_bounds_on_the_polynomial_of_a_step() -> None:
 
 def test_gaps_have_second_derivatives() -> None:
     """Assert that the function of a contact has rows for its second derivative, and an event's has none."""
-    program = enclosing(layout_of(model("x - a", contacts={"floor": {"gap": "x + a", "restitution": 0.5}})))
+    program = enclosing_rows(layout_of(model("x - a", contacts={"floor": {"gap": "x + a", "restitution": 0.5}})))
     assert [bend == UNUSED for bend in program.bends].count(True) == len(program.bends) - 1
     assert "acceleration" in operations(program, 2, 3)
     assert "velocity" in operations(program, 1, 2)
@@ -145,14 +145,14 @@ def test_what_lanes_can_watch() -> None:
     assert can_be_watched(layout_of(model("x - a", "t - second", "w - 0.5")))
     assert not can_be_watched(layout_of(model("x - a", "curve - 1", drives=drives)))
     assert not can_be_watched(layout_of(model("x - a", events={"e": {"function": python, "unit": "m"}})))
-    rows = enclosing(layout_of(model(events={"e": {"function": python, "unit": "m"}}))).rows
+    rows = enclosing_rows(layout_of(model(events={"e": {"function": python, "unit": "m"}}))).rows
     assert UNKNOWN in rows[:, 0]
 
 
 def test_functions_of_time_alone() -> None:
     """Assert which functions follow from the time, and that their rows say so."""
     drives = {"curve": {"table": "d.csv", "csv": TABLE.replace("q [m]", "t [s]"), "argument": "t", "outside": "hold"}}
-    program = enclosing(layout_of(model("t - second", "x - a", "curve - 1", drives=drives)))
+    program = enclosing_rows(layout_of(model("t - second", "x - a", "curve - 1", drives=drives)))
     assert program.of_time == (True, False, True)
     looked_up = [row for row in program.rows.tolist() if OPERATIONS[row[0]] == "value_at"]
     assert [row[3:5] for row in looked_up] == [[0, 1]]
@@ -164,15 +164,15 @@ def test_bounds_are_written_with_what_they_read() -> None:
     regimes = {"near": {"forces": ["spring"]}, "far": {"forces": ["spring"]}}
     events = {"e": {"function": "2*(x - a)*w"}, "go": {"function": "x", "action": "switch", "to": "far"}}
     layout = layout_of(model(regimes=regimes, events=events))
-    lines, ends = bounds(layout, "width", "t", "t1", 0)
+    lines, ends = write_bounds(layout, "width", "t", "t1", 0)
     assert ends == [(f"under{i}", f"over{i}") for i in range(len(layout.watched))]
     computed = {line.target: line for line in lines if isinstance(line, Compute) and line.kind == INTERVAL}
-    loads = {line.target: line.place for line in lines if isinstance(line, Load)}
+    loads = {line.target: line.location for line in lines if isinstance(line, Load)}
     points = [line.arguments[0] for line in computed.values() if line.operation == "point"]
     assert 2.0 in points
     assert {loads[point].array for point in points if isinstance(point, str)} == {"p"}
     (position,) = (line for line in computed.values() if line.operation == "position")
-    own = [layout.record.place(name) for name in ("x", "v_x", "a_x")]
+    own = [layout.record.offset_of(name) for name in ("x", "v_x", "a_x")]
     assert [(loads[str(of)].array, loads[str(of)].offset) for of in position.arguments[:6]] == [
         (state, place) for state in "yz" for place in own
     ]
@@ -181,7 +181,7 @@ def test_bounds_are_written_with_what_they_read() -> None:
 
 def test_numbers_have_one_place_each() -> None:
     """Assert that a number that occurs twice is one row, and a product of one value with itself a square."""
-    program = enclosing(layout_of(model("x*x - 3*metre*x + 3*metre**2")))
+    program = enclosing_rows(layout_of(model("x*x - 3*metre*x + 3*metre**2")))
     numbers = [row for row in program.rows.tolist() if row[0] == NUMBER]
     assert [program.numbers[row[2]] for row in numbers] == [3.0]
     assert operations(program, 0, 1).count("square") == 1

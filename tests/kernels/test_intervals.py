@@ -15,7 +15,7 @@ from xdynamics.elementary.intervals import Intervals
 from xdynamics.kernels import machine
 from xdynamics.kernels.interval_program import OPERANDS, VARIABLES
 from xdynamics.kernels.llvm_text import llvm_of
-from xdynamics.kernels.program import INTERVAL, TABLE, WORDS, Compute, Load, Place, Program, StoreTo
+from xdynamics.kernels.program import INTERVAL, TABLE, WORDS, Compute, Load, Location, Program, StoreTo
 from xdynamics.kernels.python_text import python_of
 
 DEGREE = 3  # of the polynomials that variables are enclosed by
@@ -29,7 +29,7 @@ SPECIAL = (0.0, -0.0, 1.0, -1.0, math.pi, 5e-324, 1e-310, 1.7e308, math.inf, -ma
 
 def every_operation() -> Program:
     """A program of every operation on intervals of numbers in `y`, whose bounds go to `z`."""
-    body = [Load(f"y{k}", Place("y", k)) for k in range(COUNT)]
+    body = [Load(f"y{k}", Location("y", k)) for k in range(COUNT)]
     body += [Compute(f"i{k}", "between", (f"y{2 * k}", f"y{2 * k + 1}"), INTERVAL) for k in range(3)]
     for number, (name, count) in enumerate(OPERATIONS.items()):
         numbers = tuple(f"y{k}" for k in range(NUMBERS.get(name, 0)))
@@ -37,7 +37,7 @@ def every_operation() -> Program:
         body.append(Compute(f"f{number}", name, given, INTERVAL))
         for k, bound in enumerate(("low", "high")):
             body.append(Compute(f"{bound}{number}", bound, (f"f{number}",), INTERVAL))
-            body.append(StoreTo(Place("z", 2 * number + k), f"{bound}{number}"))
+            body.append(StoreTo(Location("z", 2 * number + k), f"{bound}{number}"))
     return Program("everything", "Every operation on intervals.", tuple(body))
 
 

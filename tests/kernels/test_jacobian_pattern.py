@@ -12,12 +12,12 @@ import xdynamics as xd
 from cases.array_programs import compiled, in_python
 from cases.shaped_laws import MODELS
 from xdynamics.kernels import Layout, layout_of, model_programs
-from xdynamics.kernels.drive_tables import flattened
+from xdynamics.kernels.drive_tables import concatenated_tables
 from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.program import AT
 from xdynamics.model import Model
 from xdynamics.model.linearisation import linearise
-from xdynamics.model.motion import constants, tables_of
+from xdynamics.model.motion import constants, drive_pieces
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def by_groups(model: Model, *, machine: bool) -> Floats:
     layout = layout_of(model)
     n, used = layout.coordinates.size, layout.used.size
     run = compiled if machine else in_python
-    tables, pieces = flattened(tables_of(model))
+    tables, pieces = concatenated_tables(drive_pieces(model))
     at, p, y = np.zeros(len(AT)), np.array([*constants(model).values()]), state_of(layout)
     given = {"at": at, "p": p, "y": y, "tables": tables, "pieces": pieces}
     at[0] = 0.25

@@ -27,13 +27,13 @@ from xdynamics.kernels.program import (
     EngineCall,
     Line,
     Load,
+    Location,
     Loop,
     Ordinal,
-    Place,
     Program,
     Reduction,
     StoreTo,
-    nested,
+    nested_lines,
 )
 from xdynamics.march.configuration import settings_for
 from xdynamics.model.motion import constants
@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 DEGREE = 21
 TIME = 0.3
 OF_X = Motion(coordinates=0, states=2)  # x' = 1, u' = f(x, t): the series of u are those of f
-PLACES = {"x": Place("y", 0), "u": Place("y", 1), "t": Place("at", 0), "c": Place("p", 0)}
+PLACES = {"x": Location("y", 0), "u": Location("y", 1), "t": Location("at", 0), "c": Location("p", 0)}
 EXACT: Mapping[str, Callable[..., Any]] = {
     **{name: getattr(mpmath, name) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan")},
     **{name: getattr(mpmath, name) for name in ("atan2", "sinh", "cosh", "tanh", "hypot")},
@@ -95,8 +95,8 @@ def of_x(text: str) -> Program:
     """The forces of x' = 1 and u' = an expression of x, t and the constant c."""
     lines = Assignments(lambda lines, name: lines.load(PLACES[name], name))
     value = lines.value(parse(text))
-    lines.store(Place("z", 2), 1.0)
-    lines.store(Place("z", 3), value)
+    lines.store(Location("z", 2), 1.0)
+    lines.store(Location("z", 3), value)
     return Program("forces", "Forces.", tuple(lines.lines))
 
 
@@ -200,8 +200,8 @@ def test_tables_inside_a_piece(operation: str, *, written_out: bool) -> None:
     lines = Assignments(lambda lines, name: lines.load(PLACES[name], name))
     argument = lines.value(parse("x*x"))
     piece = lines.compute("find_piece", argument, 0)
-    lines.store(Place("z", 2), 1.0)
-    lines.store(Place("z", 3), lines.compute(operation, argument, piece, 0))
+    lines.store(Location("z", 2), 1.0)
+    lines.store(Location("z", 3), lines.compute(operation, argument, piece, 0))
     forces = Program("forces", "Forces.", tuple(lines.lines))
     found = expansion(forces, OF_X, 8, written_out=written_out, fused=True)
     w, x = np.zeros(found.memory), 0.9
@@ -227,14 +227,14 @@ class Passes:
         for line in body:
             match line:
                 case Load():
-                    self.lines.append(Load(self._named(line.target), self._place(line.place, at)))
+                    self.lines.append(Load(self._named(line.target), self._place(line.location, at)))
                 case Ordinal():
                     self._names[line.target] = float(at[line.index])
                 case Compute():
                     given = tuple(self._names.get(name, name) for name in line.arguments)
                     self.lines.append(Compute(self._named(line.target), line.operation, given))
                 case StoreTo():
-                    self.lines.append(StoreTo(self._place(line.place, at), self._names[line.value]))
+                    self.lines.append(StoreTo(self._place(line.location, at), self._names[line.value]))
                 case Loop():
                     for k in range(line.count):
                         self.write(line.body, {**at, line.index: k})
@@ -257,8 +257,8 @@ class Passes:
         self._names[name] = f"{name}_{len(self.lines)}"
         return str(self._names[name])
 
-    def _place(self, of: Place, at: Mapping[str, int]) -> Place:
-        return Place(of.array, of.offset + sum(at[index] * stride for index, stride in of.strides))
+    def _place(self, of: Location, at: Mapping[str, int]) -> Location:
+        return Location(of.array, of.offset + sum(at[index] * stride for index, stride in of.strides))
 
 
 def moving(program: Program, numbers: int) -> Program:
@@ -268,7 +268,7 @@ def moving(program: Program, numbers: int) -> Program:
         if isinstance(line, Loop):
             return replace(line, body=tuple(map(moved, line.body)))
         if isinstance(line, StoreTo):
-            return replace(line, place=replace(line.place, offset=line.place.offset + 2 * numbers))
+            return replace(line, location=replace(line.location, offset=line.location.offset + 2 * numbers))
         return line
 
     return Program("forces", "Forces.", tuple(map(moved, program.body)))
@@ -392,10 +392,10 @@ def test_what_is_kept_for_other_lines_has_its_series(n: int, reach: int) -> None
 def test_a_series_is_never_taken_for_one_before_it() -> None:
     """Assert that what is stored of a series that nobody names again is not what another one has."""
     lines = Assignments(lambda _lines, name: name, "_e")
-    order = Looped(lines, 4, Place, count(1), started=True, inside=False, stores={}, fused=True)
+    order = Looped(lines, 4, Location, count(1), started=True, in_element_loops=False, stores={}, fused=True)
     for k in range(100):
-        order.keep(Series(place=Place("w", 4 * k)), f"_v{k}")
-        assert not order.knows(Series(place=Place("w", 400)))
+        order.keep(Series(location=Location("w", 4 * k)), f"_v{k}")
+        assert not order.knows(Series(location=Location("w", 400)))
 
 
 def test_links_are_made_once() -> None:
@@ -403,8 +403,8 @@ def test_links_are_made_once() -> None:
     n, degree = 6, 9
     (layout, p), (larger, _) = bodies(n), bodies(n + 5)
     found, more = (expanded(of, degree) for of in (layout, larger))
-    assert len(list(nested(found.program.body))) == len(list(nested(more.program.body)))
-    assert any(isinstance(line, Reduction) and line.operation == "newest" for line in nested(found.program.body))
+    assert len(list(nested_lines(found.program.body))) == len(list(nested_lines(more.program.body)))
+    assert any(isinstance(line, Reduction) and line.operation == "newest" for line in nested_lines(found.program.body))
     y, w = np.random.default_rng(3).normal(size=layout.record.size), np.zeros(found.memory)
     in_python(found.program)(y=y, w=w, p=p, at=np.zeros(8))
     again = np.zeros(found.memory)
@@ -419,11 +419,11 @@ def test_links_are_made_once() -> None:
 def test_sums_are_made_together() -> None:
     """Assert that what is read alone is stored, and that the sums of three squares, and of products, are one loop's."""
     layout, _ = bodies(6)
-    lines = list(nested(expanded(layout, 9).program.body))
+    lines = list(nested_lines(expanded(layout, 9).program.body))
     sums = [line for line in lines if isinstance(line, Reduction) and line.index == "_term"]
     assert max(len(line.totals) for line in sums) >= 9
-    read = {line.place.offset for line in lines if isinstance(line, Load) and line.place.array == "w"}
-    written = {line.place for line in lines if isinstance(line, StoreTo) and line.place.array == "w"}
+    read = {line.location.offset for line in lines if isinstance(line, Load) and line.location.array == "w"}
+    written = {line.location for line in lines if isinstance(line, StoreTo) and line.location.array == "w"}
     inside = [place for place in written if len({index for index, _ in place.strides} - {"_order", "i"}) == 2]
     assert all(any(place.offset - 1 <= offset <= place.offset + 1 for offset in read) for place in inside)
 
@@ -433,7 +433,7 @@ def test_sums_of_the_same_coefficients_are_made_together() -> None:
     terms = [f"(u + {i}*t)" for i in range(1, 13)]
     text = " + ".join([*(f"{term}*{term}" for term in terms), *(f"{term}*u" for term in terms)])
     body = expansion(of_x(text), OF_X, 9, 3, written_out=False, fused=True).program.body
-    loops = [line for line in nested(body) if isinstance(line, Reduction) and line.index == "_term"]
+    loops = [line for line in nested_lines(body) if isinstance(line, Reduction) and line.index == "_term"]
     loads = sum(isinstance(line, Load) for loop in loops for line in loop.body)
     assert sum(len(loop.totals) for loop in loops) == 24
     assert loads < 1.3 * 24  # one by one in the order of the text, 1.6
@@ -441,13 +441,13 @@ def test_sums_of_the_same_coefficients_are_made_together() -> None:
 
 def test_what_has_no_series_is_refused() -> None:
     """Assert that functions in Python, calls of the engine and largest elements are told apart."""
-    store = StoreTo(Place("z", 2), "_v")
+    store = StoreTo(Location("z", 2), "_v")
     called = Program("forces", "Forces.", (Load("_x", PLACES["x"]), Compute("_v", "python_f", ("_x",)), store))
     with pytest.raises(UnexpandedError, match="python_f"):
         expansion(called, OF_X, 4)
     with pytest.raises(UnexpandedError, match="EngineCall"):
         expansion(Program("forces", "Forces.", (EngineCall(0),)), OF_X, 4)
-    terms = (Load("_x", Place("y", 0, (("i", 1),))),)
+    terms = (Load("_x", Location("y", 0, (("i", 1),))),)
     largest = Reduction("i", 2, terms, ("_x",), ("_v",), "greatest", -np.inf)
     with pytest.raises(UnexpandedError, match="greatest"):
         expansion(Program("forces", "Forces.", (largest, store)), OF_X, 4)

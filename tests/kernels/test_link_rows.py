@@ -11,19 +11,19 @@ import pytest
 from cases.array_programs import compiled, in_python
 from xdynamics.kernels.link_rows import link_rows
 from xdynamics.kernels.llvm_text import llvm_of
-from xdynamics.kernels.program import Compute, Line, Load, Loop, Place, Program, Reduction, StoreTo, element
+from xdynamics.kernels.program import Compute, Line, Load, Location, Loop, Program, Reduction, StoreTo, loop_element
 
 WIDTHS = (1, 4, 8, 16)
 MEETING = (
-    Load("qj", element("p", 0, "j")),
+    Load("qj", loop_element("p", 0, "j")),
     Compute("sum", "add", ("qi", "qj")),
     Compute("force", "divide", ("qi", "sum")),
     Compute("opposite", "negative", ("force",)),
 )
 ADDED = (
-    Load("own", element("z", 0, "j")),
+    Load("own", loop_element("z", 0, "j")),
     Compute("more", "add", ("own", "opposite")),
-    StoreTo(element("z", 0, "j"), "more"),
+    StoreTo(loop_element("z", 0, "j"), "more"),
 )
 
 
@@ -31,7 +31,7 @@ def meetings(n: int, *links: Line, after: tuple[Line, ...] = ()) -> Program:
     """Forces between every two of n elements, `z`, of numbers `p`; each pair once."""
     new = Compute("new", "add", ("total", "force"))
     row = Reduction("j", n, (*MEETING, *(links or ADDED), new), ("new",), ("total",), "newest", -0.0, below="i")
-    body = (Load("qi", element("p", 0, "i")), row, *(after or (StoreTo(element("z", 0, "i"), "total"),)))
+    body = (Load("qi", loop_element("p", 0, "i")), row, *(after or (StoreTo(loop_element("z", 0, "i"), "total"),)))
     return Program("meetings", "Forces of every two.", (Loop("i", n, body),))
 
 
@@ -85,15 +85,15 @@ def test_the_text_is_as_long_for_any_number() -> None:
 def energies(n: int) -> Program:
     """A sum over every two of n elements, each with those after it, of terms that take long: by the total so far."""
     links = (
-        Load("qj", element("p", 0, "j")),
+        Load("qj", loop_element("p", 0, "j")),
         Compute("both", "add", ("qi", "qj")),
         Compute("term", "divide", ("qi", "both")),
         Compute("half", "multiply", ("total", 0.5)),
         Compute("new", "add", ("half", "term")),
     )
     row = Reduction("j", n, links, ("new",), ("total",), "newest", ("so_far",), above="i")
-    rows = Reduction("i", n, (Load("qi", element("p", 0, "i")), row), ("total",), ("so_far",), "newest")
-    return Program("energies", "A sum.", (rows, StoreTo(Place("z"), "so_far")))
+    rows = Reduction("i", n, (Load("qi", loop_element("p", 0, "i")), row), ("total",), ("so_far",), "newest")
+    return Program("energies", "A sum.", (rows, StoreTo(Location("z"), "so_far")))
 
 
 @pytest.mark.parametrize("n", [2, 7, 8, 9, 17, 40])
@@ -110,30 +110,30 @@ def test_terms_side_by_side_are_joined_one_by_one(n: int) -> None:
     assert "fdiv <8 x double>" in llvm_of([energies(40)], abreast=8)
 
 
-SET = StoreTo(element("z", 0, "i"), "total")
+SET = StoreTo(loop_element("z", 0, "i"), "total")
 DEPENDENT = {
     "what is added is another sum's": (
         *ADDED[:2],
-        Load("far", element("z", 1, "j")),
+        Load("far", loop_element("z", 1, "j")),
         replace(ADDED[1], arguments=("own", "far")),
         ADDED[2],
     ),
     "what is added is the row's own sum": (ADDED[0], replace(ADDED[1], arguments=("own", "total")), ADDED[2]),
-    "a sum is set, not added to": (StoreTo(element("z", 0, "j"), "force"),),
-    "a number is set besides": (*ADDED, StoreTo(element("z", 60, "j"), "force")),
+    "a sum is set, not added to": (StoreTo(loop_element("z", 0, "j"), "force"),),
+    "a number is set besides": (*ADDED, StoreTo(loop_element("z", 60, "j"), "force")),
     "a sum is read twice": (*ADDED, Compute("square", "multiply", ("own", "own"))),
     "a sum is multiplied": (ADDED[0], replace(ADDED[1], operation="multiply"), ADDED[2]),
     "two sums are in one place": (
         *ADDED,
-        Load("l", element("z", 0, "j")),
+        Load("l", loop_element("z", 0, "j")),
         Compute("m", "add", ("l", 1.0)),
-        StoreTo(element("z", 0, "j"), "m"),
+        StoreTo(loop_element("z", 0, "j"), "m"),
     ),
-    "a sum of all": (Load("l", Place("z", 3)), Compute("m", "add", ("l", "force")), StoreTo(Place("z", 3), "m")),
+    "a sum of all": (Load("l", Location("z", 3)), Compute("m", "add", ("l", "force")), StoreTo(Location("z", 3), "m")),
 }
 DEPENDENT_AFTER = {
-    "a row changes another's sum": (SET, StoreTo(element("z", 1, "i"), "total")),
-    "a row reads its numbers after it wrote them": (SET, StoreTo(element("p", 0, "i"), "total")),
+    "a row changes another's sum": (SET, StoreTo(loop_element("z", 1, "i"), "total")),
+    "a row reads its numbers after it wrote them": (SET, StoreTo(loop_element("p", 0, "i"), "total")),
 }
 
 

@@ -18,17 +18,17 @@ from xdynamics.kernels.program import (
     Instruction,
     Line,
     Load,
+    Location,
     Loop,
     Ordinal,
-    Place,
     Program,
     ProgramCall,
     Reduction,
     StoreTo,
     When,
     While,
-    element,
-    size,
+    line_count,
+    loop_element,
 )
 
 Floats = NDArray[np.float64]
@@ -108,8 +108,8 @@ def test_bodies_are_side_by_side(*, by_body: bool) -> None:
 
 def test_the_size_of_a_program_is_that_of_all_its_passes() -> None:
     """Assert the number of lines when loops are written out."""
-    assert size(lattice(5, 4).body) == 3 * 2 * 13
-    assert size(program(Reduction("i", 7, (Load("x", element("y")),), ("x",), ("all",))).body) == 7
+    assert line_count(lattice(5, 4).body) == 3 * 2 * 13
+    assert line_count(program(Reduction("i", 7, (Load("x", loop_element("y")),), ("x",), ("all",))).body) == 7
 
 
 def test_a_text_does_not_grow_with_what_it_loops_over() -> None:
@@ -120,7 +120,7 @@ def test_a_text_does_not_grow_with_what_it_loops_over() -> None:
 
 def test_passes_left_over_by_neighbours_are_a_loop() -> None:
     """Assert that two to seven elements beyond a multiple of eight take the same lines, and no pass is written twice."""
-    lines = (Load("x", element("y")), Compute("r", "multiply", ("x", "x")), StoreTo(element("z"), "r"))
+    lines = (Load("x", loop_element("y")), Compute("r", "multiply", ("x", "x")), StoreTo(loop_element("z"), "r"))
     texts = [llvm_of([program(Loop("i", 40 + rest, lines))], abreast=8) for rest in range(2, 8)]
     assert len({text.count("\n") for text in texts}) == 1
     assert texts[0].count("fmul double") == 1
@@ -128,16 +128,16 @@ def test_passes_left_over_by_neighbours_are_a_loop() -> None:
 
 def test_an_address_is_written_once_in_a_pass() -> None:
     """Assert that an element which is read, changed and stored has one address, and another pass has its own."""
-    change = (Load("x", element("z", 5)), Compute("r", "add", ("x", 1.0)), StoreTo(element("z", 5), "r"))
+    change = (Load("x", loop_element("z", 5)), Compute("r", "add", ("x", 1.0)), StoreTo(loop_element("z", 5), "r"))
     text = llvm_of([program(Loop("i", 40, change), Loop("i", 40, change))])
     assert text.count("ptr %_z, i64 %block") == 2
 
 
 def test_a_value_from_before_a_loop_serves_neighbours() -> None:
     """Assert that what is computed once is repeated for elements side by side, and stays what it was after them."""
-    lines = (Load("x", element("y")), Compute("r", "multiply", ("m", "x")), StoreTo(element("z"), "r"))
-    after = (Compute("s", "add", ("m", 1.0)), StoreTo(Place("z", 17), "s"))
-    made = program(Load("m", Place("p", 2)), Loop("i", 17, lines), *after)
+    lines = (Load("x", loop_element("y")), Compute("r", "multiply", ("m", "x")), StoreTo(loop_element("z"), "r"))
+    after = (Compute("s", "add", ("m", 1.0)), StoreTo(Location("z", 17), "s"))
+    made = program(Load("m", Location("p", 2)), Loop("i", 17, lines), *after)
     y, p, z = np.arange(17.0), np.array([0.0, 0.0, 3.0]), np.zeros(18)
     compiled(made, abreast=8)(y=y, p=p, z=z)
     assert "fmul <8 x double>" in llvm_of([made], abreast=8)
@@ -147,7 +147,7 @@ def test_a_value_from_before_a_loop_serves_neighbours() -> None:
 def test_short_loops_are_written_out() -> None:
     """Assert that eight passes are eight stores, and nine are a loop."""
     for count, stores, branches in ((8, 8, 0), (9, 1, 1)):
-        text = llvm_of([program(Loop("i", count, (StoreTo(element("z"), 2.0),)))])
+        text = llvm_of([program(Loop("i", count, (StoreTo(loop_element("z"), 2.0),)))])
         assert text.count("store double 0x4000000000000000") == stores
         assert text.count("= phi i64") == branches
 
@@ -155,14 +155,16 @@ def test_short_loops_are_written_out() -> None:
 def test_loops_around_loops_are_written_out_up_to_a_size() -> None:
     """Assert that six passes of fifty around two lines are six loops, and of fifty-one one loop within another."""
     for count, loops in ((50, 6), (51, 2)):
-        inner = Loop("i", count, (Load("x", element("y")), StoreTo(Place("z", 0, (("i", 1), ("j", count))), "x")))
+        inner = Loop(
+            "i", count, (Load("x", loop_element("y")), StoreTo(Location("z", 0, (("i", 1), ("j", count))), "x"))
+        )
         assert llvm_of([program(Loop("j", 6, (inner,)))]).count("= phi i64") == loops
 
 
 @pytest.mark.parametrize("runs", [1, 4])
 def test_a_function_from_outside_is_called_for_each_run(runs: int) -> None:
     """Assert that what is no operation of the language is called with plain numbers, and its result is used."""
-    body = (Load("x", Place("y")), Compute("r", "outside", ("x",)), StoreTo(Place("z"), "r"))
+    body = (Load("x", Location("y")), Compute("r", "outside", ("x",)), StoreTo(Location("z"), "r"))
     text = llvm_of([program(*body)], runs)
     calls = re.findall(r"(\S+) = call double @_outside\(double", text)
     assert len(calls) == runs
@@ -173,8 +175,8 @@ def test_a_function_from_outside_is_called_for_each_run(runs: int) -> None:
 def test_large_local_arrays_are_on_the_heap(runs: int) -> None:
     """Assert that an array of up to 10,000 numbers, of all runs together, is on the stack; a larger one is freed where it is used, and where it is not."""
     for count, on_heap in ((10_000 // runs, False), (10_000 // runs + 1, True)):
-        lines = (StoreTo(element("own", count - 1, "i"), 3.0), Load("x", element("own", count - 1, "i")))
-        body = (Loop("i", 1, (*lines, StoreTo(element("z"), "x"))),)
+        lines = (StoreTo(loop_element("own", count - 1, "i"), 3.0), Load("x", loop_element("own", count - 1, "i")))
+        body = (Loop("i", 1, (*lines, StoreTo(loop_element("z"), "x"))),)
         made = program(*body, local={"own": count})
         text = llvm_of([made], runs)
         assert (f"%own = call ptr @malloc(i64 {8 * count * runs})" in text) is on_heap
@@ -189,7 +191,7 @@ def test_a_body_that_is_left_out_keeps_the_sign_of_zero() -> None:
     """Assert that a pass that adds nothing does not make -0.0 into 0.0."""
     never = (Ordinal("n", "i"), Compute("later", "more", ("n", 99.0)))
     total = Reduction("i", 12, never, ("n",), ("total",), start=-0.0, where="later")
-    for call in map(compiled_or_printed(program(total, StoreTo(Place("z"), "total"))), (False, True)):
+    for call in map(compiled_or_printed(program(total, StoreTo(Location("z"), "total"))), (False, True)):
         z = np.ones(1)
         call(z=z)
         assert z.tobytes() == np.array([-0.0]).tobytes()
@@ -204,14 +206,14 @@ def compiled_or_printed(made: Program):
 @pytest.mark.parametrize(("operation", "start"), [("add", 0.0), ("least", np.inf), ("greatest", -np.inf)])
 def test_reductions_are_ascending(operation: str, start: float, count: int) -> None:
     """Assert that numbers are joined one after the other, from the first on."""
-    joined = Reduction("i", count, (Load("x", element("y")),), ("x",), ("all",), operation, start)
+    joined = Reduction("i", count, (Load("x", loop_element("y")),), ("x",), ("all",), operation, start)
     y = np.random.default_rng(count).normal(size=max(1, count)) * 10.0 ** np.arange(max(1, count))
     total = start
     for x in y[:count].tolist():
         total = {"add": total + x, "least": min(total, x), "greatest": max(total, x)}[operation]
     for call in (
-        in_python(program(joined, StoreTo(Place("z"), "all"))),
-        compiled(program(joined, StoreTo(Place("z"), "all"))),
+        in_python(program(joined, StoreTo(Location("z"), "all"))),
+        compiled(program(joined, StoreTo(Location("z"), "all"))),
     ):
         z = np.zeros(1)
         call(y=y, z=z)
@@ -224,10 +226,10 @@ def test_reductions_are_ascending(operation: str, start: float, count: int) -> N
 @pytest.mark.parametrize("n", [1, 3, 21])
 def test_sums_over_those_before_or_after(n: int, kind: str, side: str) -> None:
     """Assert that each element sums over all before it, or after it, ascending, in every form and in every run."""
-    terms: list[Line] = [Load("x", element("y", index="j")), Load("m", element("p", index="i"))]
+    terms: list[Line] = [Load("x", loop_element("y", index="j")), Load("m", loop_element("p", index="i"))]
     terms.append(Compute("f", "multiply", ("x", "m")))
     total = Reduction("j", n, tuple(terms), ("f",), ("total",), start=0.25, **{side: "i"})  # type: ignore[arg-type]
-    made = program(Loop("i", n, (total, StoreTo(element("z"), "total"))))
+    made = program(Loop("i", n, (total, StoreTo(loop_element("z"), "total"))))
     made = enclosed(made) if kind == INTERVAL else made
     random = np.random.default_rng(n)
     y, p = random.normal(size=(2, n, 4))
@@ -253,10 +255,10 @@ def test_sums_over_those_before_or_after(n: int, kind: str, side: str) -> None:
 def lattice(rows: int, columns: int) -> Program:
     """The sum of four neighbours less four times a site, for the inner sites of a lattice; corners add a constant site."""
 
-    def at(row: int, column: int, array: str = "y") -> Place:
-        return Place(array, (1 + row) * columns + 1 + column, (("row", columns), ("column", 1)))
+    def at(row: int, column: int, array: str = "y") -> Location:
+        return Location(array, (1 + row) * columns + 1 + column, (("row", columns), ("column", 1)))
 
-    own = [Load("u", at(0, 0)), Load("corner", Place("y", 0))]
+    own = [Load("u", at(0, 0)), Load("corner", Location("y", 0))]
     own += [Load(f"u{k}", at(*moved)) for k, moved in enumerate([(-1, 0), (1, 0), (0, -1), (0, 1)])]
     own += [Compute("_a", "add", ("u0", "u1")), Compute("_b", "add", ("_a", "u2")), Compute("_c", "add", ("_b", "u3"))]
     own += [
@@ -292,18 +294,18 @@ def springs(links: list[tuple[int, int]], n: int) -> Program:
         "side": tuple(side for each in padded for _, side in each),
     }
     pulls = (
-        Gather("a", Place("first", 0, (("k", 1),))),
-        Gather("b", Place("second", 0, (("k", 1),))),
-        Load("ua", Place("y", 0, (("a", 1),))),
-        Load("ub", Place("y", 0, (("b", 1),))),
+        Gather("a", Location("first", 0, (("k", 1),))),
+        Gather("b", Location("second", 0, (("k", 1),))),
+        Load("ua", Location("y", 0, (("a", 1),))),
+        Load("ub", Location("y", 0, (("b", 1),))),
         Compute("d", "subtract", ("ub", "ua")),
         Compute("f", "sin", ("d",)),
-        StoreTo(Place("pull", 0, (("k", 1),)), "f"),
+        StoreTo(Location("pull", 0, (("k", 1),)), "f"),
     )
     gathered = (
-        Gather("k", Place("link", 0, (("i", most), ("m", 1)))),
-        Gather("s", Place("side", 0, (("i", most), ("m", 1)))),
-        Load("f", Place("pull", 0, (("k", 1),))),
+        Gather("k", Location("link", 0, (("i", most), ("m", 1)))),
+        Gather("s", Location("side", 0, (("i", most), ("m", 1)))),
+        Load("f", Location("pull", 0, (("k", 1),))),
         Ordinal("ns", "s"),
         Ordinal("nm", "m"),
         Compute("t", "negative", ("f",)),
@@ -312,10 +314,10 @@ def springs(links: list[tuple[int, int]], n: int) -> Program:
         Compute("there", "less", ("nm", "many")),
     )
     of_body = (
-        Gather("c", Place("count", 0, (("i", 1),))),
+        Gather("c", Location("count", 0, (("i", 1),))),
         Ordinal("many", "c"),
         Reduction("m", most, gathered, ("own",), ("total",), where="there"),
-        StoreTo(Place("z", 0, (("i", 1),)), "total"),
+        StoreTo(Location("z", 0, (("i", 1),)), "total"),
     )
     return program(Loop("k", len(links), pulls), Loop("i", n, of_body), local={"pull": len(links)}, tables=tables)
 
@@ -348,22 +350,22 @@ def test_bodies_gather_the_forces_of_their_links(abreast: int) -> None:
 def test_calls_where_some_lane_asks_for_them(runs: int) -> None:
     """Assert calls: one always, one where a number is not zero in some lane, one until it is zero in all."""
     less = (
-        Load("n", Place("w")),
+        Load("n", Location("w")),
         Compute("some", "more", ("n", 0.0)),
         Compute("m", "subtract", ("n", 1.0)),
         Compute("left", "choose", ("some", "m", "n")),
-        StoreTo(Place("w"), "left"),
-        Load("k", Place("y")),
+        StoreTo(Location("w"), "left"),
+        Load("k", Location("y")),
         Compute("more", "add", ("k", 1.0)),
-        StoreTo(Place("z"), "more"),
+        StoreTo(Location("z"), "more"),
     )
-    more = (Load("n", Place("w", 1)), Compute("m", "add", ("n", 5.0)), StoreTo(Place("w", 1), "m"))
+    more = (Load("n", Location("w", 1)), Compute("m", "add", ("n", 5.0)), StoreTo(Location("w", 1), "m"))
     called = Program("less", "Less.", less), Program("more", "More.", more)
     own = program(
         ProgramCall("more", "at", "y", "z"),
-        While(Place("w"), ProgramCall("less", "at", "e", "e")),
-        When(Place("w"), ProgramCall("more", "at", "y", "z")),
-        When(Place("w", 2), ProgramCall("more", "at", "y", "z")),
+        While(Location("w"), ProgramCall("less", "at", "e", "e")),
+        When(Location("w"), ProgramCall("more", "at", "y", "z")),
+        When(Location("w", 2), ProgramCall("more", "at", "y", "z")),
     )
     w, e = np.array([[3.0, 1.0, 2.0, 0.0], [0.0] * 4, [0.0, 0.0, 0.0, 1.0]])[:, -runs:].copy(), np.zeros(runs)
     repeated = w[0].max()
@@ -376,8 +378,8 @@ def test_what_has_one_argument_is_computed_together() -> None:
     """Assert that a sine and a cosine are one call with the bits of two, and a sine alone is a call of its own."""
     from xdynamics.elementary import FUNCTIONS
 
-    sine = (Load("x", element("y")), Compute("s", "sin", ("x",)), StoreTo(element("z"), "s"))
-    both = Compute("c", "cos", ("x",)), StoreTo(element("z", 20), "c")
+    sine = (Load("x", loop_element("y")), Compute("s", "sin", ("x",)), StoreTo(loop_element("z"), "s"))
+    both = Compute("c", "cos", ("x",)), StoreTo(loop_element("z", 20), "c")
     apart, together = program(Loop("i", 20, sine)), program(Loop("i", 20, (*sine, *both)))
     for abreast in (1, 8):
         assert "@elementary_sin_cos" not in llvm_of([apart], abreast=abreast)
@@ -391,7 +393,7 @@ def test_what_has_one_argument_is_computed_together() -> None:
 @pytest.mark.parametrize("count", [3, 20])
 def test_a_program_answers_for_its_numbers(runs: int, count: int) -> None:
     """Assert that `unsound` is 0 if the numbers are finite, nan in lanes where one is not; those beside do not count."""
-    copied = Loop("i", count + 2, (Load("x", element("y")), StoreTo(element("z"), "x")))
+    copied = Loop("i", count + 2, (Load("x", loop_element("y")), StoreTo(loop_element("z"), "x")))
     y, at = np.ones((count + 2, runs)), np.ones((len(AT), runs))
     y[0], y[count + 1], y[count, 0] = np.inf, np.nan, np.nan
     for answered, sound in ((count - 1, True), (count, False)):
@@ -414,9 +416,9 @@ def test_rows_as_long_as_there_are_runs() -> None:
 @pytest.mark.parametrize("runs", [1, 4])
 def test_a_row_of_the_log_is_written_to_its_column(runs: int, view: str) -> None:
     """Assert that elements of a row go as far apart as the log says, by number and in loops, and nowhere else."""
-    body = Load("x", Place("y", 1, (("i", 3), J))), Compute("twice", "add", ("x", "x"))
-    loops = Loop("i", 40, (Loop("j", 3, (*body, StoreTo(Place(view, 2, (("i", 3), J)), "twice"))),))
-    made = program(StoreTo(Place("z"), 7.0), loops, spread=True, views={"part": ("z", 3, 122)})
+    body = Load("x", Location("y", 1, (("i", 3), J))), Compute("twice", "add", ("x", "x"))
+    loops = Loop("i", 40, (Loop("j", 3, (*body, StoreTo(Location(view, 2, (("i", 3), J)), "twice"))),))
+    made = program(StoreTo(Location("z"), 7.0), loops, spread=True, views={"part": ("z", 3, 122)})
     first = 2 + 3 * (view == "part")
     y, log = np.random.default_rng(9).normal(size=(121, runs)), np.zeros((130, 11, runs))
     wanted = log.copy()
@@ -433,11 +435,11 @@ def test_gathered_indices_have_strides(abreast: int) -> None:
     """Assert that elements of vectors that lie body by body are read at gathered bodies."""
     order = tuple(np.random.default_rng(4).permutation(19).tolist())
     body = (
-        Gather("k", Place("order", 0, (("i", 1),))),
-        Load("x", Place("y", 2, (("k", 3),))),
-        Load("m", Place("p", 0, (("k", 1),))),
+        Gather("k", Location("order", 0, (("i", 1),))),
+        Load("x", Location("y", 2, (("k", 3),))),
+        Load("m", Location("p", 0, (("k", 1),))),
         Compute("mx", "multiply", ("x", "m")),
-        StoreTo(element("z"), "mx"),
+        StoreTo(loop_element("z"), "mx"),
     )
     y, p, z = np.arange(57.0), np.linspace(1.0, 2.0, 19), np.zeros(19)
     made = program(Loop("i", 19, body), tables={"order": order})
@@ -454,13 +456,13 @@ def test_lanes_look_up_tables_as_python_does(runs: int) -> None:
     tables = np.concatenate([np.full(10, 9.0), origins, np.random.default_rng(2).normal(size=24)])
     places, x = np.array([0, 2, 1, 10, 6, 3]), np.linspace(-2.5, 7.0, runs)
     made = program(
-        Load("x", Place("y")),
+        Load("x", Location("y")),
         Compute("k", "find_piece", ("x", 1)),
         Compute("kept", "piece_of", (1,)),
         Compute("a", "value_at", ("x", "k", 1)),
         Compute("b", "slope_at", ("x", "kept", 1)),
-        StoreTo(Place("z"), "a"),
-        StoreTo(Place("z", 1), "b"),
+        StoreTo(Location("z"), "a"),
+        StoreTo(Location("z", 1), "b"),
     )
     z, plain = np.zeros((2, runs)), np.zeros((2, runs))
     compiled(made, runs=runs)(y=x, z=z, tables=tables, pieces=np.repeat(places[:, None], runs, axis=1))
@@ -476,23 +478,23 @@ I, J = ("i", 1), ("j", 1)
 @pytest.mark.parametrize(
     ("body", "independent"),
     [
-        ((Load("x", Place("y", 0, (I,))), StoreTo(Place("z", 3, (I,)), "x")), True),
-        ((Load("x", Place("y", 0, (I,))), StoreTo(Place("y", 0, (I,)), "x")), True),  # each its own
-        ((Load("x", Place("y", 1, (I,))), StoreTo(Place("y", 0, (I,)), "x")), False),  # what the next pass writes
-        ((Load("x", Place("y", 0, (I,))), StoreTo(Place("z", 3), "x")), False),  # one element for all
-        ((Load("x", Place("z", 3)), StoreTo(Place("z", 0, (I,)), "x")), False),
-        ((Loop("j", 4, (StoreTo(Place("z", 0, (("i", 4), J)), 0.0),)),), True),
-        ((Loop("j", 4, (StoreTo(Place("z", 0, (I, ("j", 9))), 0.0),)),), True),
-        ((Loop("j", 4, (StoreTo(Place("z", 0, (I, ("j", 8))), 0.0),)),), False),  # 9 passes reach the next row
-        ((Loop("j", 4, (StoreTo(Place("z", 0, (("i", 3), J)), 0.0),)),), False),
-        ((Gather("k", Place("t", 0, (I,))), StoreTo(Place("z", 0, (("k", 1),)), 0.0)), False),
-        ((Gather("k", Place("t", 0, (I,))), StoreTo(Place("z", 0, (("k", 1), ("i", 99))), 0.0)), False),
-        ((StoreTo(Place("z", 0, (I,)), 0.0), StoreTo(Place("z", 9, (I,)), 0.0)), True),
-        ((StoreTo(Place("z", 0, (I,)), 0.0), StoreTo(Place("z", 8, (I,)), 0.0)), False),
-        ((StoreTo(Place("z", 2, (("i", 3),)), 0.0), StoreTo(Place("z", 1, (("i", 3),)), 0.0)), True),
-        ((StoreTo(Place("z", 0, (("i", 3),)), 0.0), StoreTo(Place("z", 99, (I,)), 0.0)), False),
+        ((Load("x", Location("y", 0, (I,))), StoreTo(Location("z", 3, (I,)), "x")), True),
+        ((Load("x", Location("y", 0, (I,))), StoreTo(Location("y", 0, (I,)), "x")), True),  # each its own
+        ((Load("x", Location("y", 1, (I,))), StoreTo(Location("y", 0, (I,)), "x")), False),  # what the next pass writes
+        ((Load("x", Location("y", 0, (I,))), StoreTo(Location("z", 3), "x")), False),  # one element for all
+        ((Load("x", Location("z", 3)), StoreTo(Location("z", 0, (I,)), "x")), False),
+        ((Loop("j", 4, (StoreTo(Location("z", 0, (("i", 4), J)), 0.0),)),), True),
+        ((Loop("j", 4, (StoreTo(Location("z", 0, (I, ("j", 9))), 0.0),)),), True),
+        ((Loop("j", 4, (StoreTo(Location("z", 0, (I, ("j", 8))), 0.0),)),), False),  # 9 passes reach the next row
+        ((Loop("j", 4, (StoreTo(Location("z", 0, (("i", 3), J)), 0.0),)),), False),
+        ((Gather("k", Location("t", 0, (I,))), StoreTo(Location("z", 0, (("k", 1),)), 0.0)), False),
+        ((Gather("k", Location("t", 0, (I,))), StoreTo(Location("z", 0, (("k", 1), ("i", 99))), 0.0)), False),
+        ((StoreTo(Location("z", 0, (I,)), 0.0), StoreTo(Location("z", 9, (I,)), 0.0)), True),
+        ((StoreTo(Location("z", 0, (I,)), 0.0), StoreTo(Location("z", 8, (I,)), 0.0)), False),
+        ((StoreTo(Location("z", 2, (("i", 3),)), 0.0), StoreTo(Location("z", 1, (("i", 3),)), 0.0)), True),
+        ((StoreTo(Location("z", 0, (("i", 3),)), 0.0), StoreTo(Location("z", 99, (I,)), 0.0)), False),
         (
-            (StoreTo(Place("z", 0, (("i", 3),)), 0.0), StoreTo(Place("z", 3, (("i", 3),)), 0.0)),
+            (StoreTo(Location("z", 0, (("i", 3),)), 0.0), StoreTo(Location("z", 3, (("i", 3),)), 0.0)),
             False,
         ),  # where the next is
     ],

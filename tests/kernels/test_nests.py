@@ -13,8 +13,8 @@ from xdynamics.expressions.calculus import negative
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.nests import Nests
-from xdynamics.kernels.program import Operand, Place, Program
-from xdynamics.shapes import Extent, Relation, Shapes, at, dims_of, gradient, prepared
+from xdynamics.kernels.program import Location, Operand, Program
+from xdynamics.shapes import Extent, Relation, Shapes, at_element, dims_of, gradient, resolve_min_max
 
 N = 19  # so that 1, 4, 8 and 16 side by side leave some over
 RING = np.arange(N)
@@ -69,13 +69,13 @@ def program(trees: list[Node]) -> Program:
         quantity, *labels = name.split("·")
         dims = SHAPES.dims.get(quantity, ())
         flat = int(np.ravel_multi_index([*map(int, labels)], SHAPES.shape(dims))) if labels else 0
-        return lines.load(Place("p", OFFSETS[quantity] + flat), name)
+        return lines.load(Location("p", OFFSETS[quantity] + flat), name)
 
-    nests = Nests(SHAPES, find, lambda name: Place("p", OFFSETS[name]))
+    nests = Nests(SHAPES, find, lambda name: Location("p", OFFSETS[name]))
     offset, results = 0, []
     for i, tree in enumerate(trees):
         dims = dims_of(tree, SHAPES)
-        results.append((f"result{i}", dims, tree, Place("z", offset)))
+        results.append((f"result{i}", dims, tree, Location("z", offset)))
         offset += int(np.prod(SHAPES.shape(dims)))
     nests.results(results)
     return Program("nests", "Test.", tuple(nests.lines), local=nests.local, tables=nests.tables)
@@ -96,7 +96,7 @@ GRAVITY = "-a*first(m, pair)*second(m, pair)/sqrt(norm(second(r, pair) - first(r
 
 def force(text: str, name: str) -> Node:
     """Return the force of a potential."""
-    return gradient(negative(prepared(parse(text), SHAPES)), {name}, SHAPES)[name]
+    return gradient(negative(resolve_min_max(parse(text), SHAPES)), {name}, SHAPES)[name]
 
 
 CASES: Mapping[str, list[Node]] = {
@@ -123,7 +123,7 @@ CASES: Mapping[str, list[Node]] = {
     "reductions": [
         parse("sum(g, row)*k + max(g, row, site)"),
         parse("sum(g, site)*g"),
-        prepared(parse("min(g, site) + norm(g, site)*a + dot(g, u, site)"), SHAPES),
+        resolve_min_max(parse("min(g, site) + norm(g, site)*a + dot(g, u, site)"), SHAPES),
         parse("norm(r, axis)*m + dot(r, e, axis) + sum(r, axis)"),
         parse("cross(r, e, axis)*m"),
         force("min(u*k, site)*max(g, row)", "u"),
@@ -152,10 +152,12 @@ CASES: Mapping[str, list[Node]] = {
 @pytest.mark.parametrize("abreast", [0, 1, 4, 8, 16])
 def test_bits_of_elements(name: str, abreast: int) -> None:
     """Assert that loops, however many elements are side by side, and in Python, have the bits of elements written out."""
-    trees = [prepared(tree, SHAPES) for tree in CASES[name]]
+    trees = [resolve_min_max(tree, SHAPES) for tree in CASES[name]]
     p, values = numbers()
     expected = [
-        evaluate(at(tree, place, SHAPES), values) for tree in trees for place in SHAPES.places(dims_of(tree, SHAPES))
+        evaluate(at_element(tree, place, SHAPES), values)
+        for tree in trees
+        for place in SHAPES.index_combinations(dims_of(tree, SHAPES))
     ]
     z = np.full(len(expected), np.nan)
     if abreast:
@@ -169,7 +171,7 @@ def test_bits_of_elements(name: str, abreast: int) -> None:
 @pytest.mark.parametrize("name", ["gravity", "chain", "bonds", "lattice", "reductions"])
 def test_runs_side_by_side(name: str) -> None:
     """Assert that every one of several runs has the bits of a single one."""
-    trees = [prepared(tree, SHAPES) for tree in CASES[name]]
+    trees = [resolve_min_max(tree, SHAPES) for tree in CASES[name]]
     p, _ = numbers()
     runs = np.stack([p * (1 + 0.01 * lane) for lane in range(4)], axis=-1)
     count = sum(int(np.prod(SHAPES.shape(dims_of(tree, SHAPES)))) for tree in trees)

@@ -19,7 +19,7 @@ from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.law import CONTROL, FORCE_SAMPLES, ROW_ENERGIES
 from xdynamics.kernels.law_cache import key_of
 from xdynamics.kernels.llvm_loops import UNROLLED
-from xdynamics.kernels.program import UNSOUND, Compute, Load, Place, Program, StoreTo
+from xdynamics.kernels.program import UNSOUND, Compute, Load, Location, Program, StoreTo
 from xdynamics.kernels.python_text import python_of
 from xdynamics.methods.scheme import Scheme
 from xdynamics.methods.summation import COMPENSATED, updates
@@ -196,7 +196,7 @@ def test_nothing_is_contracted_or_reordered() -> None:
 
 def test_a_part_that_stands_twice_is_computed_once() -> None:
     """Assert that equal parts share a value, and that powers are products and square roots."""
-    lines = Assignments(lambda own, name: own.load(Place("p", ord(name)), name))
+    lines = Assignments(lambda own, name: own.load(Location("p", ord(name)), name))
     lines.assign("first", parse("a*b + (a*b)**3"))
     lines.assign("second", parse("(a*b)**-1.5"))
     operations = [line.operation for line in lines.lines if isinstance(line, Compute)]
@@ -208,7 +208,7 @@ def test_names_never_dangle() -> None:
     """Assert that a value that is given two names stays known by both."""
     lines = Assignments(
         lambda own, name: (
-            own.compute("sin", own.load(Place("p"), "p0")) if name == "drive" else own.load(Place("y"), name)
+            own.compute("sin", own.load(Location("p"), "p0")) if name == "drive" else own.load(Location("y"), name)
         )
     )
     lines.assign("force", Name("drive"))
@@ -222,7 +222,7 @@ def test_names_never_dangle() -> None:
         if isinstance(argument, str)
     }
     assert used <= targets
-    assert lines.named("force") in targets
+    assert lines.operand_of("force") in targets
 
 
 @pytest.mark.parametrize(
@@ -241,15 +241,15 @@ def test_names_never_dangle() -> None:
 )
 def test_python_keeps_the_grouping(text: str, printed: str) -> None:
     """Assert that a line says what was written, with the parentheses that its order needs."""
-    lines = Assignments(lambda own, name: own.load(Place("p", ord(name) - 97), name))
-    lines.store(Place("z"), lines.value(parse(text)))
+    lines = Assignments(lambda own, name: own.load(Location("p", ord(name) - 97), name))
+    lines.store(Location("z"), lines.value(parse(text)))
     program = Program("one", "One line.", tuple(lines.lines))
     assert f"    _z[0] = {printed}\n" in python_of(program)
 
 
 def test_stores_and_loads_are_printed_in_order() -> None:
     """Assert that a store stands behind what it needs."""
-    body = (Load("a", Place("y", 1)), Compute("b", "add", ("a", 1.0)), StoreTo(Place("z", 2), "b"))
+    body = (Load("a", Location("y", 1)), Compute("b", "add", ("a", 1.0)), StoreTo(Location("z", 2), "b"))
     assert python_of(Program("one", "About.", body)).splitlines()[2:] == [
         "    a = _y[1]",
         "    b = a + 1.0",
@@ -278,8 +278,8 @@ def test_powers_are_the_language_s(exponent: str) -> None:
     from xdynamics.kernels.operations import PYTHON
 
     tree = parse(f"a**({exponent})")
-    lines = Assignments(lambda own, name: own.load(Place("y"), name))
-    lines.store(Place("z"), lines.value(tree))
+    lines = Assignments(lambda own, name: own.load(Location("y"), name))
+    lines.store(Location("z"), lines.value(tree))
     scope = dict(PYTHON)
     exec(python_of(Program("one", "A power.", tuple(lines.lines))), scope)
     y, z = np.array([1.7]), np.zeros(1)

@@ -10,15 +10,15 @@ from xdynamics.kernels.program import (
     Compute,
     EngineCall,
     Load,
+    Location,
     Loop,
-    Place,
     Program,
     ProgramCall,
     Reduction,
     StoreTo,
     When,
     While,
-    element,
+    loop_element,
 )
 from xdynamics.kernels.python_text import HIGHEST, python_of
 
@@ -26,8 +26,8 @@ from xdynamics.kernels.python_text import HIGHEST, python_of
 def printed(*body: Compute) -> list[str]:
     """Lines of a program that computes `_r` of `_a` and `_b`, and stores it."""
     used = {argument for line in body for argument in line.arguments}
-    loads = [Load(name, Place("y", k)) for k, name in enumerate(("_a", "_b")) if name in used]
-    whole = (*loads, *body, StoreTo(Place("z"), "_r"))
+    loads = [Load(name, Location("y", k)) for k, name in enumerate(("_a", "_b")) if name in used]
+    whole = (*loads, *body, StoreTo(Location("z"), "_r"))
     return [line.strip() for line in python_of(Program("lines", "Lines.", whole)).splitlines()[2:]]
 
 
@@ -112,7 +112,7 @@ def test_a_choice_that_is_compared_is_in_parentheses() -> None:
 @pytest.mark.parametrize(("line", "word"), [(When, "if"), (While, "while")])
 def test_a_call_under_a_condition(line: type[When | While], word: str) -> None:
     """Assert that a call is made where a number is not zero, and that nothing else is."""
-    body = (line(Place("w", 3), ProgramCall("forces", "own_at", "y", "w")),)
+    body = (line(Location("w", 3), ProgramCall("forces", "own_at", "y", "w")),)
     made = python_of(Program("lines", "Lines.", body)).splitlines()[2:]
     assert made[0].strip() == f"{word} _w[3]:"
     assert made[1].startswith("        forces(own_at, _y, ")
@@ -122,10 +122,10 @@ def test_a_call_under_a_condition(line: type[When | While], word: str) -> None:
 @pytest.mark.parametrize("where", ["", "_truth"])
 def test_a_masked_sum_leaves_passes_out(where: str) -> None:
     """Assert that the truth of a pass is written where it decides, and that a sum without one decides nothing."""
-    place = Place("y", 0, (("i", 1),))
+    place = Location("y", 0, (("i", 1),))
     body = (Load("_x", place), *((Compute("_truth", "less", ("_x", 1.0)),) if where else ()))
     total = Reduction("i", 4, body, ("_x",), ("_total",), "add", (0.0,), where)
-    made = python_of(Program("lines", "Lines.", (total, StoreTo(Place("z"), "_total")))).splitlines()[2:]
+    made = python_of(Program("lines", "Lines.", (total, StoreTo(Location("z"), "_total")))).splitlines()[2:]
     inner = [line.strip() for line in made]
     assert inner[0] == "_total = 0.0"
     assert inner[1] == "for i in range(4):"
@@ -140,9 +140,9 @@ def test_a_masked_sum_leaves_passes_out(where: str) -> None:
 @pytest.mark.parametrize("before", [True, False])
 def test_what_a_loop_reads_is_computed_before_it(*, before: bool) -> None:
     """Assert that a value from outside a loop has a line of its own, read once there, and before or not."""
-    loop = Loop("i", 4, (StoreTo(element("z", 1), "_s"),))
-    stored = (StoreTo(Place("z"), "_s"),) if before else ()
-    body = (Load("_a", Place("y")), Compute("_s", "sin", ("_a",)), *stored, loop)
+    loop = Loop("i", 4, (StoreTo(loop_element("z", 1), "_s"),))
+    stored = (StoreTo(Location("z"), "_s"),) if before else ()
+    body = (Load("_a", Location("y")), Compute("_s", "sin", ("_a",)), *stored, loop)
     made = python_of(Program("lines", "Lines.", body)).splitlines()[2:]
     wanted = ["_s = sin(_y[0])", "_z[0] = _s", "for i in range(4):", "_z[1 + i] = _s"]
     assert [line.strip() for line in made] == [line for line in wanted if before or line != "_z[0] = _s"]
@@ -150,7 +150,7 @@ def test_what_a_loop_reads_is_computed_before_it(*, before: bool) -> None:
 
 def test_the_newest_term_takes_the_place_of_the_total() -> None:
     """Assert that joining by "newest" prints the term alone."""
-    place = Place("y", 0, (("i", 1),))
+    place = Location("y", 0, (("i", 1),))
     total = Reduction("i", 4, (Load("_x", place),), ("_x",), ("_total",), "newest", (0.0,))
-    made = python_of(Program("lines", "Lines.", (total, StoreTo(Place("z"), "_total")))).splitlines()[2:]
+    made = python_of(Program("lines", "Lines.", (total, StoreTo(Location("z"), "_total")))).splitlines()[2:]
     assert [line.strip() for line in made] == ["_total = 0.0", "for i in range(4):", "_total = _y[i]", "_z[0] = _total"]

@@ -10,8 +10,8 @@ import xdynamics as xd
 from cases.chain_steps import EXPLICIT, chain_law, executed, left_by, lengths_of
 from xdynamics.documenting.shapes_page import shapes_page
 from xdynamics.kernels.array_effects import effects_of
-from xdynamics.kernels.coalescing import coalesced
-from xdynamics.kernels.program import Compute, Gather, Load, Loop, Place, Program, ProgramCall, StoreTo, element
+from xdynamics.kernels.coalescing import coalesce_copies
+from xdynamics.kernels.program import Compute, Gather, Load, Location, Loop, Program, ProgramCall, StoreTo, loop_element
 from xdynamics.kernels.shared_storage import with_shared_storage
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
@@ -29,7 +29,7 @@ def test_steps_keep_their_numbers(name: str, sampled: bool) -> None:
     law = chain_law(name, sampled=sampled)
     lengths, thin = lengths_of(law), dict[str, Program]()
     for program in law.programs:
-        fewer = coalesced(program, thin, lengths)
+        fewer = coalesce_copies(program, thin, lengths)
         thin[program.name] = with_shared_storage(fewer, thin, lengths, 2)
         assert sum(thin[program.name].local.values()) <= sum(fewer.local.values())
     for name_of_program in ("propose", "inside"):
@@ -72,8 +72,8 @@ u = "1 m"
 def copy(source: str, target: str, first: int = 0, name: str = "") -> Loop:
     """Return a loop that adds 1 to five numbers of an array on their way to another."""
     names = f"_{source}{target}{name}", f"_{target}{source}{name}"
-    lines = Load(names[0], element(source, first)), Compute(names[1], "add", (names[0], 1.0))
-    return Loop("i", 5, (*lines, StoreTo(element(target), names[1])))
+    lines = Load(names[0], loop_element(source, first)), Compute(names[1], "add", (names[0], 1.0))
+    return Loop("i", 5, (*lines, StoreTo(loop_element(target), names[1])))
 
 
 SIZES = {"at": 8, "y": 10, "p": 1, "tables": 1, "pieces": 1, "z": 5, "e": 5, "samples": 1, "w": 1}
@@ -122,7 +122,7 @@ def test_arrays_stand_where_others_are_read_no_more(before: Program, left: int) 
 def test_what_a_call_reads_and_writes_lies_apart() -> None:
     """Assert that a called program, told that its arrays lie apart, is given none that overlap."""
     load, add, _ = copy("y", "z").body
-    half = Program("forces", "About.", (Loop("i", 5, (load, add, StoreTo(element("z", 5), "_zy"))),))
+    half = Program("forces", "About.", (Loop("i", 5, (load, add, StoreTo(loop_element("z", 5), "_zy"))),))
     body = copy("y", "f"), ProgramCall("forces", "at", "f", "f"), copy("f", "z", 5), copy("f", "e", 5, "more")
     before = program(*body, f=10)
     after = with_shared_storage(before, {"forces": half}, GIVEN, 2)
@@ -144,7 +144,13 @@ def test_what_is_not_understood_stays() -> None:
     calls = program(copy("y", "a"), ProgramCall("forces", "at", "a", "z"), a=5, b=5)
     assert with_shared_storage(calls, {}, GIVEN, 2) is calls
     gathered = Loop(
-        "i", 5, (Gather("_k", element("numbers")), Load("_v", Place("a", 0, (("_k", 1),))), StoreTo(element("z"), "_v"))
+        "i",
+        5,
+        (
+            Gather("_k", loop_element("numbers")),
+            Load("_v", Location("a", 0, (("_k", 1),))),
+            StoreTo(loop_element("z"), "_v"),
+        ),
     )
     before = Program(
         "one",

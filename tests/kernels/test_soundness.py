@@ -9,10 +9,10 @@ import pytest
 
 from cases.array_programs import bound, in_python
 from xdynamics.kernels.llvm_text import llvm_of
-from xdynamics.kernels.program import AT, Compute, Load, Loop, Program, StoreTo, element
+from xdynamics.kernels.program import AT, Compute, Load, Loop, Program, StoreTo, loop_element
 
 UNSOUND = AT.index("unsound")
-DOUBLED = Load("x", element("y")), Compute("two", "add", ("x", "x")), StoreTo(element("z"), "two")
+DOUBLED = Load("x", loop_element("y")), Compute("two", "add", ("x", "x")), StoreTo(loop_element("z"), "two")
 
 
 def doubles(n: int) -> Program:

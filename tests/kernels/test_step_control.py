@@ -8,17 +8,17 @@ import pytest
 
 from cases.plain import plain
 from xdynamics.kernels import step_control
-from xdynamics.kernels.formulas import function_of
+from xdynamics.kernels.formulas import compiled_function_of
 from xdynamics.methods import radau
 
 LEAST, GREATEST, SAFETY = 0.125, 8.0, 0.9
 
-tolerance = plain(function_of(step_control.TOLERANCE, "rtol size floor top", "atol"))
-allowed = plain(function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed"))
-ratio = plain(function_of(step_control.RATIO, "error before after allowed rtol", "ratio"))
-worst = plain(function_of(step_control.NORM, "norm error before after allowed rtol", "norm"))
+tolerance = plain(compiled_function_of(step_control.TOLERANCE, "rtol size floor top", "atol"))
+allowed = plain(compiled_function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed"))
+ratio = plain(compiled_function_of(step_control.RATIO, "error before after allowed rtol", "ratio"))
+worst = plain(compiled_function_of(step_control.NORM, "norm error before after allowed rtol", "norm"))
 proportional = plain(
-    function_of(
+    compiled_function_of(
         step_control.PROPORTIONAL,
         "norm logarithm power safety least greatest",
         "factor next_log shrink",
@@ -26,7 +26,7 @@ proportional = plain(
     )
 )
 growth = plain(
-    function_of(
+    compiled_function_of(
         step_control.PREDICTIVE,
         "norm turn turns theta width before norm_before safety least greatest",
         "growth",
@@ -34,9 +34,13 @@ growth = plain(
     )
 )
 predicted = plain(
-    function_of(step_control.PREDICTED, "growth least greatest", "factor next_log shrink", step_control.CONSTANTS)
+    compiled_function_of(
+        step_control.PREDICTED, "growth least greatest", "factor next_log shrink", step_control.CONSTANTS
+    )
 )
-next_step = plain(function_of(step_control.NEXT, "width factor cut rejected step min_step max_step", "next_step"))
+next_step = plain(
+    compiled_function_of(step_control.NEXT, "width factor cut rejected step min_step max_step", "next_step")
+)
 
 
 @pytest.mark.parametrize(

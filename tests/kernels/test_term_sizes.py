@@ -12,7 +12,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import AT
 from xdynamics.kernels.python_text import python_of
-from xdynamics.kernels.term_sizes import TERM_SIZES, term_sizes
+from xdynamics.kernels.term_sizes import TERM_SIZES, term_sizes_program
 from xdynamics.model.motion import constant_names, constant_values
 
 
@@ -20,14 +20,14 @@ def sizes_at(model: xd.Model, state: list[float], t: float = 0.0, **known: float
     """Return the size of the terms of every acceleration and rate, by the program as Python."""
     layout = layout_of(model)
     scope: dict[str, Any] = {**python_of_set("xdynamics 2"), "_empty": np.empty, "_zero": np.float64(0.0)}
-    exec(python_of(term_sizes(layout)), scope)
+    exec(python_of(term_sizes_program(layout)), scope)
     p, at, z = constant_values(model).copy(), np.zeros(len(AT)), np.zeros(layout.record.size)
     for name, value in known.items():
         p[list(constant_names(model)).index(name)] = value
     at[0] = t
     y = np.append(state, np.zeros(layout.record.size - len(state)))
     scope[TERM_SIZES](at, y, p, None, None, z, None, None, None)
-    return {name: z[layout.record.place(name)] for name in (*layout.accelerations, *layout.rates)}
+    return {name: z[layout.record.offset_of(name)] for name in (*layout.accelerations, *layout.rates)}
 
 
 def mass(**parts: Any) -> xd.Model:

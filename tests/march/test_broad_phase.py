@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cases.balls import balls
 from cases.plain import between_states, made_by_hand, plain
 from xdynamics.march import March
-from xdynamics.march.assembly.broad_phase import stays_inside
+from xdynamics.march.assembly.broad_phase import stays_in_narrow_box
 from xdynamics.march.assembly.links import ASSEMBLY, FIRST, LINK, NARROW, NEAR, SECOND, WIDE
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.run import Run
@@ -45,7 +45,7 @@ def test_boxes_hold_the_polynomials_that_stay_inside(case: int) -> None:
         out, up = 1e3 * reach * random.uniform([-0.2, -0.2], [1.0, 1.0]) ** 5
         low, high = values.min() - out, values.max() + up
         run.boxes = boxed(low, high)
-        if plain(stays_inside)(run, 0, w):
+        if plain(stays_in_narrow_box)(run, 0, w):
             proven += 1
             assert low <= values.min()
             assert high >= values.max()
@@ -60,10 +60,10 @@ def test_boxes_are_as_narrow_as_bounds_of_steps(case: int) -> None:
     bounds = between_states("position", run.y, run.z, (0, 1, 2), w)
     near = 1e-9 * max(abs(bounds.low), abs(bounds.high))
     run.boxes = boxed(bounds.low - near, bounds.high + near)
-    assert plain(stays_inside)(run, 0, w)
+    assert plain(stays_in_narrow_box)(run, 0, w)
     for low, high in ((near, 0.0), (0.0, near)):
         run.boxes = boxed(bounds.low + low, bounds.high - high)
-        assert not plain(stays_inside)(run, 0, w)
+        assert not plain(stays_in_narrow_box)(run, 0, w)
 
 
 def test_what_boxes_leave_out_is_apart_all_over_them() -> None:
@@ -80,7 +80,7 @@ def test_what_boxes_leave_out_is_apart_all_over_them() -> None:
             assert ((low <= places) & (places <= high)).all()
             away = np.maximum(np.maximum(low[first] - high[second], low[second] - high[first]), 0.0)
             may_meet = np.linalg.norm(away, axis=1) <= 2.0 * radius
-            listed = [c for c in run.candidates[: run.tallies[0]] if row == WIDE or c[NEAR] == 1]
+            listed = [c for c in run.candidates[: run.counters[0]] if row == WIDE or c[NEAR] == 1]
             pairs = {(c[FIRST], c[SECOND]) for c in listed if c[ASSEMBLY] == 2}
             assert pairs >= set(zip(first[may_meet], second[may_meet], strict=True))
             left_out += len(first) - len(pairs)

@@ -13,7 +13,7 @@ from cases.plain import plain
 from xdynamics.kernels import elimination, law_of, linear
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.operations import PYTHON
-from xdynamics.kernels.program import Compute, Load, Operand, Place, Program, ProgramCall, StoreTo, When, While
+from xdynamics.kernels.program import Compute, Load, Location, Operand, Program, ProgramCall, StoreTo, When, While
 from xdynamics.kernels.python_text import python_of
 from xdynamics.march import Runs, march_many
 from xdynamics.march.configuration import settings_for
@@ -27,7 +27,7 @@ def assert_same(one: Runs, other: Runs) -> None:
     """Assert that two results agree in every bit, the numbers of Jacobians and factorisations and the logs included."""
     for name in COMPARED:
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
-    assert one.kept.log.rows.tobytes() == other.kept.log.rows.tobytes()
+    assert one.log_block.log.rows.tobytes() == other.log_block.log.rows.tobytes()
 
 
 def solved_in_lanes(model: xd.Model, lanes: int, *, logs: bool = False, given: Any, **asked: Any) -> Runs:
@@ -115,10 +115,10 @@ def test_what_stays_alone() -> None:
 
 def written(solve: Any, count: int) -> Any:
     """Return lines that some numbers go through as a function of them."""
-    lines = Assignments(lambda own, name: own.load(Place("y", int(name))))
-    given: list[Operand] = [lines.load(Place("y", i)) for i in range(count)]
+    lines = Assignments(lambda own, name: own.load(Location("y", int(name))))
+    given: list[Operand] = [lines.load(Location("y", i)) for i in range(count)]
     for i, value in enumerate(solve(lines, given)):
-        lines.store(Place("z", i), value)
+        lines.store(Location("z", i), value)
     scope = dict(PYTHON) | {"_zero": np.float64(0.0)}
     exec(python_of(Program("one", "Elimination.", tuple(lines.lines))), scope)
 
@@ -135,8 +135,8 @@ def real_solved(lines: Assignments, given: list[Operand], n: int) -> list[Operan
     """Factorise a matrix, column by column, and solve for what stands behind it."""
     m = [[(one,) for one in given[j * n : (j + 1) * n]] for j in range(n)]
     right = [(one,) for one in given[n * n :]]
-    pivots, sound = elimination.factorise(lines, m)
-    elimination.substitute(lines, m, pivots, right)
+    pivots, sound = elimination.factorise_columns(lines, m)
+    elimination.substitute_columns(lines, m, pivots, right)
     return [one for column in m for (one,) in column] + pivots + [one for (one,) in right] + [sound]
 
 
@@ -145,8 +145,8 @@ def complex_solved(lines: Assignments, given: list[Operand], n: int) -> list[Ope
     entries = list(zip(given[: n * n], given[n * n : 2 * n * n], strict=True))
     m = [entries[j * n : (j + 1) * n] for j in range(n)]
     right = list(zip(given[2 * n * n : 2 * n * n + n], given[2 * n * n + n :], strict=True))
-    pivots, sound = elimination.factorise(lines, m)
-    elimination.substitute(lines, m, pivots, right)
+    pivots, sound = elimination.factorise_columns(lines, m)
+    elimination.substitute_columns(lines, m, pivots, right)
     planes = [entry[part] for part in range(2) for column in m for entry in column]
     return planes + pivots + [entry[part] for part in range(2) for entry in right] + [sound]
 
@@ -180,12 +180,12 @@ def test_elimination_has_the_bits_of_the_single_march(n: int) -> None:
 
 def test_calls_where_a_number_asks_for_them() -> None:
     """Assert that a call is made where a number is not zero, and another one until it is."""
-    less = (Load("_n", Place("w")), Compute("_less", "subtract", ("_n", 1.0)), StoreTo(Place("w"), "_less"))
-    more = (Load("_n", Place("w", 1)), Compute("_more", "add", ("_n", 5.0)), StoreTo(Place("w", 1), "_more"))
+    less = (Load("_n", Location("w")), Compute("_less", "subtract", ("_n", 1.0)), StoreTo(Location("w"), "_less"))
+    more = (Load("_n", Location("w", 1)), Compute("_more", "add", ("_n", 5.0)), StoreTo(Location("w", 1), "_more"))
     body = (
-        While(Place("w"), ProgramCall("less", "at", "y", "z")),
-        When(Place("w"), ProgramCall("more", "at", "y", "z")),
-        When(Place("w", 2), ProgramCall("more", "at", "y", "z")),
+        While(Location("w"), ProgramCall("less", "at", "y", "z")),
+        When(Location("w"), ProgramCall("more", "at", "y", "z")),
+        When(Location("w", 2), ProgramCall("more", "at", "y", "z")),
     )
     scope: dict[str, Any] = {}
     for program in (Program("less", "", less), Program("more", "", more), Program("own", "", body)):

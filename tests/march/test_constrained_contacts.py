@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 
 CLEARANCE = """
 name = "slider crank with clearance"
@@ -114,7 +114,7 @@ v_y2 = "-w*l*sin(0.2)/(1*radian)"
 def groups(run: xr.Dataset, kind: str) -> list[tuple[int, int]]:
     """The rows before and behind events of a kind."""
     rows = zip(run.event_row_before.values.tolist(), run.event_row_after.values.tolist(), strict=True)
-    return [pair for pair, word in zip(rows, words_of(run.event_kind), strict=True) if word == kind]
+    return [pair for pair, word in zip(rows, words_of_flag(run.event_kind), strict=True) if word == kind]
 
 
 def test_a_pin_strikes_its_bush_by_the_law_of_impacts() -> None:
@@ -137,7 +137,7 @@ def test_impulses_of_moving_constraints_do_work() -> None:
     run = xd.simulate(xd.Model.from_text(CLEARANCE), method="dop853", rtol=1e-10, until="0.05 s")
     rates = {"x1": run.m, "y1": run.m, "x2": run.m, "y2": run.m, "s": run.M}
     impacts = groups(run, "impact")
-    events = [k for k, word in enumerate(words_of(run.event_kind)) if word == "impact"]
+    events = [k for k, word in enumerate(words_of_flag(run.event_kind)) if word == "impact"]
     assert impacts
     for event, (before, behind) in zip(events, impacts, strict=True):
         gained = float(run.kinetic_energy[behind] - run.kinetic_energy[before])
@@ -153,7 +153,7 @@ def test_impulses_of_moving_constraints_do_work() -> None:
 def test_a_step_of_a_walker_keeps_its_angular_momentum() -> None:
     """Assert that a foot lands without slip, that the other lifts, and what both legs have about the new support."""
     run = xd.simulate(xd.Model.from_text(WALKER), method="dop853", rtol=1e-10, until="0.3 s")
-    kinds = list(zip(words_of(run.event_kind), words_of(run.event_detector), strict=True))
+    kinds = list(zip(words_of_flag(run.event_kind), words_of_flag(run.event_detector), strict=True))
     assert kinds == [("impact", "foot2"), ("takeoff", "foot1"), ("rest", "foot2")]
     before, behind = groups(run, "impact")[0]
     x, y = float(run.x2[behind]), float(run.y2[behind])

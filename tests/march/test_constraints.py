@@ -12,14 +12,14 @@ import xarray as xr
 from scipy.special import ellipj, ellipk
 
 import xdynamics as xd
-from xdynamics.documenting.plain_text import equations
+from xdynamics.documenting.plain_text import equation_lines
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.outcome_text import ending
 from xdynamics.march.runner import March
 from xdynamics.methods import METHODS, ConstraintImpulse
 from xdynamics.methods.lines import read_lines
 from xdynamics.model.linearisation import linearise
-from xdynamics.model.motion import constants, evaluated
+from xdynamics.model.motion import constants, evaluate_motion
 
 LENGTH, GRAVITY, MASS = 1.5, 9.81, 2.0
 ROD = """
@@ -338,7 +338,7 @@ def test_conditions_that_imply_each_other_share_their_force() -> None:
         np.testing.assert_allclose(run[f"constraint_force_weld{k}"], force, rtol=1e-12)
     assert (run.constraint_rank == 3).all()
     np.testing.assert_allclose(run.a_x, sum(forces.values()) / 10.0, rtol=1e-13)
-    lines = list(equations(model))
+    lines = list(equation_lines(model))
     assert sum("implied at the start by those before it" in line for line in lines) == 2
 
 
@@ -366,7 +366,7 @@ def test_derivatives_of_constrained_accelerations() -> None:
 
     def slopes(moved: dict[str, float]) -> np.ndarray:
         """Rates of the state, by the assignments of the motion."""
-        values = evaluated(model, moved, constants(model), [])
+        values = evaluate_motion(model, moved, constants(model), [])
         return np.array([moved["v_x"], moved["v_y"], values["a_x"], values["a_y"]])
 
     for i, name in enumerate(names):

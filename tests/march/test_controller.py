@@ -28,12 +28,12 @@ def controlled(**now: Any) -> Run:
 
 
 def grown(run: Run, h: float, *, cut: bool = False) -> float:
-    plain(control.grow)(run, h, cut)
+    plain(control.grow_step)(run, h, cut)
     return float(run.now[0].step)
 
 
 def reduced(run: Run, h: float, *, failed_test: bool = True) -> float:
-    plain(control.reduce)(run, h, failed_test)
+    plain(control.reduce_step)(run, h, failed_test)
     return float(run.now[0].step)
 
 
@@ -67,23 +67,23 @@ def test_the_norm_is_of_the_worst_component(errors: list[float], norm: float) ->
         e=np.array(errors), atol=np.array([1e-2, 1e-3]), y=np.array([-4.0, 1.0, 9.0]), z=np.array([1.0, -2.0, 9.0])
     )
     run.plan[0].rtol = 1e-3
-    assert plain(control.error_norm)(run) == pytest.approx(norm, rel=1e-15, nan_ok=True)
+    assert plain(control.trial_error_norm)(run) == pytest.approx(norm, rel=1e-15, nan_ok=True)
 
 
 def test_a_component_that_stays_zero_has_no_error() -> None:
     """Assert that no scale is asked for where there is no error: zero over zero is no number."""
     run = made_by_hand()
-    assert plain(control.error_norm)(run) == 0.0
+    assert plain(control.trial_error_norm)(run) == 0.0
 
 
 def test_the_shortest_step() -> None:
     """Assert ten spacings of t, upwards, or what was asked for."""
     run = controlled(t=1.0)
-    assert plain(control.shortest)(run) == 10 * 2**-52
+    assert plain(control.shortest_step)(run) == 10 * 2**-52
     run.now[0].t = -1.0
-    assert plain(control.shortest)(run) == 10 * 2**-53
+    assert plain(control.shortest_step)(run) == 10 * 2**-53
     run.plan[0].min_step = 1e-3
-    assert plain(control.shortest)(run) == 1e-3
+    assert plain(control.shortest_step)(run) == 1e-3
 
 
 @pytest.mark.parametrize(("norm", "before"), [(0.5, 0.25), (1e-3, 0.9), (0.9, 1e-3)])

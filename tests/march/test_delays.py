@@ -324,13 +324,13 @@ def test_states_between() -> None:
 def test_past_is_made_again_to_the_bit(text: str, method: str) -> None:
     """Assert that polynomials made from the rows of a record are those that the march read."""
     from xdynamics import record
-    from xdynamics.dynamics.shortened_steps import Inside
+    from xdynamics.dynamics.shortened_steps import StepInterpolator
 
     model = xd.Model.from_text(text)
     march = March(model, settings_for(model, method=method, step="0.01 s", until="1.1 s"))
     run = record.dataset(march)
     kept = march.run.past_steps[: int(march.run.book[0].pieces * march.run.book[0].width)]
-    again = Inside.of(run, None, "reintegrate", model)._past.pieces
+    again = StepInterpolator.of_run(run, None, "reintegrate", model)._past.pieces
     assert kept.size > 100
     np.testing.assert_array_equal(
         again[-kept.size :].reshape(-1, int(march.run.book[0].width))[:, :2],

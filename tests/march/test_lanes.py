@@ -29,7 +29,7 @@ def assert_same(one: Runs, other: Runs) -> None:
     """Assert that two results agree in every bit, the last rows of the logs included."""
     for name in COMPARED:
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
-    assert one.kept.log.rows.tobytes() == other.kept.log.rows.tobytes()
+    assert one.log_block.log.rows.tobytes() == other.log_block.log.rows.tobytes()
 
 
 def duffing(*, damped: bool = True) -> xd.Model:
@@ -268,8 +268,8 @@ def test_events_contacts_and_switches(name: str, more: dict[str, Any]) -> None:
     for lanes in (2, 16):
         found = march_many(model, settings, lanes=lanes, initial={start: values})
         assert_same(found, alone)
-        assert found.kept.log.rates.tobytes() == alone.kept.log.rates.tobytes()
-        assert found.kept.log.impulses.tobytes() == alone.kept.log.impulses.tobytes()
+        assert found.log_block.log.rates.tobytes() == alone.log_block.log.rates.tobytes()
+        assert found.log_block.log.impulses.tobytes() == alone.log_block.log.impulses.tobytes()
 
 
 DETECTORS = 10

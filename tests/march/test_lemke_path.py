@@ -50,8 +50,8 @@ class Pushed:
         run = made_by_hand(
             n,
             normals=np.zeros((2 * count, 6)),
-            replies=np.zeros((2 * count, 6)),
-            reads=np.zeros((2 * count, 6), np.int64),
+            unit_responses=np.zeros((2 * count, 6)),
+            coordinate_indices=np.zeros((2 * count, 6), np.int64),
             vectors=np.zeros((VECTORS, 2 * count)),
             swing=np.zeros(n),
             chains=np.zeros(n + 12 * count, np.int64),
@@ -63,9 +63,9 @@ class Pushed:
         )
         for k in range(count):
             used = np.flatnonzero((self.rows[k - k % 2] != 0.0) | (self.rows[k - k % 2 + 1] != 0.0))
-            run.reads[k, : used.size] = used
+            run.coordinate_indices[k, : used.size] = used
             run.normals[k, : used.size] = self.rows[k, used]
-            run.replies[k, : used.size] = self.rows[k, used] / self.mass[used]
+            run.unit_responses[k, : used.size] = self.rows[k, used] / self.mass[used]
         run.vectors[SCALE, :count] = 1.0 / own
         run.vectors[RIGHT, :count] = -self.rates / own
         run.vectors[GRIP, 1:count:2] = self.ratio
@@ -127,7 +127,7 @@ def follow(pushed: Pushed, near: float) -> tuple[bool, float, float]:
     if near == 0.0:
         start = plain(lemke_path.begin_far)(run, 0, count)
     else:
-        plain(friction.pose_bounds)(run, 0, count)
+        plain(friction.pose_press_bounds)(run, 0, count)
         assert plain(friction.path_settles)(run, 0, count)
         random, start = np.random.default_rng(1), 1.0
         run.vectors[X, :count] *= 1.0 + near * random.normal(size=count)
@@ -152,7 +152,7 @@ def test_impulses_obey_coulombs_law(seed: int) -> None:
     """Assert Coulomb's law after a step, to digits that are far beyond what links give way by on the path."""
     pushed = Pushed.at_random(seed, 5, 11, (0.2, 0.8, 1.5)[seed % 3])
     run = pushed.run()
-    plain(friction.pose_bounds)(run, 0, 22)
+    plain(friction.pose_press_bounds)(run, 0, 22)
     assert plain(friction.path_settles)(run, 0, 22)
     assert pushed.residual(impulses_of(run, 22)) < 1e-9
 
@@ -162,9 +162,9 @@ def test_links_are_solved_for_where_sweeps_circle(seed: int, ratio: float) -> No
     """Assert Coulomb's law after all stages, of links for which turns over one after the other leave far more."""
     pushed = Pushed.at_random(seed, 5, 11, ratio)
     run = pushed.run()
-    plain(friction.pose_bounds)(run, 0, 22)
+    plain(friction.pose_press_bounds)(run, 0, 22)
     for _ in range(300):
-        plain(sweeps.sweep)(run, 0, 22, 1.6, False)
+        plain(sweeps.sweep_links)(run, 0, 22, 1.6, False)
     assert pushed.residual(impulses_of(run, 22)) > 1e-3
     run.vectors[X, :22] = 0.0
     assert plain(friction.relax_all)(run, 0, 22) < 1e-9

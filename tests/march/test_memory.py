@@ -17,7 +17,7 @@ from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.engine import engine
 from xdynamics.march.log import LOG_COUNTS, allocate
-from xdynamics.march.memory import arrays_of, put_back
+from xdynamics.march.memory import changing_arrays, put_back
 
 KINDS: dict[str, dict[str, Any]] = {
     "fixed": {"step": 0.02},
@@ -48,7 +48,7 @@ def marched(march: March, first: int = 1 << 40) -> bytes:
 
 def bytes_of(march: March) -> bytes:
     """Return all that a march changes but its log."""
-    return b"".join(one.tobytes() for one in arrays_of(march.run).values())
+    return b"".join(one.tobytes() for one in changing_arrays(march.run).values())
 
 
 def logged(march: March, log: Any) -> bytes:
@@ -69,7 +69,7 @@ def test_a_march_goes_on_from_its_bytes(method: str, kind: str) -> None:
     row = int(np.random.default_rng(rows + len(method)).integers(1, rows - 1))
     first, second = march_of(method, kind), march_of(method, kind)
     marched(first, row)
-    put_back(second.run, arrays_of(first.run))
+    put_back(second.run, changing_arrays(first.run))
     marched(second)
     assert bytes_of(second) == bytes_of(whole)
 
@@ -94,7 +94,7 @@ def test_in_another_process_too() -> None:
         whole, half = march_of(method, kind), march_of(method, kind)
         marched(whole)
         marched(half, int(whole.now.rows) // 2)
-        given.append((method, kind, arrays_of(half.run)))
+        given.append((method, kind, changing_arrays(half.run)))
         expected.append(hashlib.sha256(marched(half)).hexdigest())
     command = [
         sys.executable,
@@ -110,7 +110,7 @@ def test_a_memory_goes_back_into_a_march_that_went_on() -> None:
     march = march_of("midpoint", "fixed")
     blocks = march.blocks(20)
     next(blocks)
-    early = arrays_of(march.run)
+    early = changing_arrays(march.run)
     for _ in range(3):
         next(blocks)
     put_back(march.run, early)
@@ -125,7 +125,7 @@ def test_a_memory_of_another_form_is_refused() -> None:
     march, other = march_of("midpoint", "fixed"), march_of("rk4", "fixed")
     before = bytes_of(march)
     with pytest.raises(xd.InputError, match=r"the march's '\w+' has another form than here"):
-        put_back(march.run, arrays_of(other.run))
+        put_back(march.run, changing_arrays(other.run))
     assert bytes_of(march) == before
 
 

@@ -196,7 +196,7 @@ def test_a_refinement_holds_one_record_at_a_time(monkeypatch):
 
     study, beside = refined()
     assert beside < 1.1 * 2983.0
-    monkeypatch.setattr("xdynamics.evidence.refining.subjects.Subjects.foreseen", False)
+    monkeypatch.setattr("xdynamics.evidence.refining.subjects.StudyQuantities.foreseen", False)
     held, more = refined()
     assert more > 1.25 * beside
     assert set(study.variables) == set(held.variables)

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from xdynamics.kernels.heap_arrays import forget_refusal, refuse, was_refused
+from xdynamics.kernels.heap_arrays import forget_refusal, note_refusal, was_refused
 
 pytest.importorskip("resource")
 
@@ -117,7 +117,7 @@ def test_a_refusal_belongs_to_the_thread_that_marches() -> None:
     """Assert that memory which one march lacked is not held against another one at the same time."""
     forget_refusal()
     with ThreadPoolExecutor(1) as pool:
-        assert pool.submit(lambda: (refuse(), was_refused())).result() == (None, True)
+        assert pool.submit(lambda: (note_refusal(), was_refused())).result() == (None, True)
     assert not was_refused()
-    refuse()
+    note_refusal()
     assert was_refused()

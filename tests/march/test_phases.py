@@ -34,7 +34,7 @@ def test_aim_at_the_grid() -> None:
     """Assert that a step from a grid time ends at t0 + n h and is h to the bit."""
     run = made_by_hand()
     run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
-    plain(loop.aim)(run)
+    plain(loop.aim_step)(run)
     assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (3 * 0.1, 0.1, acceptance.AT_GRID)
 
 
@@ -42,7 +42,7 @@ def test_aim_at_a_node_before_the_grid() -> None:
     """Assert that a node is landed on, with what is left to it as the step."""
     run = made_by_hand(nodes=np.array([0.25]))
     run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
-    plain(loop.aim)(run)
+    plain(loop.aim_step)(run)
     assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (0.25, 0.25 - 0.2, acceptance.AT_NODE)
 
 
@@ -50,7 +50,7 @@ def test_aim_at_a_node_on_the_grid() -> None:
     """Assert that a node within the snap of a grid time is both."""
     run = made_by_hand(nodes=np.array([0.5]))
     run.plan[0].step_size, run.plan[0].snap, run.now[0].grid, run.now[0].t = 0.25, 1e-15, 1, 0.25
-    plain(loop.aim)(run)
+    plain(loop.aim_step)(run)
     assert (run.trial[0].t, run.trial[0].landing) == (0.5, acceptance.AT_BOTH)
 
 
@@ -58,7 +58,7 @@ def test_aim_freely_stretches_to_the_end() -> None:
     """Assert that a step that would end just before the end takes the rest."""
     run = made_by_hand()
     run.plan[0].adaptive, run.plan[0].max_step, run.now[0].t, run.now[0].step = 1, 10.0, 9.0, 0.995
-    plain(loop.aim)(run)
+    plain(loop.aim_step)(run)
     assert (run.trial[0].t, run.trial[0].h) == (10.0, 1.0)
 
 
@@ -67,7 +67,7 @@ def test_aim_ends_a_run_that_cannot_go_on(step: float, most: float, why: int) ->
     """Assert that a step below the spacing of t, or one too many, ends the run where it stands."""
     run = made_by_hand()
     run.plan[0].step_size, run.plan[0].start, run.plan[0].most_steps, run.now[0].t = step, 1.0, most, 1.0
-    plain(loop.aim)(run)
+    plain(loop.aim_step)(run)
     assert run.now[0].status == why
     assert run.now[0].h == run.trial[0].h
 
@@ -87,14 +87,14 @@ def test_judge_names_one_reason(state: list[float], limited: int, iterations: in
     run = made_by_hand(z=np.array(state))
     run.plan[0].limited, run.trial[0].iterations = limited, iterations
     run.trial[0].unsound = 0.0 if np.isfinite(state).all() else np.nan
-    assert plain(acceptance.judge)(run) == reason
+    assert plain(acceptance.judge_trial)(run) == reason
 
 
 def test_judge_event_functions() -> None:
     """Assert that an event function that is no number has a reason of its own."""
     run = made_by_hand(detectors=np.zeros(1, DETECTOR), g1=np.array([np.nan]))
     run.trial[0].unsound_events = np.nan
-    assert plain(acceptance.judge)(run) == REASON_EVENT_FUNCTION
+    assert plain(acceptance.judge_trial)(run) == REASON_EVENT_FUNCTION
 
 
 def test_judge_errors() -> None:
@@ -103,7 +103,7 @@ def test_judge_errors() -> None:
         e=np.array([1e-3, 3e-3]), atol=np.array([1e-2, 1e-3]), y=np.array([0.0, 1.0, 0.0]), z=np.zeros(3)
     )
     run.plan[0].estimates, run.plan[0].adaptive, run.plan[0].rtol = 1, 1, 1e-3
-    assert plain(acceptance.judge)(run) == REASON_ERROR
+    assert plain(acceptance.judge_trial)(run) == REASON_ERROR
     assert run.now[0].norm == 3e-3 / (1e-3 + 1e-3)
 
 
@@ -158,10 +158,10 @@ def test_growth_is_held_after_a_rejection() -> None:
     plan, now = run.plan[0], run.now[0]
     plan.order, plan.safety, plan.least, plan.greatest, plan.max_step = 5.0, 0.9, 0.2, 10.0, 100.0
     now.norm, now.rejected, now.step = 1e-9, 1, 1.0
-    plain(control.grow)(run, 0.5, False)
+    plain(control.grow_step)(run, 0.5, False)
     assert (now.step, now.rejected) == (0.5, 0)
     now.step = 2.0
-    plain(control.grow)(run, 1e-6, True)
+    plain(control.grow_step)(run, 1e-6, True)
     assert now.step == 2.0
 
 
@@ -211,9 +211,9 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
 
 def found(run: Run, h: float, t: float = 0.0) -> None:
     """Make a trial in the whole of which every event function is known to cross, once."""
-    plain(trial_step.propose)(run, t + h, h)
-    plain(trial_step.look)(run)
-    plain(trial_step.keep)(run)
+    plain(trial_step.propose_step)(run, t + h, h)
+    plain(trial_step.evaluate_events)(run)
+    plain(trial_step.store_trial)(run)
     run.watches["hit"], run.watches["left"], run.watches["right"] = zero_tests.CROSSED, 0.0, h
 
 
@@ -221,8 +221,8 @@ def test_propose_leaves_the_state() -> None:
     """Assert that a trial fills z, and a look at it the event functions there, and nothing else moves."""
     run = dropped()
     before = run.y.copy()
-    plain(trial_step.propose)(run, 0.75, 0.75)
-    plain(trial_step.look)(run)
+    plain(trial_step.propose_step)(run, 0.75, 0.75)
+    plain(trial_step.evaluate_events)(run)
     assert run.z.tolist() == [1 - 0.75**2, -1.5, -2.0]
     assert run.g1[0] == run.z[0]
     assert np.array_equal(run.y, before)
@@ -235,7 +235,7 @@ def test_locate_ends_the_trial_behind_the_event(apart: int) -> None:
     run = dropped()
     run.plan[0].apart = apart
     found(run, 1.5)
-    plain(root_finding.locate)(run)
+    plain(root_finding.locate_events)(run)
     h = run.trial[0].h
     assert 0 <= h - 1.0 <= 1e-12
     assert run.watches[0].left < 1.0 <= h
@@ -272,7 +272,7 @@ def test_substeps_are_those_of_the_paper(seen: Callable[[float], float], toleran
     """Assert the points at which ITP looks, one after the other, for event functions of several shapes."""
     run = dropped(seen=seen, tolerance=tolerance)
     found(run, 1.5)
-    plain(root_finding.locate)(run)
+    plain(root_finding.locate_events)(run)
     wanted = list(itp(lambda h: seen(1 - h * h), 1.5, tolerance))
     assert run.log_trials["step_size"][: run.now[0].trials] == pytest.approx(wanted, rel=1e-12)
 
@@ -285,7 +285,7 @@ def test_no_bracket_is_narrower_than_t_can_be_told(t: float, tolerance: float) -
     run = dropped(seen=lambda x: math.copysign(1.0, x), tolerance=tolerance)
     run.now[0].t = t
     found(run, 1.5, t)
-    plain(root_finding.locate)(run)
+    plain(root_finding.locate_events)(run)
     floor = 2 * np.finfo(float).eps * max(abs(t), abs(t + 1.5))
     assert run.now[0].trials == math.ceil(math.log2(1.5 / max(tolerance, floor)))
 
@@ -295,7 +295,7 @@ def test_a_point_on_an_end_of_the_bracket_is_moved_inside(side: int) -> None:
     """Assert that a bracket closes where one end is so near to zero that interpolation comes back to it."""
     run = dropped(seen=lambda x: x * 1e-30 if x * side > 0 else x)
     found(run, 1.5)
-    plain(root_finding.locate)(run)
+    plain(root_finding.locate_events)(run)
     assert 0 < run.trial[0].h - run.watches[0].left <= 1e-12
     assert run.now[0].trials <= 41 + 1 + 1  # halvings, what the method adds, the point that was moved
 
@@ -305,9 +305,9 @@ def bracketed(monkeypatch: pytest.MonkeyPatch, h: float, root: float, tolerance:
     run = dropped(seen=lambda x: x - (1 - root * root), tolerance=tolerance)
     found(run, h)
     for name, function in instead.items():
-        monkeypatch.setitem(plain(root_finding.bracket).__globals__, name, function)
-    plain(root_finding.bracket)(run, 0, 0.0)
-    plain(trial_step.take)(run)
+        monkeypatch.setitem(plain(root_finding.narrow_bracket).__globals__, name, function)
+    plain(root_finding.narrow_bracket)(run, 0, 0.0)
+    plain(trial_step.restore_trial)(run)
     return run
 
 
@@ -341,7 +341,7 @@ def test_a_substep_that_was_not_solved_tells_nothing(monkeypatch: pytest.MonkeyP
     def unsolved(run: Run, _i: int, _s: float) -> None:
         run.trial[0].iterations, run.g1[0] = -1, -1.0
 
-    run = bracketed(monkeypatch, 1.5, 1.0, 1e-9, probe=unsolved)
+    run = bracketed(monkeypatch, 1.5, 1.0, 1e-9, evaluate_part=unsolved)
     assert (run.watches[0].left, run.trial[0].h) == (0.0, 1.5)
 
 
@@ -365,7 +365,7 @@ def test_an_event_that_another_one_brings_to_light_has_the_whole_step() -> None:
     )
     run.watches["armed"] = 1
     found(run, 1.5)
-    plain(root_finding.locate)(run)
+    plain(root_finding.locate_events)(run)
     assert run.trial[0].h == pytest.approx(0.5, abs=1e-9)
     assert run.watches[0].left == 0.0
     assert 0.0 < run.trial[0].h - run.watches[1].left <= 1e-9
@@ -381,11 +381,11 @@ def test_the_located_trial_comes_back_whole() -> None:
     for array in arrays:
         array[:] = np.arange(1.0, len(array) + 1)
     before = [one.tobytes() for one in (run.trial, *arrays)]
-    plain(trial_step.keep)(run)
+    plain(trial_step.store_trial)(run)
     run.trial[:] = np.zeros(1, TRIAL)
     for one in arrays:
         one[:] = 0.0
-    plain(trial_step.take)(run)
+    plain(trial_step.restore_trial)(run)
     assert [one.tobytes() for one in (run.trial, *arrays)] == before
 
 
@@ -395,9 +395,9 @@ def test_hand_over_writes_both_sides_without_another_step(monkeypatch: pytest.Mo
     run = dropped(stops)
     found(run, 1.5)
     run.located[0].landing = acceptance.AT_GRID
-    for phase, name in ((event_rows.note_events, "uncertainty"), (arming.rearm, "arm")):
+    for phase, name in ((event_rows.note_events, "function_uncertainty"), (arming.rearm, "arm_event")):
         monkeypatch.setitem(plain(phase).__globals__, name, lambda *_: 0.0)
-    plain(transition.hand_over)(run)
+    plain(transition.locate_and_land)(run)
     assert run.now[0].evaluations == run.now[0].trials
     event, row = run.log_events[0], int(run.log_events[0].row_before)
     assert run.now[0].events == 1

@@ -75,7 +75,7 @@ def test_the_function_of_a_piece_is_zero_at_its_ends(
 def test_a_point_belongs_to_the_piece_that_is_moved_into(outside: str, case: int, tmp_path: Path) -> None:
     """Assert the piece inside, at points by the way of motion, and at the table's own ends by a velocity alone."""
     run, points = tabulated(tmp_path, np.random.default_rng([26, 6, case]), "linear", outside)
-    find, last = plain(switch_sides.find), len(points) - 1
+    find, last = plain(switch_sides.find_table_piece), len(points) - 1
     for k, (low, high) in enumerate(pairwise(points), start=1):
         for rate in (-1.0, 0.0, 1.0):
             assert find(run, 0, moving(0.3 * low + 0.7 * high, rate), rate) == k
@@ -91,7 +91,10 @@ def test_a_point_belongs_to_the_piece_that_is_moved_into(outside: str, case: int
         assert find(run, 0, moving(x, -v), -v) == (1 if x == points[0] else last)
     assert find(run, 0, moving(points[0] - 0.1, 0.0), 0.0) == 0
     assert find(run, 0, moving(points[-1] + 0.1, 0.0), 0.0) == last + 1
-    assert [plain(switch_sides.moving)(run, 0, moving(0.0, *va)) for va in ((2.0, -1.0), (0.0, -1.0))] == [2.0, -1.0]
+    assert [plain(switch_sides.argument_motion)(run, 0, moving(0.0, *va)) for va in ((2.0, -1.0), (0.0, -1.0))] == [
+        2.0,
+        -1.0,
+    ]
 
 
 @pytest.mark.cases(60)
@@ -115,9 +118,9 @@ def test_behind_a_point_is_the_next_piece_or_a_later_one(case: int, tmp_path: Pa
 def test_a_last_value_at_a_point_alone_has_no_width(outside: str, tmp_path: Path) -> None:
     """Assert that a table of steps ends with a value at one point, which is left for what lies beyond, if anything does."""
     run, points = tabulated(tmp_path, np.random.default_rng(26), "previous", outside)
-    count, find = int(run.places[1]), plain(switch_sides.find)
-    assert plain(switch_sides.alone)(run, 0)
+    count, find = int(run.places[1]), plain(switch_sides.find_table_piece)
+    assert plain(switch_sides.last_piece_is_point)(run, 0)
     at_end = [find(run, 0, moving(points[-1], v), v) for v in (-1.0, 0.0, 1.0)]
     assert at_end == [count - 3, count - 2, count - 2 if outside == "error" else count - 1]
     linear, _ = tabulated(tmp_path, np.random.default_rng(26), "linear", outside)
-    assert not plain(switch_sides.alone)(linear, 0)
+    assert not plain(switch_sides.last_piece_is_point)(linear, 0)

@@ -353,9 +353,9 @@ def test_links_that_only_seem_to_let_go_end_in_words() -> None:
     for h, changes, counted in ((1e-3, False, 1), (1e-3, False, 2), (0.5, False, 0), (1e-3, False, 1), (1e-3, True, 0)):
         run.trial[0].h = h
         count(run, changes)
-        assert run.tallies[IDLE] == counted
+        assert run.counters[IDLE] == counted
     for place, number in ((FAULT, UNDECIDED), (CULPRIT, 0), (CULPRIT_LINK, 7), (IDLE, 101)):
-        run.tallies[place] = number
+        run.counters[place] = number
     assert "101 times in a row" in assembly_dispute(march)
     assert "seemed to let go of one, now contact 'floor' of ball 7, and" in assembly_dispute(march)
 
@@ -369,7 +369,7 @@ def test_forces_that_are_not_found_end_in_words(method: str, law: str, advised: 
     floor = {"gap": "y", "restitution": 1.0, "law": law}
     model = flying(np.full(25, 1e-3), contacts={"floor": floor})
     march = March(model, settings_for(model, method=method, step="1 s", until="100 s"))
-    march.run.tallies[FAULT], march.run.tallies[TOGETHER], march.run.spans[STRAIN] = STRAINED, 21, 3.04e-6
+    march.run.counters[FAULT], march.run.counters[TOGETHER], march.run.spans[STRAIN] = STRAINED, 21, 3.04e-6
     text = assembly_dispute(march)
     assert text.startswith("no forces were found that hold the 21 links that touch: with the best of them bodies still")
     assert "by 3.0e-06 of what the forces give, and 1e-9 is allowed" in text

@@ -11,7 +11,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
-from xdynamics.march.initial_run import addresses_of, posed
+from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import log_of
 from xdynamics.march.recurring_runs import recurs
 from xdynamics.march.run import ARRAYS, Run
@@ -45,7 +45,7 @@ def test_beginning(name: str, asked: dict[str, Any]) -> None:
     """Assert that a march begins with the bits it is posed with, whatever another did before, on a line of the cache."""
     _, march = marches(name, asked)
     law, settings = march.law, march.settings
-    alone = posed(march.model, settings, law, log_of(march.layout, settings, 0), addresses_of(law))
+    alone = pose_run(march.model, settings, law, log_of(march.layout, settings, 0), addresses_of(law))
     found, expected = filled(march.run), filled(alone)
     assert found.keys() == expected.keys()
     assert not [key for key, array in expected.items() if array.tobytes() != found[key].tobytes()]

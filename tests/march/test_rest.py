@@ -106,7 +106,7 @@ def test_lanes_have_the_same_bits(name: str, method: str) -> None:
     alone, abreast = (march_many(case.model, settings, lanes=lanes, **given) for lanes in (1, 4))
     for result in ("time", "state", "status", "rows", "trials", "evaluations", "largest", "ends"):
         assert getattr(abreast, result).tobytes() == getattr(alone, result).tobytes(), result
-    assert abreast.kept.log.rows.tobytes() == alone.kept.log.rows.tobytes()
+    assert abreast.log_block.log.rows.tobytes() == alone.log_block.log.rows.tobytes()
     assert alone.ends["rows"].max() < 20
 
 

@@ -49,7 +49,7 @@ from xdynamics.march import march_many
 from xdynamics.march.configuration import settings_for
 told = settings_for(every, method="dop853", rtol=1e-9, atol=1e-9, until="9 s", force_samples="none")
 abreast = march_many(every, told, initial={"x": np.linspace(0.9, 1.3, 40)}, lanes=8)
-print(*map(xd.content_digest, runs), hashlib.sha256(abreast.kept.log.rows.tobytes() + abreast.ends.tobytes()).hexdigest())
+print(*map(xd.content_digest, runs), hashlib.sha256(abreast.log_block.log.rows.tobytes() + abreast.ends.tobytes()).hexdigest())
 """
 # together by default; each alone, which tells them apart, with --whole
 ELSEWHERE = {

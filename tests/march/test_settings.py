@@ -262,13 +262,18 @@ def test_tolerances_of_blocks() -> None:
 def test_what_settings_say() -> None:
     """Assert the words that settings answer by."""
     plain = Settings(METHODS["dormand_prince"], until=1.0)
-    assert (plain.partial, plain.adaptive, plain.apart, plain.scheme.jacobian) == (False, False, False, EXACT)
+    assert (plain.partial, plain.adaptive, plain.locates_one_by_one, plain.scheme.jacobian) == (
+        False,
+        False,
+        False,
+        EXACT,
+    )
     assert plain.located_within(None) == 1e-12
     chosen = settings_for(MODEL, method="dormand_prince", until=1.0, rtol=1e-6, keep_every=2)
     assert (chosen.partial, chosen.adaptive, chosen.estimator) == (True, True, "embedded")
     assert Settings(METHODS["rk4"], 1.0, log="states").partial
     assert not Settings(METHODS["rk4"], 1.0, step=(0.5, 0.5), tolerances=tolerances()).adaptive
-    assert Settings(METHODS["rk4"], 1.0, event_root_method="one by one").apart
+    assert Settings(METHODS["rk4"], 1.0, event_root_method="one by one").locates_one_by_one
     scheme = Settings(METHODS["rk4"], 1.0, estimator="step_doubling", summation="compensated").scheme
     assert (scheme.method.name, scheme.estimator, scheme.summation) == ("rk4", "step_doubling", "compensated")
 

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.elementary.numbers import greatest, least
+from xdynamics.elementary.numbers import maximum_of_two, minimum_of_two
 from xdynamics.march import tolerance_sizes
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble import march_many
@@ -352,20 +352,20 @@ RTOL = 1e-4
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Phases as Python has them, and forces that are a matrix: what is compiled has no way in from Python."""
     printed = getattr(tolerance_sizes._tolerance, "py_func", tolerance_sizes._tolerance)
-    for name, function in (("_greatest", greatest), ("_least", least)):
+    for name, function in (("_greatest", maximum_of_two), ("_least", minimum_of_two)):
         monkeypatch.setitem(printed.__globals__, name, function)
     for name in (
         "_tolerance",
         "tops_of",
         "natural_sizes",
         "time_at",
-        "fastest_rate",
-        "recurred",
-        "slope_of",
-        "size_of",
+        "estimate_fastest_rate",
+        "recurrence_root",
+        "state_slope",
+        "variable_size",
         "own_size",
-        "begun",
-        "led",
+        "first_direction",
+        "direction_after",
     ):
         function = getattr(tolerance_sizes, name)
         monkeypatch.setattr(tolerance_sizes, name, getattr(function, "py_func", function))
@@ -375,7 +375,7 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
         used = run.plan[0].used
         state[used:] = run.matrix @ state[:used]
 
-    monkeypatch.setattr(tolerance_sizes, "evaluate", evaluate)
+    monkeypatch.setattr(tolerance_sizes, "evaluate_forces", evaluate)
 
 
 def linear(start: list[float], matrix: list[list[float]], coordinates: int, kinds: list[int]) -> Any:
@@ -390,7 +390,7 @@ def linear(start: list[float], matrix: list[list[float]], coordinates: int, kind
         tops=np.zeros(2 * (max(kinds) + 1) + 1),
     )
     run.y, run.probe = (np.concatenate([start, whole @ start]) for _ in "yp")
-    run.turning, run.largest, run.atol, run.followers = (
+    run.turning, run.largest, run.atol, run.adaptive_atol = (
         np.zeros(4 * used),
         np.abs(start),
         np.full(used, -1.0),
@@ -401,7 +401,7 @@ def linear(start: list[float], matrix: list[list[float]], coordinates: int, kind
 
 def sizes(run: Any) -> list[float]:
     """Return the size of each variable."""
-    return [tolerance_sizes.size_of(run, run.y, i) for i in range(run.plan[0].used)]
+    return [tolerance_sizes.variable_size(run, run.y, i) for i in range(run.plan[0].used)]
 
 
 def begun(run: Any) -> float:
@@ -414,7 +414,7 @@ def begun(run: Any) -> float:
 def test_parts_tolerances_follow_the_largest_so_far() -> None:
     """Assert rtol times each size, a millionth of the largest of its kind at least, and given ones as they are."""
     run = linear([3.0, 1e-9, -5.0, 0.0], [[0.0] * 4] * 4, 0, [0, 0, 1, 1])
-    run.followers[3] = False
+    run.adaptive_atol[3] = False
     getattr(tolerance_sizes.settle_tolerances, "py_func", tolerance_sizes.settle_tolerances)(run)
     assert run.atol == pytest.approx([3.0 * RTOL, 3e-6 * RTOL, 5.0 * RTOL, -1.0])
 
@@ -451,8 +451,8 @@ def test_parts_the_fastest_rate_is_an_eigenvalue(
 ) -> None:
     """Assert the largest size of an eigenvalue: two decays, a turning, a saddle, drag and damping, and none of free flight."""
     run = linear([1.5, 0.75], matrix, coordinates, [0, 1] if coordinates else [0, 0])
-    monkeypatch.setattr(tolerance_sizes, "size_of", lambda _run, _y, i: (2.0, 1.0)[i])
-    assert tolerance_sizes.fastest_rate(run, 3.0, run.y) == pytest.approx(
+    monkeypatch.setattr(tolerance_sizes, "variable_size", lambda _run, _y, i: (2.0, 1.0)[i])
+    assert tolerance_sizes.estimate_fastest_rate(run, 3.0, run.y) == pytest.approx(
         rate, rel=1e-3 if rate > 6.5 and coordinates else 1e-9
     )
 
@@ -498,8 +498,8 @@ def test_parts_derivatives_are_over_the_sizes(monkeypatch: pytest.MonkeyPatch) -
     """Assert the Jacobian of slopes by the state, each over its size, as a rounding of differences leaves it."""
     run = linear([1.5, 0.75, 2.0], [[-9.0, -2.0, 1.0], [0.5, 3.0, -4.0]], 1, [0, 1, 2])
     size = np.array([2.0, 1.0, 0.25])
-    monkeypatch.setattr(tolerance_sizes, "size_of", lambda _run, _y, i: size[i])
+    monkeypatch.setattr(tolerance_sizes, "variable_size", lambda _run, _y, i: size[i])
     found = np.full((4, 3), np.nan)
-    getattr(tolerance_sizes.derivatives, "py_func", tolerance_sizes.derivatives)(run, 3.0, run.y, found)
+    getattr(tolerance_sizes.fill_derivatives, "py_func", tolerance_sizes.fill_derivatives)(run, 3.0, run.y, found)
     whole = np.array([[0.0, 1.0, 0.0], [-9.0, -2.0, 1.0], [0.5, 3.0, -4.0]])
     assert found[1:] == pytest.approx(whole * size / size[:, None], rel=1e-9)

@@ -7,7 +7,7 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.expressions import parse
-from xdynamics.model.kinks import kinks, turned
+from xdynamics.model.kinks import kinks, original_call
 
 PERIOD, TAU, HIGH = 2e-3, 1e-2, 12.0
 WAVES = {
@@ -109,4 +109,4 @@ def test_motion_driven_back_to_a_jump_slides_and_shows_what_was_written(method: 
 def test_the_call_is_known_from_its_sine(text: str) -> None:
     """Assert the call as it was written, from the function that passes through zero where it jumps."""
     *_, (name, function, *_) = kinks(parse(text))
-    assert turned(name, function) == parse(text)
+    assert original_call(name, function) == parse(text)

@@ -15,7 +15,7 @@ import xdynamics as xd
 from cases.plain import made_by_hand, plain
 from xdynamics.march.assembly.broad_phase import NEEDED, OUTSIDE, OUTSIDE_LINK, OUTSIDE_OF, TALLIES
 from xdynamics.march.assembly.slip_stops import check_cone
-from xdynamics.march.assembly.touching import DRAGS, ENDED, FORCE, HALTED, NUMBERS, STATIC
+from xdynamics.march.assembly.touching import DRAGS, FORCE, HALTED, NUMBERS, SLIP_ENDED, STATIC
 from xdynamics.schema import IMPACT
 
 RODS = """
@@ -115,12 +115,12 @@ def test_links_beside_one_that_wedges_slide_on() -> None:
 def test_impulses_outside_a_cone_are_counted() -> None:
     """Assert of three impulses that stopped slips, with a coefficient of 0.5, that one in the cone is not, and the worst is kept."""
     arrays = {"touching": np.zeros((1, NUMBERS)), "candidates": np.array([[3, 7, 0, 0, 1]])}
-    run = made_by_hand(n=1, **arrays, tallies=np.zeros(TALLIES, np.int64), spans=np.zeros(16))
-    run.touching[0, STATIC], run.touching[0, HALTED] = 0.5, ENDED
+    run = made_by_hand(n=1, **arrays, counters=np.zeros(TALLIES, np.int64), spans=np.zeros(16))
+    run.touching[0, STATIC], run.touching[0, HALTED] = 0.5, SLIP_ENDED
     run.touching[0, FORCE], run.touching[0, DRAGS] = 10.0, 2.0
     for rubbing, lasting in ((0.9, 0.2), (2.0, 0.2), (1.0, 0.0)):  # over 0.5*(pressing + 10*0.2) with 2*0.2 more
         plain(check_cone)(run, 0, 1.0, rubbing, lasting)
-    assert run.tallies[OUTSIDE] == 2
+    assert run.counters[OUTSIDE] == 2
     assert run.spans[NEEDED] == pytest.approx(2.0, rel=1e-15)  # the last, of which no force helps
-    assert run.tallies[OUTSIDE_OF] == 3
-    assert run.tallies[OUTSIDE_LINK] == 7
+    assert run.counters[OUTSIDE_OF] == 3
+    assert run.counters[OUTSIDE_LINK] == 7

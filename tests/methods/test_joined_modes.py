@@ -52,7 +52,7 @@ def test_the_step_of_joined_modes_is_where_a_factor_is_minus_one(
     n = 40
     stiffness, damping = chain(n), graded(n)
     jacobian = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
-    system = LinearSystem.of(jacobian, n)
+    system = LinearSystem.from_jacobian(jacobian, n)
     assert system.modes is None
     sizes = counting(monkeypatch)
     h = largest_step(METHODS[name], system) / system.fastest
@@ -64,7 +64,7 @@ def test_the_step_of_the_mean_velocity_is_that_of_the_whole() -> None:
     """Assert that the largest factor of a step, by its matrix as the book has it, is 1 at the limit of 12 joined modes."""
     n = 12
     stiffness, damping, unit = chain(n), graded(n), np.eye(n)
-    system = LinearSystem.of(np.block([[np.zeros((n, n)), unit], [-stiffness, -damping]]), n)
+    system = LinearSystem.from_jacobian(np.block([[np.zeros((n, n)), unit], [-stiffness, -damping]]), n)
     h = largest_step(METHODS["averaged_velocity"], system) / system.fastest
     step = np.block(
         [[unit - h * h / 2 * stiffness, h * unit - h * h / 2 * damping], [-h * stiffness, unit - h * damping]]
@@ -116,7 +116,7 @@ def test_modes_of_a_band_solve_their_equation(width: int) -> None:
     n = 80
     half = np.triu(np.tril(rng.normal(size=(n, n)), 0), -width)
     stiffness, mass = half + half.T, np.diag(rng.uniform(1.0, 3.0, n))
-    normal = NormalModes.of(stiffness, mass)
+    normal = NormalModes.from_matrices(stiffness, mass)
     assert normal.symmetric
     residual = stiffness @ normal.shapes - mass @ normal.shapes * normal.squares.real
     assert np.abs(residual).max() < 1e-12 * np.abs(normal.squares).max()

@@ -12,11 +12,11 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS, oscillator, particle
 from xdynamics.methods import Evaluation, Method
-from xdynamics.methods.lines import spread
+from xdynamics.methods.lines import spread_over_vectors
 from xdynamics.model import Trait
 from xdynamics.model.linearisation import initial_state, linearise
 from xdynamics.stability import limits
-from xdynamics.stability.amplification import LinearSystem, amplification, factors
+from xdynamics.stability.amplification import LinearSystem, amplification, amplification_factors
 from xdynamics.stability.limits import (
     OSCILLATOR,
     decay_limit,
@@ -74,7 +74,7 @@ LIMITS = {
     "euler_cromer": (xd.METHODS["euler_cromer"], 2.0, 2.0),
     "velocity_verlet": (xd.METHODS["velocity_verlet"], 2.0, math.nan),
     "midpoint": (xd.METHODS["midpoint"], 0.0, 2.0),
-    "rk4": (made(spread(RK4)), math.sqrt(8.0), 2.785293563405282),
+    "rk4": (made(spread_over_vectors(RK4)), math.sqrt(8.0), 2.785293563405282),
     "implicit_midpoint": (made(IMPLICIT_MIDPOINT), math.inf, math.inf),
     "backward_euler": (theta(1.0), math.inf, math.inf),
     "theta_quarter": (theta(0.25), 0.0, 4.0),
@@ -127,7 +127,9 @@ def test_a_mode_grows_right_beyond_the_limit_and_nowhere_before(method: Method) 
     limit = oscillator_limit(method)
     steps = np.linspace(0.001, 0.9999, 3000) * (limit if 0.0 < limit < math.inf else 1.0)
     growth = (
-        np.abs(factors(amplification(method, OSCILLATOR, np.append(steps, 1.0001 * min(limit, 10.0))))).max(axis=1)
+        np.abs(
+            amplification_factors(amplification(method, OSCILLATOR, np.append(steps, 1.0001 * min(limit, 10.0))))
+        ).max(axis=1)
         - 1.0
     )
     assert (growth[:-1] <= 1e-11).all() == (limit > 0.0)
@@ -142,7 +144,7 @@ def test_runge_kutta_methods_treat_all_vectors_alike() -> None:
 
 def test_the_scaling_of_time_is_exact() -> None:
     """Assert that a system in other units of time is amplified alike at the same h over its time scale."""
-    slow, fast = (LinearSystem.of(np.array([[0.0, 1.0], [-w * w, -0.2 * w]]), 1) for w in (0.5, 512.0))
+    slow, fast = (LinearSystem.from_jacobian(np.array([[0.0, 1.0], [-w * w, -0.2 * w]]), 1) for w in (0.5, 512.0))
     assert fast.fastest == 1024.0 * slow.fastest
     method = xd.METHODS["euler_cromer"]
     assert (amplification(method, slow, np.array([0.7])) == amplification(method, fast, np.array([0.7]))).all()
@@ -170,13 +172,13 @@ def test_modes_that_are_damped_apart_have_the_step_of_the_whole(
     turned = np.linalg.qr(random.normal(size=(4, 4)))[0]
     stiffness = (turned * [lowest, 1.0, 2.5, 7.0]) @ turned.T * root / root[:, None]
     jacobian = np.block([[np.zeros((4, 4)), np.eye(4)], [-stiffness, -0.05 * np.eye(4) - 0.02 * stiffness]])
-    system, method = LinearSystem.of(jacobian, 4), xd.METHODS[name]
+    system, method = LinearSystem.from_jacobian(jacobian, 4), xd.METHODS[name]
     assert system.modes is not None
     apart, together = (np.sort_complex(1j * one.eigenvalues.ravel()) for one in (system.modes, system))
     assert apart == pytest.approx(together, abs=1e-12)
     step = largest_step(method, system, growth)
     monkeypatch.setattr(LinearSystem, "modes", None)
-    whole = LinearSystem.of(jacobian, 4)  # another, as the first one keeps its modes
+    whole = LinearSystem.from_jacobian(jacobian, 4)  # another, as the first one keeps its modes
     assert whole.modes is None
     assert step == pytest.approx(largest_step(method, whole, growth), rel=1e-8)
 
@@ -185,7 +187,10 @@ def test_damping_that_joins_modes_keeps_them_together() -> None:
     """Assert that a damper at one end, and gyroscopic forces, leave no systems of one coordinate."""
     stiffness = np.array([[2.0, -1.0], [-1.0, 2.0]])
     for damping in (np.diag([0.1, 0.0]), np.array([[0.0, 0.3], [-0.3, 0.0]])):
-        assert LinearSystem.of(np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -damping]]), 2).modes is None
+        assert (
+            LinearSystem.from_jacobian(np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -damping]]), 2).modes
+            is None
+        )
 
 
 @pytest.mark.parametrize("masses", [2, 15])
@@ -306,9 +311,9 @@ def test_a_step_that_is_stable_is_looked_at_alone(
 
     def counted(matrices: np.ndarray) -> np.ndarray:
         looked.extend(matrix for matrix in matrices if len(matrix) == 3 * 24)
-        return factors(matrices)
+        return amplification_factors(matrices)
 
-    monkeypatch.setattr(limits, "factors", counted)
+    monkeypatch.setattr(limits, "amplification_factors", counted)
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         xd.simulate(
@@ -331,7 +336,7 @@ def test_halvings_at_once_are_halvings(edge: float) -> None:
     while high - low > 1e-13 * high:
         middle = (low + high) / 2.0
         low, high = (low, middle) if middle / edge > 1.0 else (middle, high)
-    assert limits._bisected(growth, 0.9, 2.1) == (low, high)  # no public name shows the bits of a bracket
+    assert limits._bisect_bracket(growth, 0.9, 2.1) == (low, high)  # no public name shows the bits of a bracket
     assert len(calls) <= 12
 
 

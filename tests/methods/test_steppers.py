@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import xdynamics as xd
-from xdynamics.methods.lines import read_lines, spread
+from xdynamics.methods.lines import read_lines, spread_over_vectors
 from xdynamics.methods.steppers import (
     DIFFERENCES,
     EXACT,
@@ -87,8 +87,8 @@ def test_what_a_march_asks(stepper: Stepper, asked: str, inner: Any, jacobians: 
 
 def test_what_solves_the_equations() -> None:
     """Assert that equations among other lines are solved by Newton's method, and what is counted of them."""
-    plain = read_lines(spread("k2 = f(t + 1/2*h, y2)\ny1 = y + h*k2\nk1 = f(t1, y1)"))
-    implicit = read_lines(spread(RADAU.template))
+    plain = read_lines(spread_over_vectors("k2 = f(t + 1/2*h, y2)\ny1 = y + h*k2\nk1 = f(t1, y1)"))
+    implicit = read_lines(spread_over_vectors(RADAU.template))
     assert (LINES.solver(plain), LINES.solver(implicit), RADAU.solver(implicit)) == (NOTHING, NEWTON, SIMPLIFIED)
     assert (LINES.evaluations(plain, ()), LINES.evaluations(plain, plain[:1])) == (2, 3)
     assert (LINES.evaluations(implicit, plain), RADAU.evaluations(implicit, plain)) == (5, 3)

@@ -14,7 +14,7 @@ from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble import march_many
 from xdynamics.methods import METHODS, Method
 from xdynamics.methods.summation import updates
-from xdynamics.record.arguments import asked_of
+from xdynamics.record.arguments import recorded_arguments
 
 COMPOSITIONS = [one for one in METHODS.values() if one.symplectic and updates(one)]
 
@@ -117,7 +117,7 @@ def test_archives_know_their_summation(how: dict[str, object], tmp_path: Path) -
         assert xd.reproduce(path).attrs["identical"] == 1
     old = xd.open_run(tmp_path / "plain.nc").load()
     del old.attrs["solver_summation"]
-    assert asked_of(old)["summation"] == "plain"
+    assert recorded_arguments(old)["summation"] == "plain"
 
 
 def test_many_runs_carry_nothing_from_one_to_the_next() -> None:

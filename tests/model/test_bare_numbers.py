@@ -91,7 +91,7 @@ def test_elements_are_on_the_scale_of_the_file(value: str) -> None:
     model = xd.Model.from_text(ROOMS.replace("__VALUE__", value))
     assert {entry.si for entry in model.statement.parameters.values() if entry.quantity.unit.text == "K"} == {293.15}
     whole = model.replace(parameters={"outside": [25, 30, 35]})
-    names = [model.shapes.inside(f"outside[{i}]") for i in range(3)]
+    names = [model.shapes.internal_name(f"outside[{i}]") for i in range(3)]
     assert [whole.statement.parameters[name].si for name in names] == pytest.approx([298.15, 303.15, 308.15])
     one = model.replace(parameters={"outside[1]": 25})
     assert one.statement.parameters[names[1]].si == 298.15

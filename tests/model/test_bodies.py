@@ -11,7 +11,7 @@ import xdynamics as xd
 from cases.bodies import FRAME, of_body
 from xdynamics.expressions import Name
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.model.motion import constants, evaluated
+from xdynamics.model.motion import constants, evaluate_motion
 
 
 def test_a_body_is_coordinates_states_and_a_parameter_for_each_quantity() -> None:
@@ -72,7 +72,7 @@ def test_forces_of_bodies_act_in_regimes_that_name_them_or_in_all() -> None:
 def at_start(model: xd.Model) -> dict[str, float]:
     """Forces and accelerations at the start, by name."""
     state = {name: quantity.si for name, quantity in model.statement.initial.items()}
-    return evaluated(model, state, constants(model), ())
+    return evaluate_motion(model, state, constants(model), ())
 
 
 QUARTER = {"axis": [0, 0, 1], "angle": "90 degree"}  # x of the body is y in space

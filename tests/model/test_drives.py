@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator, make_interp_spline
 
 import xdynamics as xd
 from xdynamics.model import Table
-from xdynamics.model.drives import coefficients, looked_up
+from xdynamics.model.drives import piece_coefficients, value_and_slope
 
 ARGUMENT, VALUE = np.array([0.0, 1.0, 2.5, 3.0, 4.0]), np.array([1.0, 3.0, 2.0, 2.0, 5.0])
 CURVES = {
@@ -58,33 +58,33 @@ def test_faults_of_a_table_are_few() -> None:
 @pytest.mark.parametrize("rule", CURVES)
 def test_a_table_looked_up_is_its_curve(rule: str) -> None:
     """Assert values and slopes between the points, at each of them from the piece behind it, the last point apart."""
-    table, curve = coefficients(ARGUMENT, VALUE, rule, "hold"), CURVES[rule]
+    table, curve = piece_coefficients(ARGUMENT, VALUE, rule, "hold"), CURVES[rule]
     for x in [*np.linspace(0.0, 3.999, 61), *ARGUMENT[:-1]]:
         for of_time in (False, True):
             wanted = float(curve(x)), float(curve.derivative()(x))
-            assert looked_up(table, x, of_time=of_time) == pytest.approx(wanted, abs=1e-13)
-    assert looked_up(table, 4.0, of_time=True) == (5.0, 0.0)
+            assert value_and_slope(table, x, of_time=of_time) == pytest.approx(wanted, abs=1e-13)
+    assert value_and_slope(table, 4.0, of_time=True) == (5.0, 0.0)
     slope = float(curve.derivative()(np.nextafter(4.0, 0.0)))
-    assert looked_up(table, 4.0, of_time=False) == pytest.approx((5.0, slope), abs=1e-13)
+    assert value_and_slope(table, 4.0, of_time=False) == pytest.approx((5.0, slope), abs=1e-13)
 
 
 @pytest.mark.parametrize(("outside", "ends"), [("hold", (1.0, 5.0)), ("zero", (0.0, 0.0)), ("error", (np.nan, np.nan))])
 @pytest.mark.parametrize("rule", [*CURVES, "previous"])
 def test_beyond_its_table_a_curve_is_level(rule: str, outside: str, ends: tuple[float, float]) -> None:
     """Assert value and slope before the first point and behind the last."""
-    table = coefficients(ARGUMENT, VALUE, rule, outside, of_time=False)
+    table = piece_coefficients(ARGUMENT, VALUE, rule, outside, of_time=False)
     for x, end in zip((-1e-9, 4.0 + 1e-9), ends, strict=True):
-        value, slope = looked_up(table, x, of_time=False)
+        value, slope = value_and_slope(table, x, of_time=False)
         assert np.array_equal([value], [end], equal_nan=True)
         assert slope == 0.0 or np.isnan(end)
 
 
 def test_steps_of_a_table_hold_to_the_next_point() -> None:
     """Assert that a table of steps has its last value at the last point, where its argument is no time."""
-    table = coefficients(ARGUMENT, VALUE, "previous", "zero", of_time=False)
-    assert [looked_up(table, x, of_time=False)[0] for x in ARGUMENT] == VALUE.tolist()
+    table = piece_coefficients(ARGUMENT, VALUE, "previous", "zero", of_time=False)
+    assert [value_and_slope(table, x, of_time=False)[0] for x in ARGUMENT] == VALUE.tolist()
     assert table[0].tolist() == [0.0, *ARGUMENT, np.nextafter(4.0, 5.0)]
-    origin, powers = coefficients(ARGUMENT, VALUE, "previous", "zero", of_time=True)
+    origin, powers = piece_coefficients(ARGUMENT, VALUE, "previous", "zero", of_time=True)
     assert origin.tolist() == [0.0, *ARGUMENT]
     assert powers[3].tolist() == [0.0, *VALUE[:-1], 0.0]
     assert not powers[:3].any()

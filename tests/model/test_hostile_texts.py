@@ -16,7 +16,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.model.drives import Table
-from xdynamics.sweeping.table_columns import text_of
+from xdynamics.sweeping.table_columns import csv_text
 
 HEAD = 'name = "m"\n[coordinates]\nx = "m"\n[mass]\nx = "1*kilogram"\n[initial]\nx = "0 m"\nv_x = "0 m s-1"\n'
 TABLE = "[drives.pull]\ntable = 'a.csv'\ncsv = '''\nt [s],pull [N]\n0,0\n{}\n'''\n"
@@ -175,7 +175,7 @@ def read(path: Path) -> str:
         if path.suffix == ".toml":
             xd.Model.from_toml(path, tables="anywhere")
         elif path.suffix == ".csv":
-            Table.parse(path.name, text_of(path))
+            Table.parse(path.name, csv_text(path))
         else:
             xd.open_run(path)
     except xd.InputError as error:

@@ -13,7 +13,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
-from xdynamics.evidence.comparing.measured import measured
+from xdynamics.evidence.comparing.measured import read_measured_data
 from xdynamics.model import Table
 from xdynamics.model.instruments import KEYS, Reading, as_table
 from xdynamics.shapes import Extent, Shapes
@@ -26,7 +26,7 @@ TRACKED = {"units": {"t": "s", "x": "m", "y": "m"}}
 def table(name: str, column: str = "", **keys: Any) -> Table:
     """Return a column of a file."""
     text = (FILES / name).read_text()
-    return Table.parse(name, as_table(name, text, Reading.of(keys)), column)
+    return Table.parse(name, as_table(name, text, Reading.from_keys(keys)), column)
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_wrong_keys_are_named(keys: dict[str, Any], said: str) -> None:
 def test_a_quoted_decimal_comma() -> None:
     """Assert commas as marks and as separators of quoted cells, which only the key can tell."""
     text = 't [s],x [m]\n"0,5","1,2"\n"0,6","1,3"\n'
-    assert Table.parse("a", as_table("a", text, Reading.of({"decimal": ","}))).value.tolist() == [1.2, 1.3]
+    assert Table.parse("a", as_table("a", text, Reading.from_keys({"decimal": ","}))).value.tolist() == [1.2, 1.3]
 
 
 def test_two_motors_in_a_file_are_refused() -> None:
@@ -317,16 +317,16 @@ def test_data_with_names_of_their_own_are_compared(tmp_path: Path) -> None:
         "Latest: Time (s),Latest: Position (mm),Latest: u(Position) (mm),Latest: Note\n0,100,1,a\n1,90,2,b\n"
     )
     known = ["x", "v_x"]
-    data = measured(path, known, reading={"columns": {"x": "Position"}})
+    data = read_measured_data(path, known, reading={"columns": {"x": "Position"}})
     assert (data.values["x"][0].tolist(), data.values["x"][1].text) == ([100.0, 90.0], "mm")
     assert data.uncertainties["x"][0].tolist() == [1.0, 2.0]
     assert data.left_out == ("Note",)
     with pytest.raises(xd.InputError, match="has no column 'Place', which columns names; there are 'Time', 'Position'"):
-        measured(path, known, reading={"columns": {"x": "Place"}})
+        read_measured_data(path, known, reading={"columns": {"x": "Place"}})
     with pytest.raises(xd.InputError, match="needs names of the file by those of the model"):
-        measured(path, known, reading={"columns": ["x"]})
+        read_measured_data(path, known, reading={"columns": ["x"]})
     (tmp_path / "tracker.csv").write_text("#multi:\nt,x,\n0,1.0,\n0.5,2.0,\n")
-    tracked = measured(tmp_path / "tracker.csv", known, reading={"units": {"t": "s", "x": "m"}})
+    tracked = read_measured_data(tmp_path / "tracker.csv", known, reading={"units": {"t": "s", "x": "m"}})
     assert tracked.values["x"][0].tolist() == [1.0, 2.0]
 
 
@@ -341,14 +341,14 @@ def test_tables_of_pandas_with_dates_and_series_are_read() -> None:
     ]
     model = {"coordinates": {"q": "m"}, "mass": {"q": "1*kilogram"}, "initial": {"q": "0 m"}}
     for table in tables:
-        data = measured(table, ["x"])
+        data = read_measured_data(table, ["x"])
         assert (data.times.tolist(), data.values["x"][0].tolist()) == ([0.0, 0.5, 1.0], numbers)
         driven = xd.Model(
             name="driven", **model, forces={"pull": {"q": "x*newton/metre"}}, drives={"x": {"table": table}}
         )
         run = xd.simulate(driven, method="rk4", step="0.25 s", until="1 s")
         assert run.force_pull_q.values[[0, 2, 4]].tolist() == numbers
-    later = measured({"t [s]": [4.0, 5.0], "x [m]": [1.0, 2.0]}, ["x"], reading={"time_zero": "first"})
+    later = read_measured_data({"t [s]": [4.0, 5.0], "x [m]": [1.0, 2.0]}, ["x"], reading={"time_zero": "first"})
     assert later.times.tolist() == [0.0, 1.0]
 
 
@@ -361,7 +361,7 @@ def test_elements_of_a_dataset_are_labelled_or_in_order(coordinates: dict[str, l
     data = xr.Dataset(
         {"r": (("at", "body"), numbers, {"units": "m"}), "time": ("at", [0.0, 1.0, 2.0], {"units": "s"})}, coordinates
     )
-    found = measured(data, ["r·Sun", "r·Moon"], shapes=shapes)
+    found = read_measured_data(data, ["r·Sun", "r·Moon"], shapes=shapes)
     assert [found.values[name][0].tolist() for name in ("r·Sun", "r·Moon")] == [[1.0, 2.0, 5.0], [3.0, 4.0, 6.0]]
 
 
@@ -399,11 +399,13 @@ def test_a_temperature_is_no_time(titles: tuple[str, str]) -> None:
 def test_a_dataset_of_temperatures_is_compared() -> None:
     """Assert that a variable T(time) in kelvins is a quantity, and one in seconds may be the time."""
     data = xr.Dataset({"T": ("time", [300.0, 301.0], {"units": "K"})}, {"time": ("time", [0.0, 1.0], {"units": "s"})})
-    found = measured(data, ["T"])
+    found = read_measured_data(data, ["T"])
     assert found.times.tolist() == [0.0, 1.0]
     assert found.values["T"][0].tolist() == [300.0, 301.0]
-    assert measured({"T [s]": [4.0, 5.0], "x [m]": [1.0, 2.0]}, ["x"]).times.tolist() == [4.0, 5.0]
-    assert measured({"T [K]": [4.0, 5.0], "t [s]": [1.0, 2.0], "x [m]": [1.0, 2.0]}, ["x"]).times.tolist() == [1.0, 2.0]
+    assert read_measured_data({"T [s]": [4.0, 5.0], "x [m]": [1.0, 2.0]}, ["x"]).times.tolist() == [4.0, 5.0]
+    assert read_measured_data(
+        {"T [K]": [4.0, 5.0], "t [s]": [1.0, 2.0], "x [m]": [1.0, 2.0]}, ["x"]
+    ).times.tolist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize(
@@ -416,4 +418,4 @@ def test_a_dataset_of_temperatures_is_compared() -> None:
 )
 def test_times_that_run_backwards_are_told(times: list[float], said: str) -> None:
     """Assert what the name of data says of their order, which titles of fits and comparisons repeat."""
-    assert measured({"t [s]": times, "x [m]": times}, ["x"]).name == f"the DataFrame{said}"
+    assert read_measured_data({"t [s]": times, "x [m]": times}, ["x"]).name == f"the DataFrame{said}"

@@ -12,7 +12,7 @@ from sympy.physics.mechanics import KanesMethod, LagrangesMethod, Particle, Poin
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
-from xdynamics.model.motion import constants, evaluated, tables_of, variables
+from xdynamics.model.motion import constants, drive_pieces, evaluate_motion, variables
 
 COMMON = {"m": "0.7 kg", "l": "1.3 m", "g": "9.81 m s-2", "k": "40 N m-1"}
 ANGLES = {"theta": "rad", "phi": "rad"}
@@ -92,7 +92,7 @@ def test_accelerations_are_those_of_sympy(given: dict[str, Any]) -> None:
     model, rng = xd.Model(**given), np.random.default_rng(5)
     for _ in range(5):
         state = {name: float(rng.uniform(0.3, 1.4)) for name in ("t", *variables(model))}
-        found = evaluated(model, state, constants(model), tables_of(model))
+        found = evaluate_motion(model, state, constants(model), drive_pieces(model))
         assert [found[f"a_{name}"] for name in model.statement.coordinates] == pytest.approx(
             by_sympy(given, state), rel=1e-10
         )

@@ -15,7 +15,7 @@ import xdynamics as xd
 from cases.problems import MODELS, particle
 from cases.python_forces import stiff_push
 from xdynamics.model import Table, Trait, traits_of
-from xdynamics.model.drives import coefficients
+from xdynamics.model.drives import piece_coefficients
 
 FILES = sorted(MODELS.glob("*.toml"))
 GOOD = (MODELS / "ball_drag.toml").read_text()
@@ -172,7 +172,7 @@ def test_compiled_table_agrees_with_scipy(rule: str, reference: object) -> None:
     """Assert that the pieces, as compiled code evaluates them, are scipy's interpolant."""
     from xdynamics.kernels import drive_tables
 
-    flat, places = drive_tables.flattened([coefficients(ARGUMENT, VALUE, rule, "zero")])
+    flat, places = drive_tables.concatenated_tables([piece_coefficients(ARGUMENT, VALUE, rule, "zero")])
     points = np.linspace(0.0, 3.999, 97)
 
     def piece(x: float) -> int:

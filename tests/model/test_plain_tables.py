@@ -13,7 +13,7 @@ from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import Table
 from xdynamics.model.links import Links
 from xdynamics.model.plain_table import PlainTable
-from xdynamics.model.table_values import columns_of
+from xdynamics.model.table_values import columns_by_element
 from xdynamics.shapes import Extent
 from xdynamics.units import parse_unit
 
@@ -33,17 +33,17 @@ def table(change: Callable[[list[str]], None] = lambda _: None, header: str = "c
 def by_lines(text: str, monkeypatch: pytest.MonkeyPatch) -> Sheet:
     """Return a sheet that is read line by line."""
     with monkeypatch.context() as patch:
-        patch.setattr(PlainTable, "of", lambda *_: None)
-        return Sheet.of("t.csv", text)
+        patch.setattr(PlainTable, "from_text", lambda *_: None)
+        return Sheet.from_text("t.csv", text)
 
 
 def test_columns_have_the_numbers_of_their_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the same numbers to the bit, in the order of the elements that a column names, and of a scale with an offset."""
-    sheet, lines = Sheet.of("t.csv", table()), by_lines(table(), monkeypatch)
+    sheet, lines = Sheet.from_text("t.csv", table()), by_lines(table(), monkeypatch)
     assert isinstance(sheet.rows, PlainTable)
     assert not isinstance(lines.rows, PlainTable)
-    found, units = columns_of(sheet, ["T", "x"], CELL)
-    assert np.array_equal(found, columns_of(lines, ["T", "x"], CELL)[0])
+    found, units = columns_by_element(sheet, ["T", "x"], CELL)
+    assert np.array_equal(found, columns_by_element(lines, ["T", "x"], CELL)[0])
     assert found[0].tolist() == [float(NUMBERS[-1]) + 273.15, ROWS - 0.5]
     assert [unit.text for unit in units] == ["K", "m"]
     assert sheet.lines[7] == (9, [str(ROWS - 8), f" {float(NUMBERS[7])!r}", "7.5"])
@@ -74,9 +74,9 @@ def test_a_wrong_cell_is_named_with_its_line(what: str, monkeypatch: pytest.Monk
     """Assert the message of a table that is read line by line."""
     change, said = WRONG[what]
     texts = []
-    for sheet in (lambda text: Sheet.of("t.csv", text), lambda text: by_lines(text, monkeypatch)):
+    for sheet in (lambda text: Sheet.from_text("t.csv", text), lambda text: by_lines(text, monkeypatch)):
         with pytest.raises(InputError, match=said) as caught:
-            columns_of(sheet(table(change)), ["T"], CELL)
+            columns_by_element(sheet(table(change)), ["T"], CELL)
         texts.append(str(caught.value))
     assert texts[0] == texts[1]
 
@@ -90,8 +90,8 @@ def drive(change: Callable[[list[str]], None] = lambda _: None) -> str:
 
 def test_drives_have_the_numbers_of_their_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the same numbers to the bit, each rounded once from the decimal digits that are written."""
-    lines = Table.of(by_lines(drive(), monkeypatch), drive())
-    monkeypatch.delattr(Sheet, "numbers")  # which reads line by line
+    lines = Table.from_sheet(by_lines(drive(), monkeypatch), drive())
+    monkeypatch.delattr(Sheet, "read_rows")  # which reads line by line
     found = Table.parse("t.csv", drive())
     for name in ("argument", "value", "uncertainty"):
         assert getattr(found, name).tobytes() == getattr(lines, name).tobytes()
@@ -141,7 +141,7 @@ UNUSUAL = {
 @pytest.mark.parametrize("what", UNUSUAL)
 def test_unusual_lines_are_read_one_by_one(what: str) -> None:
     """Assert that quotes, comments and empty lines are what they are in small tables."""
-    sheet = Sheet.of("t.csv", table(UNUSUAL[what]))
+    sheet = Sheet.from_text("t.csv", table(UNUSUAL[what]))
     assert not isinstance(sheet.rows, PlainTable)
     assert len(sheet.lines) == ROWS - (what != "quotes")
 
@@ -149,14 +149,14 @@ def test_unusual_lines_are_read_one_by_one(what: str) -> None:
 @pytest.mark.parametrize("gap", ["", " "])
 def test_empty_lines_of_a_single_column_are_left_out(gap: str) -> None:
     """Assert that they are no cells without a number."""
-    sheet = Sheet.of("t.csv", "\n".join(["x [m]", *map(str, range(2000)), gap, "1.5", ""]))
+    sheet = Sheet.from_text("t.csv", "\n".join(["x [m]", *map(str, range(2000)), gap, "1.5", ""]))
     assert sheet.columns([0])[-2:].tolist() == [[1999.0], [1.5]]
 
 
 def test_decimal_commas_of_large_tables() -> None:
     """Assert that they are found."""
     text = "\n".join(["t [s];x [m]", *(f"{i},5;{i}" for i in range(2000))])
-    assert Sheet.of("t.csv", text).columns([0])[-1].tolist() == [1999.5]
+    assert Sheet.from_text("t.csv", text).columns([0])[-1].tolist() == [1999.5]
 
 
 @pytest.mark.parametrize("labels", [False, True])
@@ -183,7 +183,7 @@ def test_a_large_table_takes_little_more_than_its_text() -> None:
     text = "\n".join(["m [kg]", *map(repr, (1.0 + np.arange(rows) / 3.0).tolist())])
     tracemalloc.start()
     try:
-        found, _ = columns_of(Sheet.of("t.csv", text), ["m"], Extent("body", rows))
+        found, _ = columns_by_element(Sheet.from_text("t.csv", text), ["m"], Extent("body", rows))
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

@@ -187,8 +187,8 @@ def test_a_table_of_many_columns_is_split_once(monkeypatch: pytest.MonkeyPatch) 
     """Assert that a drive for each of 50 elements reads its text as often as one for each of four."""
     from xdynamics.model.csv_sheet import Sheet
 
-    split, read = Sheet.of, []
-    monkeypatch.setattr(Sheet, "of", classmethod(lambda _, name, text: read.append(name) or split(name, text)))
+    split, read = Sheet.from_text, []
+    monkeypatch.setattr(Sheet, "from_text", classmethod(lambda _, name, text: read.append(name) or split(name, text)))
     counts = []
     for n in (4, 50):
         read.clear()

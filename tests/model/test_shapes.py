@@ -14,7 +14,7 @@ from xdynamics.model import Function, given_values
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.links import Links
 from xdynamics.model.motion import constant_names, constant_values, constants
-from xdynamics.shapes import Extent, Relation, Shapes, at
+from xdynamics.shapes import Extent, Relation, Shapes, at_element
 from xdynamics.shapes.extents import every_two
 from xdynamics.units import UNSCALED, Scales, parse_quantity, rounded
 
@@ -104,14 +104,14 @@ def test_numbers_of_a_list_are_taken_as_they_are(monkeypatch: pytest.MonkeyPatch
     assert [model.parameters[f"m·{i}"].quantity.value for i in range(6)] == listed
     assert not any(isinstance(entry, float) for entry in read)
     monkeypatch.setattr("xdynamics.units.rounded.Fraction", None)
-    assert [rounded.read(repr(number)) for number in listed] == listed
+    assert [rounded.read_decimal(repr(number)) for number in listed] == listed
 
 
 def test_a_cross_product_is_right_handed() -> None:
     """Assert that x times y is z, cyclically."""
     axis = Extent("axis", 3, ("x", "y", "z"))
     shapes = Shapes({"axis": axis}, {}, {"a": ("axis",), "b": ("axis",)})
-    texts = [text_of(at(parse("cross(a, b, axis)"), {"axis": i}, shapes)) for i in range(3)]
+    texts = [text_of(at_element(parse("cross(a, b, axis)"), {"axis": i}, shapes)) for i in range(3)]
     assert texts == ["a·y*b·z - a·z*b·y", "a·z*b·x - a·x*b·z", "a·x*b·y - a·y*b·x"]
 
 
@@ -170,8 +170,8 @@ def test_elements_and_wholes_are_replaced() -> None:
 def test_a_table_of_links_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a model reads the text of its links once, and labels in another order give other links."""
     read: list[str] = []
-    of = Sheet.of
-    monkeypatch.setattr(Sheet, "of", lambda name, text: read.append(name) or of(name, text))
+    of = Sheet.from_text
+    monkeypatch.setattr(Sheet, "from_text", lambda name, text: read.append(name) or of(name, text))
     text = CHAIN.replace("neighbours = 1", 'csv = "first,second\\n0,5\\n3,1\\n"')
     assert text != CHAIN
     relation = next(iter(xd.Model.from_text(text).shapes.relations.values()))

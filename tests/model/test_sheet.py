@@ -12,7 +12,7 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.model import Table
-from xdynamics.model.csv_sheet import Sheet, title, written
+from xdynamics.model.csv_sheet import Sheet, csv_text, title
 
 PLAIN = "time [ms],force [mN]\n0,1.5\n10,2.25\n20,-3\n"
 
@@ -166,8 +166,8 @@ def test_an_unfriendly_bench_record(tmp_path: Path) -> None:
 
 def test_columns_are_written_whole() -> None:
     """Assert that what is written is read to the same numbers."""
-    text = written({"t [s]": [0.1, 1 / 3], "x [m]": [1e-300, -7.0]})
-    assert [row for _, row in Sheet.of("a", text).numbers([0, 1])] == [(0.1, 1e-300), (1 / 3, -7.0)]
+    text = csv_text({"t [s]": [0.1, 1 / 3], "x [m]": [1e-300, -7.0]})
+    assert [row for _, row in Sheet.from_text("a", text).read_rows([0, 1])] == [(0.1, 1e-300), (1 / 3, -7.0)]
 
 
 def test_columns_that_nobody_asked_for_are_left_out(tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_columns_that_nobody_asked_for_are_left_out(tmp_path: Path) -> None:
 
 def test_titles_that_are_cut_need_quotes() -> None:
     """Assert that an element of two dimensions is one title in quotes, and that without them its table says so."""
-    assert Sheet.of("t.csv", 't [s],"r[Sun, x] [m]"\n0,1\n').header == ("t [s]", "r[Sun, x] [m]")
-    cut = Sheet.of("t.csv", "t [s],r[Sun, x] [m]\n0,1\n").layout
+    assert Sheet.from_text("t.csv", 't [s],"r[Sun, x] [m]"\n0,1\n').header == ("t [s]", "r[Sun, x] [m]")
+    cut = Sheet.from_text("t.csv", "t [s],r[Sun, x] [m]\n0,1\n").layout_text
     assert cut == "separated by commas, columns 't [s]', 'r[Sun', 'x] [m]'; titles with commas stand in quotes"
-    assert "quotes" not in Sheet.of("t.csv", "t [s];r[Sun, x] [m]\n0;1\n").layout
+    assert "quotes" not in Sheet.from_text("t.csv", "t [s];r[Sun, x] [m]\n0;1\n").layout_text

@@ -31,12 +31,12 @@ def test_derivatives_of_whole_quantities_are_those_of_elements(bodies: int, monk
             "c": "1 + 0.1*index(body)",
         },
     )
-    assert linearisation.is_dense(model)
+    assert linearisation.is_densely_linked(model)
     state = linearisation.initial_state(model)
     whole = linearisation.linearise(model, state)
-    monkeypatch.setattr("xdynamics.model.whole_jacobian.TOGETHER", 7 * bodies * (bodies - 1) // 2)
+    monkeypatch.setattr("xdynamics.model.whole_jacobian.MAX_TOGETHER", 7 * bodies * (bodies - 1) // 2)
     parted = linearisation.linearise(model, state)
-    monkeypatch.setattr(linearisation, "is_dense", lambda _: False)
+    monkeypatch.setattr(linearisation, "is_densely_linked", lambda _: False)
     elements = linearisation.linearise(model, state)
     assert np.abs(elements.jacobian[2 * bodies :, 4 * bodies :]).max() > 0.1  # forces depend on charges
     for name in ("mass", "stiffness", "acceleration", "jacobian"):

@@ -212,7 +212,7 @@ def test_faults_are_gathered() -> None:
 def test_what_is_no_whole_run_need_not_have_all(kind: dict[str, str]) -> None:
     """Assert that parts are asked neither for the rest nor for the rows of their events; a part of no kind by word only."""
     part = changed(lambda run: run.isel(step=slice(3)).drop_vars("trial_step").assign_attrs(kind))
-    assert faults_of(part, whole=False) == []
+    assert faults_of(part, is_full_run=False) == []
     missing = ["variable 'trial_step' is missing"]
     rows = [
         f"variable 'event_row_{one}' names row {row} at event 0, and there are 3"

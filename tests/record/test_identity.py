@@ -309,7 +309,7 @@ def test_a_file_that_is_replaced_while_it_is_verified_is_whole(tmp_path: Path, m
     """Assert that bytes of one file are not held against those of another that took its name."""
     path, other = xd.save(swing(), tmp_path / "run.nc"), xd.save(swing(), tmp_path / "other.nc")
     (tmp_path / "run.nc").write_bytes(path.read_bytes()[:-100])  # damaged, until the other takes its place
-    told = reading.examined
+    told = reading.examine_sandboxed
 
     def slowly(path: Path, tail: Tail) -> Examination:
         found = told(path, tail)
@@ -317,7 +317,7 @@ def test_a_file_that_is_replaced_while_it_is_verified_is_whole(tmp_path: Path, m
             other.replace(path)
         return found
 
-    monkeypatch.setattr(reading, "examined", slowly)
+    monkeypatch.setattr(reading, "examine_sandboxed", slowly)
     assert verified(path) == xd.content_digest(swing())
 
 

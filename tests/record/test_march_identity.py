@@ -11,7 +11,7 @@ import xdynamics as xd
 from cases.problems import oscillator, particle
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
-from xdynamics.record import apart, identity, is_of, same_settings
+from xdynamics.record import identity, is_of, same_settings, word_differences
 
 CHOSEN = {"method": "dormand_prince", "rtol": 1e-6}
 
@@ -52,7 +52,7 @@ def test_a_long_word_is_its_beginning_and_its_digest(length: int) -> None:
     else:
         digest = "2e72cb43f466d585"
         assert words[0]["model.description"] == f"'{'x' * 19}… (61 characters, sha256 {digest})"
-    assert [one.split()[0] for one in apart(*words)] == ["model.description"]
+    assert [one.split()[0] for one in word_differences(*words)] == ["model.description"]
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_a_long_word_is_its_beginning_and_its_digest(length: int) -> None:
 )
 def test_what_differs_is_said(kept: dict[str, str], here: dict[str, str], said: list[str]) -> None:
     """Assert both values of each word that differs; the law's digest only where nothing else explains it."""
-    assert apart(kept, here) == said
+    assert word_differences(kept, here) == said
 
 
 def test_a_finished_record_is_of_its_march() -> None:

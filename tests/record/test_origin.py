@@ -12,7 +12,7 @@ import xarray as xr
 
 from xdynamics.archive import origin
 from xdynamics.archive.content import content_digest
-from xdynamics.archive.origin import Origin, OriginalVariable, digest_of, marched, read
+from xdynamics.archive.origin import Origin, OriginalVariable, marched, remember_archive, variable_digest
 
 
 def record() -> xr.Dataset:
@@ -38,9 +38,9 @@ def test_what_was_marched_is_remembered_as_it_is() -> None:
         (3,),
         {"units": "m"},
     )
-    assert kept.parts["x"].digest == digest_of("x", record().variables["x"])
+    assert kept.parts["x"].digest == variable_digest("x", record().variables["x"])
     assert (kept.content_digest, kept.attributes) == (digest, record().attrs)
-    whole = kept.whole()
+    whole = kept.original_record()
     assert whole is not None
     assert content_digest(whole.assign_attrs(record().attrs)) == digest
 
@@ -48,8 +48,8 @@ def test_what_was_marched_is_remembered_as_it_is() -> None:
 def test_parts_are_made_when_they_are_asked_for_and_once() -> None:
     """Assert that a run which nobody saves costs nothing."""
     made: list[str] = []
-    part = OriginalVariable("x", (), (), {}, known="1" * 64)
-    kept = Origin.of(lambda: made.append("made") or {"x": part}, {}, None)
+    part = OriginalVariable("x", (), (), {}, known_digest="1" * 64)
+    kept = Origin.from_parts(lambda: made.append("made") or {"x": part}, {}, None)
     assert made == []
     assert (kept.parts["x"], kept.parts["x"].digest, made) == (part, "1" * 64, ["made"])
 
@@ -58,7 +58,7 @@ def test_a_run_of_which_a_part_is_gone_is_none() -> None:
     """Assert that values are only at hand where all of them are."""
     kept: Origin = marched(record()).attrs["origin"]
     some = {"x": kept.parts["x"], "text": kept.parts["text"].sent}
-    assert Origin.of(lambda: some, {}, None).whole() is None
+    assert Origin.from_parts(lambda: some, {}, None).original_record() is None
 
 
 def test_a_copy_is_the_same_past_and_a_sent_one_its_digests() -> None:
@@ -71,9 +71,9 @@ def test_a_copy_is_the_same_past_and_a_sent_one_its_digests() -> None:
         name: OriginalVariable(name, part.dims, part.shape, part.attributes, None, part.digest)
         for name, part in kept.parts.items()
     }
-    assert (sent.source, sent.whole()) == (None, None)
-    elsewhere = Origin.of(lambda: kept.parts, {}, place)
-    assert pickle.loads(pickle.dumps(elsewhere)).whole() == "the run again"
+    assert (sent.source, sent.original_record()) == (None, None)
+    elsewhere = Origin.from_parts(lambda: kept.parts, {}, place)
+    assert pickle.loads(pickle.dumps(elsewhere)).original_record() == "the run again"
 
 
 def place() -> Any:
@@ -86,8 +86,8 @@ def test_what_was_read_is_known_by_the_digests_of_its_file(source: Any) -> None:
     """Assert that digests are taken off the variables, what is said of storage is no part, and values come from the file."""
     run = record()
     run["x"].attrs |= {"sha256": "1" * 64, "coordinates": "time"}
-    kept: Origin = read(run, source).attrs["origin"]
+    kept: Origin = remember_archive(run, source).attrs["origin"]
     assert "sha256" not in run.x.attrs
     assert kept.parts["x"] == OriginalVariable("x", ("step",), (3,), {"units": "m"}, None, "1" * 64)
-    assert kept.parts["text"].known == ""
-    assert kept.whole() == (source and "the run again")
+    assert kept.parts["text"].known_digest == ""
+    assert kept.original_record() == (source and "the run again")

@@ -15,8 +15,8 @@ from xdynamics.march.control import FIRST_STEP
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED
 from xdynamics.methods.radau import SHARE
-from xdynamics.record.arguments import asked_of, scales_of
-from xdynamics.record.circumstances import _machine, xdynamics_version
+from xdynamics.record.arguments import recorded_arguments, recorded_scales
+from xdynamics.record.circumstances import _versions_and_processor, xdynamics_version
 
 FIXED = {"rtol": None, "atol": None, "step": 0.1}
 SCALED = {"length": "3.0 m", "time": "0.5 s", "mass": "2.0 kg"}
@@ -42,7 +42,7 @@ GIVEN = {"step": 1e-3, "safety": 0.8, "min_step": 1e-9, "max_step": 0.5, "max_st
 )
 def test_a_record_tells_what_was_asked(asked: dict[str, Any], kept: dict[str, Any], lost: set[str]) -> None:
     """Assert that the arguments of a run can be read from its record, and nothing that was not asked for."""
-    found = asked_of(swing("m", until=3.03, **asked))
+    found = recorded_arguments(swing("m", until=3.03, **asked))
     assert found["until"] == 3.03
     for name, value in kept.items():
         same = np.asarray(found[name]).tolist() if name == "step" else found.get(name)
@@ -69,7 +69,7 @@ def test_what_chose_the_steps_is_told() -> None:
     settings = {"method": "dormand_prince", "rtol": 1e-6, "atol": 1e-6, "until": 3.0}
     run = xd.simulate(late, **settings)
     assert run.attrs["solver_max_step"] == 1.0
-    assert "max_step" not in asked_of(run)
+    assert "max_step" not in recorded_arguments(run)
 
 
 def test_version_01_did_not_say_who_chose_the_longest_step() -> None:
@@ -78,8 +78,8 @@ def test_version_01_did_not_say_who_chose_the_longest_step() -> None:
     for asked, found in ({}, None), ({"max_step": 0.5}, 0.5), ({"max_step": 1.0}, None):
         run = xd.simulate(late, method="dormand_prince", rtol=1e-6, until=3.0, **asked)
         del run.attrs["solver_max_step_choice"]
-        assert asked_of(run).get("max_step") == found
-    assert asked_of(run.drop_vars("time"))["max_step"] == 1.0
+        assert recorded_arguments(run).get("max_step") == found
+    assert recorded_arguments(run.drop_vars("time"))["max_step"] == 1.0
 
 
 def test_the_processor_is_told_by_sorted_features(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,7 +87,7 @@ def test_the_processor_is_told_by_sorted_features(monkeypatch: pytest.MonkeyPatc
     from llvmlite import binding
 
     monkeypatch.setattr(binding, "get_host_cpu_features", lambda: {"sse": True, "avx": True, "amx": False})
-    assert _machine.__wrapped__()["cpu_features"] == "avx sse"
+    assert _versions_and_processor.__wrapped__()["cpu_features"] == "avx sse"
 
 
 def test_the_version_is_that_of_the_record() -> None:
@@ -122,9 +122,9 @@ def test_a_run_that_ended_before_has_no_last_step() -> None:
 def test_scales_are_those_that_were_given() -> None:
     """Assert that scales come back from a record, and that one without them has none."""
     scaled, plain = swing("m", **FIXED, scales=SCALED), swing("m", **FIXED)
-    found = scales_of(scaled)
+    found = recorded_scales(scaled)
     assert (found.length, found.time, found.mass) == (3.0, 0.5, 2.0)
-    assert (scales_of(plain).length, scales_of(plain).time) == (1.0, 1.0)
+    assert (recorded_scales(plain).length, recorded_scales(plain).time) == (1.0, 1.0)
     assert "solver_length_scale" not in plain.attrs
 
 

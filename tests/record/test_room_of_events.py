@@ -68,9 +68,9 @@ def test_room_grows_by_a_quarter_and_zeros_of_events_have_none():
     none = GatheredColumn(None)
     for _ in range(3):
         none.add(np.broadcast_to(0.0, (5, 10)), is_lent=True)
-    assert none.taken == none.growth(1) == 0
-    assert none.whole().shape == (15, 10)
-    assert none.whole().flags.writeable
+    assert none.bytes_held == none.growth(1) == 0
+    assert none.joined_rows().shape == (15, 10)
+    assert none.joined_rows().flags.writeable
 
 
 def test_help_says_what_events_of_every_element_cost():

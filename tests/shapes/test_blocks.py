@@ -20,7 +20,7 @@ def test_blocks_stand_one_after_another() -> None:
     blocks = [Block(f"b{k}", "state", tuple("ij"[: len(shape)]), shape) for k, shape in enumerate(shapes)]
     joined = Blocks(blocks[:7]) + Blocks(blocks[7:])
     places = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
-    assert [joined.place(block.name) for block in joined.blocks] == places[:-1].tolist()
+    assert [joined.offset_of(block.name) for block in joined.blocks] == places[:-1].tolist()
     assert joined.size == len(joined) == places[-1]
 
 
@@ -29,9 +29,9 @@ def test_numbers_are_found_by_their_names() -> None:
     body, axis = Extent("body", 2, ("Sun", "Moon")), Extent("axis", 3)
     blocks = Blocks([Block("t", "time"), Block("r", "coordinate", ("body", "axis"), (2, 3), (body, axis))])
     assert tuple(blocks) == ("t", *(f"r·{label}·{k}" for label in ("Sun", "Moon") for k in range(3)))
-    assert [blocks.index(name) for name in blocks] == [*range(7)] == [blocks.find(blocks[k]) for k in range(7)]
+    assert [blocks.index(name) for name in blocks] == [*range(7)] == [blocks.find_offset(blocks[k]) for k in range(7)]
     assert blocks[-1] == "r·Moon·2"
-    assert blocks.renamed("velocity", "v_{}".format).place("v_r·Moon·0") == 4
+    assert blocks.renamed("velocity", "v_{}".format).offset_of("v_r·Moon·0") == 4
     for name in ("r", "r·Sun", "r·Sun·3", "r·Sun·03", "r·Sun·²", "r·Mars·0", "s·Sun·0", 0):
         assert name not in blocks
 
@@ -40,7 +40,7 @@ def test_copies_have_the_same_blocks() -> None:
     """Assert that blocks are the same after a trip to another process."""
     blocks = Blocks([Block("r", "coordinate", ("body",), (3,)), Block("s", "state")])
     copy = pickle.loads(pickle.dumps(blocks))
-    assert (copy, copy.blocks, copy.size, copy.place("s")) == (blocks, blocks.blocks, 4, 3)
+    assert (copy, copy.blocks, copy.size, copy.offset_of("s")) == (blocks, blocks.blocks, 4, 3)
 
 
 def test_a_state_has_its_variables_first() -> None:

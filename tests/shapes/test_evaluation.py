@@ -7,7 +7,7 @@ import pytest
 
 from xdynamics.expressions import parse
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.shapes import Extent, Relation, Shapes, at, dims_of, prepared
+from xdynamics.shapes import Extent, Relation, Shapes, at_element, dims_of, resolve_min_max
 from xdynamics.shapes.evaluation import evaluate_elements
 
 PAIR = Relation("pair", "body", "body", *np.triu_indices(5, 1))
@@ -60,10 +60,10 @@ def test_elements_have_the_bits_that_each_has_alone(text: str) -> None:
     alone = {"g": 1.7}
     for name, values in arrays.items():
         alone |= dict(zip(SHAPES.elements(name), values.ravel().tolist(), strict=True))
-    tree = prepared(parse(text), SHAPES)
+    tree = resolve_min_max(parse(text), SHAPES)
     own = dims_of(tree, SHAPES)
     for dims in (own, own[::-1]):
         values = evaluate_elements(tree, dims, arrays | {"g": 1.7}, SHAPES)
-        expected = [evaluate(at(tree, place, SHAPES), alone) for place in SHAPES.places(dims)]
+        expected = [evaluate(at_element(tree, place, SHAPES), alone) for place in SHAPES.index_combinations(dims)]
         assert values.shape == SHAPES.shape(dims)
         assert values.tobytes() == np.array(expected).tobytes()

@@ -11,10 +11,10 @@ from xdynamics.expressions.calculus import ONE, ZERO, derivative, negative
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, ModelError
 from xdynamics.model import Model
-from xdynamics.shapes import Extent, Relation, Shapes, at, dims_of, parted, prepared
+from xdynamics.shapes import Extent, Relation, Shapes, at_element, dims_of, resolve_min_max, split_element_name
 from xdynamics.shapes.gradient import derivative as rate_with_dimensions
 from xdynamics.shapes.gradient import gradient
-from xdynamics.shapes.trees import total
+from xdynamics.shapes.trees import sum_terms
 
 DIMS = {
     "a": (),
@@ -76,7 +76,7 @@ POTENTIALS = [
 
 def written_out(tree: Node) -> list[Node]:
     """Return what an expression is at every element."""
-    return [at(tree, place, SHAPES) for place in SHAPES.places(dims_of(tree, SHAPES))]
+    return [at_element(tree, place, SHAPES) for place in SHAPES.index_combinations(dims_of(tree, SHAPES))]
 
 
 TAKEN = (
@@ -95,57 +95,57 @@ def numbers(seed: int) -> dict[str, float]:
 @pytest.mark.parametrize("text", POTENTIALS)
 def test_gradient(text: str) -> None:
     """Assert that a gradient is that of the sum written out, and has no dimension that its quantity lacks."""
-    tree, values = prepared(parse(text), SHAPES), numbers(1)
+    tree, values = resolve_min_max(parse(text), SHAPES), numbers(1)
     found = gradient(tree, DIMS, SHAPES)
     elements = [name for quantity in DIMS for name in SHAPES.elements(quantity)]
-    expected = derivatives(total(written_out(tree)), {name: {name: ONE} for name in elements})
+    expected = derivatives(sum_terms(written_out(tree)), {name: {name: ONE} for name in elements})
     assert not {name.split("·")[0] for name in expected} - found.keys()
     for name, one in found.items():
         assert set(dims_of(one, SHAPES)) <= set(DIMS[name])
-        for place in SHAPES.places(DIMS[name]):
-            value = evaluate(expected.get(SHAPES.element(name, place), ZERO), values)
-            assert evaluate(at(one, place, SHAPES), values) == pytest.approx(value, rel=1e-13, abs=1e-13)
+        for place in SHAPES.index_combinations(DIMS[name]):
+            value = evaluate(expected.get(SHAPES.element_at(name, place), ZERO), values)
+            assert evaluate(at_element(one, place, SHAPES), values) == pytest.approx(value, rel=1e-13, abs=1e-13)
 
 
 @pytest.mark.parametrize("text", [*POTENTIALS, *TAKEN])
 def test_rate(text: str) -> None:
     """Assert that a rate is that of each element written out."""
-    tree, values = prepared(parse(text), SHAPES), numbers(2)
+    tree, values = resolve_min_max(parse(text), SHAPES), numbers(2)
     found = rate_with_dimensions(tree, {name: Name(f"v_{name}") for name in DIMS}, SHAPES)
     assert set(dims_of(found, SHAPES)) <= set(dims_of(tree, SHAPES))
     elements = [name for quantity in DIMS for name in SHAPES.elements(quantity)]
     rates = {name: Name(f"v_{name}") for name in elements}
-    for place in SHAPES.places(dims_of(tree, SHAPES)):
-        expected = evaluate(derivative(at(tree, place, SHAPES), rates), values)
-        assert evaluate(at(found, place, SHAPES), values) == pytest.approx(expected, rel=1e-12, abs=1e-13)
+    for place in SHAPES.index_combinations(dims_of(tree, SHAPES)):
+        expected = evaluate(derivative(at_element(tree, place, SHAPES), rates), values)
+        assert evaluate(at_element(found, place, SHAPES), values) == pytest.approx(expected, rel=1e-12, abs=1e-13)
 
 
 @pytest.mark.parametrize("text", [*POTENTIALS, *TAKEN])
 def test_rate_of_uniform_quantities(text: str) -> None:
     """Assert that rates may have fewer dimensions than what they are rates of."""
-    tree, values = prepared(parse(text), SHAPES), numbers(3)
+    tree, values = resolve_min_max(parse(text), SHAPES), numbers(3)
     found = rate_with_dimensions(tree, {name: parse("a**2") for name in ("u", "r", "m", "h")}, SHAPES)
     elements = [name for quantity in ("u", "r", "m", "h") for name in SHAPES.elements(quantity)]
-    for place in SHAPES.places(dims_of(tree, SHAPES)):
-        expected = evaluate(derivative(at(tree, place, SHAPES), dict.fromkeys(elements, parse("a**2"))), values)
-        assert evaluate(at(found, place, SHAPES), values) == pytest.approx(expected, rel=1e-12, abs=1e-13)
+    for place in SHAPES.index_combinations(dims_of(tree, SHAPES)):
+        expected = evaluate(derivative(at_element(tree, place, SHAPES), dict.fromkeys(elements, parse("a**2"))), values)
+        assert evaluate(at_element(found, place, SHAPES), values) == pytest.approx(expected, rel=1e-12, abs=1e-13)
 
 
 @pytest.mark.every(3)
 @pytest.mark.parametrize("text", POTENTIALS)
 def test_gradient_of_gradient(text: str) -> None:
     """Assert that what links give to their ends is differentiated as well."""
-    tree, values = prepared(parse(text), SHAPES), numbers(4)
+    tree, values = resolve_min_max(parse(text), SHAPES), numbers(4)
     first = gradient(tree, ("u", "r", "m"), SHAPES)
     for one in first.values():
         found = gradient(one, ("u", "r", "m", "a"), SHAPES)
         elements = [name for quantity in ("u", "r", "m", "a") for name in SHAPES.elements(quantity)]
-        expected = derivatives(total(written_out(one)), {name: {name: ONE} for name in elements})
+        expected = derivatives(sum_terms(written_out(one)), {name: {name: ONE} for name in elements})
         for name in elements:
-            quantity, _ = parted(name)
-            place = next(p for p in SHAPES.places(DIMS[quantity]) if SHAPES.element(quantity, p) == name)
+            quantity, _ = split_element_name(name)
+            place = next(p for p in SHAPES.index_combinations(DIMS[quantity]) if SHAPES.element_at(quantity, p) == name)
             value = evaluate(expected.get(name, ZERO), values)
-            own = evaluate(at(found.get(quantity, ZERO), place, SHAPES), values)
+            own = evaluate(at_element(found.get(quantity, ZERO), place, SHAPES), values)
             assert own == pytest.approx(value, rel=1e-11, abs=1e-11)
 
 
@@ -154,10 +154,10 @@ def test_rate_of_a_gradient() -> None:
     tree, values = parse("k*(second(u, bond) - first(u, bond))**3"), numbers(5)
     force = gradient(tree, {"u"}, SHAPES)["u"]
     rate = rate_with_dimensions(force, {"u": Name("v_u")}, SHAPES)
-    for place in SHAPES.places(("site",)):
+    for place in SHAPES.index_combinations(("site",)):
         rates = {name: Name(f"v_{name}") for name in SHAPES.elements("u")}
-        expected = evaluate(derivative(at(force, place, SHAPES), rates), values)
-        assert evaluate(at(rate, place, SHAPES), values) == pytest.approx(expected, rel=1e-13)
+        expected = evaluate(derivative(at_element(force, place, SHAPES), rates), values)
+        assert evaluate(at_element(rate, place, SHAPES), values) == pytest.approx(expected, rel=1e-13)
 
 
 def test_against_computer_algebra() -> None:
@@ -168,7 +168,7 @@ def test_against_computer_algebra() -> None:
     found, values = gradient(tree, {"u"}, SHAPES)["u"], numbers(6)
     given = {symbol: values[f"u·{i}"] for i, symbol in enumerate(u)}
     for i, symbol in enumerate(u):
-        own = evaluate(at(found, {"site": i}, SHAPES), values)
+        own = evaluate(at_element(found, {"site": i}, SHAPES), values)
         assert own == pytest.approx(float(potential.diff(symbol).subs(given)), rel=1e-13)
 
 
@@ -180,7 +180,7 @@ def test_links_give_once() -> None:
     assert (force.function, force.dims, dims_of(force, SHAPES)) == ("onto", ("pair",), ("body", "axis"))
     first, second = map(text_of, force.arguments)
     assert second == f"-({first})" or second == f"-{first}" or first == f"-{second}" or first == f"-({second})"
-    assert text_of(at(force, {"body": 3, "axis": 0}, SHAPES)).count("/") == 3
+    assert text_of(at_element(force, {"body": 3, "axis": 0}, SHAPES)).count("/") == 3
 
 
 def test_length_is_that_of_the_expression() -> None:
@@ -193,9 +193,9 @@ def test_length_is_that_of_the_expression() -> None:
 def test_choices_by_index_are_made() -> None:
     """Assert that what an expression is at an element has no choice left that its number decides."""
     tree = parse("where(index(site) < 2, where(index(axis) == 1, s, a), where(u > 0, u, w))")
-    assert text_of(at(tree, {"site": 1, "axis": 1}, SHAPES)) == "s·1·y"
-    assert text_of(at(tree, {"site": 1, "axis": 2}, SHAPES)) == "a"
-    assert text_of(at(tree, {"site": 2, "axis": 1}, SHAPES)) == "where(u·2 > 0, u·2, w·2)"
+    assert text_of(at_element(tree, {"site": 1, "axis": 1}, SHAPES)) == "s·1·y"
+    assert text_of(at_element(tree, {"site": 1, "axis": 2}, SHAPES)) == "a"
+    assert text_of(at_element(tree, {"site": 2, "axis": 1}, SHAPES)) == "where(u·2 > 0, u·2, w·2)"
 
 
 @pytest.mark.dear

@@ -8,7 +8,7 @@ import xdynamics as xd
 from xdynamics.expressions import parse, text_of
 from xdynamics.expressions.dimensions import dimension_of
 from xdynamics.faults import InputError
-from xdynamics.shapes import Extent, Shapes, at, dims_of
+from xdynamics.shapes import Extent, Shapes, at_element, dims_of
 from xdynamics.shapes.dependence import Dependence
 from xdynamics.shapes.evaluation import evaluate_elements
 from xdynamics.units import parse_unit
@@ -51,8 +51,8 @@ def test_what_cannot_be_taken(text: str, fault: str) -> None:
 
 def _taken(text: str) -> None:
     tree = parse(text)
-    for place in SHAPES.places(dims_of(tree, SHAPES)):
-        at(tree, place, SHAPES)
+    for place in SHAPES.index_combinations(dims_of(tree, SHAPES)):
+        at_element(tree, place, SHAPES)
 
 
 def test_arrays_are_refused_alike() -> None:

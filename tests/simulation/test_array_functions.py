@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import xdynamics as xd
 from cases import scipy_scripts as scripts
 from xdynamics.expressions import text_of
-from xdynamics.simulation.scipy_interface import model_of
+from xdynamics.simulation.scipy_interface import model_of_function
 
 
 def bump(n: int) -> Any:
@@ -130,7 +130,7 @@ def test_rows_have_scipys_numbers(name: str) -> None:
 @pytest.mark.parametrize("fun", [heat, advected, wave, chosen, chosen_of_plane])
 def test_a_model_is_as_long_for_any_number(fun: Any) -> None:
     """Assert that the expression of a thousand numbers is that of forty."""
-    models = [model_of(fun, (0, 1), bump(n), (), None, None, None) for n in (40, 1000)]
+    models = [model_of_function(fun, (0, 1), bump(n), (), None, None, None) for n in (40, 1000)]
     rates = [text_of(model.shaped.states["y"].rate) for model in models]
     assert len(rates[1]) < len(rates[0]) + 30
 
@@ -251,7 +251,7 @@ def test_methods_of_functions_spreads_and_lists_have_scipys_numbers(fun: Any, n:
 
 def test_spreads_of_a_row_are_short() -> None:
     """Assert that a spread is a sum of a sum, and not one written out for each element."""
-    text = model_of(_spreads, (0, 1), np.cos(np.arange(1000)), (), None, "u", None).to_toml()
+    text = model_of_function(_spreads, (0, 1), np.cos(np.arange(1000)), (), None, "u", None).to_toml()
     assert len(next(line for line in text.split("\n") if line.startswith("rate"))) < 400
 
 

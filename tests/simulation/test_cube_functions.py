@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import xdynamics as xd
 from xdynamics.expressions import text_of
 from xdynamics.model.switches import are_too_many, jumping_switches
-from xdynamics.simulation.scipy_interface import model_of
+from xdynamics.simulation.scipy_interface import model_of_function
 
 BODIES = 54  # 324 numbers, more than are written out one by one
 KNOWN = np.cos(np.arange(324.0).reshape(18, 18) ** 2)
@@ -94,7 +94,7 @@ CASES: dict[str, tuple[Any, Any, tuple[float, ...]]] = {
 def test_cubes_have_scipys_numbers(name: str) -> None:
     """Assert one variable along y_index, an expression whose length no number of elements is in, and scipy's state."""
     fun, y0, args = CASES[name]
-    model = model_of(fun, (0, 0.2), y0, args, None, None, None)
+    model = model_of_function(fun, (0, 0.2), y0, args, None, None, None)
     assert [*model.shaped.states] == ["y"]
     assert len(text_of(model.shaped.states["y"].rate)) < 3000
     how = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12, "args": args}
@@ -114,7 +114,7 @@ def test_the_largest_of_a_row_is_one_loop() -> None:
         return -y * y.max()
 
     y0 = 2.0 + waves(400)
-    model = model_of(decay, (0, 2), y0, (), None, None, None)
+    model = model_of_function(decay, (0, 2), y0, (), None, None, None)
     assert are_too_many(model)
     assert dict.__len__(model.statement.states) == 1
     assert jumping_switches(model) == ()
@@ -130,7 +130,7 @@ def test_elements_that_are_not_there_are_refused() -> None:
         return (y.reshape(18, 18)[:, [0, 3, 18]].sum() + y).ravel()
 
     with pytest.raises(xd.InputError, match="index 18 is out of bounds for axis 1 with size 18"):
-        model_of(wrong, (0, 1), waves(324), (), None, None, None)
+        model_of_function(wrong, (0, 1), waves(324), (), None, None, None)
 
 
 def test_pairs_are_as_long_for_any_number() -> None:
@@ -143,7 +143,7 @@ def test_pairs_are_as_long_for_any_number() -> None:
             apart = x[None] - x[:, None]
             return np.array([v, (apart / (1 + (apart**2).sum(-1, keepdims=True))).sum(1)]).ravel()
 
-        model = model_of(pairs, (0, 1), waves(6 * count), (), None, None, None)
+        model = model_of_function(pairs, (0, 1), waves(6 * count), (), None, None, None)
         texts.append(text_of(model.shaped.states["y"].rate))
     assert len(texts[1]) < len(texts[0]) + 30
     assert len(texts[0]) < 1500

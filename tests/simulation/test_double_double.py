@@ -18,7 +18,7 @@ from xdynamics.archive.signatures import new_key
 from xdynamics.elementary.piecewise import POLYNOMIALS
 from xdynamics.faults import InputError
 from xdynamics.kernels.double_double import PIECES
-from xdynamics.model.drives import coefficients
+from xdynamics.model.drives import piece_coefficients
 
 LONG = {"precision": "double_double"}
 SERIES: dict[str, Any] = {"method": "taylor", "order": 30, "step": "0.1 s"}
@@ -165,7 +165,7 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     asked: dict[str, Any] = {"method": "rk4", "step": "3 ms", "until": "1.7 s", "nodes": ["0.7 s"]} | LONG
     with pytest.raises(PowerCut):
         xd.simulate(swing(), **asked, path=tmp_path / "run.nc", progress=cut)
-    assert sorted(segments.folder_of(tmp_path / "run.nc").glob("*"))
+    assert sorted(segments.segments_folder(tmp_path / "run.nc").glob("*"))
     run = xd.simulate(swing(), **asked, path=tmp_path / "run.nc", resume=True)
     whole = xd.simulate(swing(), **asked)
     assert xd.content_digest(run) == xd.content_digest(whole)
@@ -282,7 +282,7 @@ def test_tables_are_read_with_all_digits() -> None:
         initial={"y": "0 m", "v_y": "1 m s-1"},
     )
     run = xd.simulate(model, method="rk4", step="0.5 s", until="2.9 s", **LONG)
-    origin, powers = coefficients(np.arange(4.0), np.array([2.0, 1.7, 2.3, 2.1]), "cubic", "error")
+    origin, powers = piece_coefficients(np.arange(4.0), np.array([2.0, 1.7, 2.3, 2.1]), "cubic", "error")
     time = float(run.event_time[0])
     piece = np.searchsorted(origin, time, "right") - 1
     cubic = [mpmath.mpf(float(row[piece])) for row in powers]

@@ -15,7 +15,7 @@ from cases.problems import MODELS, driven_decay, oscillator, particle
 from cases.verdicts import verified
 from xdynamics.archive import marched
 from xdynamics.cli import main
-from xdynamics.evidence.comparing.bits import bitwise
+from xdynamics.evidence.comparing.bits import compare_bits
 
 ROCKET = xd.Model.from_toml(MODELS / "rocket_c6.toml")
 PENDULUM = xd.Model.from_toml(MODELS / "pendulum.toml")
@@ -50,7 +50,7 @@ def test_extended_is_one_march(name: str) -> None:
     longer = xd.extend(xd.simulate(model, **asked, until=end), until=LATER.get(name, 2.2))
     located = longer.attrs.get("solver_time_tolerance")  # of a span below a second it is not that of a longer one
     whole = xd.simulate(model, **asked, until=float(longer.attrs["solver_until"]), nodes=[end], time_tolerance=located)
-    assert bitwise(longer, whole).attrs["first_difference"] == ""
+    assert compare_bits(longer, whole).attrs["first_difference"] == ""
     assert xd.content_digest(longer) == xd.content_digest(whole)
     assert float(longer.attrs["solver_nodes"][0]) == end
 

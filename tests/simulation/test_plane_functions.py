@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import xdynamics as xd
 from xdynamics.expressions import text_of
-from xdynamics.simulation.scipy_interface import model_of
+from xdynamics.simulation.scipy_interface import model_of_function
 
 
 def bump(n: int) -> Any:
@@ -135,7 +135,7 @@ def test_a_plate_is_as_long_for_any_number() -> None:
             d[3:9, 2:5] *= 2.0
             return d.ravel()
 
-        model = model_of(spread, (0, 1), bump(20 * rows), (), None, None, None)
+        model = model_of_function(spread, (0, 1), bump(20 * rows), (), None, None, None)
         texts.append(text_of(model.shaped.states["y"].rate))
     assert len(texts[1]) < len(texts[0]) + 30
     assert len(texts[0]) < 1000
@@ -149,5 +149,5 @@ def test_sums_of_windows() -> None:
         u = y.reshape(20, 16)
         return (0.1 * u[2:5, 1:4].sum() + np.mean(u) - u.max() + np.min(u[3:9, 2:]) - 0 * u).ravel()
 
-    model = model_of(summed, (0, 1), np.sin(np.arange(320.0)), (), None, None, None)
+    model = model_of_function(summed, (0, 1), np.sin(np.arange(320.0)), (), None, None, None)
     assert text_of(model.shaped.states["y"].rate).count("sum(") == 2

@@ -141,7 +141,7 @@ def test_an_addition_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytes
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(catalogue, "_joined", stopped)
+        patch.setattr(catalogue, "_join_blocks", stopped)
         with pytest.raises(KeyboardInterrupt):
             xd.sweep(BALL, axes, **asked)
     assert xd.open_sweep(folder).sizes["v_y"] == 1

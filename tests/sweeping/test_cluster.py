@@ -30,7 +30,7 @@ from cases.problems import MODELS
 from xdynamics.archive import origin
 from xdynamics.evidence import cluster
 from xdynamics.evidence.cluster import check_workers, cluster_of, connected
-from xdynamics.evidence.stages import STAGE, computed
+from xdynamics.evidence.stages import STAGE, compute_datasets
 
 AXES: dict[str, Any] = {"v_y": "10:30:40 m s-1", "vt": "20:60:5 m s-1", "method": ["heun", "dop853"]}
 ASKED: dict[str, Any] = {"keep": ["end", "event_time_ground", "y"], "times": [0.5, 1.0], "rtol": 1e-6, "until": "6 s"}
@@ -114,7 +114,7 @@ def test_a_client_that_is_closed_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     said = r"its client is closed; open another, distributed.Client\('tcp://…'\), or compute here"
     with dask.config.set(scheduler="dask.distributed"):
         with pytest.raises(xd.InputError, match=said):
-            computed(studied())
+            compute_datasets(studied())
         monkeypatch.setattr(distributed, "default_client", lambda: type("Client", (), {"status": "closed"}))
         with pytest.raises(xd.InputError, match=said):
             connected()
@@ -139,7 +139,7 @@ def lost(address: str, process: subprocess.Popen[str], when: str) -> None:
         killer.start()
         if when == "before":
             process.wait()
-        computed(studied(until=100_000.0))
+        compute_datasets(studied(until=100_000.0))
 
 
 @pytest.mark.parametrize("when", ["before", "in the middle"])
@@ -156,7 +156,7 @@ def test_a_cluster_that_is_gone_is_told(
         with pytest.raises(xd.InputError, match=f"the cluster at {address} is gone .*; start it again"):
             lost(address, process, when)
     assert capfd.readouterr().err == ""
-    assert computed(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
+    assert compute_datasets(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
 
 
 def test_two_clusters_of_this_machine_do_not_meet(client: Any) -> None:
@@ -199,7 +199,7 @@ def test_two_processes_give_the_same_bits(client: Any, here: xr.Dataset, tmp_pat
     assert connected() is client
     assert_same(xd.sweep(model, AXES, members_per_task=20, **ASKED).compute(), here)
     assert_same(xd.sweep(model, AXES, members_per_task=20, path=tmp_path / "s", **ASKED), here)
-    assert_same(computed(xd.sweep(model, AXES, **ASKED))[0], here)
+    assert_same(compute_datasets(xd.sweep(model, AXES, **ASKED))[0], here)
 
 
 @pytest.mark.dear
@@ -210,9 +210,9 @@ def test_what_came_back_from_a_cluster_is_saved_without_a_march(client: Any, mon
     ways: tuple[Callable[[], xr.Dataset], ...] = (
         lambda: client.compute(grid).result(),
         grid.compute,
-        lambda: computed(grid)[0],
+        lambda: compute_datasets(grid)[0],
     )
-    digest_of = origin.digest_of
+    digest_of = origin.variable_digest
 
     def unless_lazy(name: str, variable: xr.Variable) -> str:
         assert variable.chunks is None, f"{name} is marched again"
@@ -221,7 +221,7 @@ def test_what_came_back_from_a_cluster_is_saved_without_a_march(client: Any, mon
     for way in ways:
         found = way()
         with monkeypatch.context() as patch:
-            patch.setattr(origin, "digest_of", unless_lazy)
+            patch.setattr(origin, "variable_digest", unless_lazy)
             xd.archive.check_unchanged(found)
         with pytest.raises(xd.InputError, match="variable 'end_y'"):
             xd.archive.check_unchanged(found.assign(end_y=found.end_y.copy(data=found.end_y.values + 1e-9)))
@@ -251,11 +251,11 @@ def test_stages_on_a_cluster_have_the_bits_of_threads(client: Any, request: pyte
     told: list[float] = []
     for name in STAGES if request.config.getoption("--whole") else ["refinement"]:
         with dask.config.set(scheduler="threads"):
-            whole = computed(STAGES[name]())[0]
+            whole = compute_datasets(STAGES[name]())[0]
         victim = min(client.run(os.getpid).values())
         killer = threading.Timer(0.3, os.kill, (victim, signal.SIGKILL))
         killer.start()
-        found = computed(STAGES[name](), tell=lambda done, *_: told.append(done))[0]
+        found = compute_datasets(STAGES[name](), tell=lambda done, *_: told.append(done))[0]
         killer.join()
         assert_same(found, whole)
         assert len(pickle.dumps(found)) < 200_000
@@ -365,7 +365,7 @@ def test_control_c_in_a_terminal_ends_a_study_on_a_cluster(client: Any, request:
         time.sleep(0.1)
     else:
         pytest.fail("tasks are left on the cluster")
-    assert computed(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
+    assert compute_datasets(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
 
 
 @pytest.mark.dear

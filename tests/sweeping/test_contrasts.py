@@ -11,8 +11,8 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.record.flag_words import words_of
-from xdynamics.sweeping.ensemble_analysis import _on_front
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.sweeping.ensemble_analysis import _pareto_mask
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -30,7 +30,7 @@ def test_methods_that_converge_to_one_solution_do_not_differ(methods: xr.Dataset
     """Assert that all differences are within their uncertainty, which covers the true errors, from the levels themselves."""
     found = xd.contrast(methods, "method", reference="rk4")
     for name, exact in (("end_x", np.cos(4.0)), ("end_v_x", -2.0 * np.sin(4.0))):
-        assert {*words_of(found[f"verdict_{name}"])} == {"within"}
+        assert {*words_of_flag(found[f"verdict_{name}"])} == {"within"}
         errors = abs(methods[name] - exact)
         both = errors + errors.sel(solver_method="rk4")
         assert (both <= found[f"uncertainty_{name}"]).all()
@@ -41,7 +41,7 @@ def test_a_real_difference_is_told_from_numerical_error() -> None:
     """Assert that a spring stiffer by a hundredth differs at every step, and one stiffer by 1e-9 at none."""
     axes = {"k": [4.0, 4.0 + 4e-9, 4.04], "step": LEVELS}
     grid = xd.sweep(OSCILLATOR, axes, method="rk4", **ENDS)
-    verdicts = words_of(xd.contrast(grid, "k", reference="4 N m-1").compute().verdict_end_x)
+    verdicts = words_of_flag(xd.contrast(grid, "k", reference="4 N m-1").compute().verdict_end_x)
     assert verdicts == ["within"] * 6 + ["differs"] * 3
 
 
@@ -49,8 +49,8 @@ def test_without_levels_nothing_is_claimed() -> None:
     """Assert `unknown` where no axis tells an uncertainty, and what was kept where something was."""
     grid = xd.sweep(BALL, {"vt": [20.0, 40.0]}, keep=["end_v_y", "maximum_y"], rtol=1e-6, until="3 s").compute()
     found = xd.contrast(grid, "vt")
-    assert words_of(found.verdict_end_v_y) == ["unknown", "within"]
-    assert words_of(found.verdict_maximum_y)[0] == "differs"
+    assert words_of_flag(found.verdict_end_v_y) == ["unknown", "within"]
+    assert words_of_flag(found.verdict_maximum_y)[0] == "differs"
     assert found.difference_maximum_y.attrs["long_name"] == "largest y of the run, minus that of vt = 40.0 m s-1"
     kept = grid.maximum_y_uncertainty
     assert found.uncertainty_maximum_y.values.tolist() == (kept + kept[1]).values.tolist()
@@ -63,7 +63,7 @@ def test_what_convergence_found_is_contrasted(methods: xr.Dataset) -> None:
     found = xd.contrast(judged, "method", reference="rk4")
     np.testing.assert_array_equal(found.difference_end_x, judged.end_x - judged.end_x[2])
     np.testing.assert_array_equal(found.uncertainty_end_x, judged.uncertainty_end_x + judged.uncertainty_end_x[2])
-    assert {*words_of(found.verdict_end_x)} == {"within"}
+    assert {*words_of_flag(found.verdict_end_x)} == {"within"}
     lazy = xd.contrast(xd.convergence(methods.chunk(), "step"), "method", reference="rk4")
     assert lazy.difference_end_x.chunks is not None
     assert lazy.difference_end_x.values.tolist() == found.difference_end_x.values.tolist()
@@ -83,7 +83,7 @@ def test_sweeps_put_together_are_a_sweep(name: str) -> None:
         for key in ("end_y", "uncertainty_end_y", "verdict_end_y", "order_end_y"):
             np.testing.assert_array_equal(judged[key], expected[key])
         assert xd.compare(put, whole).attrs["cause"] == ""
-        assert {*words_of(xd.contrast(put, "rtol").verdict_end_y)} <= {"within", "differs"}
+        assert {*words_of_flag(xd.contrast(put, "rtol").verdict_end_y)} <= {"within", "differs"}
     xd.member(put.isel(v_y=1), **{name: 1e-6 if name == "solver_rtol" else 1})
     again = xd.sweep(put, keep=["y"], times=[0.5])
     assert again.y.shape == (3, 2, 1)
@@ -133,10 +133,10 @@ def test_a_run_that_costs_more_and_is_no_nearer_is_on_no_front() -> None:
     """Assert rows by hand: a little worse, as good for more work, as cheap and worse, not finite."""
     errors = np.array([[1.0, 0.5, 0.7, 0.1, 0.1, 2.0, np.nan], [4.0, 3.0, 2.0, 1.0, 0.0, 5.0, 6.0]])
     works = np.array([[1, 2, 3, 4, 5, 1, 0], [1, 2, 3, 4, 5, 6, 0]])
-    front = _on_front(errors, works, is_exact=False, along=1)
+    front = _pareto_mask(errors, works, is_exact=False, along=1)
     assert front[0].tolist() == [1, 1, 0, 1, 0, 0, 0]
     assert front[1].tolist() == [1, 1, 1, 1, 0, 0, 1]
-    assert _on_front(errors, works, is_exact=True, along=1)[1].tolist() == [1, 1, 1, 1, 1, 0, 1]
+    assert _pareto_mask(errors, works, is_exact=True, along=1)[1].tolist() == [1, 1, 1, 1, 1, 0, 1]
 
 
 def test_what_is_taken_for_exact_betters_none(methods: xr.Dataset) -> None:

@@ -11,7 +11,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 
 AXES = {"v_y": "10:20:2 m s-1", "method": ["heun", "dop853"]}
 
@@ -36,7 +36,7 @@ def test_a_number_of_a_diagnosis_is_that_of_the_member_alone() -> None:
             assert mine[name].attrs["units"] == diagnosis[name].attrs["units"]
         assert float(mine.turning_time) == float(diagnosis.turning_time[0])
         assert float(mine.run_fastest_rate) == run.attrs["run_fastest_rate"]
-        assert words_of(mine.continuity_verdict.expand_dims("one")) == ["passed"]
+        assert words_of_flag(mine.continuity_verdict.expand_dims("one")) == ["passed"]
 
 
 def test_cycles_are_occurrences() -> None:
@@ -57,7 +57,7 @@ def test_what_a_record_has_of_an_event_is_kept() -> None:
     model = xd.Model.from_toml(MODELS / "ball_drag.toml")
     found = xd.sweep(model, AXES, keep=names, rtol=1e-6, until="4 s").compute()
     run = alone(found, {"v_y": 1, "solver_method": 0})
-    ground = words_of(run.event_detector).index("ground")
+    ground = words_of_flag(run.event_detector).index("ground")
     for name in names:
         recorded = run[name.removesuffix("_ground")][ground]
         assert float(found[name][1, 0]) == float(recorded)
@@ -81,7 +81,7 @@ def test_a_catalogue_keeps_them_and_marches_no_member_twice(tmp_path: Path, monk
     here = xd.sweep(model, AXES, **asked).compute()
     there = xd.sweep(model, AXES, path=tmp_path / "s", **asked)
     assert there.energy_drift.values.tolist() == here.energy_drift.values.tolist()
-    monkeypatch.setattr("xdynamics.sweeping.members.values_of", None)
+    monkeypatch.setattr("xdynamics.sweeping.members.run_values", None)
     again = xd.sweep(model, AXES, path=tmp_path / "s", **asked)
     assert again.energy_drift.values.tolist() == here.energy_drift.values.tolist()
 

@@ -14,7 +14,7 @@ import xdynamics as xd
 from cases.problems import oscillator
 from cases.verdicts import verified
 from xdynamics.archive import sandboxed_reading
-from xdynamics.evidence.stages import computed
+from xdynamics.evidence.stages import compute_datasets
 from xdynamics.sweeping import logs
 
 MODEL = oscillator().model
@@ -50,8 +50,8 @@ def test_files_are_read_when_they_are_used(grid: xr.Dataset, monkeypatch: pytest
 def counted(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Note the files that logs are read from."""
     read: list[Any] = []
-    columns_of = logs.columns_of
-    monkeypatch.setattr(logs, "columns_of", lambda *given: read.append(given[0]) or columns_of(*given))
+    columns_of = logs.read_columns
+    monkeypatch.setattr(logs, "read_columns", lambda *given: read.append(given[0]) or columns_of(*given))
     return read
 
 
@@ -62,7 +62,7 @@ def test_saving_logs_reads_each_file_once(grid: xr.Dataset, tmp_path: Path, monk
     page = xd.report(tmp_path, logs=xd.open_logs(grid, [0.5, 1.0]))
     assert len(read) == len({*read}) == 4
     assert f"logs.nc, {verified(tmp_path / 'logs.nc')}" in page
-    (held,) = computed(xd.open_logs(grid, [0.5]))
+    (held,) = compute_datasets(xd.open_logs(grid, [0.5]))
     held["x"] = held.x + 1.0
     with pytest.raises(xd.InputError, match="variable 'x' is .* in row 0, .*in the run"):
         xd.save(held, tmp_path / "edited.nc")
@@ -72,7 +72,7 @@ def test_saving_logs_reads_each_file_once(grid: xr.Dataset, tmp_path: Path, monk
 def test_logs_of_files_of_others_are_those_of_own(grid: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the same bits where the files' bytes are not known to the process, and that all of them are examined then."""
     own = xd.open_logs(grid, "0:2:5 s").compute()
-    monkeypatch.setattr(sandboxed_reading, "_known", OrderedDict())
+    monkeypatch.setattr(sandboxed_reading, "_known_seals", OrderedDict())
     asked: list[Path] = []
     examine = sandboxed_reading._EXAMINER.examine
     monkeypatch.setattr(
@@ -85,7 +85,7 @@ def test_logs_of_files_of_others_are_those_of_own(grid: xr.Dataset, monkeypatch:
 def test_who_reads_for_another_need_not_examine_again(grid: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that tasks carry what is known of the files where they are described, for workers that know nothing."""
     lazy = xd.open_logs(grid, [0.5])
-    monkeypatch.setattr(sandboxed_reading, "_known", OrderedDict())
+    monkeypatch.setattr(sandboxed_reading, "_known_seals", OrderedDict())
     monkeypatch.setattr(sandboxed_reading._EXAMINER, "examine", lambda *_: pytest.fail("examined"))
     assert np.isfinite(lazy.compute().x.values).all()
 

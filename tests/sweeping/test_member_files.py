@@ -21,8 +21,10 @@ ASKED: dict[str, Any] = {"keep": ["log"], "method": "rk4", "step": 0.1, "until":
 def test_one_file_of_a_block_is_read_again_in_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert one full reading a block, and that all members are files that verify."""
     compared: list[str] = []
-    compare = writing.compare
-    monkeypatch.setattr(writing, "compare", lambda *given: compared.append(given[0].parent.name) or compare(*given))
+    compare = writing.compare_file
+    monkeypatch.setattr(
+        writing, "compare_file", lambda *given: compared.append(given[0].parent.name) or compare(*given)
+    )
     grid = xd.sweep(MODEL, {"k": "1:2:10 N m-1"}, path=tmp_path / "grid", members_per_task=5, **ASKED)
     assert compared.count("runs") == 2
     assert len({verified(tmp_path / "grid" / str(name)) for name in grid.run_file.values}) == 10

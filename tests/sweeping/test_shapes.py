@@ -256,5 +256,5 @@ def test_marches_read_one_name_of_each_element() -> None:
         model, unthinned_settings_for(model, method="rk4", step="10 ms", until="1 s")
     )
     for variable in kept:
-        assert variable.reads == tuple(f"u{DOT}{i}" for i in range(40))
+        assert variable.log_columns == tuple(f"u{DOT}{i}" for i in range(40))
     assert len({id(variable.motion) for variable in kept}) == 1

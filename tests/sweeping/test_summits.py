@@ -78,8 +78,8 @@ def test_random_sweeps_are_single_runs(case: int) -> None:
     alone, abreast = (march_many(model, settings, lanes=lanes, logs=True, **given) for lanes in (1, 4))
     for name in ("ends", "first_row", "largest", "events"):
         assert getattr(alone, name).tobytes() == getattr(abreast, name).tobytes(), name
-    assert alone.kept.log.rows.tobytes() == abreast.kept.log.rows.tobytes()
-    assert alone.kept.log.flags.tobytes() == abreast.kept.log.flags.tobytes()
+    assert alone.log_block.log.rows.tobytes() == abreast.log_block.log.rows.tobytes()
+    assert alone.log_block.log.flags.tobytes() == abreast.log_block.log.flags.tobytes()
     words = [
         f"{word}_{name}" for word in ("maximum", "minimum") for name in ("x", "v_x", "power", "depth", "total_energy")
     ]

@@ -14,7 +14,7 @@ import xdynamics as xd
 from cases.problems import MODELS, ROOT
 from cases.stages import assert_described, assert_same_bits, no_march, without_dates
 from xdynamics.evidence.stages import is_lazy
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 
 END = 2.0  # s
 
@@ -131,7 +131,7 @@ def test_members_are_refined_as_alone() -> None:
     )
     mine = found.sel(v_y=10.0).compute()
     assert float(mine.order_y[0]) == pytest.approx(float(alone.order_y[-2, 0]), rel=1e-12)
-    assert words_of(mine.verdict_y) == words_of(alone.verdict_y) == ["asymptotic"]
+    assert words_of_flag(mine.verdict_y) == words_of_flag(alone.verdict_y) == ["asymptotic"]
     assert float(mine.limit_y[0]) == pytest.approx(float(alone.limit_y[0]), rel=1e-12)
     assert float(mine.uncertainty_y[0]) == pytest.approx(float(alone.uncertainty_y[0]), rel=1e-2)
 

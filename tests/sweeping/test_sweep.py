@@ -13,8 +13,8 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS, particle
 from xdynamics.record import unfold
-from xdynamics.record.flag_words import words_of
-from xdynamics.sweeping.sweep_summary import lines_of
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.sweeping.sweep_summary import sweep_lines
 
 BALL = MODELS / "ball_drag.toml"
 KEEP = [
@@ -56,7 +56,7 @@ def test_a_member_is_its_run_alone(swept: xr.Dataset, at: tuple[int, int, int]) 
     for name in ("y", "v_y", "total_energy"):
         assert float(mine[f"end_{name}"]) == float(run[name][-1])
     assert float(mine["end_time"]) == float(run.time[-1])
-    names = np.array(words_of(run.event_detector))
+    names = np.array(words_of_flag(run.event_detector))
     assert float(mine["event_time_ground"]) == float(run.event_time[names == "ground"][0])
     assert int(mine["event_count_ground"]) == int((names == "ground").sum())
     found = xd.diagnose(run)
@@ -108,7 +108,7 @@ def test_a_computed_sweep_is_saved_without_a_second_march(tmp_path: Path, monkey
     from xdynamics.sweeping import tasks
 
     found = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, rtol=1e-6, method="heun", members_per_task=4).compute()
-    monkeypatch.setattr(tasks, "marched", lambda *_: pytest.fail("marched"))
+    monkeypatch.setattr(tasks, "march_block", lambda *_: pytest.fail("marched"))
     xd.save(found, tmp_path / "s.nc")
     with xd.open_run(tmp_path / "s.nc") as kept:
         assert kept.end_y.values.tolist() == found.end_y.values.tolist()
@@ -124,7 +124,7 @@ def test_nothing_is_marched_before_it_is_asked_for(monkeypatch: pytest.MonkeyPat
     """Assert that with a given number of members a task nothing is computed when a sweep is set up."""
     from xdynamics.sweeping import tasks
 
-    monkeypatch.setattr(tasks, "marched", lambda *_: pytest.fail("marched"))
+    monkeypatch.setattr(tasks, "march_block", lambda *_: pytest.fail("marched"))
     found = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, rtol=1e-6, method="heun", members_per_task=2)
     assert found.end_y.chunks == ((2, 2, 2, 2, 1),)
 
@@ -276,7 +276,7 @@ def test_a_folder_goes_on_where_it_was_stopped(
     """Assert that a sweep goes on with what is not there, in whatever tasks it would be cut now; nothing twice."""
     from xdynamics.sweeping import catalogue
 
-    marched, made = catalogue.marched, []
+    marched, made = catalogue.march_block, []
 
     def breaking(plan: Any, block: Any) -> Any:
         if len(made) == 3:
@@ -288,12 +288,12 @@ def test_a_folder_goes_on_where_it_was_stopped(
 
     asked: dict[str, Any] = {"method": "heun", "rtol": 1e-6, "members_per_task": 2, "path": tmp_path / "s"}
     with dask.config.set(scheduler="synchronous"):
-        monkeypatch.setattr(catalogue, "marched", breaking)
+        monkeypatch.setattr(catalogue, "march_block", breaking)
         with pytest.raises(KeyboardInterrupt):
             xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, **asked)
         with pytest.raises(xd.InputError, match="is not finished; call the same sweep again"):
             xd.open_sweep(tmp_path / "s")
-        monkeypatch.setattr(catalogue, "marched", lambda plan, block: made.append(block) or marched(plan, block))
+        monkeypatch.setattr(catalogue, "march_block", lambda plan, block: made.append(block) or marched(plan, block))
         found = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, **asked | {"members_per_task": members})
         assert len(made) == 5
         again = xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, **asked)
@@ -312,7 +312,7 @@ def test_a_damaged_cut_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyP
     from xdynamics.sweeping import catalogue
 
     asked: dict[str, Any] = {"method": "heun", "rtol": 1e-6, "path": tmp_path / "s"}
-    monkeypatch.setattr(catalogue, "_joined", lambda *_: 1 / 0)
+    monkeypatch.setattr(catalogue, "_join_blocks", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         xd.sweep(ball(), {"vt": "20:40:9 m s-1"}, **asked, members_per_task=4)
     monkeypatch.undo()
@@ -609,5 +609,5 @@ def test_what_is_told_of_failed_members_is_nan() -> None:
         assert np.isnan(found[name].values).tolist() == [False, True], name
     assert float(found.end_x.mean()) == pytest.approx(1 / 0.9, rel=1e-6)
     assert float(found.end_time[1]) == pytest.approx(0.1, rel=1e-3)
-    assert "nan of 1 members" in "\n".join(lines_of(found))
+    assert "nan of 1 members" in "\n".join(sweep_lines(found))
     assert xd.member(found, k=10.0).attrs["run_outcome"] == str(found.run_outcome.values[1])

@@ -15,7 +15,7 @@ from cases.problems import MODELS
 from cases.verdicts import verified
 from xdynamics.sweeping import catalogue
 from xdynamics.sweeping.catalogue import verify_sweep
-from xdynamics.sweeping.members import marched
+from xdynamics.sweeping.members import march_block
 
 AXES = {"vt": "20:40:4 m s-1"}
 ASKED: dict[str, Any] = {"keep": ["end", "log"], "method": "heun", "rtol": 1e-6, "members_per_task": 1}
@@ -58,9 +58,9 @@ def test_a_resumed_sweep_has_the_digest_of_the_whole(
         left[0] -= 1
         if left[0] < 0:
             raise KeyboardInterrupt
-        return marched(plan, block)
+        return march_block(plan, block)
 
-    monkeypatch.setattr(catalogue, "marched", breaking)
+    monkeypatch.setattr(catalogue, "march_block", breaking)
     with pytest.raises(KeyboardInterrupt):
         swept(tmp_path / "s")
     monkeypatch.undo()

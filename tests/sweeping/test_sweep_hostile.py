@@ -16,7 +16,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.verdicts import verified
 from xdynamics.sweeping.catalogue import UNFINISHED
-from xdynamics.sweeping.indices import _shares
+from xdynamics.sweeping.indices import _variance_shares
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 BOUNCING = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
@@ -170,7 +170,7 @@ def begun(folder: Path, **settings: Any) -> Path:
     from unittest import mock
 
     with (
-        mock.patch("xdynamics.sweeping.catalogue._joined", side_effect=KeyboardInterrupt),
+        mock.patch("xdynamics.sweeping.catalogue._join_blocks", side_effect=KeyboardInterrupt),
         pytest.raises(KeyboardInterrupt),
     ):
         xd.sweep(BALL, {"v_y": np.linspace(10.0, 20.0, 6)}, path=folder, **LONG, **settings)
@@ -336,7 +336,7 @@ def test_slopes_are_of_second_order_at_the_ends() -> None:
 def test_indices_are_those_of_scipy() -> None:
     """Assert Saltelli's estimators against another implementation, and that there may be one parameter."""
     f = np.random.default_rng(5).normal(size=(2, 5, 256))  # of two elements
-    for shares, own in zip(np.moveaxis(_shares(f), 1, 0), f, strict=True):
+    for shares, own in zip(np.moveaxis(_variance_shares(f), 1, 0), f, strict=True):
         right = sobol_indices(func={"f_A": own[:1], "f_B": own[1:2], "f_AB": own[2:, None]}, n=256)
         assert shares == pytest.approx(np.stack([right.first_order, right.total_order]), rel=1e-12)
     one = xd.sobol_indices(BALL, {"g": (9.0, 10.0)}, "end_y", draws=64, until="1 s", method="heun", step=0.1)

@@ -71,7 +71,7 @@ def test_plain_xarray_opens_it(stored: Path, whole: xr.Dataset) -> None:
 
 def test_what_was_begun_goes_on(tmp_path: Path, whole: xr.Dataset) -> None:
     """Assert that a sweep which broke off is told, goes on with the blocks that are missing or hurt, and is whole then."""
-    folder, keep, kept = tmp_path / "grid.zarr", zarr_blocks._keep, []
+    folder, keep, kept = tmp_path / "grid.zarr", zarr_blocks._march_block_into_chunks, []
 
     def broken(plan: Any, block: Any, where: Any) -> None:
         if len(kept) == 4:
@@ -80,7 +80,11 @@ def test_what_was_begun_goes_on(tmp_path: Path, whole: xr.Dataset) -> None:
         keep(plan, block, where)
 
     one_by_one = dask.config.set(scheduler="synchronous")
-    with mock.patch.object(zarr_blocks, "_keep", broken), one_by_one, pytest.raises(KeyboardInterrupt):
+    with (
+        mock.patch.object(zarr_blocks, "_march_block_into_chunks", broken),
+        one_by_one,
+        pytest.raises(KeyboardInterrupt),
+    ):
         xd.sweep(MODEL, **ASKED, path=folder, members_per_task=2)
     with pytest.raises(xd.InputError, match="grid.zarr' is not finished; call the same sweep again, and it goes on"):
         xd.open_sweep(folder)
@@ -88,7 +92,9 @@ def test_what_was_begun_goes_on(tmp_path: Path, whole: xr.Dataset) -> None:
     note = folder / ".xdynamics" / f"{first}.json"
     note.write_text(note.read_text().replace('"end_x": "', '"end_x": "0'))
     again = []
-    with mock.patch.object(zarr_blocks, "_keep", lambda *given: again.append(given[1]) or keep(*given)):
+    with mock.patch.object(
+        zarr_blocks, "_march_block_into_chunks", lambda *given: again.append(given[1]) or keep(*given)
+    ):
         sweep = xd.sweep(MODEL, **ASKED, path=folder, members_per_task=2)
     assert len(again) == 3
     assert sweep.end_x.values.tolist() == whole.end_x.values.tolist()
@@ -129,7 +135,7 @@ LOGGED: dict[str, Any] = ASKED | {"axes": {"k": "1:2:3 N m-1"}, "keep": ["log", 
 
 def killed_in_a_run(folder: Path) -> None:
     """March the sweep in a copy of this process, which is killed when the third run has been archived."""
-    streamed, files = member_files._streamed, list[Path]()
+    streamed, files = member_files._stream_member, list[Path]()
 
     def broken_off(march: Any, file: Path, **asked: Any) -> tuple[str, str]:
         files.append(file)
@@ -140,7 +146,10 @@ def killed_in_a_run(folder: Path) -> None:
 
     if not (child := os.fork()):
         try:
-            with mock.patch.object(member_files, "_streamed", broken_off), dask.config.set(scheduler="synchronous"):
+            with (
+                mock.patch.object(member_files, "_stream_member", broken_off),
+                dask.config.set(scheduler="synchronous"),
+            ):
                 xd.sweep(MODEL, **LOGGED, path=folder, members_per_task=2)
         finally:
             os._exit(0)
@@ -178,10 +187,10 @@ def test_whole_runs_stand_beside_the_arrays(tmp_path: Path) -> None:
 def test_a_digest_says_nothing_of_the_machine() -> None:
     """Assert that metadata, in which processor and versions are, change no digest, and that values do."""
     facts = {"sweep": "a", "axes": {"k": "b"}, "arrays": {"x": "c"}, "metadata": "d", "blocks": {}}
-    digest = zarr_digests.content_digest(facts)
-    assert zarr_digests.content_digest(facts | {"metadata": "e"}) == digest
+    digest = zarr_digests.sweep_content_digest(facts)
+    assert zarr_digests.sweep_content_digest(facts | {"metadata": "e"}) == digest
     for name, other in (("sweep", "b"), ("axes", {"k": "c"}), ("arrays", {"x": "d"})):
-        assert zarr_digests.content_digest(facts | {name: other}) != digest
+        assert zarr_digests.sweep_content_digest(facts | {name: other}) != digest
 
 
 @pytest.mark.dear
@@ -207,8 +216,8 @@ def test_stretches_follow_each_other_as_members_do(
     """Assert that parts, put one behind the other, are the array, and that no chunk is in two of them, also of few members."""
     numbers = np.arange(np.prod(shape)).reshape(shape)
     for stretch in (1, 4, 1 << 16):
-        monkeypatch.setattr(zarr_digests, "STRETCH", stretch)
-        parts = [*zarr_digests.stretches(shape, widths)]
+        monkeypatch.setattr(zarr_digests, "MEMBERS_PER_READ", stretch)
+        parts = [*zarr_digests.chunk_blocks(shape, widths)]
         assert np.concatenate([numbers[part].ravel() for part in parts]).tolist() == numbers.ravel().tolist()
         assert len(parts) == 1 or stretch < 1 << 16
         assert all(s.start % w == 0 for part in parts for s, w in zip(part, widths, strict=True))

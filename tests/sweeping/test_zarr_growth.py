@@ -22,7 +22,7 @@ import xdynamics as xd
 from cases.object_server import bucket
 from cases.problems import oscillator
 from cases.verdicts import verified
-from xdynamics.archive.place import placed
+from xdynamics.archive.place import location_of
 from xdynamics.cli import main
 from xdynamics.sweeping import grid, zarr_blocks, zarr_growth
 
@@ -128,7 +128,9 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
     marched.clear()
     old = xr.open_zarr(stored).load()
     with (
-        mock.patch.object(zarr_blocks, "_keep", broken(blocks, zarr_blocks._keep)),
+        mock.patch.object(
+            zarr_blocks, "_march_block_into_chunks", broken(blocks, zarr_blocks._march_block_into_chunks)
+        ),
         dask.config.set(scheduler="synchronous"),
         pytest.raises(KeyboardInterrupt),
     ):
@@ -153,26 +155,26 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
 @pytest.mark.dear
 def test_at_every_moment_of_the_exchange_there_is_one_sweep_or_the_other(stored: Path, tmp_path: Path) -> None:
     """Assert a sweep that is verified, whichever file was to be replaced when it was stopped, and that the call goes on."""
-    after, exchange, replace, given = BEFORE | STIFFER, zarr_growth._exchange, zarr_growth._replace, []
-    with mock.patch.object(zarr_growth, "_exchange", lambda *about: given.extend(about)):
+    after, exchange, replace, given = BEFORE | STIFFER, zarr_growth._exchange_metadata, zarr_growth._replace_file, []
+    with mock.patch.object(zarr_growth, "_exchange_metadata", lambda *about: given.extend(about)):
         xd.sweep(MODEL, after, path=stored, **ASKED)
     plan, _, work = given
     most = len(zarr_growth.arrays_in(stored, metadata=work / "zarr.json").attrs["sweep_variables"]) + 4
     digests = {}
     for moment in (0, 1, most - 2, most - 1, most):
         folder = Path(shutil.copytree(stored, tmp_path / f"{moment}.zarr"))
-        with mock.patch.object(zarr_growth, "_replace", broken(moment, replace)):
+        with mock.patch.object(zarr_growth, "_replace_file", broken(moment, replace)):
             stopped = stops(exchange, plan, folder, folder / ".xdynamics" / work.name)
         assert stopped == (moment < most)  # the metadata of every array and of one axis, the blocks, metadata, digests
         digests[moment] = verified(folder)
         assert xd.open_sweep(folder).sizes["k"] == xr.open_zarr(folder).sizes["k"] == (3, 5)[moment > most - 2]
-        assert bool(zarr_growth.growths(folder)) == stopped
+        assert bool(zarr_growth.growth_folders(folder)) == stopped
     assert digests[0] == digests[1] == digests[most - 2] != digests[most - 1] == digests[most]
     for moment in (1, most - 1):
         folder = tmp_path / f"{moment}.zarr"
         assert xd.sweep(MODEL, after, path=folder, **ASKED).attrs["content_digest"] == digests[most]
         assert verified(folder) == digests[most]
-        assert zarr_growth.growths(folder) == []
+        assert zarr_growth.growth_folders(folder) == []
 
 
 def stops(function: Any, *given: Any) -> bool:
@@ -210,7 +212,7 @@ def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, whole
     assert faults[0].startswith("  1. ")
     assert remedy.startswith(("name another folder", "give first what it has"))
     assert xd.open_sweep(whole).attrs["content_digest"] == before
-    assert not zarr_growth.growths(whole)
+    assert not zarr_growth.growth_folders(whole)
 
 
 def test_damage_is_found_before_members_are_added(stored: Path) -> None:
@@ -224,7 +226,7 @@ def test_damage_is_found_before_members_are_added(stored: Path) -> None:
 PROGRAM = """
 import os, signal, sys, dask, xdynamics as xd
 from xdynamics.sweeping import zarr_blocks
-keep, left = zarr_blocks._keep, [{left}]
+keep, left = zarr_blocks._march_block_into_chunks, [{left}]
 
 def killed(*given):
     kept = keep(*given)
@@ -233,7 +235,7 @@ def killed(*given):
         os.kill(os.getpid(), signal.SIGKILL)
     return kept
 
-zarr_blocks._keep = killed
+zarr_blocks._march_block_into_chunks = killed
 dask.config.set(scheduler="synchronous")
 xd.sweep(xd.Model.from_toml(sys.argv[1]), {axes!r}, path=sys.argv[2], **{asked!r})
 """
@@ -251,14 +253,17 @@ def test_an_addition_that_was_killed_goes_on(whole: Path, stored: Path, tmp_path
     """Assert the old sweep after kill -9 behind the third of six blocks, and that the same call marches what is missing."""
     old, after = verified(stored), BEFORE | {"k": [*BEFORE["k"], 1.75, 2.0, 3.0, 4.0]}
     if not (child := os.fork()):
-        keep, left = zarr_blocks._keep, iter(range(3))
+        keep, left = zarr_blocks._march_block_into_chunks, iter(range(3))
 
         def killed(*given: Any) -> Any:
             kept = keep(*given)
             return kept if next(left) < 2 else os.kill(os.getpid(), signal.SIGKILL)
 
         try:
-            with mock.patch.object(zarr_blocks, "_keep", killed), dask.config.set(scheduler="synchronous"):
+            with (
+                mock.patch.object(zarr_blocks, "_march_block_into_chunks", killed),
+                dask.config.set(scheduler="synchronous"),
+            ):
                 xd.sweep(MODEL, after, path=stored, **ASKED)
         finally:
             os._exit(0)
@@ -292,7 +297,7 @@ def test_members_are_added_in_an_object_store(tmp_path: Path, marched: list[int]
             grown = xd.sweep(MODEL, after, path=place, **ASKED)
         assert 0 < sum(marched) < 15 - 6
         assert verified(place) == verified(once(after, tmp_path)) == grown.attrs["content_digest"]
-        assert zarr_growth.growths(placed(place)) == []
+        assert zarr_growth.growth_folders(location_of(place)) == []
 
 
 @pytest.mark.dear

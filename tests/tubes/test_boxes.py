@@ -40,15 +40,15 @@ def test_operations_hold_exact_results(case: int, name: str) -> None:
     random = np.random.default_rng([32, case])
     a, b = random_box(random, 8), random_box(random, 8)
     if name == "divide":
-        b = np.where(boxes.multiply(b, b)[0] < 0.0, b + 2.0 * boxes.size(b), b)
+        b = np.where(boxes.multiply(b, b)[0] < 0.0, b + 2.0 * boxes.magnitude(b), b)
         b = b[:, (b[0] > 0.0) | (b[1] < 0.0)]
         a = a[:, : b.shape[1]]
     found = getattr(boxes, name)(a, b)
     for i in range(found.shape[1]):
         exact = [
             OPERATIONS[name](Fraction(float(x)), Fraction(float(y)))
-            for x in (a[0, i], boxes.middle(a)[i], a[1, i])
-            for y in (b[0, i], boxes.middle(b)[i], b[1, i])
+            for x in (a[0, i], boxes.midpoint(a)[i], a[1, i])
+            for y in (b[0, i], boxes.midpoint(b)[i], b[1, i])
         ]
         assert all(inside(found[:, i], member) for member in exact)
         ends = np.array([float(min(exact)), float(max(exact))])
@@ -63,21 +63,21 @@ def test_sums_and_products_hold_exact_results(case: int) -> None:
     low, high = (
         [[Fraction(float(number)) for number in row] for row in ends] for ends in (a[0], np.minimum(a[1], a[0]))
     )
-    total = boxes.total(a, axis=2)
+    total = boxes.sum_along(a, axis=2)
     assert all(inside(total[:, i], sum(low[i], Fraction(0))) for i in range(3))
-    matrix = boxes.product(a, b)
+    matrix = boxes.matrix_product(a, b)
     for i in range(3):
         for k in range(2):
             exact = sum((low[i][j] * Fraction(float(b[1, j, k])) for j in range(4)), Fraction(0))
             assert inside(matrix[:, i, k], exact)
-    at = Fraction(float(boxes.middle(x)))
-    value = POLYNOMIALS.at(x, a)
+    at = Fraction(float(boxes.midpoint(x)))
+    value = POLYNOMIALS.values_at(x, a)
     for k in range(4):
         exact = sum((high[i][k] * at**i for i in range(3)), Fraction(0))
         assert inside(value[:, k], exact)
     positive = np.sort(np.abs(random.normal(size=2)))
     for n in (0, 1, 2, 7, 21):
-        powers = boxes.power(positive, n)
+        powers = boxes.interval_power(positive, n)
         assert all(inside(powers, Fraction(float(end)) ** n) for end in positive)
     square = boxes.square(a)
     assert all(inside(square[:, 0, k], low[0][k] ** 2) for k in range(4))
@@ -91,8 +91,8 @@ def test_long_sums_that_cancel(case: int) -> None:
     terms = random.normal(size=(3, 60))
     terms[:, 1::2] = -terms[:, ::2] * (1.0 + 1e-12 * random.normal(size=(3, 30)))
     for i, row in enumerate(terms):
-        assert inside(boxes.total(boxes.point(row)), sum(map(Fraction, row.tolist()), Fraction(0))), i
-    assert boxes.width(boxes.total(boxes.point(terms[0]))) < 1e-11
+        assert inside(boxes.sum_along(boxes.point_box(row)), sum(map(Fraction, row.tolist()), Fraction(0))), i
+    assert boxes.width(boxes.sum_along(boxes.point_box(terms[0]))) < 1e-11
 
 
 def test_numbers_as_written() -> None:
@@ -108,6 +108,6 @@ def test_numbers_as_written() -> None:
 
 def test_products_that_underflow() -> None:
     """Assert that a product below the least float is not taken for zero."""
-    tiny = boxes.multiply(boxes.point(1e-200), boxes.point(1e-200))
+    tiny = boxes.multiply(boxes.point_box(1e-200), boxes.point_box(1e-200))
     assert tiny[0] <= 0.0 < tiny[1]
-    assert boxes.has_zero(boxes.point(np.nan))
+    assert boxes.has_zero(boxes.point_box(np.nan))

@@ -58,8 +58,8 @@ def test_steps_shrink_before_what_grows_without_bound() -> None:
     flow, last = Flow(interval_problem_of(of_rate("(1 + x)**2")), 8, 1e-9), 0.0
     for proof, _ in zip(flow.until([time_box(2.0)]), range(12), strict=False):
         last = float(proof.end[1])
-        assert proof.after[0, 0] <= last / (1.0 - last) * (1.0 + 4e-16)
-        assert proof.after[1, 0] >= last / (1.0 - last) * (1.0 - 4e-16)
+        assert proof.end_box[0, 0] <= last / (1.0 - last) * (1.0 + 4e-16)
+        assert proof.end_box[1, 0] >= last / (1.0 - last) * (1.0 - 4e-16)
     assert 0.3 < last < 1.0
 
 
@@ -67,7 +67,7 @@ def test_nothing_is_proven_across_a_corner() -> None:
     """Assert that a proof ends before x = 0, where abs(x) has a corner, and says why."""
     flow = Flow(interval_problem_of(of_rate("1 + abs(x - 1)")), 8, 1e-9)
     for proof in flow.until([time_box(2.0)]):
-        assert proof.within[1, 0] < 1.0
+        assert proof.enclosure[1, 0] < 1.0
     assert 0.5 < flow.time[1] < float(mp.log(2))
     assert "corner" in flow.reason or "not decided" in flow.reason
 
@@ -95,7 +95,7 @@ def test_forces_that_change_with_time() -> None:
     with mp.workdps(30):
         for proof in flow.until([time_box(0.3)]):
             exact = mp.sin(20 * mp.mpf(float(proof.end[1]))) / 20
-            assert proof.after[0, 0] <= exact <= proof.after[1, 0]
+            assert proof.end_box[0, 0] <= exact <= proof.end_box[1, 0]
     assert flow.reason == ""
 
 
@@ -106,14 +106,14 @@ def test_no_motion_leaves_the_box_of_its_step() -> None:
     series = MotionSeries(problem.motions, 3, order + 1)
     for proof, _ in zip(Flow(problem, order, 0.5).until([time_box(1.0)]), range(12), strict=False):
         span, time = np.array([0.0, proof.end[1] - proof.begin[0]]), np.array([proof.begin[0], proof.end[1]])
-        start, box = boxes.hull(box, boxes.point(proof.set.point)), proof.after
-        around = series.of(proof.begin, start, proof.held)[:, :-1, :, 0]
-        last = series.of(time, proof.within, proof.held)[:, -1, :, 0]
-        powers = boxes.power(span, order + 1)[:, None]
-        reached = boxes.add(Polynomials(order, 3).at(span, around), boxes.multiply(last, powers))
-        slack = 1e-9 * boxes.size(proof.within)
-        assert (reached[0] >= proof.within[0] - slack).all()
-        assert (reached[1] <= proof.within[1] + slack).all()
+        start, box = boxes.hull(box, boxes.point_box(proof.set.point)), proof.end_box
+        around = series.coefficients_of(proof.begin, start, proof.step_values)[:, :-1, :, 0]
+        last = series.coefficients_of(time, proof.enclosure, proof.step_values)[:, -1, :, 0]
+        powers = boxes.interval_power(span, order + 1)[:, None]
+        reached = boxes.add(Polynomials(order, 3).values_at(span, around), boxes.multiply(last, powers))
+        slack = 1e-9 * boxes.magnitude(proof.enclosure)
+        assert (reached[0] >= proof.enclosure[0] - slack).all()
+        assert (reached[1] <= proof.enclosure[1] + slack).all()
 
 
 @pytest.mark.parametrize(

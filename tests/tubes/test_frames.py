@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from xdynamics.tubes import boxes
-from xdynamics.tubes.frames import FAR, off_orthogonal, orthogonal, solved
+from xdynamics.tubes.frames import FAR, off_orthogonal, orthogonal, solve_in_frame
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-9, 0.02])
@@ -23,7 +23,7 @@ def test_inverses_hold_exact_ones(off: float) -> None:
         for row in frame.tolist()
     ]
     columns = np.stack([boxes.enclosed(number) for number in right], axis=1)[:, :, None]
-    found = solved(frame, off_orthogonal(frame), columns)[:, :, 0]
+    found = solve_in_frame(frame, off_orthogonal(frame), columns)[:, :, 0]
     assert ((found[0] <= x) & (x <= found[1])).all()
     assert boxes.width(found).max() < 1e-13 + 60.0 * off
 

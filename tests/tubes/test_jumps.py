@@ -11,9 +11,9 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.evidence.enclosing import tube as tube_module
-from xdynamics.evidence.enclosing.parts import joined
+from xdynamics.evidence.enclosing.parts import join_tubes
 from xdynamics.tubes import Flow, Proof
-from xdynamics.tubes.acting import Acting
+from xdynamics.tubes.acting import ActingEvent
 from xdynamics.tubes.crossings import Crossing, Crossings
 from xdynamics.tubes.passages import Passage
 
@@ -69,7 +69,7 @@ def test_stop_where_a_step_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that no bounds are told beyond where a step begins if the first motion may stop there."""
     known = tube_module.first_passage
 
-    def wider(acting: Sequence[Acting], flow: Flow, proof: Proof) -> tuple[Proof, Passage | None]:
+    def wider(acting: Sequence[ActingEvent], flow: Flow, proof: Proof) -> tuple[Proof, Passage | None]:
         part, passed = known(acting, flow, proof)
         if passed:
             crossing = passed.crossing
@@ -85,16 +85,16 @@ def test_stop_where_a_step_begins(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_zero_that_is_told_apart_in_a_shorter_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that an event acts which is found only where a step is cut short before another may be passed."""
-    known, cut = Acting.followed, []
+    known, cut = ActingEvent.trial_step, []
 
-    def later(event: Acting, proof: Proof) -> tuple[Crossings, Crossing | None, float]:
+    def later(event: ActingEvent, proof: Proof) -> tuple[Crossings, Crossing | None, float]:
         trial, first, until = known(event, proof)
         if event.name == "met" and first is not None and not cut:
             cut.append(first)
             return trial, None, float(first.time[1]) + 0.02  # as if another were not told apart from here on
         return trial, first, until
 
-    monkeypatch.setattr(Acting, "followed", later)
+    monkeypatch.setattr(ActingEvent, "trial_step", later)
     tube = xd.enclose(drifting(event="x - 1*metre", action="stop", half_width=0.0625), until="3 s")
     assert cut
     assert tube.attrs["outcome"] == "completed"
@@ -116,5 +116,5 @@ def test_zeros_that_some_pass_at_once() -> None:
 def test_changes_of_parts() -> None:
     """Assert that no number of changes is told where parts of a set end with different ones."""
     tube = tube_module.unproven(drifting(), [1.0])
-    assert joined([replace(tube, changes=1), tube]).changes == 0
-    assert joined([replace(tube, changes=2)] * 2).changes == 2
+    assert join_tubes([replace(tube, changes=1), tube]).changes == 0
+    assert join_tubes([replace(tube, changes=2)] * 2).changes == 2

@@ -11,7 +11,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.tubes import interval_problem_of
 from xdynamics.tubes.functions import Functions
 from xdynamics.tubes.passages import Reset
-from xdynamics.tubes.sets import Seen
+from xdynamics.tubes.sets import AffineImage
 
 
 def ball(half_width: float = 0.0, new: str = "-v_y/2", *, e: str = '"0.5"', potential: str = "m*g*y") -> xd.Model:
@@ -133,9 +133,9 @@ def test_reset_of_a_wide_image() -> None:
     problem = interval_problem_of(model)
     squared = Functions(problem, layout_of(model), [model.expanded(model.events["bounce"].reset["v_y"])])
     image = np.array([[1.0, -3.0], [1.5, -2.0]])
-    seen = Seen(image, np.zeros((2, 2, 4)), np.zeros((2, 4)))
-    held = problem.constants.at(problem.regime, 0.0)
-    found = Reset(squared, (1,)).seen(problem.time, seen, image, held).image
+    seen = AffineImage(image, np.zeros((2, 2, 4)), np.zeros((2, 4)))
+    held = problem.constants.values_from(problem.regime, 0.0)
+    found = Reset(squared, (1,)).image_after(problem.time, seen, image, held).image
     assert found[:, 0].tolist() == [1.0, 1.5]
     assert found[0, 1] <= 1.0 < 2.25 <= found[1, 1] < 2.6
 

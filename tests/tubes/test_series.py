@@ -45,14 +45,14 @@ FUNCTIONS: dict[str, tuple[str, Callable[[Any], Any], float]] = {
 
 def held(problem: IntervalProblem) -> np.ndarray:
     """Return what holds for a step from the start."""
-    return problem.constants.at(problem.regime, problem.begin)
+    return problem.constants.values_from(problem.regime, problem.begin)
 
 
 def expanded(text: str, a: str, *, derivatives: bool) -> np.ndarray:
     """Return the coefficients of x with x' = f(u), u a path that begins at a, and those of its derivatives."""
     problem = interval_problem_of(of_rate(text.replace("u", PATH), a=a))
     series = MotionSeries(problem.motions, problem.start.shape[1], ORDER, derivatives=derivatives)
-    return series.of(problem.time, problem.start, held(problem))
+    return series.coefficients_of(problem.time, problem.start, held(problem))
 
 
 @pytest.mark.every(4)
@@ -95,7 +95,7 @@ def test_what_is_not_defined(text: str, reason: str) -> None:
     problem = interval_problem_of(model)
     series = MotionSeries(problem.motions, problem.start.shape[1], 3, derivatives=True)
     with pytest.raises(UndefinedError, match=reason):
-        series.of(problem.time, problem.start, held(problem))
+        series.coefficients_of(problem.time, problem.start, held(problem))
 
 
 def test_a_branch_that_is_not_taken_may_be_undefined() -> None:
@@ -123,7 +123,7 @@ def test_a_literal_is_the_number_that_is_written() -> None:
 def test_uncertain_constants_are_intervals() -> None:
     """Assert that coefficients over a set hold those of any stiffness within its half width, ends included."""
     problem = interval_problem_of(oscillator({"value": "4 N m-1", "half_width": "1 N m-1"}))
-    found = MotionSeries(problem.motions, 3, 4).of(problem.time, problem.start, held(problem))[..., 0]
+    found = MotionSeries(problem.motions, 3, 4).coefficients_of(problem.time, problem.start, held(problem))[..., 0]
     for k in (3.0, 4.0, 5.0):
         exact = np.array([1.0, 0.0, -k / 2.0, 0.0, k * k / 24.0])
         assert ((found[0, :, 0] <= exact) & (exact <= found[1, :, 0])).all(), k

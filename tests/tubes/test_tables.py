@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.model.motion import tables_of
+from xdynamics.model.motion import drive_pieces
 
 POINTS = "time [s],f [1]\n0,0.5\n0.3,2\n0.7,-1\n1.1,0.25\n1.6,1\n"
 
@@ -50,7 +50,7 @@ x = {{ value = "1", half_width = 0.01 }}
 
 def closed_form(model: xd.Model, end: float, start: mp.mpf) -> mp.mpf:
     """Return x at a time, piece by piece: x = P(u) + (x0 - P(0))*exp(-u), P + P' being the piece."""
-    origins, powers = tables_of(model)[0]
+    origins, powers = drive_pieces(model)[0]
     x, now = start, mp.mpf(0)
     while now < end:
         piece = int(np.searchsorted(origins[1:], float(now), side="right"))

@@ -26,9 +26,9 @@ def test_digits_end_where_the_uncertainty_begins(case: int) -> None:
         assert place <= doubt * (1 + 1e-9)
         assert abs(float(f"{value:.{shown}g}") - value) <= doubt
     near = abs(value) * 10.0 ** random.uniform(-12, -1)
-    shown = digits(value, uncertainty=doubt, apart=near)
+    shown = digits(value, uncertainty=doubt, spacing=near)
     assert f"{value:.{shown}g}" != f"{value + 1.5 * near:.{shown}g}"
-    assert shown == max(digits(value, uncertainty=doubt), digits(value, apart=near))
+    assert shown == max(digits(value, uncertainty=doubt), digits(value, spacing=near))
 
 
 def test_what_has_no_digits() -> None:

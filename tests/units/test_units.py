@@ -188,8 +188,8 @@ def test_rate_units() -> None:
 def test_scales_of_a_force() -> None:
     """Assert that the scale of a force is M L / T**2."""
     scales = Scales.parse({"length": "2 m", "time": "4 s", "mass": "8 kg"})
-    assert scales.of(parse_unit("N").dimension) == 1.0
-    assert scales.of(NONE) == 1.0
+    assert scales.si_factor(parse_unit("N").dimension) == 1.0
+    assert scales.si_factor(NONE) == 1.0
 
 
 @pytest.mark.parametrize("scales", [{"length": "2 s"}, {"area": "1 m2"}, {"mass": "0 kg"}, {"time": "-1 s"}])
@@ -301,8 +301,8 @@ def test_scales_of_any_dimension_are_products_of_powers(halves: list[int], sizes
     dimension = Dimension((*powers, *(Fraction(0),) * (len(BASE) - 3)))
     mass, length, time = sizes
     expected = mass ** float(powers[0]) * length ** float(powers[1]) * time ** float(powers[2])
-    assert Scales(length=length, time=time, mass=mass).of(dimension) == pytest.approx(expected, rel=1e-13)
-    assert Scales().of(dimension) == 1.0
+    assert Scales(length=length, time=time, mass=mass).si_factor(dimension) == pytest.approx(expected, rel=1e-13)
+    assert Scales().si_factor(dimension) == 1.0
 
 
 def test_limits_of_scales_and_texts() -> None:

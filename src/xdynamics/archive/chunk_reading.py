@@ -21,33 +21,37 @@ LARGEST = 1 << 25  # bytes of a stretch
 UNCHUNKED = 1 << 16  # elements that are taken for a chunk where a variable has none
 
 
-def chosen(variable: netCDF4.Variable[Any], key: tuple[Any, ...]) -> Any:
+def read_elements(variable: netCDF4.Variable[Any], key: tuple[Any, ...]) -> Any:
     """Return ``variable[key]``, where each list in the key selects along its own dimension."""
     axis = next((axis for axis, index in enumerate(key) if isinstance(index, np.ndarray)), None)
     if axis is None:
         return variable[key]
 
-    def stretch(first: int, last: int) -> Array:
-        return np.asarray(chosen(variable, (*key[:axis], slice(first, last), *key[axis + 1 :])))
+    def read_stretch(first: int, last: int) -> Array:
+        return np.asarray(read_elements(variable, (*key[:axis], slice(first, last), *key[axis + 1 :])))
 
-    rows = _counted_from_the_start(key[axis], variable.shape[axis])
+    rows = _nonnegative_indices(key[axis], variable.shape[axis])
     if not rows.size:
-        return stretch(0, 0)
+        return read_stretch(0, 0)
     # a number in the place of a list or slice removes its dimension
-    before: tuple[Any, ...] = (slice(None),) * (axis - sum(isinstance(index, int | np.integer) for index in key[:axis]))
-    result = None
-    for which in _together(rows, *_sizes(variable, axis)):
-        batch = rows[which]
+    leading_slices: tuple[Any, ...] = (slice(None),) * (
+        axis - sum(isinstance(index, int | np.integer) for index in key[:axis])
+    )
+    elements = None
+    for batch_indices in _rows_by_stretch(rows, *_stretch_sizes(variable, axis)):
+        batch = rows[batch_indices]
         first = int(batch.min())
-        part = stretch(first, int(batch.max()) + 1)[(*before, batch - first)]
-        if result is None:
+        part = read_stretch(first, int(batch.max()) + 1)[(*leading_slices, batch - first)]
+        if elements is None:
             shape = part.shape
-            result = np.empty((*shape[: len(before)], rows.size, *shape[len(before) + 1 :]), part.dtype)
-        result[(*before, which)] = part
-    return result
+            elements = np.empty(
+                (*shape[: len(leading_slices)], rows.size, *shape[len(leading_slices) + 1 :]), part.dtype
+            )
+        elements[(*leading_slices, batch_indices)] = part
+    return elements
 
 
-def _counted_from_the_start(rows: Array, length: int) -> NDArray[np.int64]:
+def _nonnegative_indices(rows: Array, length: int) -> NDArray[np.int64]:
     """Return non-negative indices of elements; negative ones count from the end."""
     positions = np.where(rows < 0, rows + length, rows).astype(np.int64)
     outside = np.flatnonzero((positions < 0) | (positions >= length))
@@ -56,20 +60,20 @@ def _counted_from_the_start(rows: Array, length: int) -> NDArray[np.int64]:
     return positions
 
 
-def _sizes(variable: netCDF4.Variable[Any], axis: int) -> tuple[int, int]:
+def _stretch_sizes(variable: netCDF4.Variable[Any], axis: int) -> tuple[int, int]:
     """Return how many elements along a dimension are stored together, and how many of such parts make a stretch."""
     chunks = variable.chunking()
     part = int(chunks[axis]) if isinstance(chunks, list | tuple) else UNCHUNKED
-    others = prod(variable.shape[:axis] + variable.shape[axis + 1 :])
+    elements_per_row = prod(variable.shape[:axis] + variable.shape[axis + 1 :])
     width = np.dtype(variable.dtype).itemsize if variable.dtype is not str else 1
-    return part, max(1, LARGEST // max(1, part * others * width))
+    return part, max(1, LARGEST // max(1, part * elements_per_row * width))
 
 
-def _together(rows: NDArray[np.int64], part: int, most: int) -> Iterator[NDArray[np.int64]]:
+def _rows_by_stretch(rows: NDArray[np.int64], part: int, max_parts: int) -> Iterator[NDArray[np.int64]]:
     """Yield which of the rows are read in one stretch: those of neighbouring parts, so many at most."""
     order = np.argsort(rows, kind="stable")
     parts, starts = np.unique(rows[order] // part, return_index=True)
-    apart = np.concatenate([[True], np.diff(parts) > 1])
-    begins = np.flatnonzero(apart)
-    within = np.arange(parts.size) - begins[np.cumsum(apart) - 1]
-    yield from np.split(order, starts[(within % most == 0)][1:])
+    starts_stretch = np.concatenate([[True], np.diff(parts) > 1])
+    begins = np.flatnonzero(starts_stretch)
+    index_in_stretch = np.arange(parts.size) - begins[np.cumsum(starts_stretch) - 1]
+    yield from np.split(order, starts[(index_in_stretch % max_parts == 0)][1:])

@@ -7,7 +7,7 @@ from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.archive.netcdf_library import alone
+from xdynamics.archive.netcdf_library import with_library_lock
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -21,11 +21,11 @@ LARGEST_CHUNK = 1 << 25  # bytes of a compressed one, which is unpacked in memor
 _SMALL = 10_000_000  # bytes that are always read
 
 
-@alone
-def oversize(path: Path, file: netCDF4.Dataset) -> list[str]:
+@with_library_lock
+def size_faults(path: Path, file: netCDF4.Dataset) -> list[str]:
     """List the faults of variables for which a file has too few bytes; no values are read.
 
-    A byte of the file stands for up to `MOST_PACKED` bytes of a compressed variable, see `packed`, and for one of others.
+    A byte of the file stands for up to `MOST_PACKED` bytes of a compressed variable, see `variables_to_compress`, and for one of others.
     """
     status = path.stat()
     if status.st_size > _SMALL and status.st_size > SPARSE * 512 * getattr(status, "st_blocks", status.st_size):
@@ -34,10 +34,10 @@ def oversize(path: Path, file: netCDF4.Dataset) -> list[str]:
     for name, variable in file.variables.items():
         size, chunk = _bytes_of(variable)
         filters = [*_filters(variable)]
-        least = -(-size // MOST_PACKED) if filters == ["zlib"] else size
+        minimum_bytes = -(-size // MOST_PACKED) if filters == ["zlib"] else size
         room = max(status.st_size, LARGEST_CHUNK) if filters == ["zlib"] else status.st_size
-        total, needed = total + size, needed + least
-        if least > status.st_size or chunk > room:
+        total, needed = total + size, needed + minimum_bytes
+        if minimum_bytes > status.st_size or chunk > room:
             faults.append(f"variable '{name}' declares {max(size, chunk)} bytes, and the file has {status.st_size}")
         elif filters and filters != ["zlib"]:
             faults.append(f"variable '{name}' is compressed ({', '.join(filters)}), which no variable of an archive is")
@@ -46,13 +46,13 @@ def oversize(path: Path, file: netCDF4.Dataset) -> list[str]:
     return faults
 
 
-@alone
-def declared(file: netCDF4.Dataset) -> int:
+@with_library_lock
+def declared_bytes(file: netCDF4.Dataset) -> int:
     """Return how many bytes the variables of a file have in memory."""
     return sum(_bytes_of(variable)[0] for variable in file.variables.values())
 
 
-def packed(widths: Mapping[str, tuple[str, int]]) -> set[str]:
+def variables_to_compress(widths: Mapping[str, tuple[str, int]]) -> set[str]:
     """Choose the variables of a file to compress: as many as its readers accept, which bound the compression ratio.
 
     Flags stay uncompressed, and compressed bytes are at most `PACKED` times those of the others.
@@ -62,18 +62,18 @@ def packed(widths: Mapping[str, tuple[str, int]]) -> set[str]:
     widths : mapping of str to (str, int)
         For each variable the dimension along which it grows, and its bytes per row of that.
     """
-    chosen, plain, full = set(), dict.fromkeys((dim for dim, _ in widths.values()), 0), Counter[str]()
+    compressed_names, plain, full = set(), dict.fromkeys((dim for dim, _ in widths.values()), 0), Counter[str]()
     for name, (dim, width) in sorted(widths.items(), key=lambda item: item[1][1]):
         if full[dim] + width <= PACKED * plain[dim]:
             full[dim] += width
-            chosen.add(name)
+            compressed_names.add(name)
         else:
             plain[dim] += width
-    return chosen
+    return compressed_names
 
 
-@alone
-def foreign(file: netCDF4.Dataset) -> list[str]:
+@with_library_lock
+def unused_dimensions(file: netCDF4.Dataset) -> list[str]:
     """List the dimensions that no variable has, as in no archive; other objects are those of the inventory."""
     used = {dim for variable in file.variables.values() for dim in variable.dimensions}
     return [f"dimension '{name}' is none of a run" for name in file.dimensions if name not in used]

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from xdynamics.archive import folder as folders
 from xdynamics.archive import source, target
 from xdynamics.archive.shared_handles import identity_of
-from xdynamics.archive.store import Held, LockedError, NewFile
-from xdynamics.archive.temporary_files import is_ours, sweep, take
-from xdynamics.runtime.files import asked, kind_of, made_folder, read_bounded
+from xdynamics.archive.store import LocalFile, LockedError, NewFile
+from xdynamics.archive.temporary_files import is_ours, sweep_temporary_files, try_lock
+from xdynamics.runtime.files import ask_path, make_folder, path_kind, read_bounded
 
 if TYPE_CHECKING:
     from xdynamics.archive.target import Batch
@@ -24,26 +24,26 @@ if TYPE_CHECKING:
 class FolderStore:
     """Folders of the file system; see `Store`."""
 
-    def check_source(self, place: Path) -> None:
+    def check_source(self, location: Path) -> None:
         """Check that there is a regular file."""
-        source.check_source(place)
+        source.check_source(location)
 
-    def check_target(self, place: Path, model: Model | None = None) -> None:
+    def check_target(self, location: Path, model: Model | None = None) -> None:
         """Check the name, what it leads to, its folder, and that it is no file of the model nor open here."""
-        target.check_target(place, model)
+        target.check_path_target(location, model)
 
-    def check_no_table(self, place: Path, tables: list[str]) -> None:
+    def check_no_table(self, location: Path, tables: list[str]) -> None:
         """Compare a file with the tables."""
-        target.check_no_table(place, tables)
+        target.check_path_no_table(location, tables)
 
-    def kind(self, place: Path) -> str | None:
+    def kind(self, location: Path) -> str | None:
         """Return what a path leads to."""
-        return asked(place, kind_of)
+        return ask_path(location, path_kind)
 
-    def stamp(self, place: Path) -> Any:
+    def stamp(self, location: Path) -> Any:
         """Return device, inode, size and time of the last change."""
         try:
-            return identity_of(place)
+            return identity_of(location)
         except OSError:
             return None
 
@@ -53,46 +53,46 @@ class FolderStore:
             return []
         return sorted(entry for entry in folder.iterdir() if not is_ours(entry.name))
 
-    def content(self, place: Path, most: int) -> bytes:
+    def content(self, location: Path, max_bytes: int) -> bytes:
         """Read a small file."""
-        return read_bounded(place, most)
+        return read_bounded(location, max_bytes)
 
-    def held(self, place: Path) -> Held:
+    def local_file(self, location: Path) -> LocalFile:
         """Return the file itself."""
-        return Held(place, place)
+        return LocalFile(location, location)
 
-    def written_at(self, place: Path) -> Path:
+    def written_at(self, location: Path) -> Path:
         """Return the path itself."""
-        return place
+        return location
 
-    def taking_name(self, place: Path, batch: Batch | None = None) -> AbstractContextManager[NewFile[Path]]:
+    def taking_name(self, location: Path, batch: Batch | None = None) -> AbstractContextManager[NewFile[Path]]:
         """Lend a temporary name beside it; the file reaches the disk before it is renamed."""
-        return target.taking_name(place, batch)
+        return target.taking_path_name(location, batch)
 
-    def batch(self, places: Sequence[Path]) -> target.Batch:  # noqa: ARG002 - what is there is replaced, whatever it is
+    def batch(self, locations: Sequence[Path]) -> target.Batch:  # noqa: ARG002 - what is there is replaced, whatever it is
         """Return what has files reach the disk together."""
         return target.Batch()
 
-    def check_each(self, places: Sequence[Path]) -> None:
+    def check_each(self, locations: Sequence[Path]) -> None:
         """Check all targets."""
-        for place in places:
-            self.check_target(place)
+        for location in locations:
+            self.check_target(location)
 
-    def check_empty(self, place: Path) -> None:
+    def check_empty(self, location: Path) -> None:
         """Check that a path is an empty folder, or does not exist."""
-        folders.check_empty(place)
+        folders.check_folder_empty(location)
 
-    def taking_folder(self, place: Path) -> AbstractContextManager[Path]:
+    def taking_folder(self, location: Path) -> AbstractContextManager[Path]:
         """Lend a folder beside it, which is renamed."""
-        return folders.taking_folder(place)
+        return folders.new_folder_at(location)
 
-    def made_folder(self, place: Path) -> Path:
+    def made_folder(self, location: Path) -> Path:
         """Make a folder, and those that it is in."""
-        return made_folder(place)
+        return make_folder(location)
 
-    def new_folder(self, place: Path) -> None:
+    def new_folder(self, location: Path) -> None:
         """Make a folder."""
-        place.mkdir()
+        location.mkdir()
 
     @contextmanager
     def locked(self, folder: Path) -> Iterator[None]:
@@ -105,18 +105,18 @@ class FolderStore:
         """
         handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
         try:
-            if not take(handle, needed=False):
+            if not try_lock(handle, needed=False):
                 raise LockedError(f"it has the folder '{folder}' locked")
             yield
         finally:
             os.close(handle)
 
-    def remove(self, place: Path) -> None:
+    def remove(self, location: Path) -> None:
         """Remove a file, or an empty folder."""
-        if place.is_dir() and not place.is_symlink():
-            place.rmdir()
+        if location.is_dir() and not location.is_symlink():
+            location.rmdir()
         else:
-            place.unlink()
+            location.unlink()
 
     def remove_folder(self, folder: Path) -> None:
         """Remove a folder with all that is in it."""
@@ -124,7 +124,7 @@ class FolderStore:
 
     def clear(self, folder: Path) -> None:
         """Remove temporary files that nobody has locked."""
-        sweep(folder)
+        sweep_temporary_files(folder)
 
 
 FOLDERS = FolderStore()

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.content import content_digest
-from xdynamics.archive.origin import OUTSIDE, Origin, OriginalVariable, Source, digest_of
-from xdynamics.archive.seals import letters, slabs
-from xdynamics.faults import InputError, numbered
+from xdynamics.archive.origin import OUTSIDE, Origin, OriginalVariable, Source, variable_digest
+from xdynamics.archive.seals import slabs, utf8_letters
+from xdynamics.faults import InputError, numbered_lines
 from xdynamics.record import check_elements, own_attributes, plain
 from xdynamics.record.laziness import is_chunked
 from xdynamics.record.partial_records import is_selection
-from xdynamics.record.schemas import by_places, replaced
+from xdynamics.record.schemas import by_places, with_variables
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.schema import (
     ATOL_RULE,
@@ -65,12 +65,12 @@ class Standing:
     left_out_atol: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
     @property
-    def of(self) -> str:
+    def source_digest(self) -> str:
         """Content digest of the record it came from, computed on demand; empty if unknown."""
         return self.origin.content_digest if isinstance(self.origin, Origin) else self.origin
 
 
-def standing(run: xr.Dataset) -> Standing:
+def record_standing(run: xr.Dataset) -> Standing:
     """Compare a record with what it was when it was marched or read."""
     origin = run.attrs.get(ORIGIN)
     run = as_recorded(run, _numbers_in(run, origin) if isinstance(origin, Origin) else None)
@@ -79,44 +79,44 @@ def standing(run: xr.Dataset) -> Standing:
         if digest and content_digest(run) == digest:
             return Standing(digest)
         return Standing("", (UNKNOWN,))
-    faults = [*origin.edits, *_attributes("", origin.attributes, run.attrs)]
+    faults = [*origin.edits, *_attribute_faults("", origin.attributes, run.attrs)]
     fewer: dict[str, list[str]] = {}
     for name, variable in run.variables.items():
         part = origin.parts.get(str(name))
         if part is None:
             faults.append(f"variable '{name}' is not in the run")
             continue
-        faults += _attributes(f" of '{name}'", part.attributes, own_attributes(variable.attrs))
+        faults += _attribute_faults(f" of '{name}'", part.attributes, own_attributes(variable.attrs))
         if tuple(variable.dims) != part.dims:
             faults.append(f"variable '{name}' has the dims {tuple(variable.dims)}, in the run {part.dims}")
         elif variable.shape == part.shape:
-            faults += _values(part, variable, origin)
+            faults += _value_faults(part, variable, origin)
         else:
             fewer.setdefault(str(variable.dims[0]), []).append(str(name))
     for dim, names in fewer.items():
-        faults += _rows(dim, names, run, origin)
+        faults += _row_faults(dim, names, run, origin)
     left_out = [name for name in origin.parts if name not in run.variables]
     tolerances = {
         name: (float(attributes["atol_si"]), str(attributes["units"]))
         for name, attributes in ((name, origin.parts[name].attributes) for name in left_out)
         if "atol_si" in attributes and ATOL_RULE not in attributes
     }
-    return Standing(origin, tuple(faults), "; ".join(_selected(fewer, left_out, run, origin)), tolerances)
+    return Standing(origin, tuple(faults), "; ".join(_selection_words(fewer, left_out, run, origin)), tolerances)
 
 
 def _numbers_in(run: xr.Dataset, origin: Origin) -> NDArray[np.int64] | None:
     """Return the numbers of all rows of an archive of schema 1 of whose rows a record has some; None of other records."""
-    part, own = origin.parts.get(STEP_NUMBER.name), run.variables.get(STEP_NUMBER.name)
-    if part is None or not is_former(run.attrs) or (own is not None and own.shape == part.shape):
+    part, row_numbers = origin.parts.get(STEP_NUMBER.name), run.variables.get(STEP_NUMBER.name)
+    if part is None or not is_former(run.attrs) or (row_numbers is not None and row_numbers.shape == part.shape):
         return None
-    whole = _whole(origin)
-    return None if whole is None else np.asarray(whole.variables[STEP_NUMBER.name].values)
+    original = _original_record(origin)
+    return None if original is None else np.asarray(original.variables[STEP_NUMBER.name].values)
 
 
-def _whole(origin: Origin) -> xr.Dataset | None:
+def _original_record(origin: Origin) -> xr.Dataset | None:
     """Return a record as it was, as a file has it, if its values are still at hand."""
-    whole = origin.whole()
-    return None if whole is None else as_recorded(whole)
+    original = origin.original_record()
+    return None if original is None else as_recorded(original)
 
 
 def digest_of_run(run: xr.Dataset) -> str:
@@ -126,8 +126,8 @@ def digest_of_run(run: xr.Dataset) -> str:
     """
     if any(map(is_chunked, run.variables.values())):
         return str(run.attrs.get(ROOT_DIGEST, "unknown"))
-    result = standing(run)
-    return content_digest(run) if result.faults or result.selected else result.of
+    result = record_standing(run)
+    return content_digest(run) if result.faults or result.selected else result.source_digest
 
 
 def check_unchanged(run: xr.Dataset) -> None:
@@ -138,10 +138,10 @@ def check_unchanged(run: xr.Dataset) -> None:
     InputError
         Naming what differs.
     """
-    result = standing(run)
+    result = record_standing(run)
     if result.faults:
         check_cut(run)
-        raise InputError(f"this is not the record that was marched:{numbered(result.faults)}", result.faults)
+        raise InputError(f"this is not the record that was marched:{numbered_lines(result.faults)}", result.faults)
     if result.selected:
         raise InputError(f"this is a part of a run, {result.selected}; take the whole one")
 
@@ -163,16 +163,22 @@ def edited_variables(run: xr.Dataset, roles: Container[Any] | None = None) -> li
     origin = run.attrs.get(ORIGIN)
     if not isinstance(origin, Origin):
         return []
-    original = cache(lambda: _whole(origin))  # an archive is opened once, and only where values have to be compared
+    open_original = cache(
+        lambda: _original_record(origin)
+    )  # an archive is opened once, and only where values have to be compared
     compared = {
         str(name): variable
         for name, variable in run.variables.items()
         if name in origin.parts and (roles is None or variable.attrs.get("role") in roles)
     }
-    return [name for name, own in compared.items() if _is_edited(origin.parts[name], own, run, original)]
+    return [
+        name
+        for name, compared_variable in compared.items()
+        if _is_edited(origin.parts[name], compared_variable, run, open_original)
+    ]
 
 
-def _is_edited(part: OriginalVariable, now: xr.Variable, run: xr.Dataset, original: Source) -> bool:
+def _is_edited(part: OriginalVariable, now: xr.Variable, run: xr.Dataset, open_original: Source) -> bool:
     in_memory = isinstance(now._data, np.ndarray)  # noqa: SLF001 - `.data` would read what is not read, and so not edited
     unit = now.attrs.get("units")
     if not in_memory or now.dtype.kind != "f" or unit is None or unit != part.attributes.get("units"):
@@ -181,33 +187,33 @@ def _is_edited(part: OriginalVariable, now: xr.Variable, run: xr.Dataset, origin
         return False
     if now.dims != part.dims:
         now = now.transpose(*part.dims)
-    if now.shape == part.shape and _is_kept(part, now):
+    if now.shape == part.shape and _is_unchanged(part, now):
         return False
     if _is_array_of(part, now):  # opened to writing: what was marched is no longer known
         return True
-    whole = original()
-    if whole is None or not now.dims:
+    original_run = open_original()
+    if original_run is None or not now.dims:
         return now.shape == part.shape
-    places: dict[Any, NDArray[np.int64]] = {
-        dim: own for dim in now.dims if (own := _places(str(dim), run, whole)) is not None
+    original_indices: dict[Any, NDArray[np.int64]] = {
+        dim: indices for dim in now.dims if (indices := _original_indices_of(str(dim), run, original_run)) is not None
     }
-    then = whole.variables[part.name].isel(places)
+    then = original_run.variables[part.name].isel(original_indices)
     if then.shape[1:] != now.shape[1:]:
         return False  # elements were left out, which `check_cut` refuses
-    mine, theirs = _joined([now]), _joined([then])
-    if mine.dtype != theirs.dtype or any((own < 0).any() for own in places.values()):
+    mine, theirs = _rows_as_words([now]), _rows_as_words([then])
+    if mine.dtype != theirs.dtype or any((indices < 0).any() for indices in original_indices.values()):
         return True
-    if now.dims[0] in places:
+    if now.dims[0] in original_indices:
         return bool((mine != theirs).any())
     return not {*mine.tolist()} <= {*theirs.tolist()}
 
 
-def _places(dim: str, run: xr.Dataset, whole: xr.Dataset) -> NDArray[np.int64] | None:
+def _original_indices_of(dim: str, run: xr.Dataset, original: xr.Dataset) -> NDArray[np.int64] | None:
     """Return where the rows or elements of a record are in the whole run, by number or label; None where nothing names them."""
     name = STEP_NUMBER.name if dim == STEPS else label_of(dim)
-    if name not in run.variables or name not in whole.variables:
+    if name not in run.variables or name not in original.variables:
         return None
-    theirs, mine = (np.atleast_1d(each.variables[name].values).tolist() for each in (whole, run))
+    theirs, mine = (np.atleast_1d(dataset.variables[name].values).tolist() for dataset in (original, run))
     numbers = {label: number for number, label in enumerate(theirs)}
     return np.array([numbers.get(label, -1) for label in mine], np.int64)
 
@@ -217,7 +223,7 @@ def without_stale_units(run: xr.Dataset) -> xr.Dataset:
     changed = {name: run.variables[name].copy(deep=False) for name in edited_variables(run) if name in run.variables}
     for variable in changed.values():
         variable.attrs["units"] = UNKNOWN_UNIT
-    return replaced(run, changed)
+    return with_variables(run, changed)
 
 
 def check_states(run: xr.Dataset) -> None:
@@ -247,147 +253,153 @@ def check_cut(run: xr.Dataset) -> None:
     run = as_recorded(run)
     origin = run.attrs.get(ORIGIN)
     parts = origin.parts if isinstance(origin, Origin) else {}
-    kept = {name: part.dims for name, part in parts.items() if name in run.variables}
-    check_elements(run, {dim for name, dims in kept.items() for dim in {*dims} - {*run.variables[name].dims}})
+    original_dims = {name: part.dims for name, part in parts.items() if name in run.variables}
+    check_elements(run, {dim for name, dims in original_dims.items() for dim in {*dims} - {*run.variables[name].dims}})
 
 
-def _selected(fewer: Mapping[str, list[str]], left_out: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:
+def _selection_words(
+    fewer: Mapping[str, list[str]], left_out: list[str], run: xr.Dataset, origin: Origin
+) -> Iterator[str]:
     for dim, names in fewer.items():
         yield f"{run.sizes[dim]} of {origin.parts[names[0]].shape[0]} rows of '{dim}'"
     if left_out:
-        rest = f" and {len(left_out) - MOST_NAMED} more" if len(left_out) > MOST_NAMED else ""
-        yield f"without {', '.join(left_out[:MOST_NAMED])}{rest}"
+        further_names = f" and {len(left_out) - MOST_NAMED} more" if len(left_out) > MOST_NAMED else ""
+        yield f"without {', '.join(left_out[:MOST_NAMED])}{further_names}"
 
 
-def _attributes(whose: str, then: Mapping[str, Any], now: Mapping[Any, Any]) -> Iterator[str]:
-    before, after = plain(then), plain(now)
-    for name in {**before, **after}:
-        if name in OUTSIDE or repr(before.get(name)) == repr(after.get(name)):  # repr: a nan is the same nan
+def _attribute_faults(whose: str, then: Mapping[str, Any], now: Mapping[Any, Any]) -> Iterator[str]:
+    original_attributes, current_attributes = plain(then), plain(now)
+    for name in {**original_attributes, **current_attributes}:
+        if name in OUTSIDE or repr(original_attributes.get(name)) == repr(
+            current_attributes.get(name)
+        ):  # repr: a nan is the same nan
             continue
-        if name not in after:
+        if name not in current_attributes:
             yield f"attribute '{name}'{whose} is gone"
-        elif name not in before:
-            yield f"attribute '{name}'{whose} is {_short(after[name])}, and the run has none"
+        elif name not in original_attributes:
+            yield f"attribute '{name}'{whose} is {_short_repr(current_attributes[name])}, and the run has none"
         else:
-            yield f"attribute '{name}'{whose} is {_short(after[name])}, in the run {_short(before[name])}"
+            yield f"attribute '{name}'{whose} is {_short_repr(current_attributes[name])}, in the run {_short_repr(original_attributes[name])}"
 
 
 def _is_array_of(part: OriginalVariable, now: xr.Variable) -> bool:
     return part.variable is not None and now.data is part.variable.data
 
 
-def _is_kept(part: OriginalVariable, now: xr.Variable) -> bool:
+def _is_unchanged(part: OriginalVariable, now: xr.Variable) -> bool:
     """Whether a variable has the values that were marched or read: the same array, or one of the same digest."""
     if _is_array_of(part, now):
         return not (isinstance(now.data, np.ndarray) and now.data.flags.writeable)  # read-only since it was marched
-    if part.held is not None and now._data is part.held:  # noqa: SLF001 - as it was opened, read or not
+    if part.opened_data is not None and now._data is part.opened_data:  # noqa: SLF001 - as it was opened, read or not
         return True
-    return (part.unchanged is not None and part.unchanged(now)) or digest_of(part.name, now) == part.digest
+    return (part.unchanged is not None and part.unchanged(now)) or variable_digest(part.name, now) == part.digest
 
 
-def _values(part: OriginalVariable, now: xr.Variable, origin: Origin) -> Iterator[str]:
+def _value_faults(part: OriginalVariable, now: xr.Variable, origin: Origin) -> Iterator[str]:
     """Compare a variable of the same shape, and name the first value that differs."""
-    if _is_kept(part, now):
+    if _is_unchanged(part, now):
         return
     if _is_array_of(part, now):
         yield f"variable '{part.name}' was opened to writing, and what was marched is no longer known"
         return
-    whole = _whole(origin)
-    then = None if whole is None else whole.variables.get(part.name)
+    original = _original_record(origin)
+    then = None if original is None else original.variables.get(part.name)
     if then is None:
         yield f"variable '{part.name}' differs from its digest in the run"
     elif then.dtype.kind != now.dtype.kind or (then.dtype.itemsize != now.dtype.itemsize and now.dims):
         yield f"variable '{part.name}' is of the type {now.dtype}, in the run {then.dtype}"
     elif not now.dims:
-        yield f"variable '{part.name}' is {_short(now.values)}, in the run {_short(then.values)}"
+        yield f"variable '{part.name}' is {_short_repr(now.values)}, in the run {_short_repr(then.values)}"
     else:
-        yield f"variable '{part.name}' is {_first_apart(now, then)}"
+        yield f"variable '{part.name}' is {_first_difference(now, then)}"
 
 
-def _first_apart(now: xr.Variable, then: xr.Variable) -> str:
+def _first_difference(now: xr.Variable, then: xr.Variable) -> str:
     """Describe the first number that differs, a slab at a time."""
     start = 0
     for mine, theirs in zip(slabs(now), slabs(then), strict=True):
-        apart = _bytes(mine) != _bytes(theirs)
-        if apart.any():
-            row, byte = (int(number) for number in np.unravel_index(int(apart.argmax()), apart.shape))
-            size = apart.shape[1] // math.prod(mine.shape[1:])
-            place = np.unravel_index(byte // size, mine.shape[1:])
-            where = "".join(f", {dim} {number}" for dim, number in zip(now.dims[1:], place, strict=True))
-            return f"{_short(mine[row][place])} in row {start + row}{where}, in the run {_short(theirs[row][place])}"
+        differs = _bytes_of_rows(mine) != _bytes_of_rows(theirs)
+        if differs.any():
+            row, byte = (int(number) for number in np.unravel_index(int(differs.argmax()), differs.shape))
+            size = differs.shape[1] // math.prod(mine.shape[1:])
+            element_index = np.unravel_index(byte // size, mine.shape[1:])
+            where = "".join(f", {dim} {number}" for dim, number in zip(now.dims[1:], element_index, strict=True))
+            return f"{_short_repr(mine[row][element_index])} in row {start + row}{where}, in the run {_short_repr(theirs[row][element_index])}"
         start += len(mine)
     return f"of the type {now.dtype}, in the run {then.dtype}"
 
 
-def _rows(dim: str, names: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:
+def _row_faults(dim: str, names: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:
     """Look for every kept row among the run's, in their order."""
-    whole = _whole(origin)
-    if whole is None:
+    original = _original_record(origin)
+    if original is None:
         yield (
             f"rows of '{dim}' are left out, and the run they were taken from is no longer at hand: save the selection"
             " in the process that made it, or next to the archive it was read from"
         )
         return
-    rows = rows_within(names, run, whole)
+    rows = rows_within(names, run, original)
     if isinstance(rows, int):
         yield (
-            f"row {rows} of '{dim}', with {names[0]} = {_short(run[names[0]].values[rows])}, is none of the run's rows"
+            f"row {rows} of '{dim}', with {names[0]} = {_short_repr(run[names[0]].values[rows])}, is none of the run's rows"
         )
 
 
-def selected_like(kept: xr.Dataset, whole: xr.Dataset) -> xr.Dataset:
+def selected_like(partial_run: xr.Dataset, full_run: xr.Dataset) -> xr.Dataset:
     """Select from a run what a selection has kept, found by its values; what is not found stays whole."""
-    if not is_selection(kept.attrs):
-        return whole
-    if is_former(kept.attrs):  # it names rows by their places in the whole run
-        whole = by_places(whole, np.asarray(whole.variables[STEP_NUMBER.name].values))
-    names = [str(name) for name in kept.variables if name in whole.variables]
-    selection = whole.drop_vars([name for name in whole.variables if name not in names])
+    if not is_selection(partial_run.attrs):
+        return full_run
+    if is_former(partial_run.attrs):  # it names rows by their places in the whole run
+        full_run = by_places(full_run, np.asarray(full_run.variables[STEP_NUMBER.name].values))
+    names = [str(name) for name in partial_run.variables if name in full_run.variables]
+    selection = full_run.drop_vars([name for name in full_run.variables if name not in names])
     for dim in selection.dims:
-        along = [name for name in names if selection.variables[name].dims[:1] == (dim,)]
-        if selection.sizes[dim] != kept.sizes[dim]:
-            rows = rows_within(along, kept, whole)
+        names_along_dim = [name for name in names if selection.variables[name].dims[:1] == (dim,)]
+        if selection.sizes[dim] != partial_run.sizes[dim]:
+            rows = rows_within(names_along_dim, partial_run, full_run)
             selection = selection if isinstance(rows, int) else selection.isel({dim: rows})
-    attributes = {name: kept.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL) if name in kept.attrs}
+    attributes = {
+        name: partial_run.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL) if name in partial_run.attrs
+    }
     same = all(
-        kept.attrs.get(name) == whole.attrs.get(name)
+        partial_run.attrs.get(name) == full_run.attrs.get(name)
         for name in ("xdynamics_version", "schema_version", SCHEMA_OF_LAW, "math_functions")
     )
     if same:  # another text of the law has another digest
-        attributes[SELECTION_OF] = content_digest(whole)
+        attributes[SELECTION_OF] = content_digest(full_run)
     return selection.assign_attrs(attributes)
 
 
-def rows_within(names: list[str], run: xr.Dataset, whole: xr.Dataset) -> NDArray[np.int64] | int:
+def rows_within(names: list[str], run: xr.Dataset, full_run: xr.Dataset) -> NDArray[np.int64] | int:
     """Find the rows of a selection among those of the whole, in their order; if one is missing, return its number."""
-    mine, theirs = (_joined([dataset.variables[name] for name in names]) for dataset in (run, whole))
+    mine, theirs = (_rows_as_words([dataset.variables[name] for name in names]) for dataset in (run, full_run))
     if mine.dtype != theirs.dtype:
         return 0
-    places, at = np.empty(len(mine), np.int64), 0
+    row_positions, next_row = np.empty(len(mine), np.int64), 0
     remaining = theirs.tolist()
-    for row, wanted in enumerate(mine.tolist()):
+    for row, row_word in enumerate(mine.tolist()):
         try:
-            at = remaining.index(wanted, at)
+            next_row = remaining.index(row_word, next_row)
         except ValueError:
             return row
-        places[row] = at
-        at += 1
-    return places
+        row_positions[row] = next_row
+        next_row += 1
+    return row_positions
 
 
-def _joined(variables: list[xr.Variable]) -> NDArray[Any]:
+def _rows_as_words(variables: list[xr.Variable]) -> NDArray[Any]:
     """Return every row of some variables as one word of bytes, compared without tolerance and without nan."""
-    joined = np.ascontiguousarray(np.hstack([_bytes(np.asarray(variable.values)) for variable in variables]))
-    words: NDArray[Any] = joined.view(np.dtype((np.void, joined.shape[1]))).ravel()
+    row_bytes = np.ascontiguousarray(np.hstack([_bytes_of_rows(np.asarray(variable.values)) for variable in variables]))
+    words: NDArray[Any] = row_bytes.view(np.dtype((np.void, row_bytes.shape[1]))).ravel()
     return words
 
 
-def _bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
+def _bytes_of_rows(values: NDArray[Any]) -> NDArray[np.uint8]:
     """Return the bytes of every row."""
-    rows = np.ascontiguousarray(letters(values) if values.dtype.kind in "UOT" else values)
+    rows = np.ascontiguousarray(utf8_letters(values) if values.dtype.kind in "UOT" else values)
     return rows.view(np.uint8).reshape(len(rows), rows.dtype.itemsize * math.prod(rows.shape[1:]))
 
 
-def _short(value: Any) -> str:
+def _short_repr(value: Any) -> str:
     text = repr(value.tolist() if hasattr(value, "tolist") else value)
     return text if len(text) <= 60 else text[:57] + "…"

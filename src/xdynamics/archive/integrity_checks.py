@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.declared_sizes import declared, foreign, oversize
+from xdynamics.archive.declared_sizes import declared_bytes, size_faults, unused_dimensions
 from xdynamics.archive.inventory import Inventory, inventory
-from xdynamics.archive.netcdf_library import DAMAGE, alone, opened, read, words_of
-from xdynamics.archive.netcdf_library import attributes as attributes_of
+from xdynamics.archive.netcdf_library import DAMAGE, error_text, opened_file, read_stored, with_library_lock
+from xdynamics.archive.netcdf_library import stored_attributes as attributes_of
 from xdynamics.archive.place import Place
 from xdynamics.archive.seals import Seal, Tail, digests_in, letters_of, root_digest, stored_digest, volatile_digest
-from xdynamics.archive.text_encoding import bytes_of, form_of
-from xdynamics.faults import ArchiveError, numbered
+from xdynamics.archive.text_encoding import bytes_dim, text_form
+from xdynamics.faults import ArchiveError, numbered_lines
 from xdynamics.record.variable_attributes import own_attributes
 from xdynamics.schema import (
     DIGEST,
@@ -70,7 +70,7 @@ class Examination:
     verdict: str = VERIFIED
 
     @classmethod
-    def of(cls, differences: Sequence[Fault], tail: Tail, attributes: Mapping[str, Any]) -> Examination:
+    def from_differences(cls, differences: Sequence[Fault], tail: Tail, attributes: Mapping[str, Any]) -> Examination:
         """Judge what differs: a seal covers every byte, and where none is there, what the record says decides."""
         kinds = {kind for kind, _ in differences}
         faults = tuple(text for _, text in differences)
@@ -85,7 +85,7 @@ class Examination:
             verdict, faults = REPACKED if faults or SEALED in attributes else VERIFIED, ()
         return cls(faults, str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")), verdict)
 
-    def settle(self, path: Place, *, also_edited: bool = False) -> None:
+    def raise_faults(self, path: Place, *, also_edited: bool = False) -> None:
         """Raise the faults as one error, if there are any.
 
         Parameters
@@ -101,8 +101,8 @@ class Examination:
         """
         if not self.faults or (also_edited and self.verdict == EDITED):
             return
-        said = "was edited since it was archived" if self.verdict == EDITED else "is damaged or no run archive"
-        raise ArchiveError(f"'{path}' {said}:{numbered(self.faults)}", self.faults, self.verdict)
+        verdict_text = "was edited since it was archived" if self.verdict == EDITED else "is damaged or no run archive"
+        raise ArchiveError(f"'{path}' {verdict_text}:{numbered_lines(self.faults)}", self.faults, self.verdict)
 
 
 Fault = tuple[int, str]
@@ -113,7 +113,7 @@ def harmed(*harms: str) -> Examination:
     return Examination(harms, verdict=DAMAGED)
 
 
-def examine(path: Path, tail: Tail, granted: Callable[[int], None] | None = None) -> Examination:
+def examine_file(path: Path, tail: Tail, granted: Callable[[int], None] | None = None) -> Examination:
     """Compare an archive with its seal and digests, in this process; its objects are listed first.
 
     Parameters
@@ -128,13 +128,13 @@ def examine(path: Path, tail: Tail, granted: Callable[[int], None] | None = None
     try:
         objects = inventory(path)
     except DAMAGE as error:
-        return harmed(*harms, f"it cannot be read: {words_of(error)}")
+        return harmed(*harms, f"it cannot be read: {error_text(error)}")
     if objects.faults:  # not opened: the netCDF library would follow them
         return harmed(*harms, *objects.faults)
-    return compare(path, tail, objects, granted)
+    return compare_file(path, tail, objects, granted)
 
 
-def compare(
+def compare_file(
     path: Path, tail: Tail, objects: Inventory | None = None, granted: Callable[[int], None] | None = None
 ) -> Examination:
     """Compare an archive, all of whose bytes are known here, with its seal and digests.
@@ -146,28 +146,31 @@ def compare(
     objects : Inventory, optional
         Its objects, if others wrote it.
     granted : callable, optional
-        As for `examine`.
+        As for `examine_file`.
     """
     harms = [tail.fault] if tail.fault else []
     try:
-        with opened(path) as file:
-            if bounds := oversize(path, file):
+        with opened_file(path) as file:
+            if bounds := size_faults(path, file):
                 return harmed(*harms, *bounds)
             if granted:
-                granted(declared(file))
+                granted(declared_bytes(file))
             if path.stat().st_size <= AT_ONCE:  # one turn in the library for all of it, not six for each variable
-                return alone(_examined)(file, tail, harms, objects)
-            return _examined(file, tail, harms, objects)
+                return with_library_lock(_examine_open_file)(file, tail, harms, objects)
+            return _examine_open_file(file, tail, harms, objects)
     except DAMAGE as error:
-        return harmed(*harms, f"it cannot be read: {words_of(error)}")
+        return harmed(*harms, f"it cannot be read: {error_text(error)}")
 
 
-def _examined(file: Any, tail: Tail, harms: list[str], objects: Inventory | None) -> Examination:
-    differences = [(HARM, harm) for harm in harms] + [(MANNER, fault) for fault in foreign(file)]
+def _examine_open_file(file: Any, tail: Tail, harms: list[str], objects: Inventory | None) -> Examination:
+    differences = [(HARM, harm) for harm in harms] + [(MANNER, fault) for fault in unused_dimensions(file)]
     attributes = attributes_of(file)
     if objects is not None:
-        shown = {name: {*attributes_of(variable)} for name, variable in file.variables.items()}
-        differences += [(HARM, fault) for fault in objects.hidden(shown | {"": {*attributes}}, {*file.dimensions})]
+        shown_attributes = {name: {*attributes_of(variable)} for name, variable in file.variables.items()}
+        differences += [
+            (HARM, fault)
+            for fault in objects.unshown_objects(shown_attributes | {"": {*attributes}}, {*file.dimensions})
+        ]
     if ORIGIN in attributes:
         differences.append((MANNER, f"attribute '{ORIGIN}' is none of an archive"))
     if ROOT_DIGEST not in attributes:
@@ -183,12 +186,12 @@ def _examined(file: Any, tail: Tail, harms: list[str], objects: Inventory | None
         differences.append((EDIT, "the attributes differ from the content digest"))
     if VOLATILE_DIGEST in attributes and attributes[VOLATILE_DIGEST] != record.volatile_digest():
         differences.append((MANNER, "the attributes on date, versions and machine differ from their digest"))
-    return Examination.of(differences, tail, attributes)
+    return Examination.from_differences(differences, tail, attributes)
 
 
 def recorded_name(name: str, variable: Any, attributes: Mapping[str, Any]) -> str:
     """Return what a record calls a variable: labels are the index of their dimension in memory, and so in files by xarray."""
-    dims = alone(lambda: variable.dimensions)()
+    dims = with_library_lock(lambda: variable.dimensions)()
     is_index = MODEL_DIMENSIONS in attributes and dims[:1] == (name,)
     return label_of(name) if is_index and attributes_of(variable).get("role") == LABEL else name
 
@@ -214,8 +217,12 @@ class _Record:
 
     def __init__(self, attributes: Mapping[str, Any], variables: Mapping[str, Any]) -> None:
         self._attributes, self._stated = attributes, digests_in(attributes)
-        self._variables, self._noted = dict(variables), dict[str, _Stored]()
-        texts = [alone(lambda: text.dimensions)() for name in TEXT_NAMES if (text := variables.get(name)) is not None]
+        self._variables, self._stored_variables = dict(variables), dict[str, _Stored]()
+        texts = [
+            with_library_lock(lambda: text.dimensions)()
+            for name in TEXT_NAMES
+            if (text := variables.get(name)) is not None
+        ]
         # a record of the former schema that was opened here and written by another program has the words of today
         self._in_words_of_today = is_former(attributes) and (
             (DOCUMENT,) in [dims[:1] for dims in texts]
@@ -227,7 +234,7 @@ class _Record:
         """Return what names rows in the words of today, if the record as it was written has these numbers too."""
         if (variable := self._variables.get(STEP_NUMBER.name)) is None or SELECTION_OF in self._attributes:
             return None
-        numbers = np.asarray(read(variable, ...))
+        numbers = np.asarray(read_stored(variable, ...))
         if STEP_NUMBER.name in self._stated or not np.array_equal(numbers, np.arange(numbers.size)):
             return numbers
         del self._variables[STEP_NUMBER.name]  # made when it was opened
@@ -236,32 +243,36 @@ class _Record:
     def faults(self) -> Iterator[Fault]:
         """Compare every variable with its digest, and yield what differs, or is kept in another manner."""
         for name in self._variables:
-            if (fault := self._fault_of(name)) is not None:
+            if (fault := self._variable_fault(name)) is not None:
                 yield fault
         for name in self._stated:
             if name not in self._variables:
                 yield EDIT, f"variable '{name}' is missing, of which there is a digest"
         # what could not be read would be missing among the coordinates
-        if len(self._noted) == len(self._variables):
-            about = {name: (stored.dims, stored.attributes.get("role")) for name, stored in self._noted.items()}
-            for name, stored in self._noted.items():
+        if len(self._stored_variables) == len(self._variables):
+            about = {
+                name: (stored.dims, stored.attributes.get("role")) for name, stored in self._stored_variables.items()
+            }
+            for name, stored in self._stored_variables.items():
                 if stored.coordinates not in (None, coordinates_of(name, about, former=is_former(self._attributes))):
                     yield MANNER, f"variable '{name}' is not stored as it was written"
 
-    def _fault_of(self, name: str) -> Fault | None:
+    def _variable_fault(self, name: str) -> Fault | None:
         """Compare one of a file's variables with its digest, and note what it holds; return its fault."""
         variable = self._variables[name]
         try:
             digest = self._digest_of(name)
             attributes = attributes_of(variable)
-            dims, shape, dtype = alone(lambda: (variable.dimensions, variable.shape, variable.dtype))()
-            form, is_text = form_of(attributes, dtype, dims, shape), dtype == "S1"
-            text = read(variable, ...).tobytes() if is_text else b""
+            dims, shape, dtype = with_library_lock(lambda: (variable.dimensions, variable.shape, variable.dtype))()
+            form, is_text = text_form(attributes, dtype, dims, shape), dtype == "S1"
+            text = read_stored(variable, ...).tobytes() if is_text else b""
         except DAMAGE as error:
-            return HARM, f"variable '{name}' cannot be read: {words_of(error)}"
-        further = letters_of(name) if is_text else bytes_of(name) if form and form.further else ""
+            return HARM, f"variable '{name}' cannot be read: {error_text(error)}"
+        further = letters_of(name) if is_text else bytes_dim(name) if form and form.further else ""
         own_dims = dims[:-1] if further else dims
-        self._noted[name] = _Stored(digest, own_attributes(attributes), own_dims, attributes.get("coordinates"))
+        self._stored_variables[name] = _Stored(
+            digest, own_attributes(attributes), own_dims, attributes.get("coordinates")
+        )
         try:
             text.decode()
         except UnicodeDecodeError as error:
@@ -278,8 +289,8 @@ class _Record:
         """Return the digest of a variable as the record was written."""
         variable = self._variables[name]
         if self._numbers is not None and name in NAMES_ROWS:
-            dims, dtype = alone(lambda: (variable.dimensions, variable.dtype))()
-            seal, places = Seal(name, dims, dtype), np.searchsorted(self._numbers, read(variable, ...))
+            dims, dtype = with_library_lock(lambda: (variable.dimensions, variable.dtype))()
+            seal, places = Seal(name, dims, dtype), np.searchsorted(self._numbers, read_stored(variable, ...))
             seal.update(places.astype(dtype))
             return seal.hexdigest()
         return stored_digest(
@@ -287,11 +298,15 @@ class _Record:
         )
 
     def _is_along_document(self, name: str) -> bool:
-        return (*alone(lambda: self._variables[name].dimensions)()[:1],) == (DOCUMENT,)
+        return (*with_library_lock(lambda: self._variables[name].dimensions)()[:1],) == (DOCUMENT,)
 
     def agrees(self) -> bool:
         """Whether the content digest is that of variables and attributes, but for what was noted beside them."""
-        digests, own, wanted = self._digests, self._own, self._attributes[ROOT_DIGEST]
+        digests, variable_attributes, stated_digest = (
+            self._variable_digests,
+            self._variable_attributes,
+            self._attributes[ROOT_DIGEST],
+        )
         names = [*self._attributes]
         behind = names[names.index(VOLATILE_DIGEST) :] if VOLATILE_DIGEST in names else []  # it is written last
         for added in ((), behind):
@@ -300,18 +315,18 @@ class _Record:
                 for name, value in self._attributes.items()
                 if name not in added or name.startswith(OF_RECORD)
             }
-            if root_digest(digests, own, remaining) == wanted:
+            if root_digest(digests, variable_attributes, remaining) == stated_digest:
                 return True
         return False
 
     def volatile_digest(self) -> str:
         """Return the digest of circumstances as they are in the file."""
-        return volatile_digest(self._digests, self._own, self._attributes)
+        return volatile_digest(self._variable_digests, self._variable_attributes, self._attributes)
 
     @property
-    def _digests(self) -> dict[str, str]:
-        return {name: stored.digest for name, stored in self._noted.items()}
+    def _variable_digests(self) -> dict[str, str]:
+        return {name: stored.digest for name, stored in self._stored_variables.items()}
 
     @property
-    def _own(self) -> dict[str, dict[str, Any]]:
-        return {name: stored.attributes for name, stored in self._noted.items()}
+    def _variable_attributes(self) -> dict[str, dict[str, Any]]:
+        return {name: stored.attributes for name, stored in self._stored_variables.items()}

@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from xdynamics.archive.netcdf_library import alone
+from xdynamics.archive.netcdf_library import with_library_lock
 from xdynamics.archive.open_files import openings
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -83,12 +83,12 @@ class Inventory:
     filled: set[str] = field(default_factory=set)
     faults: list[str] = field(default_factory=list)
 
-    def hidden(self, shown: dict[str, set[str]], dimensions: set[str]) -> list[str]:
+    def unshown_objects(self, shown_attributes: dict[str, set[str]], dimensions: set[str]) -> list[str]:
         """List the objects and attributes that netCDF does not show.
 
         Parameters
         ----------
-        shown : dict of str to set of str
+        shown_attributes : dict of str to set of str
             Names of the attributes of every variable that netCDF shows, and of the file itself under the empty name.
         dimensions : set of str
             Names of dimensions, of which each may have a dataset without values.
@@ -96,16 +96,16 @@ class Inventory:
         faults = []
         for stored, names in self.attributes.items():
             name = stored.removeprefix(NON_COORDINATE)
-            if name not in shown and (stored not in dimensions or stored in self.filled):
+            if name not in shown_attributes and (stored not in dimensions or stored in self.filled):
                 faults.append(f"object '{stored}' is none that netCDF shows")
                 continue
-            of = f" of '{name}'" if name else ""
-            unseen = sorted(names - INTERNAL - shown.get(name, set()))
-            faults += [f"attribute '{attribute}'{of} is none that netCDF shows" for attribute in unseen]
+            owner = f" of '{name}'" if name else ""
+            unseen = sorted(names - INTERNAL - shown_attributes.get(name, set()))
+            faults += [f"attribute '{attribute}'{owner} is none that netCDF shows" for attribute in unseen]
         return faults
 
 
-@alone
+@with_library_lock
 def inventory(path: Path) -> Inventory:
     """List the objects of a file; no values are read, and no other file is opened.
 
@@ -119,50 +119,52 @@ def inventory(path: Path) -> Inventory:
     with path.open("rb") as file:
         if file.read(len(SIGNATURE)) != SIGNATURE:
             raise OSError("it does not begin as an HDF5 file does")
-    openings.of(path)  # refuses one that was overwritten while the library has it open
+    openings.opening_of(path)  # refuses one that was overwritten while the library has it open
     objects = Inventory()
-    with _held("H5Fopen", os.fsencode(path.absolute()), 0, 0, close="H5Fclose") as root:
-        objects.attributes[""] = _attributes(root, "", objects.faults)
+    with _library_handle("H5Fopen", os.fsencode(path.absolute()), 0, 0, close="H5Fclose") as root:
+        objects.attributes[""] = _attribute_names(root, "", objects.faults)
         links = "H5Literate2" if hasattr(_library(), "H5Literate2") else "H5Literate"
-        for name, kind in _listed(links, root):  # the first number reported of a link is its kind
+        for name, kind in _iterated_names(links, root):  # the first number reported of a link is its kind
             if kind:
                 objects.faults.append(
                     f"'{name}' is {LINKS.get(kind, 'a link of a foreign kind')}; no archive has links"
                 )
                 continue
-            with _held("H5Oopen", root, name.encode("utf-8", "surrogateescape"), 0, close="H5Oclose") as handle:
-                _note(objects, name, handle)
+            with _library_handle(
+                "H5Oopen", root, name.encode("utf-8", "surrogateescape"), 0, close="H5Oclose"
+            ) as handle:
+                _note_object(objects, name, handle)
     return objects
 
 
-def _note(objects: Inventory, name: str, handle: int) -> None:
+def _note_object(objects: Inventory, name: str, handle: int) -> None:
     """Note an object under its name: a dataset, or a fault."""
     kind = _library().H5Iget_type(handle)
     if kind != DATASET:
-        what = {GROUP: "group", TYPE: "type"}.get(kind, "object")
-        objects.faults.append(f"{what} '{name}' is none of a run")
+        kind_name = {GROUP: "group", TYPE: "type"}.get(kind, "object")
+        objects.faults.append(f"{kind_name} '{name}' is none of a run")
         return
-    with _held("H5Dget_create_plist", handle, close="H5Pclose") as built:
+    with _library_handle("H5Dget_create_plist", handle, close="H5Pclose") as built:
         if _library().H5Pget_layout(built) == VIRTUAL:
             objects.faults.append(f"variable '{name}' is a virtual dataset, whose values stand elsewhere")
             return
         if count := _library().H5Pget_external_count(built):
             objects.faults.append(f"variable '{name}' has its values in {count} other file{'s' if count > 1 else ''}")
             return
-    with _held("H5Dget_type", handle, close="H5Tclose") as values:
-        if held := CLASSES.get(_library().H5Tget_class(values)):
-            objects.faults.append(f"variable '{name}' holds {held}, which no variable of an archive does")
+    with _library_handle("H5Dget_type", handle, close="H5Tclose") as values:
+        if class_name := CLASSES.get(_library().H5Tget_class(values)):
+            objects.faults.append(f"variable '{name}' holds {class_name}, which no variable of an archive does")
     if _library().H5Dget_storage_size(handle):
         objects.filled.add(name)
-    objects.attributes[name] = _attributes(handle, name, objects.faults)
+    objects.attributes[name] = _attribute_names(handle, name, objects.faults)
 
 
-def _listed(function: str, of: int) -> list[tuple[str, int]]:
+def _iterated_names(function: str, handle: int) -> list[tuple[str, int]]:
     """Return the names that a function of the library iterates over, and the first number that it reports of each."""
     entries: list[tuple[str, int]] = []
     broken: list[BaseException] = []
 
-    def noted(_of: int, name: bytes, numbers: Any, _data: int) -> int:
+    def note_entry(_handle: int, name: bytes, numbers: Any, _data: int) -> int:
         try:
             entries.append((name.decode("utf-8", "surrogateescape"), numbers[0]))
         except BaseException as error:  # noqa: BLE001 - Ctrl-C, too, would be lost in a function that C calls
@@ -171,7 +173,7 @@ def _listed(function: str, of: int) -> list[tuple[str, int]]:
         return 0
 
     try:
-        _called(function, of, 0, 2, None, _Noted(noted), None)
+        _call_library(function, handle, 0, 2, None, _Noted(note_entry), None)
     except OSError:
         if broken:
             raise broken[0] from None
@@ -179,34 +181,34 @@ def _listed(function: str, of: int) -> list[tuple[str, int]]:
     return entries
 
 
-def _attributes(of: int, name: str, faults: list[str]) -> set[str]:
+def _attribute_names(handle: int, name: str, faults: list[str]) -> set[str]:
     """Return the names of an object's attributes; its references to dimensions must stay within the file."""
-    names = {attribute for attribute, _ in _listed("H5Aiterate2", of)}
-    if FOLLOWED in names and not _is_within(of):
+    names = {attribute for attribute, _ in _iterated_names("H5Aiterate2", handle)}
+    if FOLLOWED in names and not _is_within(handle):
         faults.append(f"attribute '{FOLLOWED}' of '{name}' is none of netCDF's: it may lead out of the file")
     return names
 
 
-def _is_within(of: int) -> bool:
+def _is_within(handle: int) -> bool:
     """Whether the references to an object's dimensions are rows of addresses in the file itself."""
     library = _library()
     with (
-        _held("H5Aopen", of, FOLLOWED.encode(), 0, close="H5Aclose") as attribute,
-        _held("H5Aget_type", attribute, close="H5Tclose") as rows,
+        _library_handle("H5Aopen", handle, FOLLOWED.encode(), 0, close="H5Aclose") as attribute,
+        _library_handle("H5Aget_type", attribute, close="H5Tclose") as rows,
     ):
         if library.H5Tget_class(rows) != ROWS:
             return False
-        with _held("H5Tget_super", rows, close="H5Tclose") as held:
-            return bool(library.H5Tequal(held, c_int64.in_dll(library, "H5T_STD_REF_OBJ_g")) > 0)
+        with _library_handle("H5Tget_super", rows, close="H5Tclose") as base_type:
+            return bool(library.H5Tequal(base_type, c_int64.in_dll(library, "H5T_STD_REF_OBJ_g")) > 0)
 
 
-class _held:  # noqa: N801 - used as a statement, some hundred times a file
+class _library_handle:  # noqa: N801 - used as a statement, some hundred times a file
     """Lends a handle that a function of the library opens."""
 
     __slots__ = ("close", "handle")
 
     def __init__(self, name: str, *arguments: Any, close: str) -> None:
-        self.handle, self.close = _called(name, *arguments), close
+        self.handle, self.close = _call_library(name, *arguments), close
 
     def __enter__(self) -> int:
         return self.handle
@@ -215,7 +217,7 @@ class _held:  # noqa: N801 - used as a statement, some hundred times a file
         getattr(_library(), self.close)(self.handle)
 
 
-def _called(name: str, *arguments: Any) -> int:
+def _call_library(name: str, *arguments: Any) -> int:
     """Call a function of the library; raise OSError if it returns a negative number."""
     answer = int(getattr(_library(), name)(*arguments))
     if answer < 0:

@@ -19,10 +19,10 @@ from email.utils import parsedate_to_datetime
 from pathlib import Path
 from typing import Any
 
-from xdynamics.archive.object_calls import RefusedError, body_of, call, worded
+from xdynamics.archive.object_calls import RefusedError, body_of, call_store, refusal_error
 from xdynamics.archive.place import ObjectName
 from xdynamics.archive.store import LockedError
-from xdynamics.archive.temporary_files import take
+from xdynamics.archive.temporary_files import try_lock
 from xdynamics.faults import InputError
 
 LEASE = 30.0  # s without renewal after which a lock is free; a holder that was cut off longer writes under a condition
@@ -30,7 +30,7 @@ RENEWALS = 6  # in that time: a store tells ages in whole seconds, and some call
 
 
 @contextmanager
-def leased(lock: ObjectName, what: ObjectName) -> Iterator[None]:
+def leased(lock: ObjectName, locked_name: ObjectName) -> Iterator[None]:
     """Hold a lock during the `with` block.
 
     Raises
@@ -41,13 +41,13 @@ def leased(lock: ObjectName, what: ObjectName) -> Iterator[None]:
     token = secrets.token_hex(8)
     handle = os.open(_witness(token), os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, 0o600)
     try:
-        take(handle, needed=False)
+        try_lock(handle, needed=False)
         content = json.dumps({"token": token, "host": socket.gethostname(), "process": os.getpid()}).encode()
-        lease = _Lease(lock, content, _taken(lock, what, content))
+        lease = _Lease(lock, content, _take_lock(lock, locked_name, content))
         try:
             yield
         finally:
-            lease.end()
+            lease.release()
     finally:
         _witness(token).unlink(missing_ok=True)
         os.close(handle)
@@ -64,49 +64,49 @@ class _Lease:
     def _renew(self) -> None:
         while not self.over.wait(LEASE / RENEWALS):
             try:
-                self.stamp = _put(self.lock, self.content, IfMatch=self.stamp)
+                self.stamp = _put_lock(self.lock, self.content, IfMatch=self.stamp)
             except RefusedError as error:
                 if error.is_taken or error.is_absent:
                     return  # another holds it: what is written under it is conditional, too
             except InputError:
                 return
 
-    def end(self) -> None:
+    def release(self) -> None:
         """Release the lock, if it is still this process' own."""
         self.over.set()
         self.thread.join()
         with suppress(RefusedError):
-            call(self.lock, "delete_object", Key=self.lock.key, IfMatch=self.stamp)
+            call_store(self.lock, "delete_object", Key=self.lock.key, IfMatch=self.stamp)
 
 
-def _put(lock: ObjectName, content: bytes, **condition: str) -> str:
-    return str(call(lock, "put_object", Key=lock.key, Body=content, **condition)["ETag"])
+def _put_lock(lock: ObjectName, content: bytes, **condition: str) -> str:
+    return str(call_store(lock, "put_object", Key=lock.key, Body=content, **condition)["ETag"])
 
 
-def _taken(lock: ObjectName, what: ObjectName, content: bytes) -> str:
+def _take_lock(lock: ObjectName, locked_name: ObjectName, content: bytes) -> str:
     """Put a lock, in the place of one whose holder is dead; return its stamp."""
     try:
         with suppress_taken():
-            return _put(lock, content, IfNoneMatch="*")
-        answer = call(lock, "get_object", Key=lock.key)
+            return _put_lock(lock, content, IfNoneMatch="*")
+        answer = call_store(lock, "get_object", Key=lock.key)
         holder: dict[str, Any] = json.loads(body_of(answer) or b"{}")
         if holder.get("token") == json.loads(content)["token"]:  # the answer to our own call was lost
             return str(answer["ETag"])
         age = _age(answer)
         if age >= LEASE or _is_dead(str(holder.get("token", ""))):
             with suppress_taken():
-                stamp = _put(lock, content, IfMatch=str(answer["ETag"]))
-                _forget(str(holder.get("token", "")))
+                stamp = _put_lock(lock, content, IfMatch=str(answer["ETag"]))
+                _forget_token(str(holder.get("token", "")))
                 return stamp
             age = 0.0
     except RefusedError as error:
         if error.is_absent:  # released in between
-            return _taken(lock, what, content)
-        raise worded(lock, "cannot be locked", error) from None
+            return _take_lock(lock, locked_name, content)
+        raise refusal_error(lock, "cannot be locked", error) from None
     except ValueError:
         holder, age = {}, 0.0
     raise LockedError(
-        f"'{what}' is locked by process {holder.get('process', '?')} of {str(holder.get('host', '?'))[:80]}, which renewed"
+        f"'{locked_name}' is locked by process {holder.get('process', '?')} of {str(holder.get('host', '?'))[:80]}, which renewed"
         f" its lock {age:.0f} s ago; unless it does so again, the lock is free in {max(LEASE - age, 1.0):.0f} s: try again then"
     )
 
@@ -132,7 +132,7 @@ def _witness(token: str) -> Path:
     return Path(tempfile.gettempdir()) / f".xdynamics.{token}.lease"
 
 
-def _forget(token: str) -> None:
+def _forget_token(token: str) -> None:
     if token.isalnum():
         _witness(token).unlink(missing_ok=True)
 
@@ -146,6 +146,6 @@ def _is_dead(token: str) -> bool:
     except OSError:
         return False
     try:
-        return take(handle, needed=True)
+        return try_lock(handle, needed=True)
     finally:
         os.close(handle)

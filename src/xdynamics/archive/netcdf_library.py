@@ -31,16 +31,16 @@ DAMAGE = (OSError, RuntimeError, ValueError, AttributeError, LookupError, TypeEr
 READ_CACHE = 1 << 20  # bytes of chunks that are kept in memory of each variable that is read
 
 
-def words_of(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """Return the text of an error; its type's name if it has none, as a MemoryError."""
     return str(error) or type(error).__name__
 
 
-_own = threading.RLock()
-_left: list[Any] = []
+_library_lock = threading.RLock()
+_files_to_close: list[Any] = []
 
 
-def alone(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+def with_library_lock(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Make a function run while no other thread is in the library; such functions may call each other.
 
     The locks are held for one call of the library or a few in a row, never while a caller's code runs or another thread
@@ -50,14 +50,14 @@ def alone(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """
 
     @wraps(function)
-    def called(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        if _own._is_owned():  # type: ignore[attr-defined]  # noqa: SLF001 - as `threading.Condition` asks
+    def locked_call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        if _library_lock._is_owned():  # type: ignore[attr-defined]  # noqa: SLF001 - as `threading.Condition` asks
             return function(*args, **kwargs)
         first, second = _locks_of_xarray()
-        with _own, first, second:
+        with _library_lock, first, second:
             return function(*args, **kwargs)
 
-    return called
+    return locked_call
 
 
 def _locks_of_xarray() -> list[Any]:
@@ -72,11 +72,11 @@ _forking: list[Any] = []
 
 
 def _before_fork() -> None:
-    theirs = [] if _own._is_owned() else _locks_of_xarray()  # type: ignore[attr-defined]  # noqa: SLF001
-    _own.acquire()
+    theirs = [] if _library_lock._is_owned() else _locks_of_xarray()  # type: ignore[attr-defined]  # noqa: SLF001
+    _library_lock.acquire()
     for lock in theirs:
         lock.acquire()
-    _forking[:] = [_own, *theirs]
+    _forking[:] = [_library_lock, *theirs]
 
 
 def _after_fork() -> None:
@@ -88,20 +88,20 @@ def _after_fork() -> None:
 os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
 
 
-def leave(file: netCDF4.Dataset) -> None:
+def close_later(file: netCDF4.Dataset) -> None:
     """Leave a file to be closed when the next one is opened; for finalisers, which must not wait for the lock."""
-    _left.append(file)
+    _files_to_close.append(file)
 
 
-@alone
+@with_library_lock
 def close_left() -> None:
     """Close the files that finalisers left."""
-    while _left:
+    while _files_to_close:
         with suppress(RuntimeError):
-            _left.pop().close()
+            _files_to_close.pop().close()
 
 
-@alone
+@with_library_lock
 def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
     """Open a file with the library.
 
@@ -115,9 +115,9 @@ def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
     """
     close_left()
     name = os.fsencode(path.absolute()).decode("latin-1")
-    opening = openings.of(path) if mode == "r" else None
+    opening = openings.opening_of(path) if mode == "r" else None
     try:
-        file = _opened(name, mode)
+        file = _open_by_library(name, mode)
     except BaseException:
         gc.collect()  # a file that was opened half is closed now, under the lock, not by whatever thread collects later
         raise
@@ -126,7 +126,7 @@ def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
     return file
 
 
-def _opened(name: str, mode: Literal["r", "w"]) -> netCDF4.Dataset:
+def _open_by_library(name: str, mode: Literal["r", "w"]) -> netCDF4.Dataset:
     """Open a file; of one that is read, few chunks are kept in memory, as each is read once and in order.
 
     The library takes the size from a setting of the process when a file is opened, and would keep 64 MiB of each variable.
@@ -137,12 +137,12 @@ def _opened(name: str, mode: Literal["r", "w"]) -> netCDF4.Dataset:
 
     if mode == "w":
         return _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
-    before = netCDF4.get_chunk_cache()
-    netCDF4.set_chunk_cache(min(before[0], READ_CACHE), *before[1:])
+    cache_settings = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(min(cache_settings[0], READ_CACHE), *cache_settings[1:])
     try:
         return _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
     finally:
-        netCDF4.set_chunk_cache(*before)
+        netCDF4.set_chunk_cache(*cache_settings)
 
 
 @lru_cache
@@ -172,30 +172,30 @@ def _kind_of_file() -> type[netCDF4.Dataset]:
     return File
 
 
-@alone
-def close(file: netCDF4.Dataset) -> None:
+@with_library_lock
+def close_file(file: netCDF4.Dataset) -> None:
     """Close a file."""
     file.close()
 
 
 @contextmanager
-def opened(path: Path, mode: Literal["r", "w"] = "r") -> Iterator[netCDF4.Dataset]:
-    """Open a file, and close it. Other threads may use the library in between: read and write under `alone`."""
+def opened_file(path: Path, mode: Literal["r", "w"] = "r") -> Iterator[netCDF4.Dataset]:
+    """Open a file, and close it. Other threads may use the library in between: read and write under `with_library_lock`."""
     file = file_at(path, mode)
     try:
-        alone(file.set_auto_maskandscale)(mode == "w")
+        with_library_lock(file.set_auto_maskandscale)(mode == "w")
         yield file
     finally:
-        close(file)
+        close_file(file)
 
 
-@alone
-def read(variable: Any, key: Any) -> Any:
+@with_library_lock
+def read_stored(variable: Any, key: Any) -> Any:
     """Return values of a variable as they are stored."""
     return variable[key]
 
 
-@alone
-def attributes(of: Any) -> dict[str, Any]:
+@with_library_lock
+def stored_attributes(owner: Any) -> dict[str, Any]:
     """Return the attributes of a file or a variable."""
-    return {key: of.getncattr(key) for key in of.ncattrs()}
+    return {key: owner.getncattr(key) for key in owner.ncattrs()}

@@ -88,7 +88,7 @@ def _client(_process: int, _settings: tuple[tuple[str, str], ...], connect: floa
     return files
 
 
-def call(place: ObjectName, method: str, **arguments: Any) -> dict[str, Any]:
+def call_store(location: ObjectName, method: str, **arguments: Any) -> dict[str, Any]:
     """Call a method of the client behind s3fs, like ``put_object``.
 
     Raises
@@ -97,15 +97,15 @@ def call(place: ObjectName, method: str, **arguments: Any) -> dict[str, Any]:
         If the store does not grant it, or does not answer.
     """
     try:
-        answer: dict[str, Any] = client().call_s3(method, Bucket=place.bucket, **arguments)
+        answer: dict[str, Any] = client().call_s3(method, Bucket=location.bucket, **arguments)
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - of the client, whose kinds are many
-        raise refused(error) from None
+        raise refusal_of(error) from None
     return answer
 
 
-def refused(error: Exception) -> RefusedError:
+def refusal_of(error: Exception) -> RefusedError:
     """Return what went wrong, by the client's own error behind that of s3fs."""
     cause = error if getattr(error, "response", None) else error.__cause__ or error
     response = getattr(cause, "response", None)
@@ -129,7 +129,7 @@ def pieces_of(answer: dict[str, Any]) -> Iterator[bytes]:
         while piece := sync(loop, body.read, PIECE):
             yield piece
     except Exception as error:  # noqa: BLE001 - as above
-        raise refused(error) from None
+        raise refusal_of(error) from None
     finally:
         loop.call_soon_threadsafe(body.close)
 
@@ -139,36 +139,38 @@ def body_of(answer: dict[str, Any]) -> bytes:
     return b"".join(pieces_of(answer))
 
 
-def worded(place: ObjectName, what: str, error: RefusedError) -> InputError:
+def refusal_error(location: ObjectName, failure: str, error: RefusedError) -> InputError:
     """Put what a store refused into one line.
 
     Parameters
     ----------
-    place : ObjectName
-    what : str
+    location : ObjectName
+    failure : str
         What was not done: ``"cannot be read"``.
     error : RefusedError
     """
     code = error.code
     if code == "NoSuchBucket":
-        return InputError(f"'{place}' {what}: there is no bucket '{place.bucket}'; make it, or name another")
+        return InputError(f"'{location}' {failure}: there is no bucket '{location.bucket}'; make it, or name another")
     if code in ("NoCredentialsError", "PartialCredentialsError", "ProfileNotFound", "NoCredentialProviders"):
-        return InputError(f"'{place}' {what}: there are no credentials for its store; give them {_REMEDY}")
+        return InputError(f"'{location}' {failure}: there are no credentials for its store; give them {_REMEDY}")
     if code in _CREDENTIALS:
         return InputError(
-            f"'{place}' {what}: its store does not accept the credentials ({code}); give others {_REMEDY}"
+            f"'{location}' {failure}: its store does not accept the credentials ({code}); give others {_REMEDY}"
         )
     if code in _DENIED:
-        return ArchiveError(f"'{place}' {what}: its store denies access with these credentials ({code})")
+        return ArchiveError(f"'{location}' {failure}: its store denies access with these credentials ({code})")
     if code in _FULL:
-        return ArchiveError(f"'{place}' {what}: its store is full ({code}); make room there, or name another")
+        return ArchiveError(f"'{location}' {failure}: its store is full ({code}); make room there, or name another")
     if code == "NotImplemented":
         return ArchiveError(
-            f"'{place}' {what}: its store has no conditional writes (If-None-Match, If-Match), which keep two writers from"
+            f"'{location}' {failure}: its store has no conditional writes (If-None-Match, If-Match), which keep two writers from"
             " each other's files; name another store"
         )
     if code in ("InternalError", "ServiceUnavailable", "SlowDown", "500", "502", "503", "504", "RequestTimeout"):
-        return ArchiveError(f"'{place}' {what}: its store failed {ATTEMPTS} times ({code}); call again later")
+        return ArchiveError(f"'{location}' {failure}: its store failed {ATTEMPTS} times ({code}); call again later")
     if not error.words:  # no answer of the store
-        return ArchiveError(f"'{place}' {what}: no answer from its store ({code}); call again when it can be reached")
-    return ArchiveError(f"'{place}' {what}: its store refuses ({error})")
+        return ArchiveError(
+            f"'{location}' {failure}: no answer from its store ({code}); call again when it can be reached"
+        )
+    return ArchiveError(f"'{location}' {failure}: its store refuses ({error})")

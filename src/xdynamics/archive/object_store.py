@@ -20,21 +20,21 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary, finalize
 
 from xdynamics.archive.lease import leased
-from xdynamics.archive.object_calls import ATTEMPTS, RefusedError, body_of, call, pieces_of, worded
+from xdynamics.archive.object_calls import ATTEMPTS, RefusedError, body_of, call_store, pieces_of, refusal_error
 from xdynamics.archive.object_upload import (
     LOCK,
     ObjectBatch,
     are_alive,
-    at_once,
+    call_concurrently,
     head_of,
     lock_of,
     stamp_of,
-    uploaded,
+    upload_file,
     uploads_of,
 )
 from xdynamics.archive.place import ObjectName
-from xdynamics.archive.store import FOLDER, Held, LockedError, NewFile
-from xdynamics.archive.temporary_files import TemporaryFile, sweep
+from xdynamics.archive.store import FOLDER, LocalFile, LockedError, NewFile
+from xdynamics.archive.temporary_files import TemporaryFile, sweep_temporary_files
 from xdynamics.faults import ArchiveError, InputError
 
 if TYPE_CHECKING:
@@ -48,11 +48,11 @@ class ObjectStore:
     """Objects of buckets; see `Store`. A folder is what their names have in common up to a slash."""
 
     def __init__(self) -> None:
-        self._copies: WeakValueDictionary[tuple[ObjectName, str], Held] = WeakValueDictionary()
+        self._copies: WeakValueDictionary[tuple[ObjectName, str], LocalFile] = WeakValueDictionary()
         self._fetching = threading.Lock()
         self._cleared: dict[ObjectName, float] = {}
 
-    def check_source(self, place: ObjectName) -> None:
+    def check_source(self, location: ObjectName) -> None:
         """Check that there is an object.
 
         Raises
@@ -60,13 +60,13 @@ class ObjectStore:
         InputError
             If there is no object of that name.
         """
-        kind = self.kind(place)
+        kind = self.kind(location)
         if kind == "":
-            raise InputError(f"'{place}' does not exist")
+            raise InputError(f"'{location}' does not exist")
         if kind is not None:
-            raise InputError(f"'{place}' is {kind}; name a file in it")
+            raise InputError(f"'{location}' is {kind}; name a file in it")
 
-    def check_target(self, place: ObjectName, model: Model | None = None) -> None:  # noqa: ARG002 - models are of folders
+    def check_target(self, location: ObjectName, model: Model | None = None) -> None:  # noqa: ARG002 - models are of folders
         """Check that the name is free or an object's, and by an upload that is not finished that it may be written.
 
         Raises
@@ -76,64 +76,66 @@ class ObjectStore:
         ArchiveError
             If the store refuses to write there.
         """
-        if self.kind(place) == FOLDER:
-            raise InputError(f"'{place}' is a directory; name a file in it, like '{place / 'run.nc'}'")
-        with _telling(place, "cannot be written"):
-            upload = call(place, "create_multipart_upload", Key=place.key)["UploadId"]
-            call(place, "abort_multipart_upload", Key=place.key, UploadId=upload)
+        if self.kind(location) == FOLDER:
+            raise InputError(f"'{location}' is a directory; name a file in it, like '{location / 'run.nc'}'")
+        with _errors_in_words(location, "cannot be written"):
+            upload = call_store(location, "create_multipart_upload", Key=location.key)["UploadId"]
+            call_store(location, "abort_multipart_upload", Key=location.key, UploadId=upload)
 
-    def check_no_table(self, place: ObjectName, tables: list[str]) -> None:
+    def check_no_table(self, location: ObjectName, tables: list[str]) -> None:
         """Check nothing: tables are read from folders."""
 
-    def kind(self, place: ObjectName) -> str | None:
+    def kind(self, location: ObjectName) -> str | None:
         """Return whether there is an object (None), others whose names begin so (a directory), or nothing."""
-        with _telling(place, "cannot be read"):
-            if place.key and head_of(place) is not None:
+        with _errors_in_words(location, "cannot be read"):
+            if location.key and head_of(location) is not None:
                 return None
-            return FOLDER if self._is_folder(place) else ""
+            return FOLDER if self._is_folder(location) else ""
 
-    def _is_folder(self, place: ObjectName) -> bool:
-        with _telling(place, "cannot be read"):
-            under = call(place, "list_objects_v2", Prefix=f"{place.key}/".lstrip("/"), MaxKeys=1)
-        return bool(under.get("KeyCount")) or not place.key
+    def _is_folder(self, location: ObjectName) -> bool:
+        with _errors_in_words(location, "cannot be read"):
+            under = call_store(location, "list_objects_v2", Prefix=f"{location.key}/".lstrip("/"), MaxKeys=1)
+        return bool(under.get("KeyCount")) or not location.key
 
-    def stamp(self, place: ObjectName) -> str | None:
+    def stamp(self, location: ObjectName) -> str | None:
         """Return the ETag of an object."""
-        with _telling(place, "cannot be read"):
-            return stamp_of(head_of(place))
+        with _errors_in_words(location, "cannot be read"):
+            return stamp_of(head_of(location))
 
     def names(self, folder: ObjectName) -> list[ObjectName]:
         """List objects and folders."""
         keys: list[str] = []
-        with _telling(folder, "cannot be listed"):
-            for page in _pages(folder, Delimiter="/"):
+        with _errors_in_words(folder, "cannot be listed"):
+            for page in _listing_pages(folder, Delimiter="/"):
                 keys += [entry["Key"] for entry in page.get("Contents", [])]
                 keys += [entry["Prefix"].rstrip("/") for entry in page.get("CommonPrefixes", [])]
-        places = [ObjectName(folder.bucket, key) for key in sorted(keys)]
-        return [place for place in places if not (place.name.startswith(".") and place.name.endswith(LOCK))]
+        locations = [ObjectName(folder.bucket, key) for key in sorted(keys)]
+        return [
+            location for location in locations if not (location.name.startswith(".") and location.name.endswith(LOCK))
+        ]
 
-    def content(self, place: ObjectName, most: int) -> bytes:
+    def content(self, location: ObjectName, max_bytes: int) -> bytes:
         """Read a small object.
 
         Raises
         ------
         InputError
-            If it has more bytes than `most`.
+            If it has more bytes than `max_bytes`.
         ArchiveError
             If it cannot be read.
         """
-        with _telling(place, "cannot be read"):
-            answer = call(place, "get_object", Key=place.key)
-            if answer["ContentLength"] > most:
-                raise InputError(f"it has {answer['ContentLength']} bytes, over the limit of {most}")
+        with _errors_in_words(location, "cannot be read"):
+            answer = call_store(location, "get_object", Key=location.key)
+            if answer["ContentLength"] > max_bytes:
+                raise InputError(f"it has {answer['ContentLength']} bytes, over the limit of {max_bytes}")
             return body_of(answer)
 
-    def held(self, place: ObjectName, stamp: str | None = None) -> Held:
+    def local_file(self, location: ObjectName, stamp: str | None = None) -> LocalFile:
         """Download an object to a temporary file, which this process keeps as long as it is used.
 
         Parameters
         ----------
-        place : ObjectName
+        location : ObjectName
         stamp : str, optional
             Of the version that is wanted.
 
@@ -142,29 +144,31 @@ class ObjectStore:
         ArchiveError
             If it cannot be read, is another version, or the disk of temporary files has no room for it.
         """
-        with _telling(place, "cannot be read"):
-            head = head_of(place)
+        with _errors_in_words(location, "cannot be read"):
+            head = head_of(location)
         if head is None:
-            raise InputError(f"'{place}' does not exist")
-        found = str(stamp_of(head))
-        if stamp is not None and found != stamp:
-            raise ArchiveError(f"'{place}' is another file than the one that was opened; open it again")
+            raise InputError(f"'{location}' does not exist")
+        etag = str(stamp_of(head))
+        if stamp is not None and etag != stamp:
+            raise ArchiveError(f"'{location}' is another file than the one that was opened; open it again")
         with self._fetching:
-            held = self._copies.get((place, found))
-            if held is None:
-                part, copy = _downloaded(place, found, int(head["ContentLength"]))
-                held = self._copies[place, found] = Held(part, place, partial(self.held, place, found), copy)
-        return held
+            local_copy = self._copies.get((location, etag))
+            if local_copy is None:
+                part, copy = _download_object(location, etag, int(head["ContentLength"]))
+                local_copy = self._copies[location, etag] = LocalFile(
+                    part, location, partial(self.local_file, location, etag), copy
+                )
+        return local_copy
 
     def __reduce__(self) -> str:
         return "OBJECTS"  # one in each process
 
-    def written_at(self, place: ObjectName) -> Path:
+    def written_at(self, location: ObjectName) -> Path:
         """Return a path among temporary files."""
-        return Path(tempfile.gettempdir()) / place.name
+        return Path(tempfile.gettempdir()) / location.name
 
     @contextmanager
-    def taking_name(self, place: ObjectName, batch: ObjectBatch | None = None) -> Iterator[NewFile[ObjectName]]:
+    def taking_name(self, location: ObjectName, batch: ObjectBatch | None = None) -> Iterator[NewFile[ObjectName]]:
         """Lend a local temporary file, and upload it whole in the end.
 
         Raises
@@ -174,33 +178,35 @@ class ObjectStore:
         ArchiveError
             If it cannot be uploaded.
         """
-        if time.monotonic() - self._cleared.get(place.parent, -AGAIN) >= AGAIN:
-            self.clear(place.parent)
+        if time.monotonic() - self._cleared.get(location.parent, -AGAIN) >= AGAIN:
+            self.clear(location.parent)
         if batch is not None:
-            yield batch.add(_temporary(place), place)
+            yield batch.add(_temporary_copy(location), location)
             return
-        before = self.stamp(place) if place.key else None
-        if before is None and self._is_folder(place):
-            raise InputError(f"'{place}' is a directory; name a file in it, like '{place / 'run.nc'}'")
-        with _temporary(place) as part:
-            new = NewFile(part.path, place)
+        previous_stamp = self.stamp(location) if location.key else None
+        if previous_stamp is None and self._is_folder(location):
+            raise InputError(f"'{location}' is a directory; name a file in it, like '{location / 'run.nc'}'")
+        with _temporary_copy(location) as part:
+            new = NewFile(part.path, location)
             yield new
             try:
-                uploaded(part.path, new.name, before if new.name == place else self.stamp(new.name))
+                upload_file(part.path, new.name, previous_stamp if new.name == location else self.stamp(new.name))
             except InputError as error:
                 if not new.keeps:
                     raise
-                raise type(error)(f"{error}; the whole file is kept as '{_kept(part.path, new.name)}'") from None
+                raise type(error)(
+                    f"{error}; the whole file is kept as '{_keep_upload_file(part.path, new.name)}'"
+                ) from None
 
-    def check_each(self, places: Sequence[ObjectName]) -> None:
+    def check_each(self, locations: Sequence[ObjectName]) -> None:
         """Check all targets, several at once."""
-        at_once(self.check_target, places)
+        call_concurrently(self.check_target, locations)
 
-    def batch(self, places: Sequence[ObjectName]) -> ObjectBatch:
+    def batch(self, locations: Sequence[ObjectName]) -> ObjectBatch:
         """Return what uploads several files together, which are under conditions on what is there now."""
-        return ObjectBatch(places, self.stamp)
+        return ObjectBatch(locations, self.stamp)
 
-    def check_empty(self, place: ObjectName) -> None:
+    def check_empty(self, location: ObjectName) -> None:
         """Check that nothing is in a folder, but what a dead process left half-built.
 
         Raises
@@ -208,27 +214,27 @@ class ObjectStore:
         InputError
             If something is in it.
         """
-        names = self.names(place)
+        names = self.names(location)
         if names and names[0].name != BUILDING:
-            raise InputError(f"'{place}' holds '{names[0].name}' already; name a folder that is empty, or not there")
+            raise InputError(f"'{location}' holds '{names[0].name}' already; name a folder that is empty, or not there")
 
     @contextmanager
-    def taking_folder(self, place: ObjectName) -> Iterator[Path]:
+    def taking_folder(self, location: ObjectName) -> Iterator[Path]:
         """Lend a local folder, and upload its files under a mark that is removed last, by which a whole folder is known."""
-        with self.locked(place):
-            mark = place / BUILDING
+        with self.locked(location):
+            mark = location / BUILDING
             if self.stamp(mark) is not None:  # of a process that died
-                self._remove_all(place, besides=place / LOCK)
-            self.check_empty(place)
+                self._remove_all(location, besides=location / LOCK)
+            self.check_empty(location)
             with tempfile.TemporaryDirectory() as built:
                 yield Path(built)
-                with _telling(place, "cannot be written"):
-                    call(mark, "put_object", Key=mark.key, Body=b"", IfNoneMatch="*")
+                with _errors_in_words(location, "cannot be written"):
+                    call_store(mark, "put_object", Key=mark.key, Body=b"", IfNoneMatch="*")
                 for file in sorted(Path(built).iterdir()):
-                    uploaded(file, place / file.name, None)
+                    upload_file(file, location / file.name, None)
             self.remove(mark)
 
-    def made_folder(self, place: ObjectName) -> ObjectName:
+    def made_folder(self, location: ObjectName) -> ObjectName:
         """Return a folder, which is there when something is in it.
 
         Raises
@@ -236,11 +242,11 @@ class ObjectStore:
         InputError
             If the name is a file's.
         """
-        if self.kind(place) is None:
-            raise InputError(f"'{place}' is a file; name a folder")
-        return place
+        if self.kind(location) is None:
+            raise InputError(f"'{location}' is a file; name a folder")
+        return location
 
-    def new_folder(self, place: ObjectName) -> None:
+    def new_folder(self, location: ObjectName) -> None:
         """Check that nothing is in a folder.
 
         Raises
@@ -248,17 +254,17 @@ class ObjectStore:
         FileExistsError
             If something is in it.
         """
-        if self.kind(place) != "":
-            raise FileExistsError(f"'{place}' is there already")
+        if self.kind(location) != "":
+            raise FileExistsError(f"'{location}' is there already")
 
     def locked(self, folder: ObjectName) -> AbstractContextManager[None]:
         """Lock a folder by an object in it."""
         return leased(folder / LOCK, folder)
 
-    def remove(self, place: ObjectName) -> None:
+    def remove(self, location: ObjectName) -> None:
         """Remove an object; an empty folder is none."""
-        with _telling(place, "cannot be removed"):
-            call(place, "delete_object", Key=place.key)
+        with _errors_in_words(location, "cannot be removed"):
+            call_store(location, "delete_object", Key=location.key)
 
     def remove_folder(self, folder: ObjectName) -> None:
         """Remove all objects of a folder."""
@@ -266,34 +272,34 @@ class ObjectStore:
             self._remove_all(folder)
 
     def _remove_all(self, folder: ObjectName, besides: ObjectName | None = None) -> None:
-        with _telling(folder, "cannot be removed"):
-            for page in list(_pages(folder)):
+        with _errors_in_words(folder, "cannot be removed"):
+            for page in list(_listing_pages(folder)):
                 keys = [
                     {"Key": entry["Key"]}
                     for entry in page.get("Contents", [])
                     if besides is None or entry["Key"] != besides.key
                 ]
                 if keys:
-                    call(folder, "delete_objects", Delete={"Objects": keys, "Quiet": True})
+                    call_store(folder, "delete_objects", Delete={"Objects": keys, "Quiet": True})
 
     def clear(self, folder: ObjectName) -> None:
         """Abort the uploads into a folder whose processes died: those of objects that nobody has locked."""
         self._cleared[folder] = time.monotonic()
-        sweep(Path(tempfile.gettempdir()))
+        sweep_temporary_files(Path(tempfile.gettempdir()))
         with suppress(RefusedError):
             uploads = uploads_of(folder, f"{folder.key}/".lstrip("/"))
             for key, upload in uploads if uploads and not are_alive(folder) else ():
-                place = ObjectName(folder.bucket, key)
-                with suppress(LockedError), leased(lock_of(place), place):
-                    call(folder, "abort_multipart_upload", Key=key, UploadId=upload)
+                location = ObjectName(folder.bucket, key)
+                with suppress(LockedError), leased(lock_of(location), location):
+                    call_store(folder, "abort_multipart_upload", Key=key, UploadId=upload)
 
 
-def _pages(folder: ObjectName, **how: str) -> Iterator[dict[str, Any]]:
+def _listing_pages(folder: ObjectName, **how: str) -> Iterator[dict[str, Any]]:
     """List a folder, a thousand names at a time."""
     more: dict[str, str] = {}
     while True:
         prefix = f"{folder.key}/" if folder.key else ""
-        page = call(folder, "list_objects_v2", Prefix=prefix, **how, **more)
+        page = call_store(folder, "list_objects_v2", Prefix=prefix, **how, **more)
         yield page
         if not page.get("IsTruncated"):
             return
@@ -301,31 +307,31 @@ def _pages(folder: ObjectName, **how: str) -> Iterator[dict[str, Any]]:
 
 
 @contextmanager
-def _telling(place: ObjectName, what: str) -> Iterator[None]:
+def _errors_in_words(location: ObjectName, failure: str) -> Iterator[None]:
     """Put what the store refuses into words."""
     try:
         yield
     except RefusedError as error:
-        if error.is_absent and what == "cannot be read":
-            raise InputError(f"'{place}' does not exist") from None
-        raise worded(place, what, error) from None
+        if error.is_absent and failure == "cannot be read":
+            raise InputError(f"'{location}' does not exist") from None
+        raise refusal_error(location, failure, error) from None
 
 
 @contextmanager
-def _temporary(place: ObjectName) -> Iterator[TemporaryFile]:
+def _temporary_copy(location: ObjectName) -> Iterator[TemporaryFile]:
     """Make a temporary file on this machine."""
     folder = Path(tempfile.gettempdir())
     try:
-        with TemporaryFile.beside(folder / (place.name or place.bucket), 0o600) as part:
+        with TemporaryFile.create_beside(folder / (location.name or location.bucket), 0o600) as part:
             yield part
     except OSError as error:
         raise ArchiveError(
-            f"'{place}' needs a temporary file in '{folder}', which cannot be written: {error.strerror or error}; name"
+            f"'{location}' needs a temporary file in '{folder}', which cannot be written: {error.strerror or error}; name"
             " another folder by TMPDIR"
         ) from error
 
 
-def _kept(part: Path, name: ObjectName) -> Path:
+def _keep_upload_file(part: Path, name: ObjectName) -> Path:
     """Give a temporary file a name under which it stays."""
     stays = part.with_name(f"xdynamics-{secrets.token_hex(4)}-{name.name}")
     part.rename(stays)
@@ -339,20 +345,20 @@ class _Copy:
         finalize(self, stack.close)
 
 
-def _downloaded(place: ObjectName, stamp: str, size: int) -> tuple[Path, _Copy]:
+def _download_object(location: ObjectName, stamp: str, size: int) -> tuple[Path, _Copy]:
     """Download one version of an object; where the connection is lost, from there on."""
     folder = Path(tempfile.gettempdir())
-    sweep(folder)
+    sweep_temporary_files(folder)
     if size > (free := shutil.disk_usage(folder).free):
         raise ArchiveError(
-            f"'{place}' has {size} bytes, and the disk of temporary files, '{folder}', {free} free; name another by TMPDIR"
+            f"'{location}' has {size} bytes, and the disk of temporary files, '{folder}', {free} free; name another by TMPDIR"
         )
     with ExitStack() as stack:
-        part = stack.enter_context(_temporary(place))
-        with part.path.open("wb") as file, _telling(place, "cannot be read"):
+        part = stack.enter_context(_temporary_copy(location))
+        with part.path.open("wb") as file, _errors_in_words(location, "cannot be read"):
             for attempt in range(ATTEMPTS):
                 try:
-                    _fill(file, place, stamp, size)
+                    _download_rest(file, location, stamp, size)
                     break
                 except RefusedError as error:
                     if error.is_taken or error.words or attempt + 1 == ATTEMPTS:
@@ -360,12 +366,12 @@ def _downloaded(place: ObjectName, stamp: str, size: int) -> tuple[Path, _Copy]:
         return part.path, _Copy(stack.pop_all())
 
 
-def _fill(file: Any, place: ObjectName, stamp: str, size: int) -> None:
+def _download_rest(file: Any, location: ObjectName, stamp: str, size: int) -> None:
     """Download what a file does not have yet."""
     done = file.tell()
     if done == size:
         return
-    answer = call(place, "get_object", Key=place.key, IfMatch=stamp, Range=f"bytes={done}-")
+    answer = call_store(location, "get_object", Key=location.key, IfMatch=stamp, Range=f"bytes={done}-")
     for piece in pieces_of(answer):
         file.write(piece)
     if file.tell() != size:

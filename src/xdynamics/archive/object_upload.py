@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from xdynamics.archive.lease import leased
-from xdynamics.archive.object_calls import RefusedError, call, client, worded
+from xdynamics.archive.object_calls import RefusedError, call_store, client, refusal_error
 from xdynamics.archive.place import ObjectName
 from xdynamics.archive.store import LockedError, NewFile, TakenError
 from xdynamics.archive.temporary_files import TemporaryFile
@@ -25,7 +25,7 @@ Entry = TypeVar("Entry")
 Answer = TypeVar("Answer")
 
 
-def uploaded(part: Path, place: ObjectName, before: str | None) -> None:
+def upload_file(part: Path, location: ObjectName, previous_stamp: str | None) -> None:
     """Upload a file under the condition that what is there is what was there before.
 
     An answer that was lost is looked for: each upload bears a mark of its own.
@@ -37,15 +37,15 @@ def uploaded(part: Path, place: ObjectName, before: str | None) -> None:
     ArchiveError
         If the store refuses, or does not answer.
     """
-    upload = Upload(part, place, before)
+    upload = Upload(part, location, previous_stamp)
     with upload.understood():
         if part.stat().st_size <= SINGLE:
-            call(place, "put_object", Body=part.read_bytes(), **upload.about, **upload.condition)
+            call_store(location, "put_object", Body=part.read_bytes(), **upload.about, **upload.condition)
             return
-        with leased(lock_of(place), place):
-            for key, other in uploads_of(place, place.key):  # of dead processes, as the lock is held here
-                if key == place.key:
-                    call(place, "abort_multipart_upload", Key=key, UploadId=other)
+        with leased(lock_of(location), location):
+            for key, upload_id in uploads_of(location, location.key):  # of dead processes, as the lock is held here
+                if key == location.key:
+                    call_store(location, "abort_multipart_upload", Key=key, UploadId=upload_id)
             try:
                 upload.send()
                 upload.complete()
@@ -65,29 +65,29 @@ class Upload:
         What was there when its writing began.
     """
 
-    def __init__(self, part: Path, place: ObjectName, before: str | None) -> None:
-        self.part, self.place, self.before = part, place, before
+    def __init__(self, part: Path, location: ObjectName, previous_stamp: str | None) -> None:
+        self.part, self.location, self.previous_stamp = part, location, previous_stamp
         self._mark, self._id, self._parts = secrets.token_hex(16), "", list[dict[str, Any]]()
 
     @property
     def about(self) -> dict[str, Any]:
         """The object's name, and the mark of this upload."""
-        return {"Key": self.place.key, "Metadata": {WRITER: self._mark}}
+        return {"Key": self.location.key, "Metadata": {WRITER: self._mark}}
 
     @property
     def condition(self) -> dict[str, str]:
         """The condition that what is there is what was there before."""
-        return {"IfNoneMatch": "*"} if self.before is None else {"IfMatch": self.before}
+        return {"IfNoneMatch": "*"} if self.previous_stamp is None else {"IfMatch": self.previous_stamp}
 
     def send(self) -> None:
         """Send all parts."""
-        self._id = str(call(self.place, "create_multipart_upload", **self.about)["UploadId"])
+        self._id = str(call_store(self.location, "create_multipart_upload", **self.about)["UploadId"])
         size = max(SINGLE, -(-self.part.stat().st_size // MOST_PARTS))
-        about = {"Key": self.place.key, "UploadId": self._id}
+        about = {"Key": self.location.key, "UploadId": self._id}
         with self.part.open("rb") as file:
             while content := file.read(size):
                 number = len(self._parts) + 1
-                answer = call(self.place, "upload_part", PartNumber=number, Body=content, **about)
+                answer = call_store(self.location, "upload_part", PartNumber=number, Body=content, **about)
                 self._parts.append({"PartNumber": number, "ETag": answer["ETag"]})
 
     def complete(self) -> None:
@@ -100,16 +100,18 @@ class Upload:
         ArchiveError
             If the store refuses to write.
         """
-        if self.before != stamp_of(head_of(self.place)):  # some stores know the conditions of a whole object only
+        if self.previous_stamp != stamp_of(
+            head_of(self.location)
+        ):  # some stores know the conditions of a whole object only
             raise RefusedError("PreconditionFailed", "")
-        done = {"Key": self.place.key, "UploadId": self._id, "MultipartUpload": {"Parts": self._parts}}
-        call(self.place, "complete_multipart_upload", **done, **self.condition)
+        done = {"Key": self.location.key, "UploadId": self._id, "MultipartUpload": {"Parts": self._parts}}
+        call_store(self.location, "complete_multipart_upload", **done, **self.condition)
 
     def abort(self) -> None:
         """Drop what was sent."""
         if self._id:
             with suppress(RefusedError):
-                call(self.place, "abort_multipart_upload", Key=self.place.key, UploadId=self._id)
+                call_store(self.location, "abort_multipart_upload", Key=self.location.key, UploadId=self._id)
 
     @contextmanager
     def understood(self) -> Iterator[None]:
@@ -126,14 +128,14 @@ class Upload:
             yield
         except RefusedError as error:
             with suppress(RefusedError):
-                if (head_of(self.place) or {}).get("Metadata", {}).get(WRITER) == self._mark:
+                if (head_of(self.location) or {}).get("Metadata", {}).get(WRITER) == self._mark:
                     return
-            if error.is_taken or error.code == "NoSuchUpload" or (self.before is not None and error.is_absent):
+            if error.is_taken or error.code == "NoSuchUpload" or (self.previous_stamp is not None and error.is_absent):
                 raise TakenError(
-                    f"'{self.place}' was {'removed' if error.is_absent else 'written'} by another process meanwhile, and is"
+                    f"'{self.location}' was {'removed' if error.is_absent else 'written'} by another process meanwhile, and is"
                     " left as it is; name another file, or call again to replace it"
                 ) from None
-            raise worded(self.place, "cannot be written", error) from None
+            raise refusal_error(self.location, "cannot be written", error) from None
 
 
 class ObjectBatch:
@@ -149,9 +151,11 @@ class ObjectBatch:
         Returns what is under a name.
     """
 
-    def __init__(self, places: Sequence[ObjectName], stamp: Callable[[ObjectName], str | None]) -> None:
+    def __init__(self, locations: Sequence[ObjectName], stamp: Callable[[ObjectName], str | None]) -> None:
         self._stamp, self._parts, self._files = stamp, ExitStack(), list[NewFile[ObjectName]]()
-        self._before: Mapping[ObjectName, str | None] = dict(zip(places, at_once(stamp, places), strict=True))
+        self._before: Mapping[ObjectName, str | None] = dict(
+            zip(locations, call_concurrently(stamp, locations), strict=True)
+        )
 
     def __enter__(self) -> ObjectBatch:
         return self
@@ -159,9 +163,9 @@ class ObjectBatch:
     def __exit__(self, *_error: object) -> None:
         self._parts.close()
 
-    def add(self, part: AbstractContextManager[TemporaryFile], place: ObjectName) -> NewFile[ObjectName]:
+    def add(self, part: AbstractContextManager[TemporaryFile], location: ObjectName) -> NewFile[ObjectName]:
         """Take a temporary file, to be written and then uploaded, until the batch is over."""
-        self._files.append(NewFile(self._parts.enter_context(part).path, place))
+        self._files.append(NewFile(self._parts.enter_context(part).path, location))
         return self._files[-1]
 
     def take_names(self) -> None:
@@ -174,32 +178,32 @@ class ObjectBatch:
         """
         uploads = [Upload(new.part, new.name, self._stamp_before(new.name)) for new in self._files]
         with ExitStack() as locks:
-            for folder in dict.fromkeys(upload.place.parent for upload in uploads):
+            for folder in dict.fromkeys(upload.location.parent for upload in uploads):
                 locks.enter_context(leased(folder / f"{BATCH}{secrets.token_hex(8)}{LOCK}", folder))
-            self._through(uploads, Upload.send, "none of {1} files has its name, nothing is changed")
-            said = "{0} of {1} files have their names, under the others nothing is changed"
-            self._through(uploads, Upload.complete, said)
+            self._step_all_uploads(uploads, Upload.send, "none of {1} files has its name, nothing is changed")
+            outcome_text = "{0} of {1} files have their names, under the others nothing is changed"
+            self._step_all_uploads(uploads, Upload.complete, outcome_text)
         self._files.clear()
 
     def _stamp_before(self, name: ObjectName) -> str | None:
         return self._before[name] if name in self._before else self._stamp(name)
 
-    def _through(self, uploads: Sequence[Upload], step: Callable[[Upload], None], said: str) -> None:
+    def _step_all_uploads(self, uploads: Sequence[Upload], step: Callable[[Upload], None], outcome_text: str) -> None:
         """Take all uploads through a step; if one fails, drop all that are not complete, and say what is so."""
         faults: list[InputError | None] = [None] * len(uploads)
         done = False
         try:
-            faults = at_once(partial(_fault_of, step), uploads)
+            faults = call_concurrently(partial(_upload_fault, step), uploads)
             done = not any(faults)
         finally:
             if not done:
-                at_once(Upload.abort, uploads)
+                call_concurrently(Upload.abort, uploads)
         for fault in faults:
             if fault is not None:
-                raise type(fault)(f"{fault}; {said.format(faults.count(None), len(faults))}")
+                raise type(fault)(f"{fault}; {outcome_text.format(faults.count(None), len(faults))}")
 
 
-def _fault_of(step: Callable[[Upload], None], upload: Upload) -> InputError | None:
+def _upload_fault(step: Callable[[Upload], None], upload: Upload) -> InputError | None:
     """Take an upload through a step; return why it failed."""
     try:
         with upload.understood():
@@ -209,7 +213,7 @@ def _fault_of(step: Callable[[Upload], None], upload: Upload) -> InputError | No
     return None
 
 
-def at_once(function: Callable[[Entry], Answer], entries: Sequence[Entry]) -> list[Answer]:
+def call_concurrently(function: Callable[[Entry], Answer], entries: Sequence[Entry]) -> list[Answer]:
     """Call a function for several entries at a time, each of which waits for a store; return what it returns, in order."""
     if len(entries) < 2:
         return [*map(function, entries)]
@@ -221,7 +225,7 @@ def at_once(function: Callable[[Entry], Answer], entries: Sequence[Entry]) -> li
 def are_alive(folder: ObjectName) -> bool:
     """Whether a process is uploading several files into a folder; the locks of those that died are removed."""
     prefix = (folder / BATCH).key
-    locks = call(folder, "list_objects_v2", Prefix=prefix).get("Contents") or []
+    locks = call_store(folder, "list_objects_v2", Prefix=prefix).get("Contents") or []
     alive = False
     for entry in locks:
         try:
@@ -232,14 +236,14 @@ def are_alive(folder: ObjectName) -> bool:
     return alive
 
 
-def lock_of(place: ObjectName) -> ObjectName:
+def lock_of(location: ObjectName) -> ObjectName:
     """Name the lock of an object."""
-    return place.with_name(f".{place.name}{LOCK}")
+    return location.with_name(f".{location.name}{LOCK}")
 
 
-def uploads_of(place: ObjectName, prefix: str) -> list[tuple[str, str]]:
+def uploads_of(location: ObjectName, prefix: str) -> list[tuple[str, str]]:
     """List the unfinished uploads of objects whose names begin so."""
-    uploads = call(place, "list_multipart_uploads", Prefix=prefix).get("Uploads") or []
+    uploads = call_store(location, "list_multipart_uploads", Prefix=prefix).get("Uploads") or []
     return [(str(entry["Key"]), str(entry["UploadId"])) for entry in uploads]
 
 
@@ -248,10 +252,10 @@ def stamp_of(head: dict[str, Any] | None) -> str | None:
     return None if head is None else str(head["ETag"])
 
 
-def head_of(place: ObjectName) -> dict[str, Any] | None:
+def head_of(location: ObjectName) -> dict[str, Any] | None:
     """Ask what is under a name; None if there is nothing."""
     try:
-        return call(place, "head_object", Key=place.key)
+        return call_store(location, "head_object", Key=location.key)
     except RefusedError as error:
         if error.is_absent:
             return None

@@ -33,7 +33,7 @@ class Openings:
     def __init__(self) -> None:
         self._by_inode: dict[Inode, Opening] = {}
 
-    def of(self, path: Path) -> Opening:
+    def opening_of(self, path: Path) -> Opening:
         """Return the opening of a file that is about to be opened; close those from before it was overwritten.
 
         Raises
@@ -43,13 +43,13 @@ class Openings:
         """
         status = path.stat()
         inode, state = (status.st_dev, status.st_ino), (status.st_size, status.st_mtime_ns)
-        before = self._by_inode.get(inode)
-        if before and before.state != state:
-            for file in list(before.files):
+        earlier_opening = self._by_inode.get(inode)
+        if earlier_opening and earlier_opening.state != state:
+            for file in list(earlier_opening.files):
                 with suppress(RuntimeError):
                     file.close()
             if _is_held(inode):
-                self._by_inode[inode] = before  # `closed` forgot it: whoever tries again is refused again
+                self._by_inode[inode] = earlier_opening  # `closed` forgot it: whoever tries again is refused again
                 raise ArchiveError(
                     f"'{path}' was overwritten while this process had it open, and the netCDF library would mix what it"
                     " was with what it is: copy it to another name, or read it in a new process"

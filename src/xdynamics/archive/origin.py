@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive.seals import Seal, digests_in, listed, root_digest, stored_slabs
+from xdynamics.archive.seals import Seal, digest_lines, digests_in, root_digest, stored_slabs
 from xdynamics.record import own_attributes
 from xdynamics.record.folding import labelled, unlabelled
-from xdynamics.record.schemas import in_own_words, modern, replaced
+from xdynamics.record.schemas import in_own_words, modern, with_variables
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import DIGEST, DIGESTS, FLAG_ATTRIBUTES, NOTES, ORIGIN, ROOT_DIGEST, VOLATILE_DIGEST
 
@@ -40,22 +40,22 @@ class OriginalVariable:
     shape: tuple[int, ...]
     attributes: Mapping[str, Any]
     variable: xr.Variable | None = None
-    known: str = ""
+    known_digest: str = ""
     # the data of a variable of an opened archive, to notice that they were replaced
-    held: Any = field(default=None, compare=False)
+    opened_data: Any = field(default=None, compare=False)
     # for lazy values: tests whether given values are their result, if that was noted
     unchanged: Unchanged | None = field(default=None, compare=False)
 
     @cached_property
     def digest(self) -> str:
         """The digest that the variable has in a file."""
-        return self.known or digest_of(self.name, self.variable)
+        return self.known_digest or variable_digest(self.name, self.variable)
 
     @property
     def sent(self) -> OriginalVariable:
         """The same for another process: a digest in the place of values; what is lazy stays so, and nothing is marched."""
-        if self.known or self.variable is None or isinstance(self.variable.data, np.ndarray):
-            return OriginalVariable(self.name, self.dims, self.shape, self.attributes, known=self.digest)
+        if self.known_digest or self.variable is None or isinstance(self.variable.data, np.ndarray):
+            return OriginalVariable(self.name, self.dims, self.shape, self.attributes, known_digest=self.digest)
         return OriginalVariable(
             self.name, self.dims, self.shape, self.attributes, self.variable, unchanged=self.unchanged
         )
@@ -73,7 +73,7 @@ class Origin(list[str]):
     _parts: Callable[[], dict[str, OriginalVariable]]
 
     @classmethod
-    def of(
+    def from_parts(
         cls,
         parts: Callable[[], dict[str, OriginalVariable]],
         attributes: Mapping[Any, Any],
@@ -98,7 +98,7 @@ class Origin(list[str]):
         digests = {name: part.digest for name, part in self.parts.items()}
         return root_digest(digests, {name: part.attributes for name, part in self.parts.items()}, self.attributes)
 
-    def whole(self) -> xr.Dataset | None:
+    def original_record(self) -> xr.Dataset | None:
         """Return the record as it was, if its values are still at hand."""
         import xarray as xr
 
@@ -107,7 +107,7 @@ class Origin(list[str]):
         variables = {name: part.variable for name, part in self.parts.items()}
         return None if any(variable is None for variable in variables.values()) else xr.Dataset(variables)
 
-    def evaluated(self, lazy: Mapping[str, Any], loaded: xr.Dataset) -> Origin:
+    def with_evaluated(self, lazy: Mapping[str, Any], loaded: xr.Dataset) -> Origin:
         """Return the origin of a record whose lazy arrays were computed: what they gave stands in their place."""
 
         def parts() -> dict[str, OriginalVariable]:
@@ -118,7 +118,7 @@ class Origin(list[str]):
                 for name, part in self.parts.items()
             }
 
-        return Origin.of(parts, self.attributes, self.source, self.edits)
+        return Origin.from_parts(parts, self.attributes, self.source, self.edits)
 
     def __repr__(self) -> str:
         return repr(self[0])
@@ -141,7 +141,7 @@ class Origin(list[str]):
 def _restored(
     parts: dict[str, OriginalVariable], attributes: dict[str, Any], source: Source | None, edits: tuple[str, ...]
 ) -> Origin:
-    return Origin.of(lambda: parts, attributes, source, edits)
+    return Origin.from_parts(lambda: parts, attributes, source, edits)
 
 
 def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -> xr.Dataset:
@@ -160,7 +160,7 @@ def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -
     for _, data, _ in arrays.values():
         if isinstance(data, np.ndarray):  # lazy arrays are read-only already
             data.flags.writeable = False
-    run.attrs[ORIGIN] = Origin.of(partial(_of_arrays, arrays, unchanged or {}), run.attrs, None)
+    run.attrs[ORIGIN] = Origin.from_parts(partial(_parts_of_arrays, arrays, unchanged or {}), run.attrs, None)
     return labelled(run)
 
 
@@ -173,15 +173,15 @@ def evaluated(run: xr.Dataset, values: Mapping[Any, Any]) -> xr.Dataset:
     lazy = {str(name): run.variables[name].data for name in values}
     for name, data in values.items():
         loaded.variables[name].data = data
-        if isinstance(held := loaded.variables[name].data, np.ndarray):
-            held.flags.writeable = False
+        if isinstance(array := loaded.variables[name].data, np.ndarray):
+            array.flags.writeable = False
     if isinstance(origin := run.attrs.get(ORIGIN), Origin):
-        kept = loaded.copy(deep=False)  # a variable that is assigned to afterwards is another one there
-        loaded.attrs[ORIGIN] = origin.evaluated(lazy, kept)
+        remembered_run = loaded.copy(deep=False)  # a variable that is assigned to afterwards is another one there
+        loaded.attrs[ORIGIN] = origin.with_evaluated(lazy, remembered_run)
     return loaded
 
 
-def _of_arrays(
+def _parts_of_arrays(
     arrays: Mapping[str, tuple[Any, Any, dict[str, Any]]], unchanged: Mapping[str, Unchanged]
 ) -> dict[str, OriginalVariable]:
     import xarray as xr
@@ -199,7 +199,7 @@ def _of_arrays(
     }
 
 
-def read(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] = (), texts: bool = True) -> xr.Dataset:
+def remember_archive(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] = (), texts: bool = True) -> xr.Dataset:
     """Remember what the variables of an opened archive are, and their digests, all of which stand in one place.
 
     Parameters
@@ -219,7 +219,9 @@ def read(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] = (), texts:
     }
     run = in_own_words(unlabelled(run))
     if texts:
-        run = replaced(run, {str(name): _text(text) for name, text in run.variables.items() if text.dtype.kind == "O"})
+        run = with_variables(
+            run, {str(name): _decoded_text(text) for name, text in run.variables.items() if text.dtype.kind == "O"}
+        )
     for name, variable in run.variables.items():
         variable.attrs = own_attributes(variable.attrs)
         if (values := FLAG_ATTRIBUTES[0]) in variable.attrs:  # of one number, or as other formats keep them
@@ -231,20 +233,20 @@ def read(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] = (), texts:
             variable.shape,
             variable.attrs,
             variable=None if str(name) in stated else variable,
-            known=stated.get(str(name), ""),
-            held=variable._data,  # noqa: SLF001
+            known_digest=stated.get(str(name), ""),
+            opened_data=variable._data,  # noqa: SLF001
         )
     if stated:
-        run.attrs[DIGESTS] = listed(stated)
-    run.attrs[ORIGIN] = Origin.of(lambda: parts, run.attrs, None if edits else source, edits)
+        run.attrs[DIGESTS] = digest_lines(stated)
+    run.attrs[ORIGIN] = Origin.from_parts(lambda: parts, run.attrs, None if edits else source, edits)
     return labelled(modern(run))
 
 
-def _text(text: xr.Variable) -> xr.Variable:
+def _decoded_text(text: xr.Variable) -> xr.Variable:
     return text.copy(data=np.asarray(text.values).astype(str))
 
 
-def digest_of(name: str, variable: Any) -> str:
+def variable_digest(name: str, variable: Any) -> str:
     """Return the digest that a variable has in a file."""
     seal = Seal(name, tuple(map(str, variable.dims)), variable.dtype)
     for slab in stored_slabs(variable):

@@ -74,12 +74,12 @@ Given = str | PathLike[str] | ObjectName  # what a user may give for a place
 GIVEN = (str, PathLike, ObjectName)
 
 
-def real(place: Place) -> Place:
+def resolve_links(location: Place) -> Place:
     """Return the place that links lead to."""
-    return Path(os.path.realpath(place)) if isinstance(place, Path) else place
+    return Path(os.path.realpath(location)) if isinstance(location, Path) else location
 
 
-def placed(given: Given) -> Place:
+def location_of(named_location: Given) -> Place:
     """Return the place that a text or a path names.
 
     Raises
@@ -90,17 +90,17 @@ def placed(given: Given) -> Place:
 
     Examples
     --------
-    >>> str(placed("s3://bucket/runs/one.nc").with_suffix(".png"))
+    >>> str(location_of("s3://bucket/runs/one.nc").with_suffix(".png"))
     's3://bucket/runs/one.png'
     """
-    if isinstance(given, ObjectName | Path):
-        text = str(given)
-        if isinstance(given, Path) and text.startswith("s3:/"):
+    if isinstance(named_location, ObjectName | Path):
+        text = str(named_location)
+        if isinstance(named_location, Path) and text.startswith("s3:/"):
             raise InputError(f"{text[:80]!r} is a Path, which drops a slash of an address; give the address as a text")
-        return given
-    if not isinstance(given, str | PathLike):
-        raise InputError(f"{type(given).__name__} is no name of a file; give a text or a Path")
-    text = fspath(given)
+        return named_location
+    if not isinstance(named_location, str | PathLike):
+        raise InputError(f"{type(named_location).__name__} is no name of a file; give a text or a Path")
+    text = fspath(named_location)
     address = _ADDRESS.match(text)
     if address is None:
         return Path(text)
@@ -118,12 +118,12 @@ def placed(given: Given) -> Place:
             f"credentials stand in an address that begins with '{SCHEME}'; leave them out of it, and give them by the"
             " environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_PROFILE) or ~/.aws"
         )
-    if fault := _fault_of(bucket, key.rstrip("/")):
+    if fault := _object_name_fault(bucket, key.rstrip("/")):
         raise InputError(f"'{text[:80]}' names no object: {fault}")
     return ObjectName(bucket, key.rstrip("/"))
 
 
-def check_name(name: str) -> None:
+def check_file_name(name: str) -> None:
     """Check that a text can name a file in a folder, and no other place.
 
     Raises
@@ -132,7 +132,7 @@ def check_name(name: str) -> None:
 
     Examples
     --------
-    >>> check_name("rocket_2")
+    >>> check_file_name("rocket_2")
     """
     if not name.strip(" ") or name.startswith(".") or not name.isprintable() or {"/", "\\"} & {*name}:
         raise InputError(
@@ -141,7 +141,7 @@ def check_name(name: str) -> None:
         )
 
 
-def _fault_of(bucket: str, key: str) -> str:
+def _object_name_fault(bucket: str, key: str) -> str:
     """Describe why a name cannot be one of an object; empty if it can."""
     if not _BUCKET.fullmatch(bucket):
         return f"the bucket is '{bucket[:70]}', needs 3 to 63 small letters, digits, dots or hyphens"

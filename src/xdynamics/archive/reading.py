@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination, harmed
 from xdynamics.archive.inventory import inventory
-from xdynamics.archive.netcdf_library import DAMAGE, alone, attributes, opened, words_of
-from xdynamics.archive.origin import read
-from xdynamics.archive.place import Given, Place, placed
-from xdynamics.archive.sandboxed_reading import examined, is_known, is_seen, see
+from xdynamics.archive.netcdf_library import DAMAGE, error_text, opened_file, stored_attributes, with_library_lock
+from xdynamics.archive.origin import remember_archive
+from xdynamics.archive.place import Given, Place, location_of
+from xdynamics.archive.sandboxed_reading import examine_sandboxed, is_known, is_seen, see
 from xdynamics.archive.seals import Tail, tail_of
-from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_of, lent
-from xdynamics.archive.store import Held
+from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_of, open_shared
+from xdynamics.archive.store import LocalFile
 from xdynamics.archive.stores import store_of
-from xdynamics.archive.text_encoding import form_of
-from xdynamics.faults import ArchiveError, EditedWarning, InputError, KindWarning, few, numbered, warn
+from xdynamics.archive.text_encoding import text_form
+from xdynamics.faults import ArchiveError, EditedWarning, InputError, KindWarning, first_names, numbered_lines, warn
 from xdynamics.record import faults_of
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.partial_records import is_evidence, kind_description
@@ -71,25 +71,27 @@ def open_run(
     EditedWarning
         If what the record says was changed since it was archived; `save` then takes it as derived data alone.
     """
-    place = placed(path)
-    run, examination = _opened(_held(place), check=check)
+    location = location_of(path)
+    run, examination = _open_verified(_local_archive(location), check=check)
     run.attrs.pop(SEALED, None)  # describes the file, not the run
     if check:
         try:
-            check_schema(run.attrs, place)
+            check_schema(run.attrs, location)
         except ArchiveError:
             run.close()
             raise
     edits = examination.faults if examination is not None and examination.verdict == EDITED else ()
-    _check_record(run, place, examination)
+    _check_record(run, location, examination)
     if edits:
-        warn(f"'{place}' was edited since it was archived: {few(edits)}", EditedWarning)
-    result = read(run, partial(_again, place, str(run.attrs.get(ROOT_DIGEST, ""))), edits=edits, texts=check)
-    result = result if chunks is None else _chunked(result, chunks)
-    return quantified(result) if quantify else result
+        warn(f"'{location}' was edited since it was archived: {first_names(edits)}", EditedWarning)
+    opened_run = remember_archive(
+        run, partial(_reopen_run, location, str(run.attrs.get(ROOT_DIGEST, ""))), edits=edits, texts=check
+    )
+    opened_run = opened_run if chunks is None else _chunked(opened_run, chunks)
+    return quantified(opened_run) if quantify else opened_run
 
 
-def columns_of(path: Given, names: Collection[str]) -> xr.Dataset:
+def read_columns(path: Given, names: Collection[str]) -> xr.Dataset:
     """Read some variables of an archived run into memory, and its attributes; verified as `open_run` does.
 
     For many files of which little is wanted each: of one whose bytes are known here nothing else is read.
@@ -101,26 +103,26 @@ def columns_of(path: Given, names: Collection[str]) -> xr.Dataset:
     """
     import xarray as xr
 
-    held = _held(placed(path))
-    look = _Look.at(held)
+    local_file = _local_archive(location_of(path))
+    look = _SealedIdentity.from_file(local_file)
     if not is_known(look.tail):
         with open_run(path) as run:
             return run[[name for name in names if name in run.variables]].load()
-    with opened(held.path) as file:
-        if _identity(held) != look.identity:
-            raise ArchiveError(f"'{held.place}' was replaced while it was opened; open it again")
+    with opened_file(local_file.path) as file:
+        if _identity(local_file) != look.identity:
+            raise ArchiveError(f"'{local_file.location}' was replaced while it was opened; open it again")
         variables = {name: file.variables[name] for name in names if name in file.variables}
-        columns = {name: xr.Variable(*_column(variable)) for name, variable in variables.items()}
-        return xr.Dataset(columns, attrs=attributes(file))
+        columns = {name: xr.Variable(*_stored_column(variable)) for name, variable in variables.items()}
+        return xr.Dataset(columns, attrs=stored_attributes(file))
 
 
-def _column(variable: netCDF4.Variable[Any]) -> tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]:
+def _stored_column(variable: netCDF4.Variable[Any]) -> tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]:
     """Return dims, values and attributes of a variable of a run's file; letters as texts."""
-    dims, values = variable.dimensions, np.asarray(_stored(variable))
+    dims, values = variable.dimensions, np.asarray(_all_stored_values(variable))
     if values.dtype == "S1":
         texts = np.ascontiguousarray(values).view(f"S{values.shape[-1]}")[..., 0]
         dims, values = dims[:-1], np.char.decode(texts, "utf-8")
-    return dims, values, attributes(variable)
+    return dims, values, stored_attributes(variable)
 
 
 def _chunked(run: xr.Dataset, chunks: Any) -> xr.Dataset:
@@ -131,9 +133,9 @@ def _chunked(run: xr.Dataset, chunks: Any) -> xr.Dataset:
         raise InputError(f"chunks are {chunks!r}, need rows by dimension, like {{'step': 100_000}}, a number or 'auto'")
     if isinstance(chunks, Mapping) and (unknown := [dim for dim in chunks if dim not in run.dims]):
         raise InputError(f"chunks name {unknown[0]!r}; there are {', '.join(map(str, run.dims))}")
-    wanted: Any = _stored_chunks(run) if chunks == {} else chunks
+    chunk_sizes: Any = _stored_chunks(run) if chunks == {} else chunks
     texts = [name for name, variable in run.variables.items() if variable.dtype.kind in "OU"]
-    return run.drop_vars(texts).chunk(wanted, inline_array=True).assign_coords({name: run[name] for name in texts})
+    return run.drop_vars(texts).chunk(chunk_sizes, inline_array=True).assign_coords({name: run[name] for name in texts})
 
 
 def _stored_chunks(run: xr.Dataset) -> dict[str, int]:
@@ -144,63 +146,65 @@ def _stored_chunks(run: xr.Dataset) -> dict[str, int]:
     return sizes
 
 
-def _held(place: Place) -> Held:
+def _local_archive(location: Place) -> LocalFile:
     """Return an archive as a file of this machine."""
-    store = store_of(place)
-    store.check_source(place)
-    return store.held(place)
+    store = store_of(location)
+    store.check_source(location)
+    return store.local_file(location)
 
 
-def _opened(held: Held, *, check: bool) -> tuple[xr.Dataset, Examination | None]:
+def _open_verified(local_file: LocalFile, *, check: bool) -> tuple[xr.Dataset, Examination | None]:
     """Check a file and open the same one, again if its name went to another meanwhile; return what was found, if it was unknown."""
     for _ in range(MOST_REPLACED):
-        identity, examination = _checked(held) if check else (_listed(held), None)
+        identity, examination = _check_digests(local_file) if check else (_check_objects(local_file), None)
         try:
-            return lent(held.path, identity, held), examination
+            return open_shared(local_file.path, identity, local_file), examination
         except DAMAGE as error:
-            if _identity(held) == identity:
-                raise _unreadable(held.place, error) from None
-    raise ArchiveError(f"'{held.place}' was replaced each time it was opened; try again when nothing replaces it")
+            if _identity(local_file) == identity:
+                raise _unreadable(local_file.location, error) from None
+    raise ArchiveError(
+        f"'{local_file.location}' was replaced each time it was opened; try again when nothing replaces it"
+    )
 
 
 def _unreadable(path: Place, error: Exception) -> ArchiveError:
     if isinstance(error, ArchiveError):
         return error
-    return ArchiveError(f"'{path}' cannot be opened as a run archive: {words_of(error)}")
+    return ArchiveError(f"'{path}' cannot be opened as a run archive: {error_text(error)}")
 
 
-def _checked(held: Held) -> tuple[Identity, Examination | None]:
+def _check_digests(local_file: LocalFile) -> tuple[Identity, Examination | None]:
     """Compare a file with its seal and digests; return its identity, and what was found if its bytes were unknown here."""
-    look = _Look.at(held)
+    look = _SealedIdentity.from_file(local_file)
     if is_known(look.tail):
         see(look.identity)
         return look.identity, None
-    examination, identity = _examined(held, look)
-    examination.settle(held.place, also_edited=True)
+    examination, identity = _examine_stable_file(local_file, look)
+    examination.raise_faults(local_file.location, also_edited=True)
     return identity, examination
 
 
-def _listed(held: Held) -> Identity:
+def _check_objects(local_file: LocalFile) -> Identity:
     """Check that a file has no objects that lead out of it, which the netCDF library follows; return its identity."""
-    identity = _identity(held)
+    identity = _identity(local_file)
     if not is_seen(identity):
         try:
-            objects = inventory(held.path)
+            objects = inventory(local_file.path)
         except DAMAGE as error:
-            raise _unreadable(held.place, error) from None
-        harmed(*objects.faults).settle(held.place)
+            raise _unreadable(local_file.location, error) from None
+        harmed(*objects.faults).raise_faults(local_file.location)
         see(identity)
     return identity
 
 
-def _identity(held: Held) -> Identity:
+def _identity(local_file: LocalFile) -> Identity:
     try:
-        return identity_of(held.path)
+        return identity_of(local_file.path)
     except OSError as error:
-        raise ArchiveError(f"'{held.place}' cannot be read: {error.strerror or error}") from None
+        raise ArchiveError(f"'{local_file.location}' cannot be read: {error.strerror or error}") from None
 
 
-def _again(path: Place, digest: str) -> xr.Dataset | None:
+def _reopen_run(path: Place, digest: str) -> xr.Dataset | None:
     """Open a file again, if it still holds the same record."""
     try:
         run = open_run(path)
@@ -226,8 +230,8 @@ def check_schema(
     ArchiveError
     """
     schema = str(attributes.get("schema_version", SCHEMA_VERSION))
-    known = FORMER_SCHEMAS if is_former(attributes) else int(SCHEMA_VERSION)
-    if not (schema.isdecimal() and int(schema) <= known):
+    newest_schema = FORMER_SCHEMAS if is_former(attributes) else int(SCHEMA_VERSION)
+    if not (schema.isdecimal() and int(schema) <= newest_schema):
         writer = attributes.get("xdynamics_version", "of unknown version")
         raise ArchiveError(
             f"'{path}' has schema {schema}, written by xdynamics {writer}; this is {xdynamics_version()}, which reads schemas"
@@ -243,12 +247,14 @@ def _check_record(run: xr.Dataset, path: Place, examination: Examination | None)
         run.close()
         raise
     except DAMAGE as error:
-        faults = [words_of(error)]
+        faults = [error_text(error)]
     if faults:
         run.close()
         verdict = EDITED if examination and examination.verdict == EDITED else ""
-        said = "was edited, and is no run record any more" if verdict else "is as it was written, but no run record"
-        raise ArchiveError(f"'{path}' {said}:{numbered(faults)}", tuple(faults), verdict)
+        verdict_text = (
+            "was edited, and is no run record any more" if verdict else "is as it was written, but no run record"
+        )
+        raise ArchiveError(f"'{path}' {verdict_text}:{numbered_lines(faults)}", tuple(faults), verdict)
 
 
 def verify(path: Given) -> Examination:
@@ -271,7 +277,7 @@ def verify(path: Given) -> Examination:
     KindWarning
         If the file is as it was written, and holds a selection of a run or derived data.
     """
-    examination = verified(placed(path))
+    examination = verify_digests(location_of(path))
     with open_run(path, check=False) as run:
         kind = "" if is_evidence(run.attrs) else kind_description(run.attrs)
     if kind:
@@ -279,20 +285,20 @@ def verify(path: Given) -> Examination:
     return examination
 
 
-def verified(place: Place) -> Examination:
+def verify_digests(location: Place) -> Examination:
     """Compare with the digests alone; see `verify`."""
-    examination = _examined(_held(place))[0]
-    examination.settle(place)
+    examination = _examine_stable_file(_local_archive(location))[0]
+    examination.raise_faults(location)
     return examination
 
 
-def values_of(place: Place) -> dict[str, NDArray[Any]]:
+def read_values(location: Place) -> dict[str, NDArray[Any]]:
     """Read the values of a file that was written and checked here; texts as bytes, in a quarter of the memory."""
-    values_by_name, held = {}, _held(place)
-    with opened(held.path) as file:
+    values_by_name, local_file = {}, _local_archive(location)
+    with opened_file(local_file.path) as file:
         for name, variable in file.variables.items():
-            values, about = np.asarray(_stored(variable)), attributes(variable)
-            form = form_of(about, values.dtype, variable.dimensions, values.shape)
+            values, about = np.asarray(_all_stored_values(variable)), stored_attributes(variable)
+            form = text_form(about, values.dtype, variable.dimensions, values.shape)
             letters = form.letters(values) if form else values
             is_text = letters.dtype == "S1"
             values_by_name[name] = (
@@ -301,38 +307,38 @@ def values_of(place: Place) -> dict[str, NDArray[Any]]:
     return values_by_name
 
 
-@alone
-def _stored(variable: netCDF4.Variable[Any]) -> Any:
+@with_library_lock
+def _all_stored_values(variable: netCDF4.Variable[Any]) -> Any:
     variable.set_auto_chartostring(False)
     return variable[...]
 
 
 @dataclass(frozen=True)
-class _Look:
+class _SealedIdentity:
     """The identity of the file at a path, and its seal, for which every byte was read."""
 
     identity: Identity
     tail: Tail
 
     @classmethod
-    def at(cls, held: Held) -> _Look:
-        identity = _identity(held)
+    def from_file(cls, local_file: LocalFile) -> _SealedIdentity:
+        identity = _identity(local_file)
         try:
-            return cls(identity, tail_of(held.path))
+            return cls(identity, tail_of(local_file.path))
         except OSError as error:
-            raise ArchiveError(f"'{held.place}' cannot be read: {error.strerror or error}") from None
+            raise ArchiveError(f"'{local_file.location}' cannot be read: {error.strerror or error}") from None
 
 
-def _examined(held: Held, look: _Look | None = None) -> tuple[Examination, Identity]:
+def _examine_stable_file(local_file: LocalFile, look: _SealedIdentity | None = None) -> tuple[Examination, Identity]:
     """Compare a file with its seal and digests, again if another file took its name meanwhile.
 
     The identity of the file is returned too.
     """
     for _ in range(MOST_REPLACED):
-        look = look or _Look.at(held)
-        examination = examined(held.path, look.tail)
+        look = look or _SealedIdentity.from_file(local_file)
+        examination = examine_sandboxed(local_file.path, look.tail)
         identity = look.identity
-        if not examination.faults or identity_of(held.path) == identity:
+        if not examination.faults or identity_of(local_file.path) == identity:
             break
         look = None
     if examination.verdict != DAMAGED:

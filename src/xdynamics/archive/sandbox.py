@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from xdynamics.archive.integrity_checks import Examination, examine
+from xdynamics.archive.integrity_checks import Examination, examine_file
 from xdynamics.archive.seals import Tail
 
 PATIENCE = 60.0  # s without a request, after which the process ends
@@ -33,35 +33,35 @@ def main() -> None:
     import netCDF4  # once, for every process that is forked
 
     netCDF4.set_chunk_cache(size=CACHE)
-    _answer(READY)
+    _send_answer(READY)
     while True:
         child = os.fork()
         if not child:
-            _read()
+            _answer_requests()
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         if code == UNASKED:
             return
         if code:
-            _answer({"code": code})
+            _send_answer({"code": code})
 
 
-def _read() -> None:
+def _answer_requests() -> None:
     """Answer requests until a file has a fault or there are no more, then end this process."""
     while select.select([sys.stdin], [], [], PATIENCE)[0] and (line := sys.stdin.readline()):
-        examination = _examined(json.loads(line))
-        _answer(vars(examination))
+        examination = _examine_request(json.loads(line))
+        _send_answer(vars(examination))
         if examination.faults:
             os._exit(0)
     os._exit(UNASKED)
 
 
-def _examined(request: dict[str, Any]) -> Examination:
+def _examine_request(request: dict[str, Any]) -> Examination:
     """Examine one file within its bounds."""
     _bound_memory(request["memory"])
     # processor time: what waits for a disk or for other processes is no fault of the file
     signal.setitimer(signal.ITIMER_PROF, request["seconds"])
     try:
-        examination = examine(
+        examination = examine_file(
             Path(request["path"]), Tail(**request["tail"]), partial(_grant, request["bytes_per_second"])
         )
     except BaseException:  # noqa: BLE001 - it must not reach the loop that this process was forked from
@@ -76,8 +76,8 @@ def _grant(speed: float, size: int) -> None:
     signal.setitimer(signal.ITIMER_PROF, left + size / speed)
 
 
-def _answer(what: object) -> None:
-    print(json.dumps(what), flush=True)  # noqa: T201 - to the process that asked
+def _send_answer(answer: object) -> None:
+    print(json.dumps(answer), flush=True)  # noqa: T201 - to the process that asked
 
 
 def _bound_memory(more: int) -> None:

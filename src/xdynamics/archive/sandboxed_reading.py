@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from xdynamics.archive.declared_sizes import MOST_PACKED
-from xdynamics.archive.integrity_checks import Examination, compare, examine, harmed
+from xdynamics.archive.integrity_checks import Examination, compare_file, examine_file, harmed
 from xdynamics.archive.sandbox import READY
 from xdynamics.archive.seals import Tail
 from xdynamics.archive.shared_handles import Identity
@@ -34,27 +34,27 @@ LONGEST = 1e6  # s, which a clock can wait for
 MOST_KNOWN = 50_000  # files whose digests are remembered
 
 # digests of files that were written here, or read whole without a fault, the one used longest ago first
-_known: OrderedDict[str, None] = OrderedDict()
-_seen: OrderedDict[Identity, None] = OrderedDict()  # and files whose objects are known
+_known_seals: OrderedDict[str, None] = OrderedDict()
+_seen_files: OrderedDict[Identity, None] = OrderedDict()  # and files whose objects are known
 _lock = threading.Lock()
 
 
 def know(digest: str) -> None:
     """Remember the seal of a file that was written here; with too many, the one used longest ago is forgotten."""
-    _take_down(_known, digest)
+    _remember_key(_known_seals, digest)
 
 
 def see(identity: Identity) -> None:
     """Remember that a file, as it is now, has no object that the netCDF library would follow out of it."""
-    _take_down(_seen, identity)
+    _remember_key(_seen_files, identity)
 
 
 def is_seen(identity: Identity) -> bool:
     """Whether a file is known to have no such object."""
-    return identity in _seen
+    return identity in _seen_files
 
 
-def _take_down(table: OrderedDict[Key, None], key: Key) -> None:
+def _remember_key(table: OrderedDict[Key, None], key: Key) -> None:
     with _lock:
         table[key] = None
         table.move_to_end(key)
@@ -64,16 +64,16 @@ def _take_down(table: OrderedDict[Key, None], key: Key) -> None:
 
 def is_known(tail: Tail) -> bool:
     """Whether a seal holds for bytes that were written or examined here before."""
-    if not tail.digest or tail.digest not in _known:
+    if not tail.digest or tail.digest not in _known_seals:
         return False
     know(tail.digest)
     return True
 
 
-def examined(path: Path, tail: Tail) -> Examination:
+def examine_sandboxed(path: Path, tail: Tail) -> Examination:
     """Compare an archive with its seal and digests, in a process where it can do no harm."""
     if is_known(tail):
-        return compare(path, tail)
+        return compare_file(path, tail)
     examination = _EXAMINER.examine(path, tail)
     if tail.digest and not examination.faults:
         know(tail.digest)
@@ -111,12 +111,12 @@ class _Examiner:
         }
         with self._turn:
             try:
-                answer = self._asked(json.dumps(question), min(WAITED * (seconds + unpacking) + STARTING, LONGEST))
+                answer = self._ask_reader(json.dumps(question), min(WAITED * (seconds + unpacking) + STARTING, LONGEST))
             except BaseException:
                 self.end()
                 raise
         if answer == READY:
-            return examine(path, tail)
+            return examine_file(path, tail)
         if answer is None or answer.get("code") == -signal.SIGPROF:
             return harmed(f"it takes more than {seconds:.2g} s to read, which no archive of its size does")
         if "code" in answer:
@@ -140,7 +140,7 @@ class _Examiner:
             self._process = None
         self._has_read = False
 
-    def _asked(self, question: str, seconds: float) -> Any:
+    def _ask_reader(self, question: str, seconds: float) -> Any:
         """Ask a question, again if the reader may have a fault from another file; return the answer."""
         for _ in range(2):
             answer = self._answered(question, seconds)
@@ -155,19 +155,19 @@ class _Examiner:
         """Return the answer; None without one, `READY` if there is no process to ask."""
         # the process reads no file itself: its own end, for example after a long pause, is no fault of a file
         for _ in range(2):
-            process = self._started()
+            process = self._reader_process()
             if process is None:
                 return READY
             with suppress(BrokenPipeError):
                 print(question, file=process.stdin, flush=True)
-            answer = _said(process, seconds)
+            answer = _next_answer(process, seconds)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(0.0 if answer else 0.2)
             if answer is not None or process.returncode is None:
                 return answer
         return None
 
-    def _started(self) -> subprocess.Popen[str] | None:
+    def _reader_process(self) -> subprocess.Popen[str] | None:
         """Return the process when it is ready; None if none can be started, so that files are read here."""
         if self._process is not None and self._process.poll() is None:
             return self._process
@@ -185,7 +185,7 @@ class _Examiner:
                 env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
                 start_new_session=True,
             )
-            if _said(self._process, STARTING) != READY:
+            if _next_answer(self._process, STARTING) != READY:
                 self.end()
         return self._process
 
@@ -195,7 +195,7 @@ def _is_faultless(answer: Any) -> bool:
     return isinstance(answer, dict) and not answer.get("faults", True)
 
 
-def _said(process: subprocess.Popen[str], seconds: float) -> Any:
+def _next_answer(process: subprocess.Popen[str], seconds: float) -> Any:
     """Return the next answer of a process; None if it gives none in time, or ends."""
     assert process.stdout is not None  # noqa: S101
     ready = select.poll()

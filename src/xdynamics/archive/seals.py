@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.netcdf_library import alone, read
-from xdynamics.archive.netcdf_library import attributes as attributes_of
-from xdynamics.archive.text_encoding import form_of
+from xdynamics.archive.netcdf_library import read_stored, with_library_lock
+from xdynamics.archive.netcdf_library import stored_attributes as attributes_of
+from xdynamics.archive.text_encoding import text_form
 from xdynamics.record.variable_attributes import plain
 from xdynamics.schema import (
     BOUNDS,
@@ -103,8 +103,8 @@ def tail_of(path: Path) -> Tail:
                 else f"its seal is cut off: {-excess} of its {_LENGTH} bytes are missing"
             )
         )
-    alike = sum(byte == expected for byte, expected in zip(mark, MARK, strict=False))
-    return Tail(fault="its seal is hurt") if 2 * alike > len(MARK) else Tail()
+    matching_bytes = sum(byte == expected for byte, expected in zip(mark, MARK, strict=False))
+    return Tail(fault="its seal is hurt") if 2 * matching_bytes > len(MARK) else Tail()
 
 
 def _file_digest(path: Path, size: int) -> str:
@@ -134,14 +134,14 @@ class Seal:
         self._inner: tuple[int, ...] | None = () if not dims else None
 
     @classmethod
-    def of(cls, variable: Variable) -> Seal:
+    def for_variable(cls, variable: Variable) -> Seal:
         """Return the digest of a variable of the record, before its first value."""
         return cls(variable.name, variable.dims, np.dtype(variable.dtype))
 
     def update(self, values: Array) -> None:
         """Add the next values."""
         if self.is_text:
-            values = letters(values)
+            values = utf8_letters(values)
         if self.dims:
             self._rows += values.shape[0]
             self._inner = values.shape[1:]
@@ -174,14 +174,14 @@ def stored_slabs(variable: Any) -> Iterator[Array]:
         return
     size, row = variable.shape[0], prod(variable.shape[1:], start=variable.dtype.itemsize)
     rows = max(1, _TEXTS_AT_ONCE // max(1, row))
-    parts = [letters(np.asarray(variable[start : start + rows].values)) for start in range(0, max(1, size), rows)]
-    joined = np.zeros((*variable.shape, max(part.shape[-1] for part in parts)), "S1")
+    parts = [utf8_letters(np.asarray(variable[start : start + rows].values)) for start in range(0, max(1, size), rows)]
+    text_letters = np.zeros((*variable.shape, max(part.shape[-1] for part in parts)), "S1")
     for k, part in enumerate(parts):
-        joined[k * rows : k * rows + len(part), ..., : part.shape[-1]] = part
-    yield joined
+        text_letters[k * rows : k * rows + len(part), ..., : part.shape[-1]] = part
+    yield text_letters
 
 
-def letters(text: Array) -> Array:
+def utf8_letters(text: Array) -> Array:
     """Return texts, as they are in memory or in a file, as single bytes of UTF-8 along a further dimension."""
     if text.dtype.kind == "S":
         return text
@@ -214,25 +214,25 @@ def stored_digest(variable: Any, name: str = "", *, single: bool = False) -> str
     single : bool
         Whether it is the only text along its dimension, which the record does not have.
     """
-    own_name, dims, shape, dtype = _about(variable)
+    own_name, dims, shape, dtype = _describe_stored(variable)
     name = name or own_name
     if dtype is str:
         seal = Seal(name, dims[single:], np.dtype(object))
-        texts = np.asarray(read(variable, ...), object)
-        seal.update(letters(np.asarray(texts[0] if single else texts)))
+        texts = np.asarray(read_stored(variable, ...), object)
+        seal.update(utf8_letters(np.asarray(texts[0] if single else texts)))
         return seal.hexdigest()
     attributes = attributes_of(variable) if dtype in (np.int8, np.uint8) else {}  # numbers that may stand for texts
-    is_text, form = dtype == "S1", form_of(attributes, dtype, dims, shape)
+    is_text, form = dtype == "S1", text_form(attributes, dtype, dims, shape)
     further = form.further if form else int(is_text)
     seal = Seal(name, dims[single : len(dims) - further], np.dtype(object) if is_text or form else dtype)
     if is_text or not dims:
-        values = np.asarray(read(variable, ...))
+        values = np.asarray(read_stored(variable, ...))
         seal.update(_trimmed(values[0] if single else values) if is_text else values)
         return seal.hexdigest()
     width = max(1, prod(shape[1:], start=dtype.itemsize)) * (form.width if form else 1)
     rows = max(1, min(CHUNKS.get(dims[0], OTHER_CHUNK) * 8, _MOST_READ // width))
     for start in range(0, max(1, shape[0]), rows):
-        slab = np.asarray(read(variable, slice(start, start + rows)))
+        slab = np.asarray(read_stored(variable, slice(start, start + rows)))
         seal.update(form.letters(slab) if form else slab)
     return seal.hexdigest()
 
@@ -242,17 +242,17 @@ def _trimmed(letters: Array) -> Array:
     if not letters.size:
         return letters
     filled = np.flatnonzero((letters != b"").reshape(-1, letters.shape[-1]).any(axis=0))
-    least = int(letters.ndim > 1)
-    return letters[..., : max(least, int(filled.max(initial=-1)) + 1)]
+    min_width = int(letters.ndim > 1)
+    return letters[..., : max(min_width, int(filled.max(initial=-1)) + 1)]
 
 
-@alone
-def _about(variable: Any) -> tuple[str, tuple[str, ...], tuple[int, ...], Any]:
+@with_library_lock
+def _describe_stored(variable: Any) -> tuple[str, tuple[str, ...], tuple[int, ...], Any]:
     variable.set_auto_chartostring(False)
     return variable.name, variable.dimensions, variable.shape, variable.dtype
 
 
-def listed(digests: Mapping[str, str]) -> str:
+def digest_lines(digests: Mapping[str, str]) -> str:
     """Write the digests of variables as a file keeps them."""
     return "\n".join(f"{name} {digest}" for name, digest in digests.items())
 
@@ -267,7 +267,9 @@ def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str
     """Return the content digest, from variables' digests and attributes; circumstances and notes are left out."""
     content = {
         "variables": {
-            name: [digests[name], plain(own)] for name, own in attributes.items() if not _is_circumstance(name, own)
+            name: [digests[name], plain(attrs)]
+            for name, attrs in attributes.items()
+            if not _is_circumstance(name, attrs)
         },
         "attributes": plain(content_of(run)),
     }
@@ -281,9 +283,9 @@ def volatile_digest(
     content = plain(
         {key: value for key, value in run.items() if key in VOLATILE and key not in (VOLATILE_DIGEST, DIGESTS)}
     )
-    for name, own in attributes.items():
-        if _is_circumstance(name, own):
-            content[f"variable {name}"] = [digests[name], plain(own)]
+    for name, attrs in attributes.items():
+        if _is_circumstance(name, attrs):
+            content[f"variable {name}"] = [digests[name], plain(attrs)]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.place import Place
 from xdynamics.archive.seals import Seal
-from xdynamics.archive.store import Held
+from xdynamics.archive.store import LocalFile
 from xdynamics.archive.stores import store_of, taking_name
 from xdynamics.faults import ArchiveError
 
@@ -38,31 +38,36 @@ _PIECE = 1 << 22  # bytes that are read at once
 class Segment:
     """A segment whose first line and memory are whole: the content of the line, where arrays begin, a digest of both."""
 
-    held: Held
-    said: Mapping[str, Any]
+    local_file: LocalFile
+    header: Mapping[str, Any]
     first: int
     digest: str
 
     @property
     def path(self) -> Path:
         """The file on this machine."""
-        return self.held.path
+        return self.local_file.path
 
     def memory(self) -> dict[str, Array]:
         """Return the march's memory."""
         with self.path.open("rb") as file:
             file.seek(self.first)
-            return {name: _taken(file.read(_size(kind, shape)), kind, shape) for name, kind, shape in self.said[MEMORY]}
+            return {
+                name: _array_from_bytes(file.read(_array_bytes(kind, shape)), kind, shape)
+                for name, kind, shape in self.header[MEMORY]
+            }
 
     def rows(self) -> Iterator[Part]:
         """Yield the rows of one variable after the other, some megabytes at a time."""
         with self.path.open("rb") as file:
-            file.seek(_behind_head(self.said, self.first))
-            for name, kind, (rows, *inner) in self.said[ROWS]:
-                most = max(1, _PIECE // _size(kind, inner))
-                for start in range(0, max(1, rows), most):  # an empty array is yielded too: its shape is in the digests
-                    shape = (min(most, rows - start), *inner)
-                    yield name, _taken(file.read(_size(kind, shape)), kind, shape)
+            file.seek(_behind_head(self.header, self.first))
+            for name, kind, (rows, *inner) in self.header[ROWS]:
+                max_rows = max(1, _PIECE // _array_bytes(kind, inner))
+                for start in range(
+                    0, max(1, rows), max_rows
+                ):  # an empty array is yielded too: its shape is in the digests
+                    shape = (min(max_rows, rows - start), *inner)
+                    yield name, _array_from_bytes(file.read(_array_bytes(kind, shape)), kind, shape)
 
     def check(self, seals: Mapping[str, Seal]) -> None:
         """Add its rows to digests of those before it, and compare.
@@ -77,26 +82,30 @@ class Segment:
                 raise ArchiveError(f"has a variable '{name}' that the run has not")
             seals[name].update(values)
         for name, seal in seals.items():
-            if self.said["digests"].get(name) != seal.hexdigest():
+            if self.header["digests"].get(name) != seal.hexdigest():
                 raise ArchiveError(f"differs from the digest of '{name}'")
 
 
-def write(
-    place: Place, of: Mapping[str, Any], memory: Mapping[str, Array], rows: list[Shape], values: Iterable[Array]
+def write_segment(
+    location: Place,
+    march_header: Mapping[str, Any],
+    memory: Mapping[str, Array],
+    rows: list[Shape],
+    values: Iterable[Array],
 ) -> str:
     """Write a segment whole or not at all; return its digest."""
     shapes = [(name, array.dtype, array.shape) for name, array in memory.items()]
-    header = {"kind": _KIND} | dict(of) | {MEMORY: _described(shapes), ROWS: _described(rows)}
+    header = {"kind": _KIND} | dict(march_header) | {MEMORY: _array_headers(shapes), ROWS: _array_headers(rows)}
     head = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in memory.values())
     digest = hashlib.sha256(head).hexdigest()
-    with taking_name(place) as new, new.part.open("wb") as file:
+    with taking_name(location) as new, new.part.open("wb") as file:
         file.write(head + _MARK + digest.encode() + b"\n")
         for array in values:
             file.write(np.ascontiguousarray(array).data)
     return digest
 
 
-def read(place: Place) -> Segment:
+def read_segment(location: Place) -> Segment:
     """Read the first line of a segment, and compare that and its memory with their digest.
 
     Raises
@@ -104,15 +113,15 @@ def read(place: Place) -> Segment:
     ArchiveError
         With a predicate: what the segment is or does that no segment should.
     """
-    store = store_of(place)
-    if store.kind(place) is not None:
+    store = store_of(location)
+    if store.kind(location) is not None:
         raise ArchiveError("is no file")
-    held = store.held(place)
+    local_file = store.local_file(location)
     try:
-        with held.path.open("rb") as file:
-            header, first, digest = _head(file)
+        with local_file.path.open("rb") as file:
+            header, first, digest = _read_segment_head(file)
             size = os.fstat(file.fileno()).st_size
-        needed = _behind_head(header, first) + sum(_size(kind, shape) for _, kind, shape in header[ROWS])
+        needed = _behind_head(header, first) + sum(_array_bytes(kind, shape) for _, kind, shape in header[ROWS])
     except OSError as error:
         raise ArchiveError(f"cannot be read: {error.strerror or error}") from None
     except ArchiveError:
@@ -121,16 +130,16 @@ def read(place: Place) -> Segment:
         raise ArchiveError("is damaged, or no segment of this version") from None
     if size != needed:
         raise ArchiveError(f"has {size} bytes and says {needed}")
-    return Segment(held, header, first, digest)
+    return Segment(local_file, header, first, digest)
 
 
-def _head(file: IO[bytes]) -> tuple[dict[str, Any], int, str]:
+def _read_segment_head(file: IO[bytes]) -> tuple[dict[str, Any], int, str]:
     """Return the content of the first line, where the memory begins, and the digest of both."""
     line = file.readline(_LONGEST_LINE)
     header = json.loads(line)
     if header["kind"] != _KIND:
         raise ArchiveError("is of another version")
-    size = sum(_size(kind, shape) for _, kind, shape in header[MEMORY])
+    size = sum(_array_bytes(kind, shape) for _, kind, shape in header[MEMORY])
     if not 0 <= size <= os.fstat(file.fileno()).st_size:
         raise ArchiveError("is cut off")
     digest = hashlib.sha256(line + file.read(size)).hexdigest()
@@ -140,21 +149,21 @@ def _head(file: IO[bytes]) -> tuple[dict[str, Any], int, str]:
 
 
 def _behind_head(header: Mapping[str, Any], first: int) -> int:
-    return first + sum(_size(kind, shape) for _, kind, shape in header[MEMORY]) + len(_MARK) + 64 + 1
+    return first + sum(_array_bytes(kind, shape) for _, kind, shape in header[MEMORY]) + len(_MARK) + 64 + 1
 
 
-def _described(shapes: Iterable[Shape]) -> list[Any]:
+def _array_headers(shapes: Iterable[Shape]) -> list[Any]:
     kinds = [(name, np.dtype(kind), shape) for name, kind, shape in shapes]
     return [(name, kind.descr if kind.names else kind.str, shape) for name, kind, shape in kinds]
 
 
-def _kind(described: Any) -> np.dtype[Any]:
+def _array_dtype(described: Any) -> np.dtype[Any]:
     return np.dtype(described if isinstance(described, str) else [(name, kind) for name, kind in described])
 
 
-def _size(described: Any, shape: Iterable[int]) -> int:
-    return prod(shape) * _kind(described).itemsize
+def _array_bytes(described: Any, shape: Iterable[int]) -> int:
+    return prod(shape) * _array_dtype(described).itemsize
 
 
-def _taken(content: bytes, described: Any, shape: Iterable[int]) -> Array:
-    return np.frombuffer(content, _kind(described)).reshape(tuple(shape))
+def _array_from_bytes(content: bytes, described: Any, shape: Iterable[int]) -> Array:
+    return np.frombuffer(content, _array_dtype(described)).reshape(tuple(shape))

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from weakref import WeakSet, ref
 
-from xdynamics.archive.declared_sizes import oversize
-from xdynamics.archive.netcdf_library import alone, close_left, file_at, leave
-from xdynamics.archive.store import Held
-from xdynamics.faults import ArchiveError, numbered
+from xdynamics.archive.declared_sizes import size_faults
+from xdynamics.archive.netcdf_library import close_later, close_left, file_at, with_library_lock
+from xdynamics.archive.store import LocalFile
+from xdynamics.faults import ArchiveError, numbered_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -27,11 +27,11 @@ MOST_OPEN = 128  # files at a time; what was used longest ago is closed, and ope
 Identity = tuple[int, int, int, int]  # device, inode, size, time of the last change
 
 _open: OrderedDict[int, netCDF4.Dataset] = OrderedDict()
-_lent: WeakSet[Lent] = WeakSet()
+_archives: WeakSet[SharedArchive] = WeakSet()
 _kept_open: set[int] = set()  # of those whose name another file has taken or is to take: they could not be opened again
 
 
-class Lent:
+class SharedArchive:
     """One archive for xarray's backend, opened whenever it is needed.
 
     It is the same file each time: if another has taken its name, or it was written to, that is an error and never a
@@ -39,14 +39,14 @@ class Lent:
     process.
     """
 
-    def __init__(self, path: Path, identity: Identity | None = None, held: Held | None = None) -> None:
-        self.path, self.held = path.absolute(), held
-        self.place = held.place if held else self.path
+    def __init__(self, path: Path, identity: Identity | None = None, local_file: LocalFile | None = None) -> None:
+        self.path, self.local_file = path.absolute(), local_file
+        self.location = local_file.location if local_file else self.path
         self.identity = identity or identity_of(path)
         self.in_use = True
-        _enter(self)
+        _register_archive(self)
 
-    @alone
+    @with_library_lock
     def acquire(self, needs_lock: bool = True) -> netCDF4.Dataset:  # noqa: ARG002, FBT001, FBT002 - xarray's signature
         """Return the open file."""
         file = _open.get(id(self))
@@ -61,7 +61,7 @@ class Lent:
         """Return the open file for a `with` statement, which does not close it."""
         return nullcontext(self.acquire(needs_lock))
 
-    @alone
+    @with_library_lock
     def close(self, needs_lock: bool = True) -> None:  # noqa: ARG002, FBT001, FBT002 - xarray's signature
         """Close the file; its name may go to another from now on, though this one may still be read again."""
         self.in_use = False
@@ -82,9 +82,9 @@ class Lent:
             _, inode, *now = identity_of(self.path)
         except OSError:  # removed, and readable as long as it is open
             return
-        _, own, *then = self.identity
-        if inode == own and now != then:
-            raise ArchiveError(f"'{self.place}' was overwritten while it was open; open it again")
+        _, opened_inode, *then = self.identity
+        if inode == opened_inode and now != then:
+            raise ArchiveError(f"'{self.location}' was overwritten while it was open; open it again")
 
     def _reopened(self) -> netCDF4.Dataset:
         self._check_identity()  # before, too: the library follows links, and another file has not been examined
@@ -98,7 +98,7 @@ class Lent:
 
     def _check_identity(self) -> None:
         if identity_of(self.path)[1:] != self.identity[1:]:  # a device has another number on another machine
-            raise ArchiveError(f"'{self.place}' is another file than the one that was opened; open it again")
+            raise ArchiveError(f"'{self.location}' is another file than the one that was opened; open it again")
 
     def __del__(self) -> None:
         # this may run in any thread at any point: it must not wait
@@ -107,21 +107,21 @@ class Lent:
         _kept_open.discard(id(self))
         file = _open.pop(id(self), None)
         if file is not None:
-            leave(file)
+            close_later(file)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        if self.held and self.held.again:
-            return _lent_again, (self.held.again,)
-        return Lent, (self.path, self.identity)
+        if self.local_file and self.local_file.fetch_again:
+            return _reopened_copy, (self.local_file.fetch_again,)
+        return SharedArchive, (self.path, self.identity)
 
 
-def _lent_again(again: Callable[[], Held]) -> Lent:
-    held = again()
-    return Lent(held.path, held=held)
+def _reopened_copy(fetch_again: Callable[[], LocalFile]) -> SharedArchive:
+    local_file = fetch_again()
+    return SharedArchive(local_file.path, local_file=local_file)
 
 
-@alone
-def lent(path: Path, identity: Identity | None = None, held: Held | None = None) -> xr.Dataset:
+@with_library_lock
+def open_shared(path: Path, identity: Identity | None = None, local_file: LocalFile | None = None) -> xr.Dataset:
     """Open an archive as a Dataset whose variables are read when they are used, by any thread.
 
     Parameters
@@ -129,7 +129,7 @@ def lent(path: Path, identity: Identity | None = None, held: Held | None = None)
     path : Path
     identity : optional
         Of the expected file, if it was examined before.
-    held : Held, optional
+    local_file : LocalFile, optional
         If it is one of a store.
 
     Raises
@@ -141,20 +141,20 @@ def lent(path: Path, identity: Identity | None = None, held: Held | None = None)
 
     from xdynamics.archive.values import VariableStore
 
-    archive = _settled(path) if identity is None else Lent(path, identity, held)
-    if faults := oversize(path, archive.acquire()):
-        raise ArchiveError(f"'{archive.place}' is damaged or no run archive:{numbered(faults)}", tuple(faults))
+    archive = _open_untorn(path) if identity is None else SharedArchive(path, identity, local_file)
+    if faults := size_faults(path, archive.acquire()):
+        raise ArchiveError(f"'{archive.location}' is damaged or no run archive:{numbered_lines(faults)}", tuple(faults))
     store = VariableStore(archive, mode="r")  # type: ignore[no-untyped-call]
     run = xr.open_dataset(store, decode_times=False, mask_and_scale=False)
-    run.encoding["source"] = str(held.place if held else path)
+    run.encoding["source"] = str(local_file.location if local_file else path)
     run.set_close(_Closing(archive))
     return run
 
 
-def _settled(path: Path) -> Lent:
+def _open_untorn(path: Path) -> SharedArchive:
     """Open a file, again if another took its name at that moment."""
     for _ in range(MOST_REPLACED):
-        archive = Lent(path)
+        archive = SharedArchive(path)
         try:
             archive.acquire()
         except ArchiveError as error:
@@ -167,7 +167,7 @@ def _settled(path: Path) -> Lent:
 class _Closing:
     """Closes an archive without keeping it open: once every variable is in memory, the file is not needed any more."""
 
-    def __init__(self, archive: Lent | None) -> None:
+    def __init__(self, archive: SharedArchive | None) -> None:
         self._one = ref(archive) if archive is not None else lambda: None
 
     def __call__(self) -> None:
@@ -179,7 +179,7 @@ class _Closing:
         return _Closing, (self._one(),)
 
 
-@alone
+@with_library_lock
 def keep_open(path: Path) -> None:
     """Keep open what is still to be read from a file whose name another is to take: it is read from there until it is closed."""
     for archive in _readers(path):
@@ -187,7 +187,7 @@ def keep_open(path: Path) -> None:
         _kept_open.add(id(archive))
 
 
-def is_lent(path: Path) -> bool:
+def is_still_read(path: Path) -> bool:
     """Whether variables of a run in this process still have to be read from a file, and it is not kept open for them."""
     if not any(_readers(path)):
         return False
@@ -195,26 +195,26 @@ def is_lent(path: Path) -> bool:
     return any(_readers(path))
 
 
-def _readers(path: Path) -> Iterator[Lent]:
+def _readers(path: Path) -> Iterator[SharedArchive]:
     try:
         device, inode, *_ = identity_of(path)
     except OSError:
         return
-    yield from (archive for archive in _all() if _is_reader(archive, (device, inode)))
+    yield from (archive for archive in _registered_archives() if _is_reader(archive, (device, inode)))
 
 
-def _is_reader(archive: Lent, inode: tuple[int, int]) -> bool:
+def _is_reader(archive: SharedArchive, inode: tuple[int, int]) -> bool:
     return archive.in_use and id(archive) not in _kept_open and archive.identity[:2] == inode
 
 
-@alone
-def _enter(archive: Lent) -> None:
-    _lent.add(archive)
+@with_library_lock
+def _register_archive(archive: SharedArchive) -> None:
+    _archives.add(archive)
 
 
-@alone
-def _all() -> list[Lent]:
-    return list(_lent)
+@with_library_lock
+def _registered_archives() -> list[SharedArchive]:
+    return list(_archives)
 
 
 def identity_of(path: Path) -> Identity:
@@ -224,9 +224,9 @@ def identity_of(path: Path) -> Identity:
 
 
 @atexit.register
-@alone
-def _end() -> None:
+@with_library_lock
+def _close_all_archives() -> None:
     """Close what is still open: a file that is collected while the interpreter shuts down prints errors."""
     while _open:
-        leave(_open.popitem()[1])
+        close_later(_open.popitem()[1])
     close_left()

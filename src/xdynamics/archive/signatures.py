@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.archive.integrity_checks import VERIFIED
-from xdynamics.archive.place import Given, Place, placed
+from xdynamics.archive.place import Given, Place, location_of
 from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import bytes_digest
 from xdynamics.archive.stores import store_of, taking_name
-from xdynamics.archive.temporary_files import fitting
+from xdynamics.archive.temporary_files import fitting_name
 from xdynamics.faults import ArchiveError, InputError, SignatureWarning, warn
-from xdynamics.runtime.files import shown, write_new
+from xdynamics.runtime.files import displayed_path, write_new
 from xdynamics.schema import VOLATILE_DIGEST
 
 if TYPE_CHECKING:
@@ -69,14 +69,14 @@ def sign(path: Given, key: str | Path, *, passphrase: str | Asking | None = None
     ArchiveError
         If the archive is damaged, or there is no place for the signature.
     """
-    place = placed(path)
-    private_key, target = _private(Path(key), passphrase), signature_of(place)
+    location = location_of(path)
+    private_key, target = _private(Path(key), passphrase), signature_of(location)
     if kind := store_of(target).kind(target):
         raise InputError(
             f"'{target}' is {kind}, and its name is that of the signature of '{path}'; remove it, or give it another"
             " name"
         )
-    message = _message(KIND, _digests(place))
+    message = _message(KIND, _verified_digests(location))
     signature = base64.b64encode(private_key.sign(message)).decode()
     with taking_name(target) as new:
         lines = f"key {_fingerprint(private_key.public_key())}\nsignature {signature}\n"
@@ -110,28 +110,30 @@ def verify_signature(path: Given, key: str | Path) -> str:
     SignatureWarning
         If the signature is one of version 0.2, which covers less than the whole file.
     """
-    place, public = placed(path), _public(Path(key))
-    digests = _digests(place)
-    signed = _read(place)
+    location, public = location_of(path), _public(Path(key))
+    digests = _verified_digests(location)
+    signed = _read_signature(location)
     if signed.signer != _fingerprint(public):
         raise ArchiveError(
             f"'{path}' was signed by another key, {signed.signer}, and not by '{key}', {_fingerprint(public)}"
         )
     if not _holds(public, signed.signature, _message(signed.kind, signed.digests)):
-        raise ArchiveError(f"the signature '{signature_of(place)}' is not of '{key}': it was altered, or is a forgery")
-    for name, what in COVERED[signed.kind].items():
+        raise ArchiveError(
+            f"the signature '{signature_of(location)}' is not of '{key}': it was altered, or is a forgery"
+        )
+    for name, digest_name in COVERED[signed.kind].items():
         if signed.digests[name] != digests[name]:
             raise ArchiveError(
-                f"'{path}' is not what was signed: its {what} is {digests[name]}, and {signed.digests[name]} was signed"
+                f"'{path}' is not what was signed: its {digest_name} is {digests[name]}, and {signed.digests[name]} was signed"
             )
     if signed.kind != KIND:
-        warn(f"'{signature_of(place)}' is {NARROW}", SignatureWarning)
+        warn(f"'{signature_of(location)}' is {NARROW}", SignatureWarning)
     return digests["content"]
 
 
-def covered(path: Place) -> str:
+def coverage_note(path: Place) -> str:
     """Describe what a verified signature covers, if that is less than the whole file."""
-    return f"; {NARROW}" if _read(path).kind != KIND else ""
+    return f"; {NARROW}" if _read_signature(path).kind != KIND else ""
 
 
 def new_key(path: str | Path) -> Path:
@@ -165,8 +167,10 @@ def new_key(path: str | Path) -> Path:
     }
     for name in texts:
         if os.path.lexists(name):
-            alone = name == private and not os.path.lexists(public)
-            remedy = f", or make its public one by `openssl pkey -in {name} -pubout -out {public}`" if alone else ""
+            private_only = name == private and not os.path.lexists(public)
+            remedy = (
+                f", or make its public one by `openssl pkey -in {name} -pubout -out {public}`" if private_only else ""
+            )
             raise InputError(f"'{name}' is there already, and a key is not written over; name another{remedy}")
     for name, text in texts.items():
         try:
@@ -178,7 +182,7 @@ def new_key(path: str | Path) -> Path:
 
 def signature_of(path: Place) -> Place:
     """Return where the signature of an archive is; its name is shortened if the archive's leaves no room for the ending."""
-    return path.with_name(fitting(path.name, behind=SUFFIX))
+    return path.with_name(fitting_name(path.name, suffix=SUFFIX))
 
 
 def protection(path: Place) -> str:
@@ -188,14 +192,14 @@ def protection(path: Place) -> str:
     return "sealed; not signed"
 
 
-def _is_there(place: Place) -> bool:
-    return store_of(place).kind(place) != ""
+def _is_there(location: Place) -> bool:
+    return store_of(location).kind(location) != ""
 
 
-def _digests(path: Place) -> dict[str, str]:
+def _verified_digests(path: Place) -> dict[str, str]:
     """Verify an archive; return its digests of content, circumstances and bytes."""
     store = store_of(path)
-    before = store.stamp(path)
+    stamp_before = store.stamp(path)
     examination = verify(path)
     if examination.verdict != VERIFIED:
         raise ArchiveError(
@@ -203,11 +207,11 @@ def _digests(path: Place) -> dict[str, str]:
             " xd.save(xd.open_run(…), …) seals it again",
             verdict=examination.verdict,
         )
-    held = store.held(path)
+    local_file = store.local_file(path)
     with open_run(path, check=False) as run:
         circumstances = str(run.attrs[VOLATILE_DIGEST])
-    digests = {"content": examination.digest, "circumstances": circumstances, "bytes": bytes_digest(held.path)}
-    if store.stamp(path) != before:
+    digests = {"content": examination.digest, "circumstances": circumstances, "bytes": bytes_digest(local_file.path)}
+    if store.stamp(path) != stamp_before:
         raise ArchiveError(f"'{path}' was written to while it was verified; try again")
     return digests
 
@@ -226,21 +230,23 @@ class _Signed:
     signature: bytes
 
 
-def _read(path: Place) -> _Signed:
+def _read_signature(path: Place) -> _Signed:
     """Read the signature beside an archive."""
-    place = signature_of(path)
-    if not _is_there(place):
-        raise ArchiveError(f"'{path}' has no signature: there is no '{place}'; copy it with the archive, or sign anew")
-    held = store_of(place).held(place)
-    kind, *lines = _text(held.path, "signature").decode("ascii", "replace").splitlines() or [""]
+    location = signature_of(path)
+    if not _is_there(location):
+        raise ArchiveError(
+            f"'{path}' has no signature: there is no '{location}'; copy it with the archive, or sign anew"
+        )
+    local_file = store_of(location).local_file(location)
+    kind, *lines = _read_small_file(local_file.path, "signature").decode("ascii", "replace").splitlines() or [""]
     words = [line.partition(" ")[::2] for line in lines]
     if kind not in COVERED or [name for name, _ in words] != [*COVERED[kind], "key", "signature"]:
-        raise ArchiveError(f"'{place}' is no signature of an archive")
+        raise ArchiveError(f"'{location}' is no signature of an archive")
     *digests, (_, signer), (_, signature) = words
     try:
         return _Signed(kind, dict(digests), signer, base64.b64decode(signature, validate=True))
     except ValueError:
-        raise ArchiveError(f"'{place}' is no signature of an archive") from None
+        raise ArchiveError(f"'{location}' is no signature of an archive") from None
 
 
 def _holds(public: Ed25519PublicKey, signature: bytes, message: bytes) -> bool:
@@ -255,7 +261,7 @@ def _holds(public: Ed25519PublicKey, signature: bytes, message: bytes) -> bool:
 
 def _private(path: Path, passphrase: str | Asking | None) -> Ed25519PrivateKey:
     serialization, ed25519 = _cryptography()
-    text = _text(path, "key")
+    text = _read_small_file(path, "key")
     if b"PUBLIC KEY" in text:
         raise InputError(f"'{path}' is a public key; sign with the private one")
     try:
@@ -283,7 +289,7 @@ def _unlocked(path: Path, text: bytes, passphrase: str | Asking | None) -> Any:
 
 def _public(path: Path) -> Ed25519PublicKey:
     serialization, ed25519 = _cryptography()
-    text = _text(path, "key")
+    text = _read_small_file(path, "key")
     if b"PRIVATE KEY" in text:
         raise InputError(f"'{path}' is a private key; verify with the public one, from `{_WAY_TO_PUBLIC}`")
     try:
@@ -309,15 +315,15 @@ def _fingerprint(public: Ed25519PublicKey) -> str:
     return hashlib.sha256(public.public_bytes_raw()).hexdigest()[:16]
 
 
-def _text(path: Path, what: str) -> bytes:
+def _read_small_file(path: Path, file_role: str) -> bytes:
     """Read a small file; folders, pipes and devices are refused."""
     if "\0" in str(path) or not path.is_file():
-        raise InputError(f"the {what} {shown(path)!r} is no file; name one")
+        raise InputError(f"the {file_role} {displayed_path(path)!r} is no file; name one")
     try:
         with path.open("rb") as file:
             return file.read(_LONGEST)
     except OSError as error:
-        raise InputError(f"the {what} '{path}' cannot be read: {error.strerror or error}") from None
+        raise InputError(f"the {file_role} '{path}' cannot be read: {error.strerror or error}") from None
 
 
 def _cryptography() -> tuple[Any, Any]:

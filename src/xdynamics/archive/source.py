@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from xdynamics.faults import InputError
-from xdynamics.runtime.files import asked, file_above, kind_of
+from xdynamics.runtime.files import ask_path, file_above, path_kind
 
 
 def check_source(path: Path) -> None:
@@ -16,8 +16,8 @@ def check_source(path: Path) -> None:
     InputError
         If it is a directory, a pipe, a socket or a device, does not exist, or is no path, for the system or the library.
     """
-    check_name(path)
-    kind = asked(path, kind_of)
+    check_no_backslash(path)
+    kind = ask_path(path, path_kind)
     if kind == "":
         above = file_above(path)
         raise InputError(f"'{path}' does not exist{above and f': {above}'}")
@@ -25,7 +25,7 @@ def check_source(path: Path) -> None:
         raise InputError(f"'{path}' is {kind}; name a file{' in it' if kind == 'a directory' else ''}")
 
 
-def check_name(path: Path) -> None:
+def check_no_backslash(path: Path) -> None:
     """Check a path for a name that the netCDF library would take for another.
 
     Raises
@@ -33,7 +33,7 @@ def check_name(path: Path) -> None:
     InputError
         If there is a backslash in it.
     """
-    if "\\" in str(asked(path, Path.absolute)):
+    if "\\" in str(ask_path(path, Path.absolute)):
         raise InputError(
             f"'{path}' has a backslash in its whole name, which the netCDF library takes for the end of a folder's"
             " name; name another file"

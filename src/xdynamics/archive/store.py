@@ -49,24 +49,24 @@ class NewFile(Generic[Name]):
 
 
 @dataclass(frozen=True)
-class Held:
+class LocalFile:
     """What is under a name, as a file of this machine, which stays there as long as this object does.
 
     Attributes
     ----------
     path : Path
         The file itself, or a copy.
-    place
+    location
         Its name in the store.
-    again : callable, optional
+    fetch_again : callable, optional
         Of a copy: returns the same file again, in another process too, or raises an error.
     copy : object
         Removes the copy in the end.
     """
 
     path: Path
-    place: Any
-    again: Callable[[], Held] | None = field(default=None, compare=False)
+    location: Any
+    fetch_again: Callable[[], LocalFile] | None = field(default=None, compare=False)
     copy: Any = field(default=None, compare=False)
 
 
@@ -86,34 +86,34 @@ class FileBatch(Protocol):
 class Store(Protocol[Name]):
     """Files by name, each whole or not at all. Every fault is one line that names the place, the cause and the remedy."""
 
-    def check_source(self, place: Name) -> None:
+    def check_source(self, location: Name) -> None:
         """Check that there is a file to read."""
 
-    def check_target(self, place: Name, model: Model | None = None) -> None:
+    def check_target(self, location: Name, model: Model | None = None) -> None:
         """Check before any work that a file can be written to a place, and that nothing is lost there."""
 
-    def check_no_table(self, place: Name, tables: list[str]) -> None:
+    def check_no_table(self, location: Name, tables: list[str]) -> None:
         """Check that a place holds none of the measured tables that a record keeps, recognised by its text."""
 
-    def kind(self, place: Name) -> str | None:
+    def kind(self, location: Name) -> str | None:
         """Return what is at a place: nothing (``""``), a file (None), or anything else in words (``"a directory"``)."""
 
-    def stamp(self, place: Name) -> Any:
+    def stamp(self, location: Name) -> Any:
         """Return what distinguishes a file from another under its name; None where there is none."""
 
     def names(self, folder: Name) -> list[Name]:
         """List the files and folders of a folder in order, without temporary ones; none where there is no such folder."""
 
-    def content(self, place: Name, most: int) -> bytes:
-        """Read a small file whole; one of over `most` bytes is refused."""
+    def content(self, location: Name, max_bytes: int) -> bytes:
+        """Read a small file whole; one of over `max_bytes` bytes is refused."""
 
-    def held(self, place: Name) -> Held:
+    def local_file(self, location: Name) -> LocalFile:
         """Return a file as one of this machine."""
 
-    def written_at(self, place: Name) -> Path:
+    def written_at(self, location: Name) -> Path:
         """Return a path of the disk on which a file is written before it takes its name."""
 
-    def taking_name(self, place: Name, batch: Any = None) -> AbstractContextManager[NewFile[Name]]:
+    def taking_name(self, location: Name, batch: Any = None) -> AbstractContextManager[NewFile[Name]]:
         """Lend a temporary file, which takes its name whole when the `with` block is done.
 
         What is new stays alone under its name, and what replaces replaces what was there when the block began: of two
@@ -121,28 +121,28 @@ class Store(Protocol[Name]):
         together, where that is faster.
         """
 
-    def batch(self, places: Sequence[Name]) -> FileBatch:
+    def batch(self, locations: Sequence[Name]) -> FileBatch:
         """Return what gives files of these places their names together."""
 
-    def check_each(self, places: Sequence[Name]) -> None:
+    def check_each(self, locations: Sequence[Name]) -> None:
         """Check all targets, as `check_target` does; several at once where each waits for an answer."""
 
-    def check_empty(self, place: Name) -> None:
+    def check_empty(self, location: Name) -> None:
         """Check that a place is an empty folder, or does not exist."""
 
-    def taking_folder(self, place: Name) -> AbstractContextManager[Path]:
+    def taking_folder(self, location: Name) -> AbstractContextManager[Path]:
         """Lend a temporary folder, which takes its name whole when the `with` block is done."""
 
-    def made_folder(self, place: Name) -> Name:
+    def made_folder(self, location: Name) -> Name:
         """Return a folder, made if it does not exist."""
 
-    def new_folder(self, place: Name) -> None:
+    def new_folder(self, location: Name) -> None:
         """Make a folder that does not exist; raises FileExistsError if it does."""
 
     def locked(self, folder: Name) -> AbstractContextManager[None]:
         """Lock a folder against other processes; the lock of a process that died is free. Raises `LockedError`."""
 
-    def remove(self, place: Name) -> None:
+    def remove(self, location: Name) -> None:
         """Remove a file, or a folder that is empty; raises OSError or `ArchiveError` if it cannot be removed."""
 
     def remove_folder(self, folder: Name) -> None:

@@ -11,12 +11,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from xdynamics.archive.shared_handles import is_lent
-from xdynamics.archive.source import check_name
+from xdynamics.archive.shared_handles import is_still_read
+from xdynamics.archive.source import check_no_backslash
 from xdynamics.archive.store import NewFile
-from xdynamics.archive.temporary_files import TemporaryFile, sweep
+from xdynamics.archive.temporary_files import TemporaryFile, sweep_temporary_files
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.runtime.files import asked, decoded, file_above, kind_of, read_bounded, synced
+from xdynamics.runtime.files import ask_path, decoded, file_above, path_kind, read_bounded, synced
 
 if TYPE_CHECKING:
     from xdynamics.model import Model
@@ -25,7 +25,7 @@ _NEW, _PRIVATE = 0o666, 0o600
 _RIGHTS = stat.S_IRWXU | stat.S_IRWXG | stat.S_IRWXO
 
 
-def check_target(path: Path, model: Model | None = None) -> None:
+def check_path_target(path: Path, model: Model | None = None) -> None:
     """Check that a file can be written to a path, and that nothing is lost there.
 
     Parameters
@@ -40,14 +40,14 @@ def check_target(path: Path, model: Model | None = None) -> None:
         If it is a directory, a pipe, a socket or a device, its folder does not exist, it is no path at all, it is a
         file of the model, or an archive of which variables are still to be read here.
     """
-    check_name(path)
-    kind = asked(path, kind_of)
+    check_no_backslash(path)
+    kind = ask_path(path, path_kind)
     if kind == "a directory":
         raise InputError(f"'{path}' is a directory; name a file in it, like '{path / 'run.nc'}'")
     if kind:
         raise InputError(f"'{path}' is {kind}; name a file")
-    folder = asked(path, Path.resolve).parent if path.is_symlink() else path.parent
-    if not asked(folder, Path.is_dir):
+    folder = ask_path(path, Path.resolve).parent if path.is_symlink() else path.parent
+    if not ask_path(folder, Path.is_dir):
         why = file_above(path) or f"the folder '{folder}' does not exist"
         raise InputError(f"'{path}' cannot be written: {why}")
     if kind is not None:
@@ -55,15 +55,15 @@ def check_target(path: Path, model: Model | None = None) -> None:
     if model is not None:
         if model.file is not None and model.file.exists() and model.file.samefile(path):
             raise InputError(f"'{path}' is the model file itself; name another file")
-        check_no_table(path, [drive.table.text for drive in model.drives.values()])
-    if is_lent(path):
+        check_path_no_table(path, [drive.table.text for drive in model.drives.values()])
+    if is_still_read(path):
         raise InputError(
             f"'{path}' is open: a run that was opened from it still reads it; close that run (run.close()) or load it"
             " (run.load()) first, or name another file"
         )
 
 
-def check_no_table(path: Path, tables: list[str]) -> None:
+def check_path_no_table(path: Path, tables: list[str]) -> None:
     """Check that a path holds no measured table, recognised by its text: a record keeps the text and not the path.
 
     Raises
@@ -71,7 +71,7 @@ def check_no_table(path: Path, tables: list[str]) -> None:
     InputError
         If it holds one of the tables.
     """
-    if not tables or kind_of(path) is not None:
+    if not tables or path_kind(path) is not None:
         return
     try:
         text = decoded(read_bounded(path, 4 * max(map(len, tables))))
@@ -102,7 +102,7 @@ class Batch:
 
     def add(self, target: Path) -> NewFile[Path]:
         """Make the temporary file of a target."""
-        self._files.append(_begun(self._parts, target))
+        self._files.append(_begin_new_file(self._parts, target))
         return self._files[-1]
 
     def take_names(self) -> None:
@@ -113,7 +113,7 @@ class Batch:
         ArchiveError
             If that fails; files renamed before are whole under their names, under the others nothing is changed.
         """
-        taken = 0
+        renamed_count = 0
         try:
             for new in self._files:
                 handle = os.open(new.part, os.O_RDONLY | os.O_CLOEXEC)
@@ -124,21 +124,21 @@ class Batch:
             sync_file_systems([new.part for new in self._files])
             for new in self._files:
                 new.part.replace(new.name)
-                taken += 1
+                renamed_count += 1
             for folder in dict.fromkeys(new.name.parent for new in self._files):
                 with synced(folder):
                     pass
         except OSError as error:
-            named = self._files[min(taken, len(self._files) - 1)].name
+            failed_name = self._files[min(renamed_count, len(self._files) - 1)].name
             raise ArchiveError(
-                f"'{named}' cannot be written: {error.strerror or error}; {taken} of {len(self._files)} files have"
+                f"'{failed_name}' cannot be written: {error.strerror or error}; {renamed_count} of {len(self._files)} files have"
                 " their names, under the others nothing is changed"
             ) from error
         self._files.clear()
 
 
-def _begun(parts: ExitStack, target: Path) -> NewFile[Path]:
-    part = parts.enter_context(TemporaryFile.beside(target, _NEW if not target.exists() else _PRIVATE))
+def _begin_new_file(parts: ExitStack, target: Path) -> NewFile[Path]:
+    part = parts.enter_context(TemporaryFile.create_beside(target, _NEW if not target.exists() else _PRIVATE))
     return NewFile(part.path, target)
 
 
@@ -166,7 +166,7 @@ def sync_file_systems(paths: list[Path]) -> None:
 
 
 @contextmanager
-def taking_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile[Path]]:
+def taking_path_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile[Path]]:
     """Lend a temporary name in the folder of a path; when the `with` block is done, the file takes the path's name.
 
     A link goes on pointing: the file that it points to is replaced. Mode and owner of that file stay. The name may be
@@ -177,15 +177,15 @@ def taking_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile[Path
     ArchiveError
         If it cannot be written; under its name nothing is changed then.
     """
-    check_target(path)
+    check_path_target(path)
     target = path.resolve()
-    sweep(target.parent)
+    sweep_temporary_files(target.parent)
     try:
         if batch is not None:
             yield batch.add(target)
             return
         with ExitStack() as parts:
-            new = _begun(parts, target)
+            new = _begin_new_file(parts, target)
             yield new
             with synced(new.part) as handle:
                 _inherit(handle, new.name)
@@ -194,7 +194,7 @@ def taking_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile[Path
                 pass
     except (OSError, RuntimeError) as error:
         raise ArchiveError(
-            f"'{path}' cannot be written: {_cause(target.parent, error)}; nothing is changed there"
+            f"'{path}' cannot be written: {_write_failure(target.parent, error)}; nothing is changed there"
         ) from error
 
 
@@ -217,7 +217,7 @@ def _inherit(part: int, old: Path) -> None:
             os.fchown(part, status.st_uid, -1)
 
 
-def _cause(folder: Path, error: Exception) -> str:
+def _write_failure(folder: Path, error: Exception) -> str:
     """Return why a write failed; the netCDF library itself guesses."""
     try:
         with tempfile.TemporaryFile(dir=folder) as probe:

@@ -33,7 +33,7 @@ class TemporaryFile:
 
     @classmethod
     @contextmanager
-    def beside(cls, target: Path, mode: int) -> Iterator[TemporaryFile]:
+    def create_beside(cls, target: Path, mode: int) -> Iterator[TemporaryFile]:
         """Make a temporary file in the folder of another, and remove it in the end if it has not been renamed.
 
         Parameters
@@ -42,7 +42,7 @@ class TemporaryFile:
         mode : int
             As for `open`, subject to the umask of the process.
         """
-        path, handle = _locked(target)
+        path, handle = _free_locked_name(target)
         try:
             os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode))
             yield cls(path, handle)
@@ -54,7 +54,7 @@ class TemporaryFile:
             os.close(handle)
 
 
-def _locked(target: Path) -> tuple[Path, int]:
+def _free_locked_name(target: Path) -> tuple[Path, int]:
     """Find a name that is free, and lock it."""
     while True:
         token = f".{secrets.token_hex(4)}"
@@ -67,7 +67,7 @@ def _locked(target: Path) -> tuple[Path, int]:
         except FileExistsError:
             continue
         try:
-            if take(handle, needed=False) and lock.exists():  # another process may have swept it away before
+            if try_lock(handle, needed=False) and lock.exists():  # another process may have swept it away before
                 return path, handle
         except BaseException:
             lock.unlink(missing_ok=True)
@@ -80,12 +80,12 @@ def _lock_of(part: Path) -> Path:
     return part.with_suffix(LOCK)
 
 
-def fitting(name: str, *, before: str = "", behind: str = "") -> str:
+def fitting_name(name: str, *, prefix: str = "", suffix: str = "") -> str:
     """Return a file's name with a prefix and a suffix; if that is too long, its beginning and a digest take its place."""
     encoded = os.fsencode(name)
-    if len(encoded) + len(before) + len(behind) > LONGEST:
+    if len(encoded) + len(prefix) + len(suffix) > LONGEST:
         encoded = encoded[: LONGEST - 32] + b"~" + sha256(encoded).hexdigest()[:16].encode()
-    return f"{before}{os.fsdecode(encoded)}{behind}"
+    return f"{prefix}{os.fsdecode(encoded)}{suffix}"
 
 
 def is_ours(name: str) -> bool:
@@ -93,7 +93,7 @@ def is_ours(name: str) -> bool:
     return _OURS.fullmatch(os.fsencode(name)) is not None
 
 
-def sweep(folder: Path) -> None:
+def sweep_temporary_files(folder: Path) -> None:
     """Remove the temporary files of dead processes; those that cannot be removed stay."""
     with suppress(OSError), os.scandir(folder) as entries:
         paths = [Path(entry.path) for entry in entries if is_ours(entry.name)]
@@ -101,24 +101,24 @@ def sweep(folder: Path) -> None:
             lock = path if path.name.endswith(LOCK) else _lock_of(path)
             with suppress(OSError):
                 if path == lock:
-                    _remove(lock, [lock.with_suffix(""), lock])
+                    _remove_unlocked(lock, [lock.with_suffix(""), lock])
                 elif not lock.exists():  # left by a version that made no locks
-                    _remove(path, [path])
+                    _remove_unlocked(path, [path])
 
 
-def _remove(guard: Path, paths: list[Path]) -> None:
+def _remove_unlocked(guard: Path, paths: list[Path]) -> None:
     """Remove files if the first is one of ours and locked by nobody."""
     handle = os.open(guard, os.O_RDWR | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         ours = stat.S_ISREG(os.fstat(handle).st_mode) and os.read(handle, 8) in _BEGINS
-        if ours and take(handle, needed=True):
+        if ours and try_lock(handle, needed=True):
             for path in paths:
                 path.unlink(missing_ok=True)
     finally:
         os.close(handle)
 
 
-def take(handle: int, *, needed: bool) -> bool:
+def try_lock(handle: int, *, needed: bool) -> bool:
     """Lock an open file until it is closed, unless another process holds its lock.
 
     On a file system without locks a needed one is not obtained: nothing is removed there, but files are written.

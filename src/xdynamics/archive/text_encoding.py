@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.record.variable_attributes import own_attributes
-from xdynamics.schema import FLAG_ATTRIBUTES, TEXT_FORM, flags
+from xdynamics.schema import FLAG_ATTRIBUTES, TEXT_FORM, flag_attributes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,12 +47,12 @@ class EncodedTexts:
     attributes: Mapping[str, Any]
 
 
-def bytes_of(name: str) -> str:
+def bytes_dim(name: str) -> str:
     """Name the dimension of the bytes of digests in a file."""
     return f"{name}_bytes"
 
 
-def numbers_of(name: str, role: Any, letters: Array) -> EncodedTexts | None:
+def encoded_texts(name: str, role: Any, letters: Array) -> EncodedTexts | None:
     """Return texts as numbers; None if they stay letters: neither words nor digests, or a single text.
 
     Parameters
@@ -67,19 +67,21 @@ def numbers_of(name: str, role: Any, letters: Array) -> EncodedTexts | None:
         return None
     if role == "digest":
         values = _from_hexadecimal(np.ascontiguousarray(letters).view(np.uint8))
-        return None if values is None else EncodedTexts(values, bytes_of(name), {TEXT_FORM: HEXADECIMAL})
+        return None if values is None else EncodedTexts(values, bytes_dim(name), {TEXT_FORM: HEXADECIMAL})
     width = letters.shape[-1]
     texts = np.ascontiguousarray(letters).view(f"S{width}")[..., 0]
-    words = _words(texts.ravel())
+    words = _flag_words(texts.ravel())
     if words is None:
         return None
     values = np.full(texts.shape, NO_WORD, np.int8)
     for number, word in enumerate(words):
         values[texts == word] = number
-    return EncodedTexts(values, "", {TEXT_FORM: FLAGS, **flags(dict(enumerate(meaning.decode() for meaning in words)))})
+    return EncodedTexts(
+        values, "", {TEXT_FORM: FLAGS, **flag_attributes(dict(enumerate(meaning.decode() for meaning in words)))}
+    )
 
 
-def _words(texts: Array) -> list[bytes] | None:
+def _flag_words(texts: Array) -> list[bytes] | None:
     """List the words among many texts, sorted; None where there are too many, or some that are no flag's meaning."""
     words: list[bytes] = []
     remaining = texts[texts != b""]
@@ -160,7 +162,7 @@ class Form:
         return codes.view(f"U{self.width}")[..., 0]
 
 
-def form_of(attributes: Mapping[str, Any], dtype: Any, dims: tuple[str, ...], shape: tuple[int, ...]) -> Form | None:
+def text_form(attributes: Mapping[str, Any], dtype: Any, dims: tuple[str, ...], shape: tuple[int, ...]) -> Form | None:
     """Return how a variable keeps texts as numbers; None where it keeps none.
 
     Raises
@@ -190,11 +192,15 @@ def with_texts(data: xr.Dataset) -> xr.Dataset:
     ValueError
         If a variable declares a form that it does not have.
     """
-    numbered = {name: one for name, one in data.variables.items() if TEXT_FORM in one.attrs and one.dtype.kind in "iu"}
+    numbered = {
+        name: candidate
+        for name, candidate in data.variables.items()
+        if TEXT_FORM in candidate.attrs and candidate.dtype.kind in "iu"
+    }
     texts = {}
     for name, variable in numbered.items():
         rows = variable.values[np.newaxis]  # a part may be a single text
-        form = form_of(variable.attrs, rows.dtype, ("members", *map(str, variable.dims)), rows.shape)
+        form = text_form(variable.attrs, rows.dtype, ("members", *map(str, variable.dims)), rows.shape)
         if form is not None:
             dims = variable.dims[: variable.ndim - form.further]
             texts[name] = (dims, form.texts(rows)[0], own_attributes(variable.attrs))

@@ -9,9 +9,9 @@ from xarray import Variable
 from xarray.backends import BackendArray, NetCDF4DataStore
 from xarray.core import indexing
 
-from xdynamics.archive.chunk_reading import chosen
-from xdynamics.archive.netcdf_library import alone
-from xdynamics.archive.text_encoding import Form, form_of
+from xdynamics.archive.chunk_reading import read_elements
+from xdynamics.archive.netcdf_library import with_library_lock
+from xdynamics.archive.text_encoding import Form, text_form
 from xdynamics.faults import ArchiveError
 from xdynamics.record.variable_attributes import own_attributes
 from xdynamics.schema import DIGEST
@@ -28,7 +28,7 @@ class VariableStore(NetCDF4DataStore):
         values = StoredValues(self._manager, name, variable.shape, variable.dtype)
         if variable.dtype == "S1":  # letters of a record are UTF-8, whether another program says so or not
             variable.attrs["_Encoding"] = "utf-8"
-        form = form_of(variable.attrs, variable.dtype, variable.dims, variable.shape)
+        form = text_form(variable.attrs, variable.dtype, variable.dims, variable.shape)
         if form is None:
             return Variable(variable.dims, indexing.LazilyIndexedArray(values), variable.attrs, variable.encoding)
         texts = indexing.LazilyIndexedArray(Texts(values, form))
@@ -43,17 +43,17 @@ class StoredValues(BackendArray):
         self.lent, self.name, self.shape, self.dtype = lent, name, shape, dtype
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read_by_key)
 
-    @alone
-    def _read(self, key: tuple[Any, ...]) -> Any:
+    @with_library_lock
+    def _read_by_key(self, key: tuple[Any, ...]) -> Any:
         variable = self.lent.acquire().variables[self.name]
         variable.set_auto_maskandscale(False)
         variable.set_auto_chartostring(False)
         try:
-            values = chosen(variable, key)
+            values = read_elements(variable, key)
         except (OSError, RuntimeError) as error:  # a damaged file that was opened unchecked, or a lost disk
-            raise ArchiveError(f"variable '{self.name}' of '{self.lent.place}' cannot be read: {error}") from None
+            raise ArchiveError(f"variable '{self.name}' of '{self.lent.location}' cannot be read: {error}") from None
         finally:
             self.lent.check_unchanged()
         if self.dtype == "S1":
@@ -68,7 +68,7 @@ class StoredValues(BackendArray):
                 row.tobytes().decode()
             except UnicodeDecodeError as error:
                 raise ArchiveError(
-                    f"variable '{self.name}' of '{self.lent.place}' is no text in UTF-8: {error.reason} at {error.start}"
+                    f"variable '{self.name}' of '{self.lent.location}' is no text in UTF-8: {error.reason} at {error.start}"
                 ) from None
 
 
@@ -80,11 +80,11 @@ class Texts(BackendArray):
         self.shape: tuple[int, ...] = numbers.shape[: len(numbers.shape) - form.further]
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read_by_key)
 
-    def _read(self, key: tuple[Any, ...]) -> Any:
-        whole = indexing.OuterIndexer((*key, *(slice(None),) * self.form.further))
+    def _read_by_key(self, key: tuple[Any, ...]) -> Any:
+        stored_key = indexing.OuterIndexer((*key, *(slice(None),) * self.form.further))
         try:
-            return self.form.texts(np.asarray(self.numbers[whole]))
+            return self.form.texts(np.asarray(self.numbers[stored_key]))
         except ValueError as error:  # of a file that was opened unchecked
             raise ArchiveError(f"texts of '{self.numbers.name}' cannot be read: {error}") from None

@@ -9,11 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.declared_sizes import packed
-from xdynamics.archive.netcdf_library import alone
+from xdynamics.archive.declared_sizes import variables_to_compress
+from xdynamics.archive.netcdf_library import with_library_lock
 from xdynamics.archive.place import Place
-from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK, Seal, letters, letters_of, listed, root_digest, volatile_digest
-from xdynamics.archive.text_encoding import EncodedTexts, numbers_of
+from xdynamics.archive.seals import (
+    CHUNKS,
+    OTHER_CHUNK,
+    Seal,
+    digest_lines,
+    letters_of,
+    root_digest,
+    utf8_letters,
+    volatile_digest,
+)
+from xdynamics.archive.text_encoding import EncodedTexts, encoded_texts
 from xdynamics.march.outcomes import GOOD
 from xdynamics.record.partial_records import is_evidence
 from xdynamics.record.variable_attributes import own_attributes
@@ -74,9 +83,9 @@ class Writer:
 
     def pack(self, widths: Mapping[str, tuple[str, int]]) -> None:
         """Compress variables that are going to be defined, as far as readers accept; see `bounds.packed`."""
-        self._packed = packed(widths)
+        self._packed = variables_to_compress(widths)
 
-    @alone
+    @with_library_lock
     def define(
         self,
         name: str,
@@ -95,7 +104,7 @@ class Writer:
         self._filled[name] = 0
         if seal.is_text:
             return  # created when its length is known
-        chunks = _chunks(dims, sizes) if dims else None
+        chunks = _chunk_shape(dims, sizes) if dims else None
         # further levels of zlib take more time, a tenth and up, for a hundredth of the bytes
         variable = self._file.createVariable(
             name,
@@ -126,28 +135,28 @@ class Writer:
         """Return the digest of every variable, as far as it is hashed."""
         return {name: seal.hexdigest() for name, seal in self._seals.items()}
 
-    @alone
-    def shapes_since(self, before: Mapping[str, int]) -> list[tuple[str, Any, tuple[int, ...]]]:
-        """Return name, type and shape of the values that variables were given since they held `before`."""
+    @with_library_lock
+    def shapes_since(self, earlier_counts: Mapping[str, int]) -> list[tuple[str, Any, tuple[int, ...]]]:
+        """Return name, type and shape of the values that variables were given since they held `earlier_counts`."""
         return [
-            (name, self._seals[name].dtype, (n - before.get(name, 0), *self._file.variables[name].shape[1:]))
+            (name, self._seals[name].dtype, (n - earlier_counts.get(name, 0), *self._file.variables[name].shape[1:]))
             for name, n in self._filled.items()
         ]
 
-    def since(self, before: Mapping[str, int]) -> Iterator[Array]:
-        """Read back the values that variables were given since they held `before`, some megabytes at a time."""
+    def since(self, earlier_counts: Mapping[str, int]) -> Iterator[Array]:
+        """Read back the values that variables were given since they held `earlier_counts`, some megabytes at a time."""
         for name, n in self._filled.items():
             rows = max(1, BACK // prod(self._file.variables[name].shape[1:]))
-            for start in range(before.get(name, 0), n, rows):
+            for start in range(earlier_counts.get(name, 0), n, rows):
                 yield self._read_back(name, start, min(start + rows, n))
 
-    @alone
+    @with_library_lock
     def _read_back(self, name: str, start: int, stop: int) -> Array:
         return np.asarray(self._file.variables[name][start:stop])
 
     def append(self, name: str, values: Array) -> None:
         """Write and hash the next values of a variable."""
-        values = letters(values) if self._seals[name].is_text else values
+        values = utf8_letters(values) if self._seals[name].is_text else values
         self.write([(name, values)])
         self.hash([(name, values)])
 
@@ -156,10 +165,10 @@ class Writer:
         for name, values in parts:
             self._write_one(name, values)
 
-    @alone
+    @with_library_lock
     def _write_one(self, name: str, values: Array) -> None:
         if self._seals[name].is_text:
-            self._write_text(name, letters(values))
+            self._write_text(name, utf8_letters(values))
         elif values.ndim == 0:
             self._file.variables[name][...] = values
         elif values.shape[0]:
@@ -169,7 +178,7 @@ class Writer:
 
     def _write_text(self, name: str, letters: Array) -> None:
         """Write texts as numbers or characters: variable-length strings crash the library when a file is open twice."""
-        numbers = numbers_of(name, self._attributes[name].get("role"), letters) if self.numbered else None
+        numbers = encoded_texts(name, self._attributes[name].get("role"), letters) if self.numbered else None
         if numbers is not None:
             self._write_numbers(name, numbers)
             return
@@ -195,32 +204,36 @@ class Writer:
         for name, values in parts:
             self._seals[name].update(values)
 
-    @alone
+    @with_library_lock
     def finish(self, attributes: Mapping[str, Any]) -> None:
         """Write every attribute and digest; remember the content digest, and whether the run ended well."""
         self.complete = is_evidence(attributes) or attributes.get("run_outcome") in GOOD
-        kept = {key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST, DIGESTS)}
-        kept[SEALED] = SEAL_WORDS
-        kept.pop(COMPRESSION, None)
+        written_attributes = {
+            key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST, DIGESTS)
+        }
+        written_attributes[SEALED] = SEAL_WORDS
+        written_attributes.pop(COMPRESSION, None)
         if self._packed:
-            kept[COMPRESSION] = COMPRESSION_WORDS
+            written_attributes[COMPRESSION] = COMPRESSION_WORDS
         digests, former = self.digests(), is_former(attributes)
         about = {name: (seal.dims, self._attributes[name].get("role")) for name, seal in self._seals.items()}
-        for name, own in self._attributes.items():
+        for name, variable_attributes in self._attributes.items():
             coordinates = coordinates_of(name, about, former=former)
             kept_as = {"coordinates": coordinates} if coordinates else {}
-            self._file.variables[name].setncatts(own | kept_as | ({DIGEST: digests[name]} if former else {}))
+            self._file.variables[name].setncatts(
+                variable_attributes | kept_as | ({DIGEST: digests[name]} if former else {})
+            )
         if not former:
-            kept[DIGESTS] = listed(digests)
-        self._file.setncatts(kept)
-        self.digest = root_digest(digests, self._attributes, kept)
+            written_attributes[DIGESTS] = digest_lines(digests)
+        self._file.setncatts(written_attributes)
+        self.digest = root_digest(digests, self._attributes, written_attributes)
         self._file.setncattr(ROOT_DIGEST, self.digest)
-        self._file.setncattr(VOLATILE_DIGEST, volatile_digest(digests, self._attributes, kept))
+        self._file.setncattr(VOLATILE_DIGEST, volatile_digest(digests, self._attributes, written_attributes))
 
 
-def _chunks(dims: tuple[str, ...], sizes: Mapping[str, int]) -> list[int]:
+def _chunk_shape(dims: tuple[str, ...], sizes: Mapping[str, int]) -> list[int]:
     """Return the form of a variable's chunks: of rows with many elements as many as a megabyte holds, or a part of one."""
-    chunks = [min(most := CHUNKS.get(dim, OTHER_CHUNK), max(1, sizes.get(dim, most))) for dim in dims]
+    chunks = [min(chunk_limit := CHUNKS.get(dim, OTHER_CHUNK), max(1, sizes.get(dim, chunk_limit))) for dim in dims]
     room = CHUNKS.get(dims[0], OTHER_CHUNK)
     for k in reversed(range(1, len(dims))):
         if (size := sizes.get(dims[k], 0)) > chunks[k]:

@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive.integrity import Standing, check_cut, standing
-from xdynamics.archive.integrity_checks import compare
-from xdynamics.archive.netcdf_library import alone, opened
-from xdynamics.archive.place import GIVEN, Given, Place, check_name, placed, real
-from xdynamics.archive.sandboxed_reading import examined, know, see
+from xdynamics.archive.integrity import Standing, check_cut, record_standing
+from xdynamics.archive.integrity_checks import compare_file
+from xdynamics.archive.netcdf_library import opened_file, with_library_lock
+from xdynamics.archive.place import GIVEN, Given, Place, check_file_name, location_of, resolve_links
+from xdynamics.archive.sandboxed_reading import examine_sandboxed, know, see
 from xdynamics.archive.seals import Tail, seal_file, stored_slabs, tail_of
 from xdynamics.archive.shared_handles import identity_of
 from xdynamics.archive.store import FileBatch
 from xdynamics.archive.stores import check_suffix, made_folder, store_of
 from xdynamics.archive.temporary_files import LONGEST
 from xdynamics.archive.writer import Writer
-from xdynamics.faults import InputError, PartialRunWarning, numbered, warn
+from xdynamics.faults import InputError, PartialRunWarning, numbered_lines, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.parts import Authorship
-from xdynamics.model.text_limits import parsed
+from xdynamics.model.text_limits import parse_model_text
 from xdynamics.record.folding import unlabelled
 from xdynamics.record.partial_records import is_evidence, left_out_atols, with_article
 from xdynamics.record.schemas import in_words_of_today
@@ -112,7 +112,7 @@ def save(
     """
     if not isinstance(compress, bool | None):
         raise InputError(f"compress is {compress!r}, needs true or false")
-    place = placed(path)
+    location = location_of(path)
     notes = {
         "creator": creator,
         "institution": institution,
@@ -121,7 +121,7 @@ def save(
         "references": references,
         "comment": comment,
     }
-    return _written(_checked(_noted(run, notes), place, derived), place, compress=compress)
+    return _write_run(_check_run(_with_authorship(run, notes), location, derived), location, compress=compress)
 
 
 def save_many(
@@ -165,10 +165,10 @@ def save_many(
         raise InputError("one run was given; save writes it, and save_many a list of runs, or runs by name")
     if isinstance(runs, str) or not isinstance(runs, Iterable):
         raise InputError(f"{str(runs)[:60]!r} is neither a list of runs nor runs by name")
-    named: dict[Any, xr.Dataset] = dict(runs) if isinstance(runs, Mapping) else dict(enumerate(runs))
-    places = _places(named, paths)
-    ready = [(_checked(run, path, None), path) for run, path in zip(named.values(), places, strict=True)]
-    written: list[Place] = []
+    runs_by_name: dict[Any, xr.Dataset] = dict(runs) if isinstance(runs, Mapping) else dict(enumerate(runs))
+    places = _target_locations(runs_by_name, paths)
+    ready = [(_check_run(run, path, None), path) for run, path in zip(runs_by_name.values(), places, strict=True)]
+    locations: list[Place] = []
     for first in range(0, len(ready), MOST_AT_ONCE):
         part = ready[first : first + MOST_AT_ONCE]
         with ExitStack() as stack:
@@ -176,29 +176,29 @@ def save_many(
                 store: stack.enter_context(store.batch([path for _, path in part if store_of(path) is store]))
                 for store in dict.fromkeys(store_of(path) for _, path in part)
             }
-            written += [_written(run, path, compress=compress, batch=batches[store_of(path)]) for run, path in part]
+            locations += [_write_run(run, path, compress=compress, batch=batches[store_of(path)]) for run, path in part]
             for batch in batches.values():
                 batch.take_names()
-    return written
+    return locations
 
 
-def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Place]:
+def _target_locations(runs_by_name: Mapping[Any, xr.Dataset], paths: Any) -> list[Place]:
     """Return the file of every run."""
     files: list[Place]
     if isinstance(paths, GIVEN):
-        for name in filter(lambda name: isinstance(name, str), named):
-            check_name(name)
-        folder = made_folder(placed(paths))
-        files = [folder / (f"{name}.nc" if isinstance(name, str) else f"{name:06d}.nc") for name in named]
+        for name in filter(lambda name: isinstance(name, str), runs_by_name):
+            check_file_name(name)
+        folder = made_folder(location_of(paths))
+        files = [folder / (f"{name}.nc" if isinstance(name, str) else f"{name:06d}.nc") for name in runs_by_name]
     elif paths is None:
         raise InputError("save_many needs a file for each run, or a folder")
     else:
-        files = [placed(entry) for entry in paths]
-    if len(files) != len(named):
-        raise InputError(f"there are {len(named)} runs and {len(files)} paths; give one for each, or a folder")
+        files = [location_of(entry) for entry in paths]
+    if len(files) != len(runs_by_name):
+        raise InputError(f"there are {len(runs_by_name)} runs and {len(files)} paths; give one for each, or a folder")
     for store in dict.fromkeys(map(store_of, files)):
         store.check_each([path for path in files if store_of(path) is store])
-    resolved = [real(path) for path in files]
+    resolved = [resolve_links(path) for path in files]
     duplicates = (
         [path for k, path in enumerate(resolved) if path in resolved[:k]] if len({*resolved}) < len(resolved) else []
     )
@@ -207,7 +207,7 @@ def _places(named: Mapping[Any, xr.Dataset], paths: Any) -> list[Place]:
     return files
 
 
-def _noted(run: xr.Dataset, notes: Mapping[str, Any]) -> xr.Dataset:
+def _with_authorship(run: xr.Dataset, notes: Mapping[str, Any]) -> xr.Dataset:
     """Return a record with notes of who stands for it."""
     texts = {name: text for name, text in notes.items() if text is not None}
     for name, text in texts.items():
@@ -215,19 +215,19 @@ def _noted(run: xr.Dataset, notes: Mapping[str, Any]) -> xr.Dataset:
             raise InputError(f"{name} is {text!r}, needs a text")
     if not texts:
         return run
-    noted = run.copy(deep=False)
-    noted.attrs |= Authorship(**texts).attributes
-    return noted
+    signed_run = run.copy(deep=False)
+    signed_run.attrs |= Authorship(**texts).attributes
+    return signed_run
 
 
-def _checked(run: xr.Dataset, place: Place, derived: str | None) -> xr.Dataset:
-    run = _declared(run, derived)
+def _check_run(run: xr.Dataset, location: Place, derived: str | None) -> xr.Dataset:
+    run = _declare_standing(run, derived)
     record.check(run, values=derived is not None)  # otherwise they were checked before
-    store_of(place).check_no_table(place, _tables(run))
+    store_of(location).check_no_table(location, _table_texts(run))
     return run
 
 
-def _written(run: xr.Dataset, path: Place, *, compress: bool | None, batch: FileBatch | None = None) -> Place:
+def _write_run(run: xr.Dataset, path: Place, *, compress: bool | None, batch: FileBatch | None = None) -> Place:
     with new_file(path, batch) as writer:
         writer.numbered = str(run.attrs.get(EVIDENCE, "")).startswith(SWEEP)
         if COMPRESSION in run.attrs if compress is None else compress:
@@ -251,7 +251,7 @@ def _written(run: xr.Dataset, path: Place, *, compress: bool | None, batch: File
     return writer.path
 
 
-def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
+def _declare_standing(run: xr.Dataset, derived: str | None) -> xr.Dataset:
     """Return a record with attributes that say whether it is a run, a selection of one or derived data.
 
     Raises
@@ -263,7 +263,7 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         raise InputError(f"a run record is to be saved, got {str(run)[:40]!r}")
     if derived is None and EVIDENCE not in run.attrs:
         record.check_elements(run)  # first: its attributes of elements are as many as there were
-    given, run = run, as_recorded(run)
+    received_run, run = run, as_recorded(run)
     if AT in run.dims and STEPS not in run.dims and EVIDENCE not in run.attrs and "solver_interpolation" in run.attrs:
         raise InputError(
             "these are states at times that were asked for, and no run: the run itself is archived by"
@@ -272,12 +272,12 @@ def _declared(run: xr.Dataset, derived: str | None) -> xr.Dataset:
     if derived is None:
         record.check(run, whole=False)
         check_cut(run)
-    result = standing(given)
+    record_state = record_standing(received_run)
     attributes = {str(name): value for name, value in run.attrs.items() if name != ORIGIN}
-    attributes = _attributes_by_standing(attributes, result, derived)
-    is_part = EVIDENCE not in attributes and (derived is not None or bool(result.selected))
+    attributes = _attributes_by_standing(attributes, record_state, derived)
+    is_part = EVIDENCE not in attributes and (derived is not None or bool(record_state.selected))
     if is_part and is_former(attributes):  # numbers of rows and what names them go with a selection
-        run, attributes = unlabelled(whole_of(given)), in_words_of_today(attributes)
+        run, attributes = unlabelled(whole_of(received_run)), in_words_of_today(attributes)
     declared = run.copy(deep=False)
     declared.attrs = attributes
     return declared
@@ -296,10 +296,10 @@ def _attributes_by_standing(attributes: dict[str, Any], result: Standing, derive
             raise InputError(
                 f"derived is {derived!r}, needs a text that says how the data were made, like 'x scaled by 1.1'"
             )
-        before = f"{attributes[DERIVED]}; " if DERIVED in attributes else ""
+        earlier_words = f"{attributes[DERIVED]}; " if DERIVED in attributes else ""
         attributes |= {
-            DERIVED: before + derived.strip(),
-            DERIVED_FROM: attributes.get(DERIVED_FROM, result.of or "unknown"),
+            DERIVED: earlier_words + derived.strip(),
+            DERIVED_FROM: attributes.get(DERIVED_FROM, result.source_digest or "unknown"),
         }
     elif is_evidence(attributes) and (result.faults or result.selected):
         kind = str(attributes[EVIDENCE])
@@ -307,19 +307,22 @@ def _attributes_by_standing(attributes: dict[str, Any], result: Standing, derive
         this, it, them = ("these are", "they were", "them") if several else ("this is", "it was", "it")
         raise InputError(
             f"{this} not the {kind} as {it} made; save {them} before an edit, or as data of {'their' if several else 'its'} own"
-            f" with derived='how it was made':{numbered(result.faults or (result.selected,))}",
+            f" with derived='how it was made':{numbered_lines(result.faults or (result.selected,))}",
             result.faults or (result.selected,),
         )
     elif result.faults:
         raise InputError(
             "this is not the record that was marched, and is not saved as a run; save it before it is edited, or as"
-            f" data of its own with derived='how it was made':{numbered(result.faults)}",
+            f" data of its own with derived='how it was made':{numbered_lines(result.faults)}",
             result.faults,
         )
     elif result.selected:
-        before = f"{attributes[SELECTION]}; of these " if SELECTION in attributes else ""
+        earlier_words = f"{attributes[SELECTION]}; of these " if SELECTION in attributes else ""
         left_out = {**left_out_atols(attributes), **result.left_out_atol}
-        attributes |= {SELECTION: before + result.selected, SELECTION_OF: attributes.get(SELECTION_OF, result.of)}
+        attributes |= {
+            SELECTION: earlier_words + result.selected,
+            SELECTION_OF: attributes.get(SELECTION_OF, result.source_digest),
+        }
         attributes |= {LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
     return attributes
 
@@ -337,50 +340,53 @@ def new_file(
     check_suffix(path)
     with store_of(path).taking_name(path, batch) as new:
         first = new.name
-        with opened(new.part, "w") as file:
-            alone(file.set_fill_off)()
+        with opened_file(new.part, "w") as file:
+            with_library_lock(file.set_fill_off)()
             writer = Writer(file)
             writer.path = path
             yield writer
-        writer.seal = _finish(new.part, read_back=read_back)
+        writer.seal = _seal_new_file(new.part, read_back=read_back)
         new.keeps = keeps
         if not writer.complete:
-            new.name = beside(new.name)
+            new.name = partial_run_location(new.name)
     if new.name != first:
         writer.path = new.name
         message = f"'{path}' holds a run that ended well and stays; the one that did not is in '{new.name}'"
         warn(message, PartialRunWarning)
 
 
-def beside(path: Place) -> Place:
+def partial_run_location(path: Place) -> Place:
     """Return a name beside that of an archive whose run ended well; the name itself if there is no such archive."""
     store = store_of(path)
-    while store.kind(path) is None and examined((held := store.held(path)).path, tail_of(held.path)).outcome in GOOD:
+    while (
+        store.kind(path) is None
+        and examine_sandboxed((local_file := store.local_file(path)).path, tail_of(local_file.path)).outcome in GOOD
+    ):
         room = LONGEST - len(os.fsencode(path.suffix)) - len(_PARTIAL)
         path = path.with_name(os.fsdecode(os.fsencode(path.stem)[:room]) + _PARTIAL + path.suffix)
     return path
 
 
-def _finish(part: Path, *, read_back: bool) -> str:
+def _seal_new_file(part: Path, *, read_back: bool) -> str:
     """Seal a new file, read it back, and return the seal."""
     digest = seal_file(part)
     if read_back and part.stat().st_size <= READ_BACK:
-        if faults := compare(part, Tail(digest)).faults:
+        if faults := compare_file(part, Tail(digest)).faults:
             raise RuntimeError(f"what was written reads otherwise: {'; '.join(faults)}")
     else:
-        with opened(part):
+        with opened_file(part):
             pass
     know(digest)
     see(identity_of(part))
     return digest
 
 
-def _tables(run: xr.Dataset) -> list[str]:
+def _table_texts(run: xr.Dataset) -> list[str]:
     """Return the texts of the measured tables of a run's model."""
     if "model_toml" not in run.variables:
         return []
     try:
-        drives = parsed(run["model_toml"].values.item(), recorded=True).get("drives", {})
+        drives = parse_model_text(run["model_toml"].values.item(), recorded=True).get("drives", {})
         return [str(drive["csv"]) for drive in drives.values() if "csv" in drive]
     except (ValueError, RecursionError, AttributeError, TypeError):
         return []  # derived data, whose text is no model

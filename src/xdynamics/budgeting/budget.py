@@ -13,21 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.budgeting import numerical
-from xdynamics.budgeting.budget_dataset import Budgeted, budget_dataset
+from xdynamics.budgeting.budget_dataset import BudgetParts, budget_dataset
 from xdynamics.budgeting.budget_grid import budgets_over
 from xdynamics.budgeting.budget_request import COVERAGE, BudgetRequest, budget_request
 from xdynamics.budgeting.measurand import MEMBERS, Target
-from xdynamics.budgeting.montecarlo import NOTHING_DRAWN, drawn
-from xdynamics.budgeting.numerical import NOT_MARCHED, Compared, levels_of
+from xdynamics.budgeting.montecarlo import NOTHING_DRAWN, draw_statistics
+from xdynamics.budgeting.numerical import NOT_MARCHED, LevelComparison, levels_of
 from xdynamics.budgeting.own_run import OwnRun, own_run_task
-from xdynamics.budgeting.physical import copies
+from xdynamics.budgeting.physical import shifted_copies
 from xdynamics.budgeting.proven_bounds import NOT_PROVEN, proven_task
-from xdynamics.budgeting.random_draws import drawn_until, wanted_of
+from xdynamics.budgeting.random_draws import draw_until_known, end_tolerance_of
 from xdynamics.budgeting.sources import COMPARED, COPIES, NUMBER, OWN, ROUNDING, RUN
 from xdynamics.budgeting.term import Declared, Term
 from xdynamics.evidence.grid_axes import is_sweep
 from xdynamics.evidence.stage_tasks import Gathered, Task, results_of
-from xdynamics.evidence.stages import Stage, blank_run, lazy
+from xdynamics.evidence.stages import Stage, blank_run, lazy_stage
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
@@ -162,7 +162,7 @@ def error_budget(
     >>> float(budget.numerical_bound) < 1e-6
     True
     """
-    asked: dict[str, Any] = {
+    budget_arguments: dict[str, Any] = {
         "at": at,
         "event": event,
         "occurrence": occurrence,
@@ -180,35 +180,35 @@ def error_budget(
     }
     if is_sweep(model):
         if settings or until_uncertainty is not None:
-            given = ", ".join(settings) or "until_uncertainty"
+            refused_settings = ", ".join(settings) or "until_uncertainty"
             raise InputError(
-                f"{given} cannot be given for a sweep, whose members have their settings; give draws=10000"
+                f"{refused_settings} cannot be given for a sweep, whose members have their settings; give draws=10000"
             )
-        return budgets_over(cast("xr.Dataset", model), quantity, error_budget, compute=compute, **asked)
-    request = budget_request(cast("Model", model), quantity, **asked, **settings)
+        return budgets_over(cast("xr.Dataset", model), quantity, error_budget, compute=compute, **budget_arguments)
+    request = budget_request(cast("Model", model), quantity, **budget_arguments, **settings)
     if not compute:
         if until_uncertainty is not None:
             raise InputError(
                 "until_uncertainty doubles the draws until they suffice, and how many is known only once they are"
                 " marched; give draws=10000, or compute=True"
             )
-        return lazy(budget_stage(request))
-    return _budget(request, until_uncertainty)
+        return lazy_stage(budget_stage(request))
+    return _compute_budget(request, until_uncertainty)
 
 
-def _budget(request: BudgetRequest, until_uncertainty: str | None) -> xr.Dataset:
+def _compute_budget(request: BudgetRequest, until_uncertainty: str | None) -> xr.Dataset:
     """March and put together what a budget is made of, here."""
-    tasks = _tasks(request, _marched_here)
-    budgeted = Budgeted.of(dict(zip(tasks, results_of(*tasks.values()), strict=True)))
-    target, unit = request.target, parse_unit(budgeted.own.units)
-    _doubt_slopes(budgeted.terms, target)
+    tasks = _tasks(request, _copies_task)
+    parts = BudgetParts.from_results(dict(zip(tasks, results_of(*tasks.values()), strict=True)))
+    target, unit = request.target, parse_unit(parts.own_run.units)
+    _doubt_slopes(parts.terms, target)
     if not (request.draws or until_uncertainty is not None):
-        return budget_dataset(request, budgeted, None)
-    wanted = wanted_of(until_uncertainty, unit, target, COVERAGE)
+        return budget_dataset(request, parts, None)
+    end_tolerance = end_tolerance_of(until_uncertainty, unit, target, COVERAGE)
     first = request.draws if until_uncertainty is None else max(request.draws, FIRST_DRAWS)
-    propagation = request.propagation(budgeted.number.value, budgeted.terms)
-    monte_carlo, draws = drawn_until(propagation, first, request.coverage, wanted)
-    return budget_dataset(replace(request, draws=draws), budgeted, monte_carlo)
+    propagation = request.propagation(parts.number.value, parts.terms)
+    monte_carlo, draws = draw_until_known(propagation, first, request.coverage, end_tolerance)
+    return budget_dataset(replace(request, draws=draws), parts, monte_carlo)
 
 
 def budget_stage(request: BudgetRequest) -> Stage:
@@ -219,21 +219,21 @@ def budget_stage(request: BudgetRequest) -> Stage:
     InputError
         If a setting is wrong, or terms do not fit together.
     """
-    measurand, tasks = request.measurand, _tasks(request, _gathered)
+    measurand, tasks = request.measurand, _tasks(request, _gathered_copies)
     levels = levels_of(measurand) if COMPARED in tasks else None
     run = blank_run(March(measurand.model, unthinned_settings_for(measurand.model, **measurand.settings)))
-    own = OwnRun.of(measurand, run)
-    unit = parse_unit(own.units)
+    own_run = OwnRun.from_run(measurand, run)
+    unit = parse_unit(own_run.units)
     terms = [term for source in request.sources for term in source.blank(unit)]
     proven = NOT_PROVEN if request.proven else None
-    blank = Budgeted(own, NOT_MARCHED, None if levels is None else Compared.blank(levels), terms, proven)
+    blank = BudgetParts(own_run, NOT_MARCHED, None if levels is None else LevelComparison.blank(levels), terms, proven)
     if request.draws:
         numbers = request.propagation(NOT_MARCHED.value, terms).numbers(request.draws, members_per_task=MEMBERS)
         tasks |= {} if numbers is None else {DRAWS: Gathered(numbers)}
     template = budget_dataset(request, blank, NOTHING_DRAWN if request.draws else None)
-    task = Task.of("budget", partial(_of_parts, request, [*tasks]), tuple(tasks.values()), *request.words)
-    known = ("term_name", "term_kind", *([] if levels is None else [levels.varied.name]), "model_toml")
-    return Stage(template, task, known)
+    task = Task.of("budget", partial(_budget_of_parts, request, [*tasks]), tuple(tasks.values()), *request.words)
+    known_names = ("term_name", "term_kind", *([] if levels is None else [levels.varied.name]), "model_toml")
+    return Stage(template, task, known_names)
 
 
 def _tasks(request: BudgetRequest, gathered: Gatherer) -> dict[Any, Any]:
@@ -242,42 +242,44 @@ def _tasks(request: BudgetRequest, gathered: Gatherer) -> dict[Any, Any]:
     needs = {need for source in request.sources for need in source.needs}
     run = numerical.run_task(measurand)
     number = numerical.number_task(measurand, run)
-    shared: dict[str, Task | Gathered] = {RUN: run, NUMBER: number}
+    shared_tasks: dict[str, Task | Gathered] = {RUN: run, NUMBER: number}
     if COMPARED in needs:
-        shared[COMPARED] = numerical.levels_task(measurand, number, levels_of(measurand))
+        shared_tasks[COMPARED] = numerical.levels_task(measurand, number, levels_of(measurand))
     if ROUNDING in needs:
-        shared[ROUNDING] = numerical.rounding_source(measurand).task(measurand, shared)
+        shared_tasks[ROUNDING] = numerical.rounding_source(measurand).task(measurand, shared_tasks)
     if COPIES in needs:
-        shared[COPIES] = gathered(partial(copies, measurand, request.inputs))
-    parts: dict[Any, Any] = {name: shared[name] for name in (NUMBER, COMPARED) if name in shared}
+        shared_tasks[COPIES] = gathered(partial(shifted_copies, measurand, request.inputs))
+    parts: dict[Any, Any] = {name: shared_tasks[name] for name in (NUMBER, COMPARED) if name in shared_tasks}
     parts[OWN] = own_run_task(measurand, run)
     parts |= {PROVEN: proven_task(measurand, run)} if request.proven else {}
-    return parts | {source.names: source.task(measurand, shared) for source in request.sources}
+    return parts | {source.names: source.task(measurand, shared_tasks) for source in request.sources}
 
 
-def _gathered(numbers: Callable[..., xr.DataArray]) -> Gathered:
+def _gathered_copies(numbers: Callable[..., xr.DataArray]) -> Gathered:
     """Return the numbers of a sweep whose blocks are tasks."""
     return Gathered(numbers(members_per_task=MEMBERS))
 
 
-def _marched_here(numbers: Callable[..., xr.DataArray]) -> Task:
+def _copies_task(numbers: Callable[..., xr.DataArray]) -> Task:
     """Return the numbers of a sweep as one task."""
-    return Task("copies", partial(_values, numbers), lasting=False)
+    return Task("copies", partial(_copy_values, numbers), lasting=False)
 
 
-def _values(numbers: Callable[..., xr.DataArray]) -> NDArray[np.float64]:
+def _copy_values(numbers: Callable[..., xr.DataArray]) -> NDArray[np.float64]:
     return np.asarray(numbers().values, float)
 
 
-def _of_parts(request: BudgetRequest, names: list[Any], *results: Any) -> xr.Dataset:
+def _budget_of_parts(request: BudgetRequest, names: list[Any], *task_results: Any) -> xr.Dataset:
     """Put a budget together, in a task."""
-    parts = dict(zip(names, results, strict=True))
-    numbers, budgeted = parts.pop(DRAWS, None), Budgeted.of(parts)
-    _doubt_slopes(budgeted.terms, request.target)
+    parts = dict(zip(names, task_results, strict=True))
+    numbers, budget_parts = parts.pop(DRAWS, None), BudgetParts.from_results(parts)
+    _doubt_slopes(budget_parts.terms, request.target)
     if not request.draws:
-        return budget_dataset(request, budgeted, None)
-    propagation = request.propagation(budgeted.number.value, budgeted.terms)
-    return budget_dataset(request, budgeted, drawn(propagation.added_to(numbers, request.draws), request.coverage))
+        return budget_dataset(request, budget_parts, None)
+    propagation = request.propagation(budget_parts.number.value, budget_parts.terms)
+    return budget_dataset(
+        request, budget_parts, draw_statistics(propagation.added_to(numbers, request.draws), request.coverage)
+    )
 
 
 def _doubt_slopes(terms: Sequence[Term], target: Target) -> None:

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.budgeting.budget_request import BudgetRequest
-from xdynamics.budgeting.budget_variables import draws_as, later_as, levels_as, terms_as
-from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, Drawn, draws_needed, judged
-from xdynamics.budgeting.numerical import Compared, Estimate
+from xdynamics.budgeting.budget_variables import draw_variables, late_variables, level_variables, term_variables
+from xdynamics.budgeting.montecarlo import LINEAR, NOT_ADEQUATE, NOT_CHECKED, DrawStatistics, draws_needed, judge_linear
+from xdynamics.budgeting.numerical import Estimate, LevelComparison
 from xdynamics.budgeting.own_run import OwnRun
-from xdynamics.budgeting.proven_bounds import ProvenBounds, proven_as
-from xdynamics.budgeting.rounding import drawn_interval, rounded
+from xdynamics.budgeting.proven_bounds import ProvenBounds, proven_variables
+from xdynamics.budgeting.rounding import drawn_interval, rounded_result
 from xdynamics.budgeting.sources import COMPARED, NUMBER, OWN
 from xdynamics.budgeting.term import Term
-from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.schema import PROVEN, flags
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.schema import PROVEN, flag_attributes
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Budgeted:
+class BudgetParts:
     """What a budget is put together from.
 
     Attributes
     ----------
-    own : OwnRun
+    own_run : OwnRun
         The run that the number is of.
     number : Estimate
     compared : Compared, optional
@@ -43,74 +43,82 @@ class Budgeted:
         Of the number.
     """
 
-    own: OwnRun
+    own_run: OwnRun
     number: Estimate
-    compared: Compared | None
+    compared: LevelComparison | None
     terms: list[Term]
     proven: ProvenBounds | None = None
 
     @classmethod
-    def of(cls, parts: Mapping[Any, Any]) -> Budgeted:
+    def from_results(cls, parts: Mapping[Any, Any]) -> BudgetParts:
         """Return it from the results of its tasks; those of terms are under tuples of their names."""
         terms = [term for name, row in parts.items() if isinstance(name, tuple) for term in row]
         return cls(parts[OWN], parts[NUMBER], parts.get(COMPARED), terms, parts.get(PROVEN))
 
 
-def budget_dataset(request: BudgetRequest, budgeted: Budgeted, monte_carlo: Drawn | None) -> xr.Dataset:
+def budget_dataset(request: BudgetRequest, parts: BudgetParts, monte_carlo: DrawStatistics | None) -> xr.Dataset:
     """Put a budget together."""
-    model, target, own, value = request.measurand.model, request.target, budgeted.own, budgeted.number.value
-    unit, compared = parse_unit(own.units), budgeted.compared
-    variables = terms_as(model, target, unit, value, budgeted.terms)
-    variables |= {} if compared is None else levels_as(compared, own, unit)
-    variables |= {} if budgeted.proven is None else proven_as(budgeted.proven, value, unit.text)
+    model, target, own_run, value = request.measurand.model, request.target, parts.own_run, parts.number.value
+    unit, compared = parse_unit(own_run.units), parts.compared
+    variables = term_variables(model, target, unit, value, parts.terms)
+    variables |= {} if compared is None else level_variables(compared, own_run, unit)
+    variables |= {} if parts.proven is None else proven_variables(parts.proven, value, unit.text)
     variables["run_outcome"] = (
         (),
-        np.array(own.outcome),
-        about("1", "outcome of the run", "outcome"),
+        np.array(own_run.outcome),
+        variable_attributes("1", "outcome of the run", "outcome"),
     )
     variables["run_contradiction"] = (
         (),
-        np.array(own.contradiction),
-        about("1", "what contradicts itself in the run's record, in words; empty if nothing does", "outcome"),
+        np.array(own_run.contradiction),
+        variable_attributes(
+            "1", "what contradicts itself in the run's record, in words; empty if nothing does", "outcome"
+        ),
     )
-    later: dict[str, Any] = {}
+    late_values: dict[str, Any] = {}
     verdict, bound = NOT_CHECKED, float(variables["numerical_bound"][1])
     if monte_carlo is not None:
-        variables |= draws_as(monte_carlo, unit, request.coverage)
-        verdict, later = _judged(request, value, float(variables["physical_rss"][1]), monte_carlo)
+        variables |= draw_variables(monte_carlo, unit, request.coverage)
+        verdict, late_values = _linear_verdict(request, value, float(variables["physical_rss"][1]), monte_carlo)
     variables["linear_verdict"] = (
         (),
         np.int8(verdict),
-        about("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag")
-        | flags(dict(enumerate(LINEAR))),
+        variable_attributes("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag")
+        | flag_attributes(dict(enumerate(LINEAR))),
     )
-    variables["model_toml"] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
-    choice = _choice(request, budgeted.terms)
-    result = rounded(value, float(variables["total_rss"][1]), bound, unit.text, f"k = 2{choice}")
+    variables["model_toml"] = (
+        (),
+        np.array(model.to_toml()),
+        variable_attributes("1", "the whole model as TOML", "model"),
+    )
+    choice = _choice_text(request, parts.terms)
+    result_text = rounded_result(value, float(variables["total_rss"][1]), bound, unit.text, f"k = 2{choice}")
     if monte_carlo is not None and verdict == NOT_ADEQUATE:  # the number need not lie in the middle of what was drawn
         low, high = monte_carlo.symmetric
         origin = f"{100.0 * request.coverage:.4g} % of the draws{choice}"
-        result = drawn_interval(low, high, monte_carlo.ends_doubt, bound, unit.text, origin)
-    later |= {"result": result}
-    if own.extreme_rule is not None:
-        later |= {"extreme_rule": own.extreme_rule, "extreme_time": own.extreme_time}
-    variables |= later_as(later, unit.text, target.second)
-    attributes = {name: value for name, value in later.items() if value == value}
+        result_text = drawn_interval(low, high, monte_carlo.ends_doubt, bound, unit.text, origin)
+    late_values |= {"result": result_text}
+    if own_run.extreme_rule is not None:
+        late_values |= {"extreme_rule": own_run.extreme_rule, "extreme_time": own_run.extreme_time}
+    variables |= late_variables(late_values, unit.text, target.second)
+    attributes = {name: value for name, value in late_values.items() if value == value}
     title = f"error budget of {model.name}: {target.description}"
-    digests = (budgeted.number.digest,) if compared is None else compared.digests
-    return exhibit("budget", title, digests, variables, _attributes(request, own) | attributes, shapes=model.shapes)
+    digests = (parts.number.digest,) if compared is None else compared.digests
+    return evidence_dataset(
+        "budget", title, digests, variables, _budget_attributes(request, own_run) | attributes, shapes=model.shapes
+    )
 
 
-def _choice(request: BudgetRequest, terms: list[Term]) -> str:
+def _choice_text(request: BudgetRequest, terms: list[Term]) -> str:
     """Describe which terms the result is of, where some are left out."""
     if not request.left_out:
         return ""
-    few = len(terms) < len(request.left_out)
-    names = [term.name for term in terms] if few else request.left_out
-    return f", {' and '.join(names)} alone" if few else f", without {' and '.join(names)}"
+    names_included = len(terms) < len(request.left_out)
+    names = [term.name for term in terms] if names_included else request.left_out
+    return f", {' and '.join(names)} alone" if names_included else f", without {' and '.join(names)}"
 
 
-def _attributes(request: BudgetRequest, own: OwnRun) -> dict[str, Any]:
+def _budget_attributes(request: BudgetRequest, own_run: OwnRun) -> dict[str, Any]:
     """Return what a budget was asked for."""
     target = request.target
     return (
@@ -126,7 +134,7 @@ def _attributes(request: BudgetRequest, own: OwnRun) -> dict[str, Any]:
             "asked": json.dumps(request.measurand.settings, sort_keys=True),
             "model_digest": request.measurand.model.digest,
             "time_units": target.second,
-            "solver_method": own.method,
+            "solver_method": own_run.method,
         }
         | ({"at": target.at} if target.at is not None else {})
         | ({PROVEN: 1} if request.proven else {})
@@ -134,12 +142,12 @@ def _attributes(request: BudgetRequest, own: OwnRun) -> dict[str, Any]:
     )
 
 
-def _judged(
-    request: BudgetRequest, value: float, physical_rss: float, monte_carlo: Drawn
+def _linear_verdict(
+    request: BudgetRequest, value: float, physical_rss: float, monte_carlo: DrawStatistics
 ) -> tuple[int, dict[str, Any]]:
     """Judge the linear budget by the draws; return the verdict, and by how much both are apart."""
-    verdict, distance = judged(value, physical_rss, monte_carlo, request.coverage, request.digits)
-    needed = nan
+    verdict, distance = judge_linear(value, physical_rss, monte_carlo, request.coverage, request.digits)
+    draw_count = nan
     if verdict == NOT_CHECKED:
-        needed = draws_needed(distance, monte_carlo, request.draws, request.coverage, request.digits)
-    return verdict, {"linear_apart": distance, "draws_needed": needed}
+        draw_count = draws_needed(distance, monte_carlo, request.draws, request.coverage, request.digits)
+    return verdict, {"linear_apart": distance, "draws_needed": draw_count}

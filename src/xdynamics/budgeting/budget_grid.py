@@ -7,28 +7,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.evidence.evidence_dataset import exhibit
-from xdynamics.evidence.grid_axes import AXES, AXIS, OWN_DIGEST, axes_said, sweep_of
-from xdynamics.evidence.stages import computed
-from xdynamics.faults import InputError, few
-from xdynamics.record.flag_words import words_of
+from xdynamics.evidence.evidence_dataset import evidence_dataset
+from xdynamics.evidence.grid_axes import AXES, AXIS, OWN_DIGEST, sweep_axis_names, sweep_of
+from xdynamics.evidence.stages import compute_datasets
+from xdynamics.faults import InputError, first_names
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import TEXT_NAMES
 from xdynamics.sweeping.collection import plan_of
 from xdynamics.units import unit_suffix
-from xdynamics.units.digits import aligned, short_number
+from xdynamics.units.digits import aligned_table, short_number
 
 if TYPE_CHECKING:
     import xarray as xr
 
 KIND = "budgets of a sweep"
-MOST = 4096  # members, each of which is some runs and tasks
+MAX_MEMBERS = 4096  # members, each of which is some runs and tasks
 TERM_NAMES = ("term_name", "term_kind")
 TOTALS = ("numerical_rss", "physical_rss", "total_rss")
 
 
 def budgets_over(
-    sweep: xr.Dataset, quantity: str, budget: Callable[..., xr.Dataset], *, compute: bool, **asked: Any
+    sweep: xr.Dataset, quantity: str, budget: Callable[..., xr.Dataset], *, compute: bool, **budget_arguments: Any
 ) -> xr.Dataset:
     """Return the error budget of every member of a sweep, along its axes; see `error_budget`.
 
@@ -43,62 +43,76 @@ def budgets_over(
     da: Any = dask.array
     sweep = sweep_of(sweep)
     grid = plan_of(sweep).grid
-    if grid.size > MOST:
-        raise InputError(f"the sweep has {grid.size} members, and budgets are of {MOST} at most; select some by isel")
+    if grid.size > MAX_MEMBERS:
+        raise InputError(
+            f"the sweep has {grid.size} members, and budgets are of {MAX_MEMBERS} at most; select some by isel"
+        )
     members = [
-        budget(grid.model_of(at), quantity, compute=False, **asked, **grid.asked_of(at))
-        for at in np.ndindex(grid.shape)
+        budget(
+            grid.member_model(axis_indices),
+            quantity,
+            compute=False,
+            **budget_arguments,
+            **grid.simulate_arguments(axis_indices),
+        )
+        for axis_indices in np.ndindex(grid.shape)
     ]
     first = members[0]
-    for at, other in zip(np.ndindex(grid.shape), members, strict=True):
-        if [*other["term_name"].values] != [*first["term_name"].values]:
-            names = [", ".join(map(str, each["term_name"].values)) for each in (first, other)]
-            raise InputError(f"member {grid.name_of(at)} has the terms {names[1]}, and the first has {names[0]}")
+    for axis_indices, member_budget in zip(np.ndindex(grid.shape), members, strict=True):
+        if [*member_budget["term_name"].values] != [*first["term_name"].values]:
+            names = [
+                ", ".join(map(str, compared_budget["term_name"].values)) for compared_budget in (first, member_budget)
+            ]
+            raise InputError(
+                f"member {grid.member_name(axis_indices)} has the terms {names[1]}, and the first has {names[0]}"
+            )
     dims = [dim for dim in grid.dims if dim in sweep.dims]
     shape = tuple(sweep.sizes[dim] for dim in dims)
     variables: dict[str, Any] = {
-        str(name): (one.dims, one.variable.values, dict(one.attrs))
-        for name, one in sweep.coords.items()
-        if AXIS in one.attrs and {*one.dims} <= {*dims}
+        str(name): (variable.dims, variable.variable.values, dict(variable.attrs))
+        for name, variable in sweep.coords.items()
+        if AXIS in variable.attrs and {*variable.dims} <= {*dims}
     }
     coordinates = [*variables]
-    for name, one in first.variables.items():
+    for name, variable in first.variables.items():
         if name in TERM_NAMES:
-            variables[str(name)] = one.dims, one.values, dict(one.attrs)
+            variables[str(name)] = variable.dims, variable.values, dict(variable.attrs)
         elif name not in TEXT_NAMES and name not in variables:
             cells = [da.asarray(member.variables[name].data) for member in members]
-            stacked = da.stack(cells).reshape((*shape, *one.shape))
-            variables[str(name)] = (*dims, *one.dims), stacked, dict(one.attrs)
+            stacked_cells = da.stack(cells).reshape((*shape, *variable.shape))
+            variables[str(name)] = (*dims, *variable.dims), stacked_cells, dict(variable.attrs)
     attributes = {key: sweep.attrs[key] for key in ("model_digest", OWN_DIGEST) if key in sweep.attrs}
     attributes |= {"of": first.attrs["of"], AXES: " ".join(dims), "coverage": first.attrs["coverage"]}
     title = (
         f"error budgets of {str(sweep.attrs['title']).partition(':')[0]}: {first.attrs['of']} over {', '.join(dims)}"
     )
-    found = exhibit(KIND, title, [], variables, attributes).set_coords(coordinates)
-    return computed(found)[0] if compute else found
+    budgets = evidence_dataset(KIND, title, [], variables, attributes).set_coords(coordinates)
+    return compute_datasets(budgets)[0] if compute else budgets
 
 
-def lines_of(budgets: xr.Dataset) -> Iterator[str]:
+def budget_grid_lines(budgets: xr.Dataset) -> Iterator[str]:
     """Summarise budgets over a grid: the range of the number and of its uncertainty, and of each term where it is largest."""
     units = unit_suffix(str(budgets["value"].attrs["units"]))
-    yield f"result    {budgets.attrs['of']} over {', '.join(axes_said(budgets))}"
+    yield f"result    {budgets.attrs['of']} over {', '.join(sweep_axis_names(budgets))}"
     header = ("", "least", "greatest")
-    rows = [("value", *_range(budgets["value"].values, units))]
-    rows += [(f"{name.removesuffix('_rss')} uncertainty", *_range(budgets[name].values, units)) for name in TOTALS]
-    kinds = words_of(budgets["term_kind"])
+    rows = [("value", *_range_texts(budgets["value"].values, units))]
+    rows += [
+        (f"{name.removesuffix('_rss')} uncertainty", *_range_texts(budgets[name].values, units)) for name in TOTALS
+    ]
+    kinds = words_of_flag(budgets["term_kind"])
     sizes = budgets["standard_uncertainty"].transpose("term", ...).values
     for name, kind, size in zip(budgets["term_name"].values.tolist(), kinds, sizes, strict=True):
-        rows.append((f"{kind} {name}", *_range(size, units)))
-    yield from aligned(header, rows)
-    outcomes = [str(one) for one in np.unique(budgets["run_outcome"].values.astype(str))]
-    yield f"outcomes  {few(outcomes)}"
+        rows.append((f"{kind} {name}", *_range_texts(size, units)))
+    yield from aligned_table(header, rows)
+    outcomes = [str(outcome) for outcome in np.unique(budgets["run_outcome"].values.astype(str))]
+    yield f"outcomes  {first_names(outcomes)}"
 
 
-def _range(values: Any, units: str) -> tuple[str, str]:
+def _range_texts(values: Any, units: str) -> tuple[str, str]:
     finite = values[~np.isnan(values)]
     if not finite.size:
         return "", ""
-    return tuple(f"{short_number(float(one))}{units}" for one in (finite.min(), finite.max()))  # type: ignore[return-value]
+    return tuple(f"{short_number(float(end))}{units}" for end in (finite.min(), finite.max()))  # type: ignore[return-value]
 
 
-SUMMARIES = {KIND: lines_of}
+SUMMARIES = {KIND: budget_grid_lines}

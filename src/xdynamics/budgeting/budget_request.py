@@ -18,10 +18,10 @@ from xdynamics.evidence.kept_results import Keep
 from xdynamics.faults import InputError
 from xdynamics.model import Model, check_model
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.sweeping.sweep import plain
+from xdynamics.sweeping.sweep import json_value
 
 COVERAGE = 0.95
-LEAST_DRAWS = 100
+MIN_DRAWS = 100
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class BudgetRequest:
     @property
     def words(self) -> tuple[Any, ...]:
         """Everything that the budget depends on, for the name of its task."""
-        own = (
+        request_words = (
             self.declared,
             self.draws,
             self.measurand.seed,
@@ -69,7 +69,7 @@ class BudgetRequest:
             self.left_out,
             self.proven,
         )
-        return (*self.measurand.inputs, *own)
+        return (*self.measurand.inputs, *request_words)
 
     @property
     def inputs(self) -> list[str]:
@@ -107,8 +107,10 @@ class BudgetRequest:
 
     def propagation(self, value: float, terms: Sequence[Term]) -> Propagation:
         """Return what is drawn: inputs of the model, and other physical terms."""
-        added = [term.standard for term in terms if term.kind == PHYSICAL and term.name not in self.inputs]
-        return Propagation(self.measurand, self.inputs, value, added)
+        added_uncertainties = [
+            term.standard for term in terms if term.kind == PHYSICAL and term.name not in self.inputs
+        ]
+        return Propagation(self.measurand, self.inputs, value, added_uncertainties)
 
 
 def budget_request(
@@ -139,12 +141,12 @@ def budget_request(
         If one is wrong, or the model was fitted inadequately.
     """
     check_model(model)
-    _check(draws, seed, coverage, digits)
+    _check_draw_settings(draws, seed, coverage, digits)
     _check_fit(model, inadequate_fit)
-    target = Target.of(model, quantity, at, event, occurrence, side)
-    marched = {name: plain(name, entry) for name, entry in settings.items() if entry is not None}
-    declared = tuple(map(_declared, (terms,) if isinstance(terms, Declared) else terms or ()))
-    whole = BudgetRequest(
+    target = Target.from_arguments(model, quantity, at, event, occurrence, side)
+    marched = {name: json_value(name, entry) for name, entry in settings.items() if entry is not None}
+    declared = tuple(map(_checked_declared, (terms,) if isinstance(terms, Declared) else terms or ()))
+    full_request = BudgetRequest(
         Measurand(model, target, marched, seed, Keep.of(keep)),
         declared,
         draws,
@@ -153,9 +155,11 @@ def budget_request(
         inadequate_fit is True,
         proven=proven is True,
     )
-    names = whole.names
+    names = full_request.names
     left_out = names_left_out(names, model.shapes, only, without)
-    return replace(whole, left_out=tuple(name for name in names if name in left_out)) if left_out else whole
+    return (
+        replace(full_request, left_out=tuple(name for name in names if name in left_out)) if left_out else full_request
+    )
 
 
 def _check_fit(model: Model, inadequate_fit: Any) -> None:
@@ -167,18 +171,18 @@ def _check_fit(model: Model, inadequate_fit: Any) -> None:
         )
 
 
-def _check(draws: Any, seed: Any, coverage: Any, digits: Any) -> None:
+def _check_draw_settings(draws: Any, seed: Any, coverage: Any, digits: Any) -> None:
     if isinstance(digits, bool) or digits not in (1, 2):
         raise InputError(f"digits is {digits!r}; there are 1, 2")
-    if isinstance(draws, bool) or not isinstance(draws, int) or not (draws == 0 or draws >= LEAST_DRAWS):
-        raise InputError(f"draws is {draws!r}, needs 0 for none, or a whole number from {LEAST_DRAWS} on")
+    if isinstance(draws, bool) or not isinstance(draws, int) or not (draws == 0 or draws >= MIN_DRAWS):
+        raise InputError(f"draws is {draws!r}, needs 0 for none, or a whole number from {MIN_DRAWS} on")
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
         raise InputError(f"seed is {seed!r}, needs a non-negative whole number")
     if isinstance(coverage, bool) or not isinstance(coverage, int | float) or not 0.0 < coverage < 1.0:
         raise InputError(f"coverage is {coverage!r}, needs a number between 0 and 1, like 0.95")
 
 
-def _declared(term: Any) -> Declared:
+def _checked_declared(term: Any) -> Declared:
     if not isinstance(term, Declared):
         raise InputError(f"terms has {str(term)[:60]!r}, needs Declared(name, quantity, standard, at=…)")
     return term

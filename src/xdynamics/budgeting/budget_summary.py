@@ -8,32 +8,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.budgeting.rounding import short
+from xdynamics.budgeting.rounding import short_size
 from xdynamics.evidence.diagnosing.heights import RULES, SAID
-from xdynamics.evidence.evidence_dataset import stated
-from xdynamics.record.flag_words import words_of
+from xdynamics.evidence.evidence_dataset import stated_value
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.units import SECONDS
-from xdynamics.units.digits import aligned, known_to, uncertainty_alone, with_uncertainty
+from xdynamics.units.digits import aligned_table, known_to, uncertainty_alone, with_uncertainty
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-def lines_of(budget: xr.Dataset) -> Iterator[str]:
+def budget_lines(budget: xr.Dataset) -> Iterator[str]:
     """Summarise the number with its uncertainty, all terms by descending share, the totals, and the draws."""
     units = str(budget["value"].attrs["units"])
-    unit = _unit(units)
-    yield f"result    {budget.attrs['of']} = {stated(budget, 'result')}"
-    yield from place_of(budget)
+    unit = _unit_suffix(units)
+    yield f"result    {budget.attrs['of']} = {stated_value(budget, 'result')}"
+    yield from extreme_lines(budget)
     header = ("term", "kind", "standard uncertainty", "of the variance", "sensitivity times input")
-    yield from aligned(header, (_row(budget, i, unit) for i in by_share(budget)))
-    yield from _unknown(budget)
+    yield from aligned_table(header, (_term_row(budget, i, unit) for i in terms_by_share(budget)))
+    yield from _unknown_term_lines(budget)
     numerical, bound, physical, total = (
-        contributed(float(budget[name])) + (unit if float(budget[name]) < inf else "")
+        contribution_text(float(budget[name])) + (unit if float(budget[name]) < inf else "")
         for name in ("numerical_rss", "numerical_bound", "physical_rss", "total_rss")
     )
     yield f"totals    numerical {numerical}, at most {bound}; physical {physical}; together {total}"
-    yield from _proven(budget, unit)
+    yield from _proven_lines(budget, unit)
     if "monte_carlo_standard_uncertainty" not in budget:
         yield "linear    not checked: draw, with --draws 10000"
         return
@@ -43,33 +43,33 @@ def lines_of(budget: xr.Dataset) -> Iterator[str]:
         ends = float(budget["monte_carlo_end_doubt"])
         yield (
             f"drawn     {name} {coverage:.0%} interval {known_to(low, ends)} to {known_to(high, ends)}{unit}, its ends"
-            f" ± {short(ends)}{unit}"
+            f" ± {short_size(ends)}{unit}"
         )
     standard, doubt = (float(budget[f"monte_carlo_standard_uncertainty{text}"]) for text in ("", "_doubt"))
-    yield f"drawn     standard uncertainty {contributed(standard, doubt)}{unit}, of {draws} draws"
-    verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
-    remedy = f"; {settled_by(budget)}" if stated(budget, "draws_needed") is not None else ""
+    yield f"drawn     standard uncertainty {contribution_text(standard, doubt)}{unit}, of {draws} draws"
+    verdict = words_of_flag(budget["linear_verdict"])[0].replace("_", " ")
+    remedy = f"; {draws_needed_text(budget)}" if stated_value(budget, "draws_needed") is not None else ""
     yield (
-        f"linear    {verdict}: its interval ends {short(float(stated(budget, 'linear_apart')), 2)}{unit} from that of the"
+        f"linear    {verdict}: its interval ends {short_size(float(stated_value(budget, 'linear_apart')), 2)}{unit} from that of the"
         f" draws{remedy}"
     )
 
 
-def _row(budget: xr.Dataset, i: int, unit: str) -> tuple[str, ...]:
+def _term_row(budget: xr.Dataset, i: int, unit: str) -> tuple[str, ...]:
     """Return the words of a term: what it contributes, its share, and how that follows from its input."""
     standard, share = float(budget["standard_uncertainty"][i]), float(budget["share"][i])
-    slope, slope_unit = float(budget["sensitivity"][i]), _unit(str(budget["sensitivity_units"].values[i]))
-    size = f"{uncertainty_alone(float(budget['input_uncertainty'][i]))}{_unit(budget['input_units'].values[i])}"
+    slope, slope_unit = float(budget["sensitivity"][i]), _unit_suffix(str(budget["sensitivity_units"].values[i]))
+    size = f"{uncertainty_alone(float(budget['input_uncertainty'][i]))}{_unit_suffix(budget['input_units'].values[i])}"
     return (
         str(budget["term_name"].values[i]),
-        words_of(budget["term_kind"])[i],
-        f"{contributed(standard, doubt_of(budget, i))}{unit if standard < inf else ''}",
+        words_of_flag(budget["term_kind"])[i],
+        f"{contribution_text(standard, drawn_doubt(budget, i))}{unit if standard < inf else ''}",
         f"{share:.1%}" if np.isfinite(share) else "",
         f"{slope:.4g}{slope_unit} times {size}" if np.isfinite(slope) else "",
     )
 
 
-def by_share(budget: xr.Dataset) -> list[int]:
+def terms_by_share(budget: xr.Dataset) -> list[int]:
     """Return the places of the terms by descending share, or where a term is unknown, which leaves no shares, by size."""
     shares = np.abs(budget["share"].values)
     sizes = shares if np.isfinite(shares).all() else budget["standard_uncertainty"].values
@@ -77,15 +77,17 @@ def by_share(budget: xr.Dataset) -> list[int]:
     return order
 
 
-def _unknown(budget: xr.Dataset) -> Iterator[str]:
+def _unknown_term_lines(budget: xr.Dataset) -> Iterator[str]:
     """Say why terms are unknown, and what may be asked for instead."""
-    why = budget["term_rule"].values[np.isinf(budget["standard_uncertainty"].values)] if "term_rule" in budget else ()
-    yield from (f"attention: {rule}" for rule in why)
-    if len(why):
+    unknown_rules = (
+        budget["term_rule"].values[np.isinf(budget["standard_uncertainty"].values)] if "term_rule" in budget else ()
+    )
+    yield from (f"attention: {rule}" for rule in unknown_rules)
+    if len(unknown_rules):
         yield "attention: ask for the number at an earlier time, or for averages over many starts, by a sweep"
 
 
-def _proven(budget: xr.Dataset, unit: str) -> Iterator[str]:
+def _proven_lines(budget: xr.Dataset, unit: str) -> Iterator[str]:
     """Describe proven bounds of the number, where they were asked for."""
     if "proven_interval" not in budget:
         return
@@ -99,32 +101,32 @@ def _proven(budget: xr.Dataset, unit: str) -> Iterator[str]:
     )
 
 
-def settled_by(budget: xr.Dataset) -> str:
+def draws_needed_text(budget: xr.Dataset) -> str:
     """Describe how many draws decide whether the linear budget is adequate, where those made leave it open."""
-    needed = float(stated(budget, "draws_needed"))
-    return f"{budget.attrs['draws']} draws leave it open, about {needed:.0f} settle it"
+    draw_count = float(stated_value(budget, "draws_needed"))
+    return f"{budget.attrs['draws']} draws leave it open, about {draw_count:.0f} settle it"
 
 
-def place_of(budget: xr.Dataset) -> Iterator[str]:
+def extreme_lines(budget: xr.Dataset) -> Iterator[str]:
     """Describe where an extreme is in the run, and how it was found."""
-    if (extreme_rule := stated(budget, "extreme_rule")) is not None:
-        second = _unit(budget.attrs.get("time_units", SECONDS.text))
+    if (extreme_rule := stated_value(budget, "extreme_rule")) is not None:
+        second = _unit_suffix(budget.attrs.get("time_units", SECONDS.text))
         rule = SAID[RULES.index(str(extreme_rule))]
-        yield f"found     {rule}, at t = {float(stated(budget, 'extreme_time')):.9g}{second}"
+        yield f"found     {rule}, at t = {float(stated_value(budget, 'extreme_time')):.9g}{second}"
 
 
-def doubt_of(budget: xr.Dataset, i: int) -> float:
+def drawn_doubt(budget: xr.Dataset, i: int) -> float:
     """Return the error of a drawn standard uncertainty; 0 in budgets of versions that did not record it."""
     name = "standard_uncertainty_doubt"
     return float(budget[name][i]) if name in budget else 0.0
 
 
-def contributed(size: float, doubt: float = 0.0) -> str:
+def contribution_text(size: float, doubt: float = 0.0) -> str:
     """Write a standard uncertainty, followed by its own uncertainty if it was drawn.
 
     Examples
     --------
-    >>> contributed(0.0023642), contributed(0.0023642, 3.1e-4), contributed(inf)
+    >>> contribution_text(0.0023642), contribution_text(0.0023642, 3.1e-4), contribution_text(inf)
     ('0.0024', '0.0024 ± 0.0003', 'unknown')
     """
     if size == inf:
@@ -132,8 +134,8 @@ def contributed(size: float, doubt: float = 0.0) -> str:
     return with_uncertainty(size, doubt, 1) if doubt > 0.0 else uncertainty_alone(size)
 
 
-def _unit(units: object) -> str:
+def _unit_suffix(units: object) -> str:
     return "" if str(units) == "1" else f" {units}"
 
 
-SUMMARIES = {"budget": lines_of}
+SUMMARIES = {"budget": budget_lines}

@@ -10,23 +10,23 @@ from numpy.typing import NDArray
 
 from xdynamics.budgeting import physical
 from xdynamics.budgeting.measurand import Target
-from xdynamics.budgeting.montecarlo import Drawn
-from xdynamics.budgeting.numerical import Compared
+from xdynamics.budgeting.montecarlo import DrawStatistics
+from xdynamics.budgeting.numerical import LevelComparison
 from xdynamics.budgeting.own_run import OwnRun
 from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Term
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.judgements import VERDICTS
 from xdynamics.evidence.refining.levels import STEPS
 from xdynamics.model import Model
-from xdynamics.schema import BOUNDS, LEVEL, flags
+from xdynamics.schema import BOUNDS, LEVEL, flag_attributes
 from xdynamics.units import BASE, Unit, quotient
 
 TERM = "term"
 ROLE = "budget"
 CANCELLED = 1e-12  # relative to the variances; a smaller total counts as zero, since terms cancel
 
-Along = tuple[NDArray[Any], str, str, str]  # values along the terms, their unit, words, role
+TermColumn = tuple[NDArray[Any], str, str, str]  # values along the terms, their unit, words, role
 UNITS_BY_TERM = {
     "sensitivity": "sensitivity_units",
     "sensitivity_doubt": "sensitivity_units",
@@ -34,36 +34,42 @@ UNITS_BY_TERM = {
 }
 
 
-def terms_as(model: Model, target: Target, unit: Unit, value: float, terms: list[Term]) -> dict[str, Any]:
+def term_variables(model: Model, target: Target, unit: Unit, value: float, terms: list[Term]) -> dict[str, Any]:
     """Return the terms and the totals as variables."""
     variance = {
         NUMERICAL: sum(entry.standard**2 for entry in _of_kind(terms, NUMERICAL)),
-        PHYSICAL: physical.variance(model, _of_kind(terms, PHYSICAL)),
+        PHYSICAL: physical.combined_variance(model, _of_kind(terms, PHYSICAL)),
     }
     total = variance[NUMERICAL] + variance[PHYSICAL]
-    shares = _shares(physical.covariance(model, terms), total) if np.isfinite(total) else np.full(len(terms), np.nan)
-    scalars = {"value": (value, f"{target.description}, the run's own")} | _totals(terms, variance)
-    along = _inputs(terms, unit) | _contributions(terms, unit.text)
-    along["share"] = (
+    shares = (
+        _term_shares(physical.covariance(model, terms), total) if np.isfinite(total) else np.full(len(terms), np.nan)
+    )
+    scalars = {"value": (value, f"{target.description}, the run's own")} | _total_scalars(terms, variance)
+    term_columns = _input_columns(terms, unit) | _contributions(terms, unit.text)
+    term_columns["share"] = (
         shares,
         "1",
         "share of the variance; correlated terms share what they have together; nan where a term is unknown",
         ROLE,
     )
     variables = {
-        name: ((TERM,), values, about(units, words, role)) for name, (values, units, words, role) in along.items()
+        name: ((TERM,), values, variable_attributes(units, words, role))
+        for name, (values, units, words, role) in term_columns.items()
     }
     for name, units_name in UNITS_BY_TERM.items():
         variables[name][2]["comment"] = f"in the unit that {units_name} names"
     kinds = np.array([KINDS.index(entry.kind) for entry in terms], np.int8)
-    of_kinds = about("1", "whether it is of the march or of the model", "flag") | flags(dict(enumerate(KINDS)))
+    of_kinds = variable_attributes("1", "whether it is of the march or of the model", "flag") | flag_attributes(
+        dict(enumerate(KINDS))
+    )
     variables["term_kind"] = ((TERM,), kinds, of_kinds)
     return variables | {
-        name: ((), np.float64(number), about(unit.text, words, ROLE)) for name, (number, words) in scalars.items()
+        name: ((), np.float64(number), variable_attributes(unit.text, words, ROLE))
+        for name, (number, words) in scalars.items()
     }
 
 
-def _shares(covariance: NDArray[np.float64], total: float) -> NDArray[np.float64]:
+def _term_shares(covariance: NDArray[np.float64], total: float) -> NDArray[np.float64]:
     """Return the part of each term in the variance; 0 where the terms cancel each other."""
     cancelled = total <= CANCELLED * float(np.trace(covariance))
     return np.zeros(len(covariance)) if cancelled else covariance.sum(axis=1) / total
@@ -73,28 +79,28 @@ def _of_kind(terms: list[Term], kind: str) -> list[Term]:
     return [term for term in terms if term.kind == kind]
 
 
-def _totals(terms: list[Term], variance: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+def _total_scalars(terms: list[Term], variance: Mapping[str, float]) -> dict[str, tuple[float, str]]:
     """Return sums of bounds and roots of sums of squares, by kind and together, each with its words."""
-    numerical, physically = _of_kind(terms, NUMERICAL), _of_kind(terms, PHYSICAL)
+    numerical_terms, physical_terms = _of_kind(terms, NUMERICAL), _of_kind(terms, PHYSICAL)
     return {
-        "numerical_bound": (sum(term.bound for term in numerical), "sum of the numerical terms' bounds"),
-        "physical_bound": (sum(term.bound for term in physically), "sum of the physical terms' bounds"),
+        "numerical_bound": (sum(term.bound for term in numerical_terms), "sum of the numerical terms' bounds"),
+        "physical_bound": (sum(term.bound for term in physical_terms), "sum of the physical terms' bounds"),
         "numerical_rss": (np.sqrt(variance[NUMERICAL]), "root of the sum of squares of the numerical terms"),
         "physical_rss": (
             np.sqrt(variance[PHYSICAL]),
             "standard uncertainty by the physical terms, with their correlations",
         ),
         "physical_rss_doubt": (
-            _doubt_of(physically, variance[PHYSICAL]),
+            _rss_doubt(physical_terms, variance[PHYSICAL]),
             "uncertainty of physical_rss from terms that are known by random draws",
         ),
         "total_rss": (np.sqrt(variance[NUMERICAL] + variance[PHYSICAL]), "standard uncertainty by all terms"),
     }
 
 
-def _inputs(terms: list[Term], unit: Unit) -> dict[str, Along]:
+def _input_columns(terms: list[Term], unit: Unit) -> dict[str, TermColumn]:
     """Return what each term is of: its name, its rule, its input, and how the number changes with that."""
-    sensitivities = [_per(unit, term.input_unit) if term.input_unit else "" for term in terms]
+    sensitivities = [_unit_ratio(unit, term.input_unit) if term.input_unit else "" for term in terms]
     inputs = [term.input_unit.text if term.input_unit else "" for term in terms]
     return {
         "term_name": (np.array([term.name for term in terms]), "1", "source of the uncertainty", "name"),
@@ -132,7 +138,7 @@ def _inputs(terms: list[Term], unit: Unit) -> dict[str, Along]:
     }
 
 
-def _contributions(terms: list[Term], units: str) -> dict[str, Along]:
+def _contributions(terms: list[Term], units: str) -> dict[str, TermColumn]:
     """Return what each term contributes, in the number's unit."""
     return {
         "standard_uncertainty": (
@@ -159,39 +165,45 @@ def _contributions(terms: list[Term], units: str) -> dict[str, Along]:
     }
 
 
-def _doubt_of(terms: list[Term], variance: float) -> float:
+def _rss_doubt(terms: list[Term], variance: float) -> float:
     """Return the uncertainty of a root of a sum of squares some of whose terms were drawn."""
-    moved = sum((term.standard * term.standard_doubt) ** 2 for term in terms)
-    return float(np.sqrt(moved / variance)) if variance > 0.0 else 0.0
+    weighted_doubts = sum((term.standard * term.standard_doubt) ** 2 for term in terms)
+    return float(np.sqrt(weighted_doubts / variance)) if variance > 0.0 else 0.0
 
 
-def levels_as(compared: Compared, own: OwnRun, unit: Unit) -> dict[str, Any]:
+def level_variables(compared: LevelComparison, own_run: OwnRun, unit: Unit) -> dict[str, Any]:
     """Return the run's own level and the finer ones, and their verdict, as variables."""
     levels, text = compared.levels, unit.text
     orders = observed_orders(compared.values, levels.values)
-    level_units = own.step_units if levels.varied == STEPS else levels.varied.units
+    level_units = own_run.step_units if levels.varied == STEPS else levels.varied.units
     return {
-        levels.varied.name: ((LEVEL,), levels.values, about(level_units, levels.varied.long_name, ROLE)),
+        levels.varied.name: ((LEVEL,), levels.values, variable_attributes(level_units, levels.varied.long_name, ROLE)),
         "level_value": (
             (LEVEL,),
             compared.values,
-            about(text, "the number in each level; the first is the run's own", ROLE),
+            variable_attributes(text, "the number in each level; the first is the run's own", ROLE),
         ),
         "observed_order": (
             (LEVEL,),
             orders,
-            about("1", "observed order, from the level and its two neighbours", ROLE) | {"formal_order": levels.formal},
+            variable_attributes("1", "observed order, from the level and its two neighbours", ROLE)
+            | {"formal_order": levels.formal},
         ),
         "level_verdict": (
             (),
             np.int8(compared.judgement.verdict),
-            about("1", "verdict on the convergence of the number", "flag") | flags(dict(enumerate(VERDICTS))),
+            variable_attributes("1", "verdict on the convergence of the number", "flag")
+            | flag_attributes(dict(enumerate(VERDICTS))),
         ),
-        "run_digest": ((LEVEL,), np.array(compared.digests), about("1", "content digest of the level's run", "digest")),
+        "run_digest": (
+            (LEVEL,),
+            np.array(compared.digests),
+            variable_attributes("1", "content digest of the level's run", "digest"),
+        ),
     }
 
 
-def later_as(known: Mapping[str, Any], units: str, second: str) -> dict[str, Any]:
+def late_variables(late_values: Mapping[str, Any], units: str, second: str) -> dict[str, Any]:
     """Return as variables what is known of a budget only once it is computed, and is an attribute then too."""
     words = {
         "result": (
@@ -208,21 +220,21 @@ def later_as(known: Mapping[str, Any], units: str, second: str) -> dict[str, Any
         "extreme_time": (second, "when the extreme was", "time"),
         "extreme_rule": ("1", "how the extreme was found", "rule"),
     }
-    return {name: ((), np.array(value), about(*words[name])) for name, value in known.items()}
+    return {name: ((), np.array(value), variable_attributes(*words[name])) for name, value in late_values.items()}
 
 
-def _per(unit: Unit, by: Unit) -> str:
+def _unit_ratio(unit: Unit, divisor: Unit) -> str:
     """Spell the number's unit over that of an input, with the names that both were declared with.
 
     Base units come in their own order: for a time over a speed it is ``m-1 s2``.
     """
-    names = {factor.rstrip("-0123456789") for text in (unit.text, by.text) for factor in text.split()}
+    names = {factor.rstrip("-0123456789") for text in (unit.text, divisor.text) for factor in text.split()}
     if names <= {*BASE}:
-        return str(unit.dimension / by.dimension).split(" (")[0]
-    return quotient(unit.text, by.text)
+        return str(unit.dimension / divisor.dimension).split(" (")[0]
+    return quotient(unit.text, divisor.text)
 
 
-def draws_as(draws: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
+def draw_variables(draws: DrawStatistics, unit: Unit, coverage: float) -> dict[str, Any]:
     """Return the statistics of draws as variables."""
     scalars = {
         "monte_carlo_mean": (draws.mean, "mean of the draws"),
@@ -250,10 +262,10 @@ def draws_as(draws: Drawn, unit: Unit, coverage: float) -> dict[str, Any]:
         ),
     }
     variables = {
-        name: ((), np.float64(value), about(unit.text, description, ROLE))
+        name: ((), np.float64(value), variable_attributes(unit.text, description, ROLE))
         for name, (value, description) in scalars.items()
     }
     return variables | {
-        name: ((BOUNDS,), np.array(value), about(unit.text, description, ROLE) | {"coverage": coverage})
+        name: ((BOUNDS,), np.array(value), variable_attributes(unit.text, description, ROLE) | {"coverage": coverage})
         for name, (value, description) in intervals.items()
     }

@@ -15,26 +15,26 @@ from xdynamics import archive
 from xdynamics.archive.place import GIVEN, Given
 from xdynamics.budgeting.budget import budget_stage, error_budget
 from xdynamics.budgeting.budget_request import BudgetRequest, budget_request
-from xdynamics.budgeting.budget_summary import place_of, settled_by
+from xdynamics.budgeting.budget_summary import draws_needed_text, extreme_lines
 from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR, NOT_ADEQUATE
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
 from xdynamics.budgeting.proven_bounds import ProvenBounds
-from xdynamics.budgeting.rounding import rounded, same_number, short
-from xdynamics.elementary.arrays import applied
-from xdynamics.evidence.evidence_dataset import exhibit, stated
-from xdynamics.evidence.gates import FAILED, GATE, GATES, NOT_CHECKED, PASSED, gates_as
+from xdynamics.budgeting.rounding import rounded_result, same_number, short_size
+from xdynamics.elementary.arrays import apply_elementary
+from xdynamics.evidence.evidence_dataset import evidence_dataset, stated_value
+from xdynamics.evidence.gates import FAILED, GATE, GATES, NOT_CHECKED, PASSED, gate_variables
 from xdynamics.evidence.refining.judgements import NOT_CONVERGING
-from xdynamics.evidence.refining.verdict_words import in_words
+from xdynamics.evidence.refining.verdict_words import verdict_text
 from xdynamics.evidence.stage_tasks import Task
-from xdynamics.evidence.stages import Stage, computed, lazy
+from xdynamics.evidence.stages import Stage, compute_datasets, lazy_stage
 from xdynamics.evidence.validating.ledger import own_ledger, validate
 from xdynamics.evidence.validating.ledger_rows import VERDICTS as CASES
-from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.march.outcomes import GOOD
 from xdynamics.march.root_methods import WAITING
 from xdynamics.march.tolerances import NO_FLOOR
 from xdynamics.model import Model, check_model
-from xdynamics.record.flag_words import in_prose, words_of
+from xdynamics.record.flag_words import in_prose, words_of_flag
 from xdynamics.schema import CASE, EVIDENCE, PROVEN
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import OF_DOUBT
@@ -47,8 +47,8 @@ CERTIFICATE = "certificate"
 RECORD = "record"  # the gate that nothing contradicts itself in the run's record
 Write = Callable[[float], str]
 DRAWS = 10_000
-SMALL = 0.1  # largest ratio of the numerical bound to the physical uncertainty
-SAME = (
+MAX_NUMERICAL_RATIO = 0.1  # largest ratio of the numerical bound to the physical uncertainty
+COMPARED_ATTRIBUTES = (
     "quantity",
     "of",
     "result",
@@ -67,8 +67,8 @@ SAME = (
     "extreme_rule",
     "extreme_time",
 )
-KEPT = ("at", "time_units", "inadequate_fit", PROVEN)
-VARIABLES_TOO = ("result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time")  # certificates of old: not
+COPIED_ATTRIBUTES = ("at", "time_units", "inadequate_fit", PROVEN)
+LATE_VARIABLES = ("result", "linear_apart", "draws_needed", "extreme_rule", "extreme_time")  # certificates of old: not
 
 
 def certify(
@@ -79,7 +79,7 @@ def certify(
     seed: int = 0,
     keep: str | Path | None = None,
     compute: bool = True,
-    **asked: Any,
+    **budget_arguments: Any,
 ) -> xr.Dataset:
     """Certify one number: its budget, the gates that it must pass, and the validation ledger of its method.
 
@@ -92,7 +92,7 @@ def certify(
         interrupted.
     compute : bool
         Whether to march at once. If False, the Dataset has dask arrays, with the tasks of the budget and of the ledger.
-    **asked
+    **budget_arguments
         Further arguments of `error_budget` (except declared terms, which no model file holds, and a choice of terms), and settings of
         `simulate`. With ``proven=True`` the bounds that are proven of the number are a gate too.
 
@@ -109,60 +109,68 @@ def certify(
         As in `error_budget`, or if declared terms are given, or terms are left out.
     """
     check_model(model)
-    if "terms" in asked:
+    if "terms" in budget_arguments:
         raise InputError(
             "a certificate is made again from the model alone: write declared terms into its [discrepancy]"
         )
-    if given := [keyword for keyword in ("only", "without") if asked.get(keyword) is not None]:
+    if refused_keywords := [keyword for keyword in ("only", "without") if budget_arguments.get(keyword) is not None]:
         raise InputError(
-            f"a certificate has every term of its number, and {given[0]} is given; make a budget of a part"
+            f"a certificate has every term of its number, and {refused_keywords[0]} is given; make a budget of a part"
         )
     draws = draws if model.uncertain else 0
     if not compute:
-        return lazy(_stage(budget_request(model, quantity, draws=draws, seed=seed, keep=keep, **asked)))
-    budget = error_budget(model, quantity, draws=draws, seed=seed, keep=keep, **asked)
-    return _dataset(model, budget, validate([str(budget.attrs["solver_method"])], keep=keep))
+        return lazy_stage(
+            _certificate_stage(budget_request(model, quantity, draws=draws, seed=seed, keep=keep, **budget_arguments))
+        )
+    budget = error_budget(model, quantity, draws=draws, seed=seed, keep=keep, **budget_arguments)
+    return _certificate_dataset(model, budget, validate([str(budget.attrs["solver_method"])], keep=keep))
 
 
-def _stage(request: BudgetRequest) -> Stage:
+def _certificate_stage(request: BudgetRequest) -> Stage:
     """Return a certificate before it is computed."""
     budget = budget_stage(request)
     ledger = own_ledger([str(budget.template.attrs["solver_method"])], request.measurand.keep)
-    template = _dataset(request.measurand.model, budget.template, ledger.template)
+    template = _certificate_dataset(request.measurand.model, budget.template, ledger.template)
     gates = tuple(template["gate_name"].values.tolist())
     task = Task.of(
-        "certificate", partial(_dataset, request.measurand.model, expected=gates), (budget.task, ledger.task)
+        "certificate",
+        partial(_certificate_dataset, request.measurand.model, expected_gates=gates),
+        (budget.task, ledger.task),
     )
-    return Stage(template, task, (*budget.known, "gate_name"))
+    return Stage(template, task, (*budget.known_variables, "gate_name"))
 
 
-def _dataset(model: Model, budget: xr.Dataset, ledger: xr.Dataset, expected: tuple[str, ...] = ()) -> xr.Dataset:
+def _certificate_dataset(
+    model: Model, budget: xr.Dataset, ledger: xr.Dataset, expected_gates: tuple[str, ...] = ()
+) -> xr.Dataset:
     """Put a certificate together; an expected gate that there is nothing to decide by is not checked."""
-    gates = _gates(budget, ledger, drawn=bool(model.uncertain))
-    if expected:
+    gates = _decide_gates(budget, ledger, has_draws=bool(model.uncertain))
+    if expected_gates:
         decided = {gate[0]: gate for gate in gates}
-        gates = [decided.get(name, (name, NOT_CHECKED, "there is no physical uncertainty")) for name in expected]
+        gates = [decided.get(name, (name, NOT_CHECKED, "there is no physical uncertainty")) for name in expected_gates]
     variables: dict[str, Any] = {
         str(name): (entry.dims, entry.values, dict(entry.attrs)) for name, entry in budget.variables.items()
     }
-    variables |= gates_as(gates, "what the number has to pass")
+    variables |= gate_variables(gates, "what the number has to pass")
     names = {"residual": "residual", "bound": "case_bound", "verdict": "case_verdict"}
     for name in ("case_name", "case_units", *names):
         variables[names.get(name, name)] = ((CASE,), ledger[name].values, dict(ledger[name].attrs))
-    attributes = {key: budget.attrs[key] for key in (*SAME, *KEPT) if key in budget.attrs}
+    attributes = {key: budget.attrs[key] for key in (*COMPARED_ATTRIBUTES, *COPIED_ATTRIBUTES) if key in budget.attrs}
     title = f"certificate of {model.name}: {budget.attrs['of']}"
-    return exhibit(CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, attributes, shapes=model.shapes)
+    return evidence_dataset(
+        CERTIFICATE, title, str(budget.attrs["runs"]).split(), variables, attributes, shapes=model.shapes
+    )
 
 
-def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple[str, str, str]]:
+def _decide_gates(budget: xr.Dataset, ledger: xr.Dataset, *, has_draws: bool) -> list[tuple[str, str, str]]:
     """Return name, verdict and reason of every gate."""
     words, verdicts = [CASES[case] for case in ledger["verdict"].values.tolist()], budget["level_verdict"]
     convergence = verdicts.attrs["flag_meanings"].split()[int(verdicts)]
-    bounds, difference = _bounds(budget), _last_difference(budget)
+    bounds, difference = _bounds_by_term(budget), _last_difference(budget)
     physical, numerical = float(budget["physical_rss"]), float(budget["numerical_bound"])
     linear = LINEAR[int(budget["linear_verdict"])]
     outcome = str(budget["run_outcome"].values)
-    apart = str(budget["run_contradiction"].values) if "run_contradiction" in budget else ""
+    contradiction = str(budget["run_contradiction"].values) if "run_contradiction" in budget else ""
     decisions = [
         ("outcome", outcome in GOOD, f"the run ended as '{outcome}'"),
         ("levels", budget.sizes["level"] >= 3, f"{budget.sizes['level']} levels"),
@@ -175,7 +183,7 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
         (
             "interpolation",
             bounds["interpolation"] <= max(difference, bounds["truncation"]),
-            _interpolation(bounds["interpolation"], difference, "{:.3g}".format),
+            _interpolation_reason(bounds["interpolation"], difference, "{:.3g}".format),
         ),
         (
             "ledger",
@@ -185,22 +193,22 @@ def _gates(budget: xr.Dataset, ledger: xr.Dataset, *, drawn: bool) -> list[tuple
                 f" {words.count('refused')} refused"
             ),
         ),
-        (RECORD, apart == "", apart or "nothing in the run's record contradicts its model"),
+        (RECORD, contradiction == "", contradiction or "nothing in the run's record contradicts its model"),
     ]
     if not physical <= 0.0:  # unknown where nothing is marched yet
         decisions.append(
             (
                 "numerical_part",
-                numerical <= SMALL * physical,
-                _numerical_part(numerical, physical, "{:.3g}".format),
+                numerical <= MAX_NUMERICAL_RATIO * physical,
+                _numerical_part_reason(numerical, physical, "{:.3g}".format),
             )
         )
-    gates = [(name, PASSED if passes else FAILED, why) for name, passes, why in decisions]
-    gates += [_of_bounds(budget)] if "proven_interval" in budget else []
-    return [*gates, *([_of_draws(budget, linear)] if drawn else [])]
+    gates = [(name, PASSED if passes else FAILED, reason) for name, passes, reason in decisions]
+    gates += [_proven_gate(budget)] if "proven_interval" in budget else []
+    return [*gates, *([_linear_gate(budget, linear)] if has_draws else [])]
 
 
-def _of_bounds(budget: xr.Dataset) -> tuple[str, str, str]:
+def _proven_gate(budget: xr.Dataset) -> tuple[str, str, str]:
     """Return the gate of proven bounds: failed where the number is farther from them than its numerical bound."""
     low, high = map(float, budget["proven_interval"].values)
     bounds = ProvenBounds(low, high, str(budget["proven_text"].item()))
@@ -212,7 +220,7 @@ def _of_bounds(budget: xr.Dataset) -> tuple[str, str, str]:
     return PROVEN, verdict, f"off by at most {error:.3g}, which is proven, beside a numerical bound of {bound:.3g}"
 
 
-def _bounds(budget: xr.Dataset) -> dict[str, float]:
+def _bounds_by_term(budget: xr.Dataset) -> dict[str, float]:
     return dict(zip(budget["term_name"].values.tolist(), budget["bound"].values.tolist(), strict=True))
 
 
@@ -220,49 +228,51 @@ def _last_difference(budget: xr.Dataset) -> float:
     return float(abs(budget["level_value"][0] - budget["level_value"][1]))
 
 
-def _interpolation(bound: float, difference: float, write: Write) -> str:
+def _interpolation_reason(bound: float, difference: float, write: Write) -> str:
     return f"{write(bound)} beside a difference of {write(difference)} of two levels"
 
 
-def _numerical_part(bound: float, physical: float, write: Write) -> str:
+def _numerical_part_reason(bound: float, physical: float, write: Write) -> str:
     return f"numerical bound {write(bound)}, physical standard uncertainty {write(physical)}"
 
 
-def reasons(certificate: xr.Dataset) -> list[str]:
+def gate_reasons(certificate: xr.Dataset) -> list[str]:
     """Return what was looked at for each gate, its numbers rounded, with their unit; those kept have neither."""
-    kept: dict[str, str] = dict(
+    recorded_reasons: dict[str, str] = dict(
         zip(certificate["gate_name"].values.tolist(), certificate["gate_reason"].values.tolist(), strict=True)
     )
     if "value" not in certificate:  # only gates
-        return [*kept.values()]
+        return [*recorded_reasons.values()]
     unit = unit_suffix(str(certificate["value"].attrs["units"]))
 
-    def write(number: float) -> str:
-        return f"{short(number, OF_DOUBT)}{unit}"
+    def write_rounded(number: float) -> str:
+        return f"{short_size(number, OF_DOUBT)}{unit}"
 
-    rounded = {
-        "interpolation": _interpolation(_bounds(certificate)["interpolation"], _last_difference(certificate), write),
-        "numerical_part": _numerical_part(
-            float(certificate["numerical_bound"]), float(certificate["physical_rss"]), write
+    rounded_reasons = {
+        "interpolation": _interpolation_reason(
+            _bounds_by_term(certificate)["interpolation"], _last_difference(certificate), write_rounded
+        ),
+        "numerical_part": _numerical_part_reason(
+            float(certificate["numerical_bound"]), float(certificate["physical_rss"]), write_rounded
         ),
     }
-    return [rounded.get(name, reason) for name, reason in kept.items()]
+    return [rounded_reasons.get(name, reason) for name, reason in recorded_reasons.items()]
 
 
-def _of_draws(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
+def _linear_gate(budget: xr.Dataset, linear: str) -> tuple[str, str, str]:
     """Return the gate of the linear budget; it is neither passed nor failed where too few draws leave it open."""
     name, statement = "linear_budget", f"the linear budget is {linear.replace('_', ' ')}"
     if linear != LINEAR[OPEN]:
         return name, PASSED if linear == LINEAR[ADEQUATE] else FAILED, statement
     remedy = (
         f"nothing was drawn; {DRAWS} draws tell as a rule"
-        if stated(budget, "draws_needed") is None
-        else settled_by(budget)
+        if stated_value(budget, "draws_needed") is None
+        else draws_needed_text(budget)
     )
     return name, NOT_CHECKED, f"{statement}: {remedy}"
 
 
-def certificate_of(given: Any) -> xr.Dataset:
+def certificate_of(source: Any) -> xr.Dataset:
     """Return a certificate with its numbers: opened where a file is given, computed where it is lazy.
 
     Raises
@@ -270,16 +280,18 @@ def certificate_of(given: Any) -> xr.Dataset:
     InputError
         If it is something else.
     """
-    certificate = archive.open_run(given) if isinstance(given, GIVEN) else given
+    certificate = archive.open_run(source) if isinstance(source, GIVEN) else source
     attributes = getattr(certificate, "attrs", None)
     if attributes is None or attributes.get(EVIDENCE) != CERTIFICATE:
-        what = f"{str(given)[:60]!r}" if attributes is None or isinstance(given, GIVEN) else "this"
+        source_text = f"{str(source)[:60]!r}" if attributes is None or isinstance(source, GIVEN) else "this"
         kind = (attributes or {}).get(EVIDENCE, "")
-        raise InputError(f"{what} is no certificate{f' but a {kind}' if kind else ''}; `certify` makes one")
-    return computed(certificate)[0]
+        raise InputError(f"{source_text} is no certificate{f' but a {kind}' if kind else ''}; `certify` makes one")
+    return compute_datasets(certificate)[0]
 
 
-def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
+def remake_certificate(
+    certificate: xr.Dataset | Given, functions: Mapping[str, Callable[..., float]] | None
+) -> xr.Dataset:
     """Return a certificate made again from nothing but itself, with the same numbers; see `documenting.bundling.recheck`.
 
     Raises
@@ -292,14 +304,14 @@ def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[...
     original = certificate_of(certificate)
     attributes = original.attrs
     model = Model.from_record(original["model_toml"].values.item(), functions=functions)
-    place: dict[str, Any] = {"at": float(attributes["at"])} if "at" in attributes else {}
+    location: dict[str, Any] = {"at": float(attributes["at"])} if "at" in attributes else {}
     if attributes["event"]:
-        place = {key: attributes[key] for key in ("event", "side")} | {"occurrence": int(attributes["occurrence"])}
-    asked = json.loads(str(attributes["asked"]))
+        location = {key: attributes[key] for key in ("event", "side")} | {"occurrence": int(attributes["occurrence"])}
+    settings = json.loads(str(attributes["asked"]))
     is_older = "run_contradiction" not in original
     if is_older:  # made before records were audited, and by the rules of that time
-        asked = {"event_start": WAITING, "atol_floor": NO_FLOOR} | asked
-    again = certify(
+        settings = {"event_start": WAITING, "atol_floor": NO_FLOOR} | settings
+    new_certificate = certify(
         model,
         str(attributes["quantity"]),
         draws=int(attributes["draws"]),
@@ -308,18 +320,20 @@ def remade(certificate: xr.Dataset | Given, functions: Mapping[str, Callable[...
         digits=int(attributes.get("digits", 1)),
         inadequate_fit=bool(attributes.get("inadequate_fit", 0)),
         proven=bool(attributes.get(PROVEN, 0)),
-        **place,
-        **asked,
+        **location,
+        **settings,
     )
     if is_older:
-        again = again.isel({GATE: again["gate_name"].values != RECORD}).drop_vars("run_contradiction")
-        again.attrs["asked"] = attributes["asked"]
-        again = _with_symmetric_result(again)
-    if faults := _apart(original, again):
-        raise ArchiveError(
-            f"the certificate of {attributes.get('of')} could not be reproduced:{numbered(faults)}", tuple(faults)
+        new_certificate = new_certificate.isel({GATE: new_certificate["gate_name"].values != RECORD}).drop_vars(
+            "run_contradiction"
         )
-    return again
+        new_certificate.attrs["asked"] = attributes["asked"]
+        new_certificate = _with_symmetric_result(new_certificate)
+    if faults := _differences(original, new_certificate):
+        raise ArchiveError(
+            f"the certificate of {attributes.get('of')} could not be reproduced:{numbered_lines(faults)}", tuple(faults)
+        )
+    return new_certificate
 
 
 def _with_symmetric_result(certificate: xr.Dataset) -> xr.Dataset:
@@ -327,21 +341,23 @@ def _with_symmetric_result(certificate: xr.Dataset) -> xr.Dataset:
     if int(certificate["linear_verdict"]) != NOT_ADEQUATE:
         return certificate
     parts = (certificate[name] for name in ("monte_carlo_standard_uncertainty", "numerical_rss"))
-    total = float(applied("hypot", *map(float, parts)))
+    total = float(apply_elementary("hypot", *map(float, parts)))
     value, bound = float(certificate["value"]), float(certificate["numerical_bound"])
-    result = rounded(value, total, bound, str(certificate["value"].attrs["units"]), "k = 2, drawn")
-    return certificate.assign(result=certificate["result"].copy(data=np.array(result))).assign_attrs(result=result)
+    result_text = rounded_result(value, total, bound, str(certificate["value"].attrs["units"]), "k = 2, drawn")
+    return certificate.assign(result=certificate["result"].copy(data=np.array(result_text))).assign_attrs(
+        result=result_text
+    )
 
 
-def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:
+def _differences(original: xr.Dataset, new_certificate: xr.Dataset) -> list[str]:
     """Describe everything that differs."""
     faults = [
         f"'{name}' is missing"
-        for name in remade.variables
-        if name not in original.variables and name not in VARIABLES_TOO
+        for name in new_certificate.variables
+        if name not in original.variables and name not in LATE_VARIABLES
     ]
-    faults += [f"'{name}' is added" for name in original.variables if name not in remade.variables]
-    for name, variable in remade.variables.items():
+    faults += [f"'{name}' is added" for name in original.variables if name not in new_certificate.variables]
+    for name, variable in new_certificate.variables.items():
         if name not in original.variables:
             continue
         old, new = np.atleast_1d(original[name].values), np.atleast_1d(variable.values)
@@ -359,27 +375,29 @@ def _apart(original: xr.Dataset, remade: xr.Dataset) -> list[str]:
             k = tuple(np.argwhere(differs)[0].tolist())
             faults.append(f"'{name}'{list(k) if old.size > 1 else ''} is {old[k]}, and comes out as {new[k]}")
     faults += [
-        f"attribute '{key}' is {original.attrs.get(key)!r}, and comes out as {remade.attrs[key]!r}"
-        for key in SAME
-        if key in remade.attrs
-        and str(original.attrs.get(key)) != str(remade.attrs[key])
-        and not (key == "result" and same_number(str(original.attrs.get(key)), str(remade.attrs[key])))
+        f"attribute '{key}' is {original.attrs.get(key)!r}, and comes out as {new_certificate.attrs[key]!r}"
+        for key in COMPARED_ATTRIBUTES
+        if key in new_certificate.attrs
+        and str(original.attrs.get(key)) != str(new_certificate.attrs[key])
+        and not (key == "result" and same_number(str(original.attrs.get(key)), str(new_certificate.attrs[key])))
     ]
     return faults
 
 
-def lines_of(certificate: xr.Dataset) -> list[str]:
+def certificate_lines(certificate: xr.Dataset) -> list[str]:
     """Summarise the number, its gates, and how to check them again."""
     verdicts = [GATES[index] for index in certificate["gate_verdict"].values.tolist()]
-    lines = [f"result    {certificate.attrs['of']} = {stated(certificate, 'result')}"]
-    lines += place_of(certificate)
-    rows = zip(certificate["gate_name"].values, verdicts, reasons(certificate), strict=True)
-    lines += [f"{verdict.replace('_', ' '):<9} {str(name).replace('_', ' ')}: {why}" for name, verdict, why in rows]
+    lines = [f"result    {certificate.attrs['of']} = {stated_value(certificate, 'result')}"]
+    lines += extreme_lines(certificate)
+    rows = zip(certificate["gate_name"].values, verdicts, gate_reasons(certificate), strict=True)
+    lines += [
+        f"{verdict.replace('_', ' '):<9} {str(name).replace('_', ' ')}: {reason}" for name, verdict, reason in rows
+    ]
     if "level_verdict" in certificate:
-        lines.append(f"levels    {in_words(words_of(certificate['level_verdict'])[0])}")
+        lines.append(f"levels    {verdict_text(words_of_flag(certificate['level_verdict'])[0])}")
     lines.append(f"model     sha256 {certificate.attrs['model_digest']}; method {certificate.attrs['solver_method']}")
     lines.append("again     xdynamics recheck makes it again from this file alone, and compares every number")
     return lines
 
 
-SUMMARIES = {CERTIFICATE: lines_of}
+SUMMARIES = {CERTIFICATE: certificate_lines}

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.budgeting.losses import Loss
-from xdynamics.budgeting.multistart import Problem, Search, search
+from xdynamics.budgeting.multistart import Problem, Search, search_from_start
 
 Floats = NDArray[np.float64]
 
 COVARIANCE, PROFILE = "covariance", "profile"
-MOST = 20  # values at which a profile is asked for an end
+MAX_PROFILE_POINTS = 20  # values at which a profile is asked for an end
 NEAR = 1e-4  # of the distance in units of the quantile, at which an end is found
 WIDEST = 3.0  # largest factor from one value to the next
 
@@ -30,7 +30,7 @@ class ProfilePoint:
     """The problem in which one number is held at a value."""
 
     problem: Problem
-    place: int
+    held_index: int
     value: float
 
     @property
@@ -38,35 +38,35 @@ class ProfilePoint:
         """That of the problem."""
         return self.problem.loss
 
-    def whole(self, free: Floats) -> Floats:
+    def all_numbers(self, free: Floats) -> Floats:
         """Return all numbers, from the others."""
-        return np.insert(free, self.place, self.value)
+        return np.insert(free, self.held_index, self.value)
 
-    def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
+    def weighted_residuals(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes by the others."""
-        residuals, slopes = self.problem.looked(self.whole(scaled), share)
-        return residuals, np.delete(slopes, self.place, axis=1)
+        residuals, slopes = self.problem.weighted_residuals(self.all_numbers(scaled), share)
+        return residuals, np.delete(slopes, self.held_index, axis=1)
 
     def squares(self, scaled: Floats, share: float) -> Floats:
         """Return the sums of squares of many starts of the others."""
-        return self.problem.squares(np.insert(scaled, self.place, self.value, axis=1), share)
+        return self.problem.squares(np.insert(scaled, self.held_index, self.value, axis=1), share)
 
 
-def quantile(coverage: float, freedom: int, *, known: bool) -> float:
+def quantile(coverage: float, freedom: int, *, has_uncertainties: bool) -> float:
     """Return the half width of an interval in standard uncertainties.
 
     Examples
     --------
-    >>> round(quantile(0.95, 3, known=True), 3), round(quantile(0.95, 3, known=False), 3)
+    >>> round(quantile(0.95, 3, has_uncertainties=True), 3), round(quantile(0.95, 3, has_uncertainties=False), 3)
     (1.96, 3.182)
     """
     from scipy.special import ndtri, stdtrit
 
     upper = 0.5 + coverage / 2.0
-    return float(ndtri(upper) if known else stdtrit(freedom, upper))
+    return float(ndtri(upper) if has_uncertainties else stdtrit(freedom, upper))
 
 
-def profiles(
+def profile_intervals(
     problem: Problem, best: Search, low: Floats, high: Floats, deviations: Floats, rise: float, width: float
 ) -> Floats:
     """Return both ends of each number's interval, shape (n, 2); infinite where the profile does not rise enough.
@@ -86,51 +86,53 @@ def profiles(
     """
     return np.array(
         [
-            [_end(problem, best, low, high, i, side * width * deviations[i], rise) for side in (-1.0, 1.0)]
+            [_profile_end(problem, best, low, high, i, side * width * deviations[i], rise) for side in (-1.0, 1.0)]
             for i in range(best.end.size)
         ]
     )
 
 
-def _end(problem: Problem, best: Search, low: Floats, high: Floats, i: int, step: float, rise: float) -> float:
+def _profile_end(problem: Problem, best: Search, low: Floats, high: Floats, i: int, step: float, rise: float) -> float:
     """Follow the profile of one number to an end: secants of the root of its rise, which is linear of a linear law."""
     bound = float(high[i] if step > 0 else low[i])
-    centre, others = float(best.end[i]), np.delete(best.end, i)
-    inside, outside, root = (
+    centre, free = float(best.end[i]), np.delete(best.end, i)
+    inner, outer, root = (
         0.0,
         np.inf,
         0.0,
     )  # distances with less and with more than the rise, and the root at `inside`
     distance = abs(step)
-    for _ in range(MOST):
+    for _ in range(MAX_PROFILE_POINTS):
         distance = min(distance, abs(bound - centre))
-        risen, others = _risen(ProfilePoint(problem, i, centre + np.sign(step) * distance), others, best, low, high)
-        reached = float(np.sqrt(max(risen, 0.0) / rise))
-        if abs(reached - 1.0) < NEAR:
+        risen, free = _profile_rise(ProfilePoint(problem, i, centre + np.sign(step) * distance), free, best, low, high)
+        distance_share = float(np.sqrt(max(risen, 0.0) / rise))
+        if abs(distance_share - 1.0) < NEAR:
             return centre + float(np.sign(step)) * distance
-        if reached < 1.0 and distance == abs(bound - centre):
+        if distance_share < 1.0 and distance == abs(bound - centre):
             return bound
-        slope = (reached - root) / (distance - inside) if np.isfinite(reached) else np.inf
-        inside, root, outside = (distance, reached, outside) if reached < 1.0 else (inside, root, distance)
-        wanted = distance + (1.0 - reached) / slope if np.isfinite(slope) and slope > 0.0 else np.inf
-        if not inside < wanted < outside:
-            wanted = 0.5 * (inside + outside) if np.isfinite(outside) else WIDEST * distance
-        distance = min(wanted, WIDEST * distance)
+        slope = (distance_share - root) / (distance - inner) if np.isfinite(distance_share) else np.inf
+        inner, root, outer = (distance, distance_share, outer) if distance_share < 1.0 else (inner, root, distance)
+        next_distance = distance + (1.0 - distance_share) / slope if np.isfinite(slope) and slope > 0.0 else np.inf
+        if not inner < next_distance < outer:
+            next_distance = 0.5 * (inner + outer) if np.isfinite(outer) else WIDEST * distance
+        distance = min(next_distance, WIDEST * distance)
     return float(np.sign(step)) * np.inf
 
 
-def _risen(held: ProfilePoint, others: Floats, best: Search, low: Floats, high: Floats) -> tuple[float, Floats]:
+def _profile_rise(point: ProfilePoint, free: Floats, best: Search, low: Floats, high: Floats) -> tuple[float, Floats]:
     """Return by how much the sum of squares is larger with one number held, and the others there."""
     from xdynamics.faults import InputError
 
     try:
-        if not others.size:
-            residuals, _ = held.looked(others)
-            return float(residuals @ residuals) - best.square, others
-        found = search(held, PROFILE, others, np.delete(low, held.place), np.delete(high, held.place))
+        if not free.size:
+            residuals, _ = point.weighted_residuals(free)
+            return float(residuals @ residuals) - best.square, free
+        optimum = search_from_start(
+            point, PROFILE, free, np.delete(low, point.held_index), np.delete(high, point.held_index)
+        )
     except InputError:
-        return np.inf, others
-    return found.square - best.square, found.end
+        return np.inf, free
+    return optimum.square - best.square, optimum.end
 
 
 def intervals_as(values: Floats, deviations: Floats, half: float) -> Floats:

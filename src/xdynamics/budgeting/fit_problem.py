@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from xdynamics.budgeting.losses import Loss
 from xdynamics.budgeting.multistart import Search
-from xdynamics.budgeting.residuals import Tested, tested
+from xdynamics.budgeting.residuals import ResidualTests, judge_residuals
 from xdynamics.evidence.comparing.measured import Measured
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
-from xdynamics.record.named_elements import column
-from xdynamics.sweeping.axes import FOR_INITIAL
+from xdynamics.record.named_elements import get_column
+from xdynamics.sweeping.axes import INITIAL_PREFIX
 from xdynamics.sweeping.sweep import sweep
 from xdynamics.units import Quantity, Unit, unit_suffix
 
@@ -27,14 +27,14 @@ SHIFT = 1e-3  # relative to a parameter's scale, for slopes
 SIDES = np.array([-2.0, -1.0, 1.0, 2.0])
 WEIGHTS = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0  # of the fourth-order slope from these sides
 OFFSET = "offset"  # of a clock: what a record's times read where the model's time is 0
-MOST_OFFSETS = 8  # unlike ones that are marched together, whose times all members then have
+MAX_OFFSETS = 8  # unlike ones that are marched together, whose times all members then have
 SPACINGS = 10.0  # of a record's times, to which its offset is scaled
-MOST_TRIED = 2000  # offsets, among which the start is chosen
+MAX_TRIED_OFFSETS = 2000  # offsets, among which the start is chosen
 SHARED = -1  # in the place of a record's number
 
 
 @dataclass(frozen=True)
-class Asked:
+class FitRecord:
     """One measured record: which numbers of a model are fitted to it.
 
     Attributes
@@ -85,8 +85,8 @@ class Asked:
     @property
     def offset_scale(self) -> float:
         """A time in which what was measured changes a little: some spacings of the record's times."""
-        apart = np.diff(np.unique(self.data.times))
-        return SPACINGS * float(np.median(apart)) if apart.size else 1.0
+        spacings = np.diff(np.unique(self.data.times))
+        return SPACINGS * float(np.median(spacings)) if spacings.size else 1.0
 
     @property
     def _span(self) -> tuple[float, float]:
@@ -108,7 +108,7 @@ class Asked:
         ]
         return np.concatenate(converted)
 
-    def within(self, share: float) -> NDArray[np.bool_]:
+    def in_first_share(self, share: float) -> NDArray[np.bool_]:
         """Return which measured values lie in the first share of the time, quantities concatenated."""
         first, last = float(self.data.times.min()), float(self.data.times.max())
         selected = self.data.times <= first + share * (last - first)
@@ -116,29 +116,33 @@ class Asked:
             selected[:] = True  # regardless of rounding at the last
         return np.tile(selected, len(self.quantities))
 
-    def computed(self, values: Floats, *, whole: bool = True) -> Floats:
+    def computed(self, values: Floats, *, require_all: bool = True) -> Floats:
         """Return what the model computes for rows of parameters in their own units, shape (n, measured values).
 
         Raises
         ------
         InputError
-            If a run ends before all times, or has too few events, and `whole` is set; otherwise those values are nan.
+            If a run ends before all times, or has too few events, and `require_all` is set; otherwise those values are nan.
         """
         import xarray as xr
 
         columns = {
-            f"{FOR_INITIAL}{name}" if name in self.model.statement.initial else name: xr.DataArray(
+            f"{INITIAL_PREFIX}{name}" if name in self.model.statement.initial else name: xr.DataArray(
                 values[:, i], attrs={"units": self.declared(name).unit.text}
             )
             for i, name in enumerate(self.names)
             if not self.is_offset(name)
         } or self._unchanged(len(values))
         numbers, offsets = self.data.occurrences, self._offsets(values)
-        shifts, which = np.unique(np.zeros(len(values)) if numbers.size else offsets, return_inverse=True)
-        if len(shifts) > MOST_OFFSETS:
-            order = np.argsort(which, kind="stable")
-            few = np.split(order, np.searchsorted(which[order], np.arange(MOST_OFFSETS, len(shifts), MOST_OFFSETS)))
-            return np.concatenate([self.computed(values[part], whole=whole) for part in few])[np.argsort(order)]
+        shifts, shift_indices = np.unique(np.zeros(len(values)) if numbers.size else offsets, return_inverse=True)
+        if len(shifts) > MAX_OFFSETS:
+            order = np.argsort(shift_indices, kind="stable")
+            row_groups = np.split(
+                order, np.searchsorted(shift_indices[order], np.arange(MAX_OFFSETS, len(shifts), MAX_OFFSETS))
+            )
+            return np.concatenate([self.computed(values[part], require_all=require_all) for part in row_groups])[
+                np.argsort(order)
+            ]
         times, places = (np.zeros(0), (numbers - 1)[None, :]) if numbers.size else self._times(shifts)
         members = sweep(
             self.model,
@@ -149,15 +153,18 @@ class Asked:
             **self.settings,
         )
         marched = members.compute()
-        later = offsets[:, None] if numbers.size else 0.0
+        clock_offsets = offsets[:, None] if numbers.size else 0.0
         rows = np.concatenate(
             [
-                np.take_along_axis(column(marched, name).values.reshape(len(values), -1), places[which], axis=1) + later
+                np.take_along_axis(
+                    get_column(marched, name).values.reshape(len(values), -1), places[shift_indices], axis=1
+                )
+                + clock_offsets
                 for name in self.quantities
             ],
             axis=1,
         )
-        if whole and not np.isfinite(rows).all():
+        if require_all and not np.isfinite(rows).all():
             k = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
             raise InputError(self._missing(values[k], rows[k], marched.isel(fitted=k)))
         return rows
@@ -172,14 +179,14 @@ class Asked:
         times = self.data.times[None, :] - shifts[:, None]
         if OFFSET in self.names and self.is_offset(OFFSET):
             times = np.clip(times, *self._span)  # slopes at an end are looked for a little outside of it
-        found, places = np.unique(times, return_inverse=True)
-        return found, places.reshape(times.shape)
+        run_times, places = np.unique(times, return_inverse=True)
+        return run_times, places.reshape(times.shape)
 
     def likely_offset(self, values: Floats, low: float, high: float) -> float:
         """Return the offset between bounds at which a run with given numbers differs least from what was measured."""
-        apart = self.offset_scale / SPACINGS / 2.0
+        spacing = self.offset_scale / SPACINGS / 2.0
         begin, end = self._span
-        count = int(np.clip((end - begin) / apart, 2, 10 * MOST_TRIED))
+        count = int(np.clip((end - begin) / spacing, 2, 10 * MAX_TRIED_OFFSETS))
         dense = replace(
             self,
             data=replace(
@@ -189,14 +196,14 @@ class Asked:
                 uncertainties={},
             ),
         )
-        still = np.where([*map(self.is_offset, self.names)], 0.0, values)
-        lines = np.split(dense.computed(still[None, :], whole=False)[0], len(self.quantities))
-        tried = np.linspace(low, high, int(np.clip((high - low) / apart, 2, MOST_TRIED)))
+        numbers_without_offset = np.where([*map(self.is_offset, self.names)], 0.0, values)
+        lines = np.split(dense.computed(numbers_without_offset[None, :], require_all=False)[0], len(self.quantities))
+        tried_offsets = np.linspace(low, high, int(np.clip((high - low) / spacing, 2, MAX_TRIED_OFFSETS)))
         squares = []
-        for offset in tried:
+        for offset in tried_offsets:
             rows = np.concatenate([np.interp(self.data.times - offset, dense.data.times, line) for line in lines])
             squares.append(float(np.sum(((rows - self.measured) * self.weights) ** 2)))
-        return float(tried[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))])
+        return float(tried_offsets[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))])
 
     def _unchanged(self, members: int) -> dict[str, Any]:
         """Return what is varied where the offset alone is fitted: a parameter, which keeps its value."""
@@ -211,11 +218,11 @@ class Asked:
         end = f"'{member.run_outcome.values}' at t = {float(member.end_time)!r}{unit_suffix(self.model.time_unit)}"
         if not self.data.occurrences.size:
             return f"with {numbers} the run ends as {end}, before all that was measured"
-        place = int(np.flatnonzero(~np.isfinite(row))[0])
-        name = [*self.quantities][place // self.data.occurrences.size]
+        value_index = int(np.flatnonzero(~np.isfinite(row))[0])
+        name = [*self.quantities][value_index // self.data.occurrences.size]
         return (
             f"with {numbers} the run, which ends as {end}, has no occurrence"
-            f" {int(self.data.occurrences[place % self.data.occurrences.size])} of '{name.removeprefix('event_time_')}',"
+            f" {int(self.data.occurrences[value_index % self.data.occurrences.size])} of '{name.removeprefix('event_time_')}',"
             " which was measured: begin nearer, or end the run later by until"
         )
 
@@ -241,36 +248,36 @@ class Fitting:
     loss : Loss
     """
 
-    records: tuple[Asked, ...]
+    records: tuple[FitRecord, ...]
     numbers: tuple[FittedNumber, ...]
     scales: Floats
     loss: Loss = field(default_factory=Loss)
 
     @classmethod
-    def alone(cls, asked: Asked, scales: Floats) -> Fitting:
+    def of_record(cls, record: FitRecord, scales: Floats) -> Fitting:
         """Return the problem of one record."""
-        return cls((asked,), tuple(map(FittedNumber, asked.names)), scales)
+        return cls((record,), tuple(map(FittedNumber, record.names)), scales)
 
-    def places(self, record: int) -> list[int]:
+    def number_indices(self, record: int) -> list[int]:
         """Return the places of a record's numbers among all."""
         return [i for i, number in enumerate(self.numbers) if number.record in (SHARED, record)]
 
     @property
-    def told(self) -> bool:
+    def has_uncertainties(self) -> bool:
         """Whether the data have uncertainties."""
         return bool(self.records[0].data.uncertainties)
 
     @property
     def weights(self) -> Floats:
         """One over the uncertainty of each measured value, records concatenated."""
-        return np.concatenate([asked.weights for asked in self.records])
+        return np.concatenate([record.weights for record in self.records])
 
     @property
     def measured(self) -> Floats:
         """All measured values, records concatenated."""
-        return np.concatenate([asked.measured for asked in self.records])
+        return np.concatenate([record.measured for record in self.records])
 
-    def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
+    def weighted_residuals(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes, for the data up to a share of their time.
 
         Raises
@@ -278,46 +285,54 @@ class Fitting:
         InputError
             If a run ends before all times, or there are not more values than fitted numbers.
         """
-        used = [asked.within(share) for asked in self.records]
+        used = [record.in_first_share(share) for record in self.records]
         count = sum(map(np.count_nonzero, used))
         if count <= scaled.size:
             raise InputError(f"{count} numbers are too few")
         residuals, slopes = [], []
-        for k, (asked, selected) in enumerate(zip(self.records, used, strict=True)):
-            places, weights = self.places(k), asked.weights[selected]
-            values, steep = with_slopes(asked, (scaled * self.scales)[places], self.scales[places])
+        for k, (record, selected) in enumerate(zip(self.records, used, strict=True)):
+            places, weights = self.number_indices(k), record.weights[selected]
+            values, number_slopes = with_slopes(record, (scaled * self.scales)[places], self.scales[places])
             rows = np.zeros((weights.size, scaled.size))
-            rows[:, places] = steep[selected] * weights[:, None] * self.scales[places]
-            residuals.append((values[selected] - asked.measured[selected]) * weights)
+            rows[:, places] = number_slopes[selected] * weights[:, None] * self.scales[places]
+            residuals.append((values[selected] - record.measured[selected]) * weights)
             slopes.append(rows)
         return np.concatenate(residuals), np.concatenate(slopes)
 
     def squares(self, scaled: Floats, share: float) -> Floats:
         """Return what is made small at many starts, over a share of the time; infinite if a run ends before."""
         sums = np.zeros(len(scaled))
-        for k, asked in enumerate(self.records):
-            places = self.places(k)
-            rows = asked.computed(scaled[:, places] * self.scales[places], whole=False)
-            residuals = ((rows - asked.measured) * asked.weights)[:, asked.within(share)]
+        for k, record in enumerate(self.records):
+            places = self.number_indices(k)
+            rows = record.computed(scaled[:, places] * self.scales[places], require_all=False)
+            residuals = ((rows - record.measured) * record.weights)[:, record.in_first_share(share)]
             sums += np.sum(self.loss.sizes(residuals), axis=1)
         return np.where(np.isfinite(sums), sums, np.inf)
 
-    def tested(self, search: Search) -> Tested:
+    def residual_tests(self, search: Search) -> ResidualTests:
         """Test the residuals at the end of a search; of a robust loss, those that are no outliers."""
         rows, measured = list[Floats](), list[Floats]()
         residual = search.residual
-        for asked, ends in zip(self.records, np.cumsum([asked.measured.size for asked in self.records]), strict=True):
-            size = asked.measured.size
-            part, order = residual[ends - size : ends], np.argsort(asked.data.times, kind="stable")
+        for record, ends in zip(
+            self.records, np.cumsum([record.measured.size for record in self.records]), strict=True
+        ):
+            size = record.measured.size
+            part, order = residual[ends - size : ends], np.argsort(record.data.times, kind="stable")
             for row, values in zip(
-                np.split(part / asked.weights, len(asked.quantities)),
-                np.split(asked.measured, len(asked.quantities)),
+                np.split(part / record.weights, len(record.quantities)),
+                np.split(record.measured, len(record.quantities)),
                 strict=True,
             ):
                 rows.append(row[order])
                 measured.append(values)
-        good = residual[~self.outlying(residual)]
-        return tested(float(good @ good), good.size - search.end.size, rows, measured, known=self.told)
+        good_residuals = residual[~self.outlying(residual)]
+        return judge_residuals(
+            float(good_residuals @ good_residuals),
+            good_residuals.size - search.end.size,
+            rows,
+            measured,
+            has_uncertainties=self.has_uncertainties,
+        )
 
     def outlying(self, residual: Floats) -> NDArray[np.bool_]:
         """Return which weighted residuals are outliers: of a robust loss, over three standard deviations."""
@@ -325,12 +340,12 @@ class Fitting:
         return outlying & (self.loss.name != "linear")
 
 
-def with_slopes(asked: Asked, values: Floats, scales: Floats) -> tuple[Floats, Floats]:
+def with_slopes(record: FitRecord, values: Floats, scales: Floats) -> tuple[Floats, Floats]:
     """Return what the model computes, and its slopes by every parameter, shape (measured values, n)."""
     n = len(values)
     rows = np.tile(values, (1 + n * len(SIDES), 1))
     for i in range(n):
         rows[1 + i * len(SIDES) : 1 + (i + 1) * len(SIDES), i] += SHIFT * scales[i] * SIDES
-    computed = asked.computed(rows)
+    computed = record.computed(rows)
     shifted = computed[1:].reshape(n, len(SIDES), -1)
     return computed[0], np.stack([WEIGHTS @ shifted[i] / (SHIFT * scales[i]) for i in range(n)], axis=1)

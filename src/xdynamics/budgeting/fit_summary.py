@@ -19,19 +19,19 @@ OUTLIER = "outlier_"
 STRONG = 0.9  # correlations above this are reported
 
 
-def lines_of(fit: xr.Dataset) -> Iterator[str]:
+def fit_lines(fit: xr.Dataset) -> Iterator[str]:
     """Summarise estimates, their uncertainties, the quality of the fit, and strong correlations."""
     units = fit["parameter_units"].values.astype(str).tolist()
-    names = [f"{name} of {record}" if record else name for name, record in named(fit)]
+    names = [f"{name} of {record}" if record else name for name, record in parameter_names(fit)]
     for i, name in enumerate(names):
         value, uncertainty = float(fit["estimate"][i]), float(fit["standard_uncertainty"][i])
         unit = "" if units[i] == "1" else f" {units[i]}"
         bound = "; on its bound, and no more sure than that" if int(fit["at_bound"][i]) else ""
         yield (f"{name:<9} {with_uncertainty(value, uncertainty)}{unit} (one standard uncertainty){bound}")
-    yield from _intervals(fit, names, units)
+    yield from _interval_lines(fit, names, units)
     square, freedom = float(fit.attrs["chi_square"]), int(fit.attrs["degrees_of_freedom"])
     if isfinite(square):
-        yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_judged(square, freedom)}"
+        yield f"fit       chi-square {square:.4g} for {freedom} degrees of freedom; {_chi_square_text(square, freedom)}"
     else:
         yield (
             f"fit       residuals of {float(fit.attrs['residual_variance']) ** 0.5:.3g}{_common_unit(fit)}, by which the uncertainties"
@@ -45,8 +45,10 @@ def lines_of(fit: xr.Dataset) -> Iterator[str]:
             f" {fit.attrs['adequate_text']}{f'; fewer changes of sign have the probability {runs:.2g}' if isfinite(runs) else ''}"
         )
     if outliers := [name for name in fit.data_vars if str(name).startswith(OUTLIER) and (fit[name] == 1).any()]:
-        said = ", ".join(f"{int((fit[name] == 1).sum())} of {str(name).removeprefix(OUTLIER)}" for name in outliers)
-        yield f"outliers  {said}, over three standard deviations off, which count less"
+        outlier_text = ", ".join(
+            f"{int((fit[name] == 1).sum())} of {str(name).removeprefix(OUTLIER)}" for name in outliers
+        )
+        yield f"outliers  {outlier_text}, over three standard deviations off, which count less"
     if "start" in fit.dims and fit.sizes["start"] > 1:
         best = int(np.argmin(fit["start_square"].values))
         yield (f"searches  {fit.sizes['start']}, the best of them number {best + 1}: {fit['start_rule'].values[best]}")
@@ -63,40 +65,42 @@ def lines_of(fit: xr.Dataset) -> Iterator[str]:
 
 def _common_unit(fit: xr.Dataset) -> str:
     """Return the unit of what was fitted, if all of it has one."""
-    units = {str(item.attrs["units"]) for name, item in fit.data_vars.items() if str(name).startswith("residual_")}
+    units = {
+        str(variable.attrs["units"]) for name, variable in fit.data_vars.items() if str(name).startswith("residual_")
+    }
     return unit_suffix(*units) if len(units) == 1 else ""
 
 
-def named(fit: xr.Dataset) -> list[tuple[str, str]]:
+def parameter_names(fit: xr.Dataset) -> list[tuple[str, str]]:
     """Return the names of what was found, each with the record whose own it is; empty if all share it."""
     names = fit["parameter_name"].values.astype(str).tolist()
     records = fit["parameter_record"].values.astype(str).tolist() if "parameter_record" in fit else [""] * len(names)
     return list(zip(names, records, strict=True))
 
 
-def _intervals(fit: xr.Dataset, names: Sequence[str], units: Sequence[str]) -> Iterator[str]:
+def _interval_lines(fit: xr.Dataset, names: Sequence[str], units: Sequence[str]) -> Iterator[str]:
     """Say intervals where they are not what one standard uncertainty says: of profiles, of few values."""
     profile = fit.attrs.get("intervals") == "profile"
-    few = not isfinite(float(fit.attrs["chi_square"])) and int(fit.attrs["degrees_of_freedom"]) < FEW
-    if "interval" not in fit or not (profile or few):
+    has_few_values = not isfinite(float(fit.attrs["chi_square"])) and int(fit.attrs["degrees_of_freedom"]) < FEW
+    if "interval" not in fit or not (profile or has_few_values):
         return
-    how = "by the profile of the sum of squares" if profile else "by Student's t"
+    method_text = "by the profile of the sum of squares" if profile else "by Student's t"
     for name, unit, (low, high), deviation in zip(
         names, units, fit["interval"].values, fit["standard_uncertainty"].values, strict=True
     ):
         ends = " to ".join(known_to(end, deviation / 10.0) if isfinite(end) else "no end" for end in (low, high))
-        yield f"interval  {name}: {ends}{'' if unit == '1' else f' {unit}'}, {float(fit.attrs['coverage']):g} {how}"
+        yield f"interval  {name}: {ends}{'' if unit == '1' else f' {unit}'}, {float(fit.attrs['coverage']):g} {method_text}"
 
 
-def _judged(square: float, freedom: int) -> str:
+def _chi_square_text(square: float, freedom: int) -> str:
     from scipy.stats import chi2
 
-    above = float(chi2.sf(square, freedom))
-    if above < 1e-3:
-        return f"the model or the uncertainties are not right (a larger one has the probability {above:.1g})"
-    if above > 1.0 - 1e-3:
-        return f"the uncertainties are larger than the residuals (a smaller one has the probability {1.0 - above:.1g})"
-    return f"a larger one has the probability {np.round(above, 3):g}"
+    tail_probability = float(chi2.sf(square, freedom))
+    if tail_probability < 1e-3:
+        return f"the model or the uncertainties are not right (a larger one has the probability {tail_probability:.1g})"
+    if tail_probability > 1.0 - 1e-3:
+        return f"the uncertainties are larger than the residuals (a smaller one has the probability {1.0 - tail_probability:.1g})"
+    return f"a larger one has the probability {np.round(tail_probability, 3):g}"
 
 
-SUMMARIES = {"fit": lines_of}
+SUMMARIES = {"fit": fit_lines}

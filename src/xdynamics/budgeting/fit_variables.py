@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.budgeting.fit_problem import SHARED, Fitting
-from xdynamics.budgeting.fit_records import record_of
+from xdynamics.budgeting.fit_records import owner_record
 from xdynamics.budgeting.losses import LINEAR
 from xdynamics.budgeting.multistart import Search
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.model import Model
 from xdynamics.schema import AT, AT_TIME, BOUNDS
 
@@ -64,103 +64,121 @@ class Estimates(Protocol):
         """Ends of intervals, shape (n, 2)."""
 
 
-def estimates_as(problem: Fitting, best: Search, found: Estimates, coverage: float) -> dict[str, Any]:
+def estimate_variables(problem: Fitting, best: Search, estimates: Estimates, coverage: float) -> dict[str, Any]:
     """Return the estimates with their uncertainties and correlations as variables."""
     numbers = problem.numbers
-    units = [record_of(problem.records, number).declared(number.name).unit.text for number in numbers]
+    units = [owner_record(problem.records, number).declared(number.name).unit.text for number in numbers]
     interval = f"interval that holds the true value with a probability of {coverage:g}, in parameter_units"
     variables = {
         "parameter_name": (
             (PARAMETER,),
             np.array([number.name for number in numbers]),
-            about("1", "name of the fitted parameter or initial value", "name"),
+            variable_attributes("1", "name of the fitted parameter or initial value", "name"),
         ),
         "parameter_units": (
             (PARAMETER,),
             np.array(units),
-            about("1", "unit of the estimate and its uncertainty", "units"),
+            variable_attributes("1", "unit of the estimate and its uncertainty", "units"),
         ),
-        "estimate": ((PARAMETER,), found.values, about("1", "value that fits best, in parameter_units", ROLE)),
+        "estimate": (
+            (PARAMETER,),
+            estimates.values,
+            variable_attributes("1", "value that fits best, in parameter_units", ROLE),
+        ),
         "standard_uncertainty": (
             (PARAMETER,),
-            found.deviations,
-            about("1", "standard uncertainty of the estimate, in parameter_units", ROLE),
+            estimates.deviations,
+            variable_attributes("1", "standard uncertainty of the estimate, in parameter_units", ROLE),
         ),
-        "interval": ((PARAMETER, BOUNDS), found.intervals, about("1", interval, ROLE) | {"coverage": coverage}),
+        "interval": (
+            (PARAMETER, BOUNDS),
+            estimates.intervals,
+            variable_attributes("1", interval, ROLE) | {"coverage": coverage},
+        ),
         "at_bound": (
             (PARAMETER,),
             best.bounded.astype(np.int8),
-            about("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE),
+            variable_attributes("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE),
         ),
-        "correlation": ((PARAMETER, OTHER), found.correlation, about("1", "correlation of the estimates", ROLE)),
+        "correlation": (
+            (PARAMETER, OTHER),
+            estimates.correlation,
+            variable_attributes("1", "correlation of the estimates", ROLE),
+        ),
     }
     if len(problem.records) > 1:
         owners = ["" if number.record == SHARED else problem.records[number.record].label for number in numbers]
         variables["parameter_record"] = (
             (PARAMETER,),
             np.array(owners),
-            about("1", "record that has the number for itself; empty where all share it", "name"),
+            variable_attributes("1", "record that has the number for itself; empty where all share it", "name"),
         )
     return variables
 
 
-def records_as(problem: Fitting, fitted: Sequence[Model]) -> dict[str, Any]:
+def record_variables(problem: Fitting, fitted: Sequence[Model]) -> dict[str, Any]:
     """Return the times of all records, which record each is of, and the fitted models as variables."""
     records = problem.records
-    texts, said = (
+    texts, model_description = (
         [model.to_toml() for model in fitted],
         "the fitted model as TOML, with the uncertainties and correlations of the fit",
     )
-    times = np.concatenate([asked.data.times for asked in records])
+    times = np.concatenate([record.data.times for record in records])
     variables: dict[str, Any] = {
-        AT_TIME: ((AT,), times, about(records[0].model.time_unit.text, "time of measurement", "time")),
+        AT_TIME: ((AT,), times, variable_attributes(records[0].model.time_unit.text, "time of measurement", "time")),
         "model_toml": (
             (RECORD,) if len(texts) > 1 else (),
             np.array(texts if len(texts) > 1 else texts[0]),
-            about("1", said, "model"),
+            variable_attributes("1", model_description, "model"),
         ),
     }
     if len(records) > 1:
-        which = np.repeat(np.arange(len(records)), [asked.data.times.size for asked in records])
+        record_indices = np.repeat(np.arange(len(records)), [record.data.times.size for record in records])
         variables["record_name"] = (
             (RECORD,),
-            np.array([asked.label for asked in records]),
-            about("1", "name of the record", "name"),
+            np.array([record.label for record in records]),
+            variable_attributes("1", "name of the record", "name"),
         )
-        variables["at_record"] = ((AT,), which, about("1", "record that a measurement is of, from 0", "index"))
-    if any(asked.data.occurrences.size for asked in records):
+        variables["at_record"] = (
+            (AT,),
+            record_indices,
+            variable_attributes("1", "record that a measurement is of, from 0", "index"),
+        )
+    if any(record.data.occurrences.size for record in records):
         numbers = [
-            asked.data.occurrences if asked.data.occurrences.size else np.zeros(asked.data.times.size, int)
-            for asked in records
+            record.data.occurrences if record.data.occurrences.size else np.zeros(record.data.times.size, int)
+            for record in records
         ]
         variables["at_occurrence"] = (
             (AT,),
             np.concatenate(numbers),
-            about("1", "which occurrence of its event was timed, from 1; 0 where a value was measured", "index"),
+            variable_attributes(
+                "1", "which occurrence of its event was timed, from 1; 0 where a value was measured", "index"
+            ),
         )
     return variables
 
 
-def residuals_as(problem: Fitting, residual: Floats, bands: Bands) -> dict[str, Any]:
+def residual_variables(problem: Fitting, residual: Floats, bands: Bands) -> dict[str, Any]:
     """Return what was measured, what the fitted model has there with its uncertainties, and the difference, as variables.
 
     Where there are several records, a quantity that one of them has not is nan along its rows.
     """
     variables: dict[str, Any] = {}
-    rows = sum(asked.data.times.size for asked in problem.records)
+    rows = sum(record.data.times.size for record in problem.records)
     outlying = problem.outlying(residual)
-    first, place = 0, 0
-    for asked in problem.records:
-        n, observed, weights = asked.data.times.size, asked.measured, asked.weights
-        for k, (name, unit) in enumerate(asked.quantities.items()):
-            part, whole = slice(k * n, (k + 1) * n), slice(place + k * n, place + (k + 1) * n)
-            difference = -residual[whole] / weights[part]
+    first, value_offset = 0, 0
+    for record in problem.records:
+        n, observed, weights = record.data.times.size, record.measured, record.weights
+        for k, (name, unit) in enumerate(record.quantities.items()):
+            part, all_rows = slice(k * n, (k + 1) * n), slice(value_offset + k * n, value_offset + (k + 1) * n)
+            difference = -residual[all_rows] / weights[part]
             columns = {
                 f"measured_{name}": (observed[part], f"{name} as measured", "measured"),
                 name: (observed[part] - difference, f"{name} as the fitted model has it", "computed"),
                 f"residual_{name}": (difference, f"{name}, measured minus computed", "residual"),
             }
-            for word, row, said in (
+            for word, row, description in (
                 (
                     "fitted",
                     bands.fitted,
@@ -168,43 +186,45 @@ def residuals_as(problem: Fitting, residual: Floats, bands: Bands) -> dict[str, 
                 ),
                 ("predicted", bands.predicted, f"standard uncertainty of one more measurement of {name} there"),
             ):
-                columns[f"{word}_uncertainty_{name}"] = (row[whole] / weights[part], said, "uncertainty")
-            if problem.told:
-                said = f"standard uncertainty of {name} as measured"
-                columns[f"measured_uncertainty_{name}"] = (1.0 / weights[part], said, "uncertainty")
+                columns[f"{word}_uncertainty_{name}"] = (row[all_rows] / weights[part], description, "uncertainty")
+            if problem.has_uncertainties:
+                description = f"standard uncertainty of {name} as measured"
+                columns[f"measured_uncertainty_{name}"] = (1.0 / weights[part], description, "uncertainty")
             if problem.loss.name != LINEAR:
-                said = f"1 where {name} is off by over three standard deviations, and counts less"
-                columns[f"outlier_{name}"] = (outlying[whole].astype(float), said, ROLE)
+                description = f"1 where {name} is off by over three standard deviations, and counts less"
+                columns[f"outlier_{name}"] = (outlying[all_rows].astype(float), description, ROLE)
             for key, (values, about_it, role) in columns.items():
                 units = "1" if key.startswith("outlier_") else unit.text
-                column = variables.setdefault(key, ((AT,), np.full(rows, np.nan), about(units, about_it, role)))
+                column = variables.setdefault(
+                    key, ((AT,), np.full(rows, np.nan), variable_attributes(units, about_it, role))
+                )
                 column[1][first : first + n] = values
-        first, place = first + n, place + observed.size
+        first, value_offset = first + n, value_offset + observed.size
     return variables
 
 
-def searches_as(results: list[Search], scales: Floats) -> dict[str, Any]:
+def search_variables(searches: list[Search], scales: Floats) -> dict[str, Any]:
     """Return all searches as variables."""
     return {
         "start_rule": (
             (START,),
-            np.array([search.rule for search in results]),
-            about("1", "how the starting point of the search was chosen", "rule"),
+            np.array([search.rule for search in searches]),
+            variable_attributes("1", "how the starting point of the search was chosen", "rule"),
         ),
         "start_value": (
             (START, PARAMETER),
-            np.array([search.start * scales for search in results]),
-            about("1", "starting values of the search, in parameter_units", ROLE),
+            np.array([search.start * scales for search in searches]),
+            variable_attributes("1", "starting values of the search, in parameter_units", ROLE),
         ),
         "start_estimate": (
             (START, PARAMETER),
-            np.array([search.end * scales for search in results]),
-            about("1", "values at which the search ended, in parameter_units", ROLE),
+            np.array([search.end * scales for search in searches]),
+            variable_attributes("1", "values at which the search ended, in parameter_units", ROLE),
         ),
         "start_square": (
             (START,),
-            np.array([search.square for search in results]),
-            about(
+            np.array([search.square for search in searches]),
+            variable_attributes(
                 "1",
                 "weighted sum of squared residuals at the end of the search; infinite where a run did not reach all times",
                 ROLE,
@@ -212,7 +232,7 @@ def searches_as(results: list[Search], scales: Floats) -> dict[str, Any]:
         ),
         "start_converged": (
             (START,),
-            np.array([search.converged for search in results], np.int8),
-            about("1", "1 where the search converged", ROLE),
+            np.array([search.converged for search in searches], np.int8),
+            variable_attributes("1", "1 where the search converged", ROLE),
         ),
     }

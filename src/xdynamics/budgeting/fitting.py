@@ -10,19 +10,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.fit_intervals import COVARIANCE, PROFILE, intervals_as, profiles, quantile
-from xdynamics.budgeting.fit_problem import Asked, Fitting
-from xdynamics.budgeting.fit_records import bounds_of, labelled, record_of, records_of, scales_of, with_offsets
-from xdynamics.budgeting.fit_variables import Bands, estimates_as, records_as, residuals_as, searches_as
-from xdynamics.budgeting.losses import LINEAR, loss_named, spread_of
-from xdynamics.budgeting.multistart import Search, search, searches
-from xdynamics.budgeting.residuals import Tested
-from xdynamics.evidence.evidence_dataset import exhibit
+from xdynamics.budgeting.fit_intervals import COVARIANCE, PROFILE, intervals_as, profile_intervals, quantile
+from xdynamics.budgeting.fit_problem import FitRecord, Fitting
+from xdynamics.budgeting.fit_records import (
+    fit_bounds,
+    number_label,
+    number_scales,
+    owner_record,
+    records_of,
+    starts_with_offsets,
+)
+from xdynamics.budgeting.fit_variables import (
+    Bands,
+    estimate_variables,
+    record_variables,
+    residual_variables,
+    search_variables,
+)
+from xdynamics.budgeting.losses import LINEAR, loss_by_name, residual_spread
+from xdynamics.budgeting.multistart import Search, search_from_start, searches
+from xdynamics.budgeting.residuals import ResidualTests
+from xdynamics.evidence.evidence_dataset import evidence_dataset
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.model import Model
 from xdynamics.model.parts import Fitted, Parameter
 from xdynamics.model.uncertainty import STUDENT, Spread
-from xdynamics.sweeping.sweep import plain
+from xdynamics.sweeping.sweep import json_value
 from xdynamics.units import Quantity
 
 if TYPE_CHECKING:
@@ -31,7 +44,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 STARTS = 8  # most searches
-ALIKE = 1e-8  # ratio to the largest singular value below which columns are dependent
+DEPENDENT_RATIO = 1e-8  # ratio to the largest singular value below which columns are dependent
 FEW = 30  # degrees of freedom, below which a variance that residuals tell makes Student's t of estimates
 RESCALED = 20  # most searches after which the spread of good residuals does not change any more
 
@@ -141,41 +154,43 @@ def fit(
             " its model_toml to stages with compute=False"
         )
     _check_choices(starts, seed, loss, intervals, coverage)
-    march = {name: plain(name, entry) for name, entry in settings.items() if entry is not None}
+    march = {name: json_value(name, entry) for name, entry in settings.items() if entry is not None}
     records, numbers = records_of(model, data, parameters, own, gaps, reading, march)
-    start = np.array([record_of(records, number).declared(number.name).value for number in numbers])
-    low, high = bounds_of(records, numbers, bounds or {})
-    start = np.clip(with_offsets(records, numbers, start, low, high), low, high)
-    scales = scales_of(records, numbers, start, low, high)
+    start = np.array([owner_record(records, number).declared(number.name).value for number in numbers])
+    low, high = fit_bounds(records, numbers, bounds or {})
+    start = np.clip(starts_with_offsets(records, numbers, start, low, high), low, high)
+    scales = number_scales(records, numbers, start, low, high)
     problem = Fitting(records, numbers, scales)
-    if problem.told:
-        problem = replace(problem, loss=loss_named(loss))
-    results = _until_adequate(problem, searches(problem, start / scales, low / scales, high / scales, starts, seed))
-    best = min(results, key=lambda entry: entry.square)
+    if problem.has_uncertainties:
+        problem = replace(problem, loss=loss_by_name(loss))
+    search_results = _until_adequate(
+        problem, searches(problem, start / scales, low / scales, high / scales, starts, seed)
+    )
+    best = min(search_results, key=lambda entry: entry.square)
     if not np.isfinite(best.square):
-        raise InputError(results[0].stopped)
+        raise InputError(search_results[0].stopped)
     if loss != problem.loss.name:
-        problem, best = _rescaled(problem, best, loss, low / scales, high / scales)
-    test = problem.tested(best)
+        problem, best = _search_robust(problem, best, loss, low / scales, high / scales)
+    test = problem.residual_tests(best)
     choice = Choice(intervals, coverage, low / scales, high / scales, seed)
-    evidence = _dataset(problem, results, best, test, choice)
+    evidence = _fit_dataset(problem, search_results, best, test, choice)
     if not (test.adequate and best.converged):
         name = records[0].model.name
         reason = test.text if not test.adequate else f"the search did not come to an end: {best.stopped}"
-        warn(f"the fit of '{name}' to {_named(problem)} is not adequate: {reason}", AccuracyWarning)
+        warn(f"the fit of '{name}' to {_data_names(problem)} is not adequate: {reason}", AccuracyWarning)
     return evidence
 
 
-def _until_adequate(problem: Fitting, tried: Iterable[Search]) -> list[Search]:
+def _until_adequate(problem: Fitting, search_iterator: Iterable[Search]) -> list[Search]:
     """Return the searches up to the first one whose residuals are no more than noise."""
-    results: list[Search] = []
-    for entry in tried:
-        results.append(entry)
-        if entry.converged and len(results) == 1:
+    search_results: list[Search] = []
+    for entry in search_iterator:
+        search_results.append(entry)
+        if entry.converged and len(search_results) == 1:
             _covariance(problem, entry.slopes)  # raises for indeterminate parameters before searching on
-        if entry.converged and problem.tested(entry).adequate:
+        if entry.converged and problem.residual_tests(entry).adequate:
             break
-    return results
+    return search_results
 
 
 def _check_choices(starts: Any, seed: Any, loss: str, intervals: str, coverage: Any) -> None:
@@ -187,27 +202,27 @@ def _check_choices(starts: Any, seed: Any, loss: str, intervals: str, coverage: 
         raise InputError(f"intervals is {intervals!r}; there are {COVARIANCE}, {PROFILE}")
     if not isinstance(coverage, int | float) or isinstance(coverage, bool) or not 0.0 < coverage < 1.0:
         raise InputError(f"coverage is {coverage!r}, needs a probability between 0 and 1, like 0.95")
-    if loss_named(loss).name != LINEAR and intervals == PROFILE:
+    if loss_by_name(loss).name != LINEAR and intervals == PROFILE:
         raise InputError(
             f"loss is '{loss}' and intervals '{PROFILE}': a robust loss is no sum of squares whose profile is known; leave"
             " one of them out"
         )
 
 
-def _rescaled(problem: Fitting, best: Search, loss: str, low: Floats, high: Floats) -> tuple[Fitting, Search]:
+def _search_robust(problem: Fitting, best: Search, loss: str, low: Floats, high: Floats) -> tuple[Fitting, Search]:
     """Search on with a robust loss, whose scale is what good residuals tell, until it does not change."""
-    robust = loss_named(loss)
+    robust = loss_by_name(loss)
     for _ in range(RESCALED):
-        spread = spread_of(best.residual)
+        spread = residual_spread(best.residual)
         if not spread > 0.0 or abs(spread / problem.loss.spread - 1.0) < 1e-4:
             break
         problem = replace(problem, loss=replace(robust, spread=spread))
-        best = search(problem, best.rule, best.end, low, high)
+        best = search_from_start(problem, best.rule, best.end, low, high)
     return problem, best
 
 
-def _named(problem: Fitting) -> str:
-    return ", ".join(asked.data.name for asked in problem.records)
+def _data_names(problem: Fitting) -> str:
+    return ", ".join(record.data.name for record in problem.records)
 
 
 @dataclass(frozen=True)
@@ -222,7 +237,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Found:
+class FitEstimates:
     """What a search found, in the units of the numbers."""
 
     values: Floats
@@ -234,38 +249,46 @@ class Found:
     bands: Bands
 
 
-def _found(problem: Fitting, best: Search, choice: Choice) -> Found:
+def _estimates_of(problem: Fitting, best: Search, choice: Choice) -> FitEstimates:
     scales, freedom = problem.scales, best.residual.size - best.end.size
     covariance, condition = _covariance(problem, best.slopes)
-    if not problem.told or problem.loss.name != LINEAR:
+    if not problem.has_uncertainties or problem.loss.name != LINEAR:
         covariance = covariance * problem.loss.variance(best.residual, best.end.size)
     scaled = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scaled, scaled) if (scaled > 0).all() else np.eye(scaled.size)
-    half = quantile(choice.coverage, freedom, known=problem.told)
+    half = quantile(choice.coverage, freedom, has_uncertainties=problem.has_uncertainties)
     ends = intervals_as(best.end, scaled, half)
     if choice.intervals == PROFILE and (scaled > 0).all():
-        variance = 1.0 if problem.told else best.square / freedom
-        ends = profiles(problem, best, choice.low, choice.high, scaled, half**2 * variance, half)
-    of_rows = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", best.slopes, covariance, best.slopes)))
-    noise = 1.0 if problem.told else np.sqrt(best.square / freedom)
-    bands = Bands(of_rows, np.hypot(of_rows, noise), half)
-    return Found(best.end * scales, scaled * scales, correlation, ends * scales[:, None], condition, freedom, bands)
+        variance = 1.0 if problem.has_uncertainties else best.square / freedom
+        ends = profile_intervals(problem, best, choice.low, choice.high, scaled, half**2 * variance, half)
+    row_deviations = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", best.slopes, covariance, best.slopes)))
+    noise = 1.0 if problem.has_uncertainties else np.sqrt(best.square / freedom)
+    bands = Bands(row_deviations, np.hypot(row_deviations, noise), half)
+    return FitEstimates(
+        best.end * scales, scaled * scales, correlation, ends * scales[:, None], condition, freedom, bands
+    )
 
 
-def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested, choice: Choice) -> xr.Dataset:
-    found, first = _found(problem, best, choice), problem.records[0]
-    good = best.residual[~problem.outlying(best.residual)]
-    square, freedom = float(good @ good), good.size - best.end.size
-    fitted = _fitted_models(problem, found, test)
-    variables: dict[str, Any] = estimates_as(problem, best, found, choice.coverage) | records_as(problem, fitted)
-    variables |= residuals_as(problem, best.residual, found.bands) | searches_as(results, problem.scales)
+def _fit_dataset(
+    problem: Fitting, search_results: list[Search], best: Search, test: ResidualTests, choice: Choice
+) -> xr.Dataset:
+    estimates, first = _estimates_of(problem, best, choice), problem.records[0]
+    good_residuals = best.residual[~problem.outlying(best.residual)]
+    square, freedom = float(good_residuals @ good_residuals), good_residuals.size - best.end.size
+    fitted = _fitted_models(problem, estimates, test)
+    variables: dict[str, Any] = estimate_variables(problem, best, estimates, choice.coverage) | record_variables(
+        problem, fitted
+    )
+    variables |= residual_variables(problem, best.residual, estimates.bands) | search_variables(
+        search_results, problem.scales
+    )
     attributes = {
-        "data": _named(problem),
-        "chi_square": square if problem.told else float("nan"),
+        "data": _data_names(problem),
+        "chi_square": square if problem.has_uncertainties else float("nan"),
         "degrees_of_freedom": freedom,
         "residual_variance": square / freedom,
-        "condition": found.condition,
-        "evaluations": sum(search.evaluations for search in results),
+        "condition": estimates.condition,
+        "evaluations": sum(search.evaluations for search in search_results),
         "stopped": best.stopped,
         "converged": int(best.converged),
         "chi_square_probability": test.chi_square_probability,
@@ -276,13 +299,13 @@ def _dataset(problem: Fitting, results: list[Search], best: Search, test: Tested
         "loss": problem.loss.name,
         "intervals": choice.intervals,
         "coverage": choice.coverage,
-        "half_width": found.bands.half,
+        "half_width": estimates.bands.half,
         "asked": json.dumps(first.settings, sort_keys=True),
         "model_digest": first.model.digest,
         "fitted_digest": fitted[0].digest,
     }
-    title = f"{first.model.name}, fitted to {_named(problem)}"
-    return exhibit("fit", title, [], variables, attributes, shapes=first.model.shapes)
+    title = f"{first.model.name}, fitted to {_data_names(problem)}"
+    return evidence_dataset("fit", title, [], variables, attributes, shapes=first.model.shapes)
 
 
 def _covariance(problem: Fitting, slopes: Floats) -> tuple[Floats, float]:
@@ -294,69 +317,78 @@ def _covariance(problem: Fitting, slopes: Floats) -> tuple[Floats, float]:
         If the data do not determine some parameters; they are named.
     """
     sizes = np.sqrt((slopes**2).sum(axis=0))
-    names = [labelled(problem.records, number) for number in problem.numbers]
-    if idle := [name for name, size in zip(names, sizes, strict=True) if not size > 0.0]:
-        raise InputError(f"the data do not change with '{idle[0]}': it cannot be fitted to them; fix it")
+    names = [number_label(problem.records, number) for number in problem.numbers]
+    if idle_names := [name for name, size in zip(names, sizes, strict=True) if not size > 0.0]:
+        raise InputError(f"the data do not change with '{idle_names[0]}': it cannot be fitted to them; fix it")
     _, singular, vectors = np.linalg.svd(slopes / sizes, full_matrices=False)
-    if singular[-1] <= ALIKE * singular[0]:
-        mixed = [name for name, part in zip(names, np.abs(vectors[-1]), strict=True) if part > 0.1]
-        raise InputError(f"the data do not tell {' and '.join(mixed)} apart: only a combination of them; fix one")
+    if singular[-1] <= DEPENDENT_RATIO * singular[0]:
+        mixed_names = [name for name, part in zip(names, np.abs(vectors[-1]), strict=True) if part > 0.1]
+        raise InputError(f"the data do not tell {' and '.join(mixed_names)} apart: only a combination of them; fix one")
     inverse = (vectors.T / singular**2) @ vectors
     return inverse / np.outer(sizes, sizes), float(singular[0] / singular[-1])
 
 
-def _fitted_models(problem: Fitting, found: Found, test: Tested) -> list[Model]:
+def _fitted_models(problem: Fitting, estimates: FitEstimates, test: ResidualTests) -> list[Model]:
     """Return the fitted model, or one for each record where they differ."""
-    freedom = None if problem.told or len(problem.numbers) > 1 else found.freedom  # correlated numbers are normal ones
+    freedom = (
+        None if problem.has_uncertainties or len(problem.numbers) > 1 else estimates.freedom
+    )  # correlated numbers are normal ones
     models = []
-    for k, asked in enumerate(problem.records):
-        places = problem.places(k)
-        correlation = found.correlation[np.ix_(places, places)]
-        models.append(_fitted(asked, found.values[places], found.deviations[places], correlation, test, freedom))
-    alike = len({asked.model.digest for asked in problem.records}) == 1 and len(problem.places(0)) == len(
+    for k, record in enumerate(problem.records):
+        places = problem.number_indices(k)
+        correlation = estimates.correlation[np.ix_(places, places)]
+        models.append(
+            _fitted_model(record, estimates.values[places], estimates.deviations[places], correlation, test, freedom)
+        )
+    is_shared = len({record.model.digest for record in problem.records}) == 1 and len(problem.number_indices(0)) == len(
         problem.numbers
     )
-    if alike and len(models) > 1:
-        mark = Fitted(_named(problem).replace("'", ""), test.adequate, test.text)
+    if is_shared and len(models) > 1:
+        mark = Fitted(_data_names(problem).replace("'", ""), test.adequate, test.text)
         return [models[0].with_statement(replace(models[0].statement, fit=mark))]
     return models
 
 
-def _fitted(
-    asked: Asked, values: Floats, deviations: Floats, correlation: Floats, test: Tested, freedom: int | None = None
+def _fitted_model(
+    record: FitRecord,
+    values: Floats,
+    deviations: Floats,
+    correlation: Floats,
+    test: ResidualTests,
+    freedom: int | None = None,
 ) -> Model:
     """Return the model with the estimates, their uncertainties and correlations; one number of few degrees of freedom is Student's t."""
-    statement = asked.model.statement
+    statement = record.model.statement
     parameters, starts, initial = dict(statement.parameters), dict(statement.starts), dict(statement.initial)
-    for i, name in enumerate(asked.names):
-        if asked.is_offset(name):  # of the record's clock, not of the model
+    for i, name in enumerate(record.names):
+        if record.is_offset(name):  # of the record's clock, not of the model
             continue
-        unit = asked.declared(name).unit
+        unit = record.declared(name).unit
         declared = parameters.get(name) or starts.get(name)
         entry = Parameter(
             Quantity(float(values[i]), unit),
-            _spread(Quantity(float(deviations[i]), unit), freedom),
+            _estimate_spread(Quantity(float(deviations[i]), unit), freedom),
             declared.description if declared else "",
         )
         if name in parameters:
             parameters[name] = entry
         else:
             starts[name], initial[name] = entry, entry.quantity
-    correlations = {pair: entry for pair, entry in statement.correlations.items() if not {*pair} & {*asked.names}}
-    uncertain = [i for i, name in enumerate(asked.names) if deviations[i] > 0.0 and not asked.is_offset(name)]
-    for i in uncertain:
-        for j in uncertain:
+    correlations = {pair: entry for pair, entry in statement.correlations.items() if not {*pair} & {*record.names}}
+    uncertain_indices = [i for i, name in enumerate(record.names) if deviations[i] > 0.0 and not record.is_offset(name)]
+    for i in uncertain_indices:
+        for j in uncertain_indices:
             if i < j:
-                correlations[asked.names[i], asked.names[j]] = float(np.clip(correlation[i, j], -1.0, 1.0))
-    mark = Fitted(asked.data.name.replace("'", ""), test.adequate, test.text)
-    at_rest = tuple(name for name in statement.at_rest if name not in asked.names)
+                correlations[record.names[i], record.names[j]] = float(np.clip(correlation[i, j], -1.0, 1.0))
+    mark = Fitted(record.data.name.replace("'", ""), test.adequate, test.text)
+    at_rest = tuple(name for name in statement.at_rest if name not in record.names)
     numbers: dict[str, Any] = {"parameters": parameters, "starts": starts, "initial": initial, "at_rest": at_rest}
-    return asked.model.with_statement(replace(statement, **numbers, correlations=correlations, fit=mark))
+    return record.model.with_statement(replace(statement, **numbers, correlations=correlations, fit=mark))
 
 
-def _spread(standard: Quantity, freedom: int | None) -> Spread:
+def _estimate_spread(standard: Quantity, freedom: int | None) -> Spread:
     """Return how an estimate is distributed; the standard deviation of Student's t is over that of its scale."""
     if freedom is None or not 2 < freedom < FEW or not standard.value > 0.0:
         return Spread(standard)
-    wider = Quantity(standard.value * (freedom / (freedom - 2.0)) ** 0.5, standard.unit)
-    return Spread(wider, STUDENT, degrees_of_freedom=float(freedom))
+    student_deviation = Quantity(standard.value * (freedom / (freedom - 2.0)) ** 0.5, standard.unit)
+    return Spread(student_deviation, STUDENT, degrees_of_freedom=float(freedom))

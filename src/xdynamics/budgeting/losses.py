@@ -19,7 +19,7 @@ from xdynamics.faults import InputError
 Floats = NDArray[np.float64]
 
 LINEAR = "linear"
-WIDTHS = {LINEAR: 1.0, "soft_l1": 1.287, "huber": 1.345, "cauchy": 2.385}  # scales, in standard uncertainties
+LOSS_WIDTHS = {LINEAR: 1.0, "soft_l1": 1.287, "huber": 1.345, "cauchy": 2.385}  # scales, in standard uncertainties
 NORMAL = 0.6744897501960817  # median size of a normal residual, in standard deviations
 
 
@@ -40,7 +40,7 @@ class Loss:
     @property
     def scale(self) -> float:
         """Size of a residual at which it begins to count less."""
-        return WIDTHS[self.name] * self.spread
+        return LOSS_WIDTHS[self.name] * self.spread
 
     def sizes(self, residuals: Floats) -> Floats:
         """Return what each residual adds to the sum that is made small."""
@@ -59,8 +59,8 @@ class Loss:
         if self.name == "soft_l1":
             return residuals / np.sqrt(1.0 + z), (1.0 + z) ** -1.5
         if self.name == "huber":
-            inside = z <= 1.0
-            return np.clip(residuals, -self.scale, self.scale), inside.astype(float)
+            is_near = z <= 1.0
+            return np.clip(residuals, -self.scale, self.scale), is_near.astype(float)
         if self.name == "cauchy":
             return residuals / (1.0 + z), (1.0 - z) / (1.0 + z) ** 2
         return residuals, np.ones_like(residuals)
@@ -78,7 +78,7 @@ class Loss:
         return correction**2 * float(psi @ psi) / (residuals.size - fitted) / mean**2
 
 
-def loss_named(name: str) -> Loss:
+def loss_by_name(name: str) -> Loss:
     """Return a loss by its name.
 
     Raises
@@ -86,11 +86,11 @@ def loss_named(name: str) -> Loss:
     InputError
         If there is none of that name.
     """
-    if name not in WIDTHS:
-        raise InputError(f"loss is {name!r}; there are {', '.join(WIDTHS)}")
+    if name not in LOSS_WIDTHS:
+        raise InputError(f"loss is {name!r}; there are {', '.join(LOSS_WIDTHS)}")
     return Loss(name)
 
 
-def spread_of(residuals: Floats) -> float:
+def residual_spread(residuals: Floats) -> float:
     """Return the standard deviation of good residuals: the median size over that of normal ones."""
     return float(np.median(np.abs(residuals))) / NORMAL

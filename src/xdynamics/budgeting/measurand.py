@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.diagnosing.extremes import Extreme, between, extreme
+from xdynamics.evidence.diagnosing.extremes import Extreme, find_extreme, values_between_rows
 from xdynamics.evidence.diagnosing.heights import LOCATED
 from xdynamics.evidence.kept_results import Keep
 from xdynamics.evidence.observables import comparable, observables_of, observe
-from xdynamics.evidence.runs import march
-from xdynamics.evidence.stage_tasks import inputs_of
+from xdynamics.evidence.runs import march_model
+from xdynamics.evidence.stage_tasks import setting_words
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march.configuration import settings_for
@@ -23,8 +23,8 @@ from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
 from xdynamics.record import unfold
 from xdynamics.record.circumstances import xdynamics_version
-from xdynamics.record.element_attributes import elements_of, of_wholes
-from xdynamics.record.named_elements import column, element_array, event_words
+from xdynamics.record.element_attributes import elements_of, quantity_names
+from xdynamics.record.named_elements import element_array, event_words, get_column
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE
 from xdynamics.sweeping.sweep import sweep
 from xdynamics.units import SECONDS, Unit, parse_unit, time_in
@@ -74,7 +74,7 @@ class Target:
     is_parted: bool = True
 
     @classmethod
-    def of(cls, model: Model, quantity: Any, at: Any, event: Any, occurrence: Any, side: Any) -> Target:
+    def from_arguments(cls, model: Model, quantity: Any, at: Any, event: Any, occurrence: Any, side: Any) -> Target:
         """Read and check the arguments of a budget.
 
         Raises
@@ -82,12 +82,14 @@ class Target:
         InputError
             If the model has no such quantity or event, or not exactly one time or event is given.
         """
-        quantity, event = (model.shapes.inside(name) if isinstance(name, str) else name for name in (quantity, event))
-        quantities, extremes = comparable(model), _extremes_of(model)
+        quantity, event = (
+            model.shapes.internal_name(name) if isinstance(name, str) else name for name in (quantity, event)
+        )
+        quantities, extremes = comparable(model), _extreme_names(model)
         if at is None and event is None and quantity in extremes:
             return cls(quantity, second=model.statement.time_unit.text)
         if quantity in extremes:
-            raise InputError(_of_whole_run(quantity, at, event))
+            raise InputError(_extreme_message(quantity, at, event))
         if (at is None) == (event is None):
             raise InputError(
                 "a budget is of one number: give at='1 s' or event='ground', one of them, or neither of an extreme"
@@ -103,7 +105,7 @@ class Target:
             raise InputError(f"event is {event!r}; there are {names}")
         if quantity not in (quantities if event is None else (*quantities, TIME)):
             raise InputError(
-                f"quantity is {quantity!r}; there are {', '.join(of_wholes(quantities))}, at an event {TIME}, and without a"
+                f"quantity is {quantity!r}; there are {', '.join(quantity_names(quantities))}, at an event {TIME}, and without a"
                 f" time or event {LARGEST}_… and {LEAST}_… of these and of forces, like '{extremes[0]}'"
                 f"{elements_of(quantity, quantities) if isinstance(quantity, str) else ''}"
             )
@@ -132,18 +134,25 @@ class Target:
             return f"{LARGEST if sign > 0 else LEAST} of {name}"
         if self.at is not None:
             return f"{self.quantity} at t = {self.at:.9g}{'' if self.second == '1' else f' {self.second}'}"
-        nth, where = "" if self.occurrence == 1 else f" number {self.occurrence}", self.side if self.is_parted else "at"
-        return f"time of {self.event}{nth}" if self.quantity == TIME else f"{self.quantity} {where} {self.event}{nth}"
+        occurrence_text, side_text = (
+            "" if self.occurrence == 1 else f" number {self.occurrence}",
+            self.side if self.is_parted else "at",
+        )
+        return (
+            f"time of {self.event}{occurrence_text}"
+            if self.quantity == TIME
+            else f"{self.quantity} {side_text} {self.event}{occurrence_text}"
+        )
 
     def units(self, run: xr.Dataset) -> Unit:
         """Return the unit of the number."""
         if self.quantity == TIME:
             return parse_unit(self.second)
-        return parse_unit(str(column(run, self.extreme[0] if self.extreme else self.quantity).attrs["units"]))
+        return parse_unit(str(get_column(run, self.extreme[0] if self.extreme else self.quantity).attrs["units"]))
 
     def extreme_in(self, run: xr.Dataset, model: Model) -> Extreme | None:
         """Find an extreme in a run, with its time and rule; None if the number is not an extreme."""
-        return None if self.extreme is None else extreme(unfold(run), *self.extreme, model.functions)
+        return None if self.extreme is None else find_extreme(unfold(run), *self.extreme, model.functions)
 
     def in_run(self, run: xr.Dataset, model: Model) -> tuple[float, float, float]:
         """Return the number in a run, and its errors from interpolation and from the location of the event.
@@ -154,17 +163,21 @@ class Target:
             If the run ends before.
         """
         if self.at is not None:
-            time = np.array([_held(self.at, run["time"].values)])
-            value, off = observe(run, model, [self.quantity], time)[self.quantity]
-            return float(value[0]), float(off[0]), 0.0
-        if (top := self.extreme_in(run, model)) is not None:
-            return top.value, top.uncertainty, self._of_event(run, model, top)
-        place = self._place(run)
-        located = float(run["event_time_uncertainty"].values[place])
+            time = np.array([_clip_to_run(self.at, run["time"].values)])
+            value, errors = observe(run, model, [self.quantity], time)[self.quantity]
+            return float(value[0]), float(errors[0]), 0.0
+        if (extreme_found := self.extreme_in(run, model)) is not None:
+            return extreme_found.value, extreme_found.uncertainty, self._location_error(run, model, extreme_found)
+        event_index = self._event_index(run)
+        located = float(run["event_time_uncertainty"].values[event_index])
         if self.quantity == TIME:
-            return float(run["event_time"].values[place]), 0.0, located
-        row = int(run[f"event_row_{self.side}"].values[place])
-        return float(column(run, self.quantity)[row]), 0.0, abs(self._rate(run, model, place)) * located
+            return float(run["event_time"].values[event_index]), 0.0, located
+        row = int(run[f"event_row_{self.side}"].values[event_index])
+        return (
+            float(get_column(run, self.quantity)[row]),
+            0.0,
+            abs(self._rate_at_event(run, model, event_index)) * located,
+        )
 
     def time_in(self, run: xr.Dataset) -> float:
         """Return the time of the event in a run.
@@ -174,39 +187,41 @@ class Target:
         InputError
             If the run ends before.
         """
-        return float(run["event_time"].values[self._place(run)])
+        return float(run["event_time"].values[self._event_index(run)])
 
     def moment_in(self, run: xr.Dataset, model: Model) -> float:
         """Return the time of the number in a run that has it."""
         if self.at is not None:
             return self.at
-        top = self.extreme_in(run, model)
-        return self.time_in(run) if top is None else top.time
+        extreme_found = self.extreme_in(run, model)
+        return self.time_in(run) if extreme_found is None else extreme_found.time
 
     @property
-    def kept(self) -> str:
+    def sweep_word(self) -> str:
         """The word that keeps it of a sweep's members, and the variable that holds it."""
         if not self.event:
             return self.quantity
         return f"event_time_{self.event}" if self.quantity == TIME else f"{self.side}_{self.event}_{self.quantity}"
 
-    def _of_event(self, run: xr.Dataset, model: Model, top: Extreme) -> float:
+    def _location_error(self, run: xr.Dataset, model: Model, top: Extreme) -> float:
         """Return the error of an extreme at an event from the location of the event; 0 where the quantity is level."""
         if top.rule != LOCATED or self.extreme is None:
             return 0.0
         if (model.python_functions or model.delays) and self.extreme[0] not in model.units:
             return 0.0
         name, time = self.extreme[0], run["time"].values
-        row = int(np.flatnonzero((time == top.time) & (column(run, name).values == top.value))[0])
+        row = int(np.flatnonzero((time == top.time) & (get_column(run, name).values == top.value))[0])
         doubts = run["event_time_uncertainty"].values[run["event_time"].values == top.time]
         neighbour = row + 1 if int(run["row_kind"][row]) == EVENT_AFTER else row - 1
         if not doubts.size or not 0 <= neighbour < len(time) or time[neighbour] == time[row]:
             return 0.0
-        near = time[row] + NEAR * (time[neighbour] - time[row])
-        beside = float(between(unfold(run), model, name, np.array([near]), model.functions)[0][0])
-        return abs(beside - top.value) / abs(float(near - time[row])) * float(doubts.max())
+        nearby_time = time[row] + NEAR * (time[neighbour] - time[row])
+        nearby_value = float(
+            values_between_rows(unfold(run), model, name, np.array([nearby_time]), model.functions)[0][0]
+        )
+        return abs(nearby_value - top.value) / abs(float(nearby_time - time[row])) * float(doubts.max())
 
-    def _place(self, run: xr.Dataset) -> int:
+    def _event_index(self, run: xr.Dataset) -> int:
         """Return the index of the event in a run."""
         names = np.array(event_words(run)) if run.sizes.get("event", 0) else np.zeros(0, str)
         places = np.flatnonzero(names == self.event)
@@ -218,16 +233,16 @@ class Target:
             )
         return int(places[self.occurrence - 1])
 
-    def _rate(self, run: xr.Dataset, model: Model, place: int) -> float:
+    def _rate_at_event(self, run: xr.Dataset, model: Model, event_index: int) -> float:
         """Return the rate of the quantity on that side of the event, by a difference over a small part of a step."""
         time = run["time"].values
-        row = int(run[f"event_row_{self.side}"].values[place])
+        row = int(run[f"event_row_{self.side}"].values[event_index])
         neighbour = max(row - 1, 0) if self.side == "before" else min(row + 1, len(time) - 1)
-        near = float(time[row] + NEAR * (time[neighbour] - time[row]))
-        if near == time[row]:
+        nearby_time = float(time[row] + NEAR * (time[neighbour] - time[row]))
+        if nearby_time == time[row]:
             return 0.0
-        beside = float(observe(run, model, [self.quantity], np.array([near]))[self.quantity][0][0])
-        return (beside - float(column(run, self.quantity)[row])) / (near - float(time[row]))
+        nearby_value = float(observe(run, model, [self.quantity], np.array([nearby_time]))[self.quantity][0][0])
+        return (nearby_value - float(get_column(run, self.quantity)[row])) / (nearby_time - float(time[row]))
 
 
 @dataclass(frozen=True)
@@ -255,7 +270,7 @@ class Measurand:
     @property
     def inputs(self) -> tuple[Any, ...]:
         """Everything that the number depends on, for the names of tasks."""
-        return self.model.digest, self.target, inputs_of(self.settings), xdynamics_version()
+        return self.model.digest, self.target, setting_words(self.settings), xdynamics_version()
 
     @property
     def unkept(self) -> Measurand:
@@ -275,7 +290,7 @@ class Measurand:
         InputError
             If the run does not have the number.
         """
-        run = march(model, **{"force_samples": "none"} | self.settings | settings)
+        run = march_model(model, **{"force_samples": "none"} | self.settings | settings)
         return self.target.in_run(run, model)[0]
 
     def numbers(self, axes: dict[str, Any], **settings: Any) -> xr.DataArray:
@@ -290,33 +305,33 @@ class Measurand:
             places = {"occurrences": (target.occurrence - 1, target.occurrence)}
         if self.keep is not None:
             settings = {"members_per_task": MEMBERS} | settings
-        shared = self.settings | settings | {"precision": FLOAT64}  # members of a sweep are of single floats
-        swept = sweep(self.model, axes, keep=[target.kept], **places, **shared)
-        numbers = element_array(swept, target.kept)
+        shared_settings = self.settings | settings | {"precision": FLOAT64}  # members of a sweep are of single floats
+        member_values = sweep(self.model, axes, keep=[target.sweep_word], **places, **shared_settings)
+        numbers = element_array(member_values, target.sweep_word)
         numbers = numbers.isel({OCCURRENCE: 0}) if OCCURRENCE in numbers.dims else numbers
         numbers = numbers[..., 0] if target.at is not None else numbers
         return numbers if self.keep is None else self.keep.blocks(numbers)
 
 
-def _of_whole_run(quantity: str, at: Any, event: Any) -> str:
+def _extreme_message(quantity: str, moment: Any, event: Any) -> str:
     """Return the message that an extreme has no time or event of its own."""
-    where = [f"at is {at!r}"] * (at is not None) + [f"event is '{event}'"] * (event is not None)
-    ended = f"until = {at!r}" if at is not None else f"action = 'stop' of the event '{event}'"
+    stated_arguments = [f"at is {moment!r}"] * (moment is not None) + [f"event is '{event}'"] * (event is not None)
+    ending_text = f"until = {moment!r}" if moment is not None else f"action = 'stop' of the event '{event}'"
     return (
-        f"quantity is '{quantity}', over the whole run, and {' and '.join(where)}: leave that out; where the extreme up to"
-        f" there is wanted, end the run there, by {ended}"
+        f"quantity is '{quantity}', over the whole run, and {' and '.join(stated_arguments)}: leave that out; where the extreme up to"
+        f" there is wanted, end the run there, by {ending_text}"
     )
 
 
-def _extremes_of(model: Model) -> tuple[str, ...]:
+def _extreme_names(model: Model) -> tuple[str, ...]:
     """Return the names of all extremes of a run, as in `diagnose`."""
     layout = layout_of(model)
-    names = (*observables_of(model), *layout.loads)
+    names = (*observables_of(model), *layout.applied_forces)
     return tuple(f"{word}_{name}" for name in names for word in (LARGEST, LEAST))
 
 
-def _held(at: float, time: Floats) -> float:
+def _clip_to_run(moment: float, time: Floats) -> float:
     """Clip a time to the run if it is outside by rounding alone, as in runs marched in other units."""
-    near = ROUNDED * max(abs(float(time[0])), abs(float(time[-1])))
-    held = min(max(at, float(time[0])), float(time[-1]))
-    return held if abs(held - at) <= near else at
+    rounding_tolerance = ROUNDED * max(abs(float(time[0])), abs(float(time[-1])))
+    clipped = min(max(moment, float(time[0])), float(time[-1]))
+    return clipped if abs(clipped - moment) <= rounding_tolerance else moment

@@ -24,7 +24,7 @@ MARGIN = 2.5  # more standard uncertainties, by which chance may enlarge the dis
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawStatistics:
     """Statistics of the draws of a number.
 
     Attributes
@@ -49,10 +49,10 @@ class Drawn:
     ends_reach: float
 
 
-NOTHING_DRAWN = Drawn(nan, nan, (nan, nan), (nan, nan), nan, nan, nan)  # before anything is
+NOTHING_DRAWN = DrawStatistics(nan, nan, (nan, nan), (nan, nan), nan, nan, nan)  # before anything is
 
 
-def drawn(values: Floats, coverage: float) -> Drawn:
+def draw_statistics(values: Floats, coverage: float) -> DrawStatistics:
     """Return the statistics of draws (JCGM 101:2008, 7.6 and 7.7).
 
     Raises
@@ -62,38 +62,40 @@ def drawn(values: Floats, coverage: float) -> Drawn:
 
     Examples
     --------
-    >>> one = drawn(np.arange(1000.0), 0.9)
+    >>> one = draw_statistics(np.arange(1000.0), 0.9)
     >>> one.symmetric, round(one.shortest[1] - one.shortest[0])
     ((49.0, 949.0), 900)
     """
     count = len(values)
-    held = round(coverage * count)  # draws in an interval
-    if count < 2 * PARTS or not 0 < held < count:
+    interval_draws = round(coverage * count)  # draws in an interval
+    if count < 2 * PARTS or not 0 < interval_draws < count:
         raise InputError(f"{count} draws are too few for an interval of {coverage:.4g}; take {max(10_000, 2 * PARTS)}")
     ordered = np.sort(values)
-    widths = ordered[held:] - ordered[: count - held]
-    k, tail = int(np.argmin(widths)), (count - held + 1) // 2 - 1
+    widths = ordered[interval_draws:] - ordered[: count - interval_draws]
+    k, tail_index = int(np.argmin(widths)), (count - interval_draws + 1) // 2 - 1
     deviations = np.array([part.std(ddof=1) for part in np.array_split(values, PARTS)])
-    return Drawn(
+    return DrawStatistics(
         float(values.mean()),
         float(values.std(ddof=1)),
-        (float(ordered[k]), float(ordered[k + held])),
-        (float(ordered[tail]), float(ordered[tail + held])),
+        (float(ordered[k]), float(ordered[k + interval_draws])),
+        (float(ordered[tail_index]), float(ordered[tail_index + interval_draws])),
         float(deviations.std(ddof=1) / np.sqrt(PARTS)),
-        _reach(ordered, coverage, 1.0),
-        _reach(ordered, coverage, SURE),
+        _end_reach(ordered, coverage, 1.0),
+        _end_reach(ordered, coverage, SURE),
     )
 
 
-def _reach(ordered: Floats, coverage: float, sure: float) -> float:
+def _end_reach(ordered: Floats, coverage: float, coverage_factor: float) -> float:
     """Return half the larger distance of the order statistics that bracket the ends of an interval.
 
     The number of draws below a quantile p is binomial: n p, with the standard deviation sqrt(n p (1 - p)), for any
     distribution (David and Nagaraja, Order Statistics, 2003, section 7.1).
     """
     count, p = len(ordered), (1.0 - coverage) / 2.0
-    off = sure * float(np.sqrt(count * p * (1.0 - p)))
-    ends = [(floor(centre - off), ceil(centre + off)) for centre in (count * p, count * (1.0 - p))]
+    rank_deviation = coverage_factor * float(np.sqrt(count * p * (1.0 - p)))
+    ends = [
+        (floor(centre - rank_deviation), ceil(centre + rank_deviation)) for centre in (count * p, count * (1.0 - p))
+    ]
     if ends[-1][1] >= count:  # then the lower end may lie below all draws too
         return inf
     return max(float(ordered[high] - ordered[low]) for low, high in ends) / 2.0
@@ -115,7 +117,7 @@ def tolerance_of(standard: float, digits: int = 1) -> float:
     return float(f"5e{power - digits}")
 
 
-def draws_needed(apart: float, statistics: Drawn, draws: int, coverage: float, digits: int = 1) -> float:
+def draws_needed(distance: float, statistics: DrawStatistics, draws: int, coverage: float, digits: int = 1) -> float:
     """Return about how many draws decide whether the linear budget is adequate, where `draws` leave it open.
 
     Ends of an interval of n normal numbers are uncertain by sqrt(p (1 - p)/n)/density(p): four and a half times that
@@ -123,22 +125,24 @@ def draws_needed(apart: float, statistics: Drawn, draws: int, coverage: float, d
 
     Examples
     --------
-    >>> few = Drawn(0.0, 0.061, (-0.12, 0.12), (-0.12, 0.12), 0.0006, 0.003, 0.006)
+    >>> few = DrawStatistics(0.0, 0.061, (-0.12, 0.12), (-0.12, 0.12), 0.0006, 0.003, 0.006)
     >>> draws_needed(0.002, few, 4000, 0.95), draws_needed(0.005, few, 4000, 0.95)
     (23000.0, 230000.0)
     """
     p = (1.0 - coverage) / 2.0
     quantile = float(normal_quantile(np.array([p]))[0])
     density = float(exp(np.array(-(quantile**2) / 2.0))) / sqrt(2.0 * pi)
-    single = statistics.standard * sqrt(p * (1.0 - p)) / density  # of a single draw
-    chance = single / sqrt(draws)
+    single_draw_doubt = statistics.standard * sqrt(p * (1.0 - p)) / density  # of a single draw
+    chance = single_draw_doubt / sqrt(draws)
     tolerance = tolerance_of(statistics.standard, digits)
-    gap = min(abs(tolerance - sqrt(max(apart**2 - 2.0 * chance**2, 0.0))), tolerance)
-    needed = max(((SURE + MARGIN) * single / max(gap, NARROW * tolerance)) ** 2, 2.0 * draws)
-    return float(f"{1.05 * needed:.1e}")
+    gap = min(abs(tolerance - sqrt(max(distance**2 - 2.0 * chance**2, 0.0))), tolerance)
+    draw_count = max(((SURE + MARGIN) * single_draw_doubt / max(gap, NARROW * tolerance)) ** 2, 2.0 * draws)
+    return float(f"{1.05 * draw_count:.1e}")
 
 
-def judged(value: float, standard: float, statistics: Drawn, coverage: float, digits: int = 1) -> tuple[int, float]:
+def judge_linear(
+    value: float, standard: float, statistics: DrawStatistics, coverage: float, digits: int = 1
+) -> tuple[int, float]:
     """Compare a linear budget's interval with the draws' own (JCGM 101:2008, 8.1).
 
     Returns

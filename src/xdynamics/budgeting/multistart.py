@@ -21,10 +21,10 @@ OWN, GROWING, DRAWN = (
     "drawn about the model's own values",
 )
 CLOSE = 1e-10  # relative tolerance of parameters and sum of squares at which a search ends
-MOST = 100  # evaluations
+MAX_EVALUATIONS = 100  # evaluations
 SHARES = (0.06, 0.12, 0.25, 0.5)  # of the time of the data, in this order
 LOOKED_AT = 96  # drawn starts, from the best of which searches begin
-WIDTHS = (0.1, 0.5, 1.0)  # relative to the numbers, equally many starts of each; the last by factors
+START_WIDTHS = (0.1, 0.5, 1.0)  # relative to the numbers, equally many starts of each; the last by factors
 FARTHEST = 8.0  # largest such factor
 
 
@@ -35,7 +35,7 @@ class Problem(Protocol):
     def loss(self) -> Loss:
         """What a residual counts."""
 
-    def looked(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
+    def weighted_residuals(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes, for the data up to a share of their time."""
 
     def squares(self, scaled: Floats, share: float) -> Floats:
@@ -75,33 +75,35 @@ class Search:
     bounded: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool), repr=False)
 
 
-def searches(problem: Problem, start: Floats, low: Floats, high: Floats, most: int, seed: int) -> Iterator[Search]:
-    """Yield up to `most` searches, one after the other; the caller stops once one suffices.
+def searches(
+    problem: Problem, start: Floats, low: Floats, high: Floats, max_searches: int, seed: int
+) -> Iterator[Search]:
+    """Yield up to `max_searches` searches, one after the other; the caller stops once one suffices.
 
     A search with a run that ends before all times has an infinite sum of squares.
     """
-    yield _tried(problem, OWN, start, low, high)
-    if most > 1:
-        yield grown(problem, GROWING, start, low, high)
-    if most > 2:
-        drawn = drawn_starts(np.random.default_rng(seed), start, low, high)
-        for i in np.argsort(problem.squares(drawn, SHARES[-2]), kind="stable")[: most - 2].tolist():
-            yield grown(problem, DRAWN, drawn[i], low, high)
+    yield _search_or_fail(problem, OWN, start, low, high)
+    if max_searches > 1:
+        yield search_growing(problem, GROWING, start, low, high)
+    if max_searches > 2:
+        starts = drawn_starts(np.random.default_rng(seed), start, low, high)
+        for i in np.argsort(problem.squares(starts, SHARES[-2]), kind="stable")[: max_searches - 2].tolist():
+            yield search_growing(problem, DRAWN, starts[i], low, high)
 
 
 def drawn_starts(rng: np.random.Generator, start: Floats, low: Floats, high: Floats) -> Floats:
     """Return starts around a given one; the farthest third of them by factors, or between bounds if there are any."""
     shape = LOOKED_AT, start.size
-    width = np.array(WIDTHS)[np.arange(LOOKED_AT) % len(WIDTHS), None]
+    width = np.array(START_WIDTHS)[np.arange(LOOKED_AT) % len(START_WIDTHS), None]
     offsets = rng.uniform(-1.0, 1.0, shape)
-    far = np.where(start == 0.0, offsets, start * power(FARTHEST, offsets))
+    far_starts = np.where(start == 0.0, offsets, start * power(FARTHEST, offsets))
     bounded = np.isfinite(low) & np.isfinite(high)
-    least, widest = np.where(bounded, low, 0.0), np.where(bounded, high, 1.0)
-    far = np.where(bounded, least + (widest - least) * rng.random(shape), far)
-    return np.clip(np.where(width == WIDTHS[-1], far, start + width * offsets), low, high)
+    lowest, highest = np.where(bounded, low, 0.0), np.where(bounded, high, 1.0)
+    far_starts = np.where(bounded, lowest + (highest - lowest) * rng.random(shape), far_starts)
+    return np.clip(np.where(width == START_WIDTHS[-1], far_starts, start + width * offsets), low, high)
 
 
-def grown(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats) -> Search:
+def search_growing(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats) -> Search:
     """Search over growing parts of the time, each from the end of the previous one.
 
     For a motion of many periods the minima of the sum of squares lie close together over all of them, and are wide over
@@ -109,13 +111,15 @@ def grown(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats)
     """
     end, evaluations = start, 0
     for share in SHARES:
-        stage = _tried(problem, rule, end, low, high, share)
+        stage = _search_or_fail(problem, rule, end, low, high, share)
         end, evaluations = stage.end, evaluations + stage.evaluations
-    last = _tried(problem, rule, end, low, high)
+    last = _search_or_fail(problem, rule, end, low, high)
     return replace(last, start=start, evaluations=evaluations + last.evaluations)
 
 
-def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0) -> Search:
+def search_from_start(
+    problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0
+) -> Search:
     """Minimise the sum of squares from one start.
 
     Raises
@@ -127,24 +131,24 @@ def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats
 
     cache: dict[bytes, tuple[Floats, Floats]] = {}
 
-    def looked(scaled: Floats) -> tuple[Floats, Floats]:
+    def cached_evaluation(scaled: Floats) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes, remembering the last ones."""
         key = scaled.tobytes()
         if key not in cache:
             cache.clear()
-            cache[key] = problem.looked(scaled, share)
+            cache[key] = problem.weighted_residuals(scaled, share)
         return cache[key]
 
-    residual: Callable[[Floats], Floats] = lambda x: looked(x)[0]  # noqa: E731
+    residual: Callable[[Floats], Floats] = lambda x: cached_evaluation(x)[0]  # noqa: E731
     solution = least_squares(
         residual,
         np.clip(start, low, high),
-        lambda x: looked(x)[1],
+        lambda x: cached_evaluation(x)[1],
         bounds=(low, high),
         xtol=CLOSE,
         ftol=CLOSE,
         gtol=CLOSE,
-        max_nfev=MOST,
+        max_nfev=MAX_EVALUATIONS,
         loss=problem.loss.name,
         f_scale=problem.loss.scale,
     )
@@ -157,14 +161,16 @@ def search(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats
         bool(solution.status > 0),
         str(solution.message),
         solution.fun,
-        looked(solution.x)[1],  # scipy's is multiplied by the loss's curvature
+        cached_evaluation(solution.x)[1],  # scipy's is multiplied by the loss's curvature
         solution.active_mask != 0,
     )
 
 
-def _tried(problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0) -> Search:
+def _search_or_fail(
+    problem: Problem, rule: str, start: Floats, low: Floats, high: Floats, share: float = 1.0
+) -> Search:
     """Search from a start that may fail; a failed search ends at its start with an infinite sum of squares."""
     try:
-        return search(problem, rule, start, low, high, share)
+        return search_from_start(problem, rule, start, low, high, share)
     except InputError as error:
         return Search(rule, start, start, np.inf, 0, converged=False, stopped=str(error))

@@ -15,7 +15,7 @@ from xdynamics.budgeting.met_events import MetEvents
 from xdynamics.budgeting.precise_twin import twin_distance
 from xdynamics.budgeting.sources import COMPARED, NUMBER, RUN, ErrorSource
 from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
-from xdynamics.budgeting.time_reversal import returned
+from xdynamics.budgeting.time_reversal import reversal_distance
 from xdynamics.elementary.arrays import exp, power
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.diagnosing.extremes import Extreme
@@ -31,7 +31,7 @@ from xdynamics.evidence.refining.judgements import (
 )
 from xdynamics.evidence.refining.levels import ALL, Levels, absolute_tolerances
 from xdynamics.evidence.refining.readings import estimated_error
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import march_model
 from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march.configuration import settings_for
@@ -81,7 +81,7 @@ class Estimate(NamedTuple):
     events: MetEvents = MetEvents({}, 0)
 
     @classmethod
-    def of(cls, measurand: Measurand, run: xr.Dataset) -> Estimate:
+    def from_run(cls, measurand: Measurand, run: xr.Dataset) -> Estimate:
         """Take the number out of a run.
 
         Raises
@@ -91,7 +91,7 @@ class Estimate(NamedTuple):
         """
         target, model = measurand.target, measurand.model
         value, interpolation, location = target.in_run(run, model)
-        steps, events = int(run.attrs["run_accepted_steps"]), MetEvents.of(target, run, model)
+        steps, events = int(run.attrs["run_accepted_steps"]), MetEvents.from_run(target, run, model)
         return cls(value, interpolation, location, steps, digest_of_run(run), estimated_error(run), events)
 
 
@@ -100,7 +100,7 @@ NOT_MARCHED = Estimate(np.nan, np.nan, np.nan, 0, "")  # before a run is marched
 
 
 @dataclass(frozen=True)
-class Compared:
+class LevelComparison:
     """The number in the run and in finer levels of it.
 
     Attributes
@@ -113,7 +113,7 @@ class Compared:
         Of the levels together.
     digests : tuple of str
         Content digests of the runs.
-    apart : str
+    unequal_events : str
         Which events the two finest levels met unequally often before the number; empty where they met the same.
     """
 
@@ -121,79 +121,83 @@ class Compared:
     values: Floats
     judgement: Judged
     digests: tuple[str, ...]
-    apart: str = ""
+    unequal_events: str = ""
 
     @classmethod
-    def of(cls, levels: Levels, *estimates: Estimate) -> Compared:
+    def from_estimates(cls, levels: Levels, *estimates: Estimate) -> LevelComparison:
         """Compare the number in all levels."""
         values = np.array([estimate.value for estimate in estimates])
-        before, finest = (estimate.events for estimate in estimates[-2:])
-        apart = before.in_words(finest) if before.are_apart(finest) else ""
-        restrained = levels.are_restrained([estimate.steps for estimate in estimates])
+        coarser, finest = (estimate.events for estimate in estimates[-2:])
+        unequal_events = coarser.in_words(finest) if coarser.are_apart(finest) else ""
+        is_restrained = levels.are_restrained([estimate.steps for estimate in estimates])
         judgement = judge(
             values,
             levels.values,
             levels.formal,
-            _noise(values),
+            _rounding_noise(values),
             0.0,
-            np.inf if apart else max(estimate.interpolation + estimate.location for estimate in estimates),
+            np.inf if unequal_events else max(estimate.interpolation + estimate.location for estimate in estimates),
             smooth=levels.varied.keyword == "steps",
             accepted=estimates[-1].steps,
             order=levels.order,
-            estimated=estimates[-1].estimated * float(np.max(np.abs(values))) if restrained else 0.0,
+            estimated=estimates[-1].estimated * float(np.max(np.abs(values))) if is_restrained else 0.0,
         )
-        if judgement.verdict == EVENT_LIMITED and not apart and all(e.interpolation >= e.location for e in estimates):
+        if (
+            judgement.verdict == EVENT_LIMITED
+            and not unequal_events
+            and all(e.interpolation >= e.location for e in estimates)
+        ):
             judgement = replace(judgement, verdict=INTERPOLATION_LIMITED)  # what is more than the other is named
-        return cls(levels, values, judgement, tuple(estimate.digest for estimate in estimates), apart)
+        return cls(levels, values, judgement, tuple(estimate.digest for estimate in estimates), unequal_events)
 
     @classmethod
-    def blank(cls, levels: Levels) -> Compared:
+    def blank(cls, levels: Levels) -> LevelComparison:
         """Return what is known of the levels before they are marched."""
         return cls(levels, np.full(LEVELS, np.nan), Judged(0, np.nan, np.nan, ""), ("",) * LEVELS)
 
 
-def _noise(values: Floats) -> float:
+def _rounding_noise(values: Floats) -> float:
     return 4.0 * EPS * float(np.abs(values).max())
 
 
 def numerical_sources(measurand: Measurand) -> list[ErrorSource]:
     """Return the errors of the march itself: truncation, rounding, interpolation, location of events."""
     return [
-        ErrorSource.of_one(TRUNCATION, NUMERICAL, (COMPARED,), _truncation),
+        ErrorSource.of_one(TRUNCATION, NUMERICAL, (COMPARED,), _truncation_term),
         rounding_source(measurand),
-        ErrorSource.of_one(INTERPOLATION, NUMERICAL, (RUN, NUMBER), partial(_interpolation, measurand)),
-        ErrorSource.of_one(LOCATION, NUMERICAL, (RUN, NUMBER), partial(_location, measurand)),
+        ErrorSource.of_one(INTERPOLATION, NUMERICAL, (RUN, NUMBER), partial(_interpolation_term, measurand)),
+        ErrorSource.of_one(LOCATION, NUMERICAL, (RUN, NUMBER), partial(_location_term, measurand)),
     ]
 
 
 def rounding_source(measurand: Measurand) -> ErrorSource:
     """Return the error of rounding."""
-    return ErrorSource.of_one(ROUNDOFF, NUMERICAL, (RUN, NUMBER), partial(_roundoff, measurand), measurand.seed)
+    return ErrorSource.of_one(ROUNDOFF, NUMERICAL, (RUN, NUMBER), partial(_roundoff_term, measurand), measurand.seed)
 
 
-def _interpolation(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
+def _interpolation_term(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
     """Return the term of interpolation inside a step."""
     rule = _inner_rule(measurand.target.extreme_in(run, measurand.model))
     return Term.bounded(INTERPOLATION, NUMERICAL, number.interpolation, rule)
 
 
-def _inner_rule(top: Extreme | None) -> str:
+def _inner_rule(extreme: Extreme | None) -> str:
     """Describe how a number inside a step was found, and how its error is estimated."""
-    halved = "a shortened step against two of half its length, extrapolated"
-    if top is None:
-        return halved
-    if top.rule == INTERPOLATED:
-        return f"{SAID[top.rule]}: {halved}"
+    step_rule = "a shortened step against two of half its length, extrapolated"
+    if extreme is None:
+        return step_rule
+    if extreme.rule == INTERPOLATED:
+        return f"{SAID[extreme.rule]}: {step_rule}"
     return (
-        f"{SAID[top.rule]}; none between is beyond it"
-        if not top.uncertainty
-        else f"{SAID[top.rule]}: the parabola through it and its neighbours"
+        f"{SAID[extreme.rule]}; none between is beyond it"
+        if not extreme.uncertainty
+        else f"{SAID[extreme.rule]}: the parabola through it and its neighbours"
     )
 
 
-def own_run(model: Model, settings: dict[str, Any]) -> xr.Dataset:
+def march_own_run(model: Model, settings: dict[str, Any]) -> xr.Dataset:
     """March the run that a number is of; force samples are kept only if the settings ask for them."""
-    return march(model, **{"force_samples": "none"} | settings)
+    return march_model(model, **{"force_samples": "none"} | settings)
 
 
 def run_task(measurand: Measurand) -> Task:
@@ -203,14 +207,14 @@ def run_task(measurand: Measurand) -> Task:
 
 def number_task(measurand: Measurand, run: Task) -> Task:
     """Return the task that takes the number out of a run."""
-    task = Task.of("number", partial(Estimate.of, measurand.unkept), (run,), *measurand.inputs)
+    task = Task.of("number", partial(Estimate.from_run, measurand.unkept), (run,), *measurand.inputs)
     return task if measurand.keep is None else measurand.keep.task(task, ESTIMATES)
 
 
 def levels_task(measurand: Measurand, number: Task, levels: Levels) -> Task:
     """Return the task that compares the number in the run with that in finer levels."""
-    finer = (number_task(measurand, levels.task(k)) for k in range(1, LEVELS))
-    return Task.of("levels", partial(Compared.of, levels), (number, *finer), *measurand.inputs)
+    finer_tasks = (number_task(measurand, levels.task(k)) for k in range(1, LEVELS))
+    return Task.of("levels", partial(LevelComparison.from_estimates, levels), (number, *finer_tasks), *measurand.inputs)
 
 
 def levels_of(measurand: Measurand) -> Levels:
@@ -222,14 +226,14 @@ def levels_of(measurand: Measurand) -> Levels:
         If the steps are given one by one, or the tolerance is too small for three smaller ones.
     """
     model, settings = measurand.model, settings_for(measurand.model, **measurand.settings)
-    others = {name: value for name, value in measurand.settings.items() if name not in ("step", "rtol")}
+    other_settings = {name: value for name, value in measurand.settings.items() if name not in ("step", "rtol")}
     if not settings.adaptive:
         if not isinstance(settings.step, float):
             raise InputError(
                 "a budget needs a step or a tolerance that can be made finer; these steps are given one by one"
             )
         steps = [settings.step / STEP_RATIO**k for k in range(LEVELS)]
-        return Levels.of(model, _levels_by("steps", steps), others, fewest=LEVELS)
+        return Levels.of(model, _levels_by("steps", steps), other_settings, fewest=LEVELS)
     assert settings.tolerances is not None  # noqa: S101
     rtol = settings.tolerances.rtol
     ratio = min(RTOL_RATIO, (rtol / _least_rtol(settings.scheme)) ** (1.0 / (LEVELS - 1)))
@@ -237,7 +241,9 @@ def levels_of(measurand: Measurand) -> Levels:
         raise InputError(
             f"rtol is {rtol!r}, and a budget needs three tolerances under it that differ; give a larger one, or a step"
         )
-    return Levels.of(model, _levels_by("rtols", [rtol / ratio**k for k in range(LEVELS)]), others, fewest=LEVELS)
+    return Levels.of(
+        model, _levels_by("rtols", [rtol / ratio**k for k in range(LEVELS)]), other_settings, fewest=LEVELS
+    )
 
 
 def _levels_by(keyword: str, values: list[float]) -> dict[str, Any]:
@@ -249,13 +255,15 @@ def _least_rtol(scheme: Scheme) -> float:
     return 2.0 * float(LEAST_RTOL ** (scheme.method.order / scheme.error_order))
 
 
-def _truncation(compared: Compared) -> Term:
+def _truncation_term(compared: LevelComparison) -> Term:
     """Return the truncation term: the finest value's distance with an allowance, plus its uncertainty."""
     levels, values = compared.levels, compared.values
-    if compared.apart:
+    if compared.unequal_events:
         finest = " and ".join(f"{size:.4g}" for size in levels.values[-2:])
-        return Term.unknown(TRUNCATION, NUMERICAL, f"the runs with {levels.varied.name} {finest} {compared.apart}")
-    factor = allowance(values, levels.values, levels.formal, _noise(values))
+        return Term.unknown(
+            TRUNCATION, NUMERICAL, f"the runs with {levels.varied.name} {finest} {compared.unequal_events}"
+        )
+    factor = allowance(values, levels.values, levels.formal, _rounding_noise(values))
     bound = factor * abs(float(values[0] - values[-1])) + float(compared.judgement.uncertainty)
     sizes = ", ".join(f"{size:.4g}" for size in levels.values)
     rule = f"{levels.varied.name} {sizes}: {factor:.3g} times the finest value's distance, and its uncertainty"
@@ -286,14 +294,14 @@ def allowance(values: Floats, steps: Floats, formal: float, noise: float) -> flo
     """
     distances = np.abs(np.diff(values))
     orders = observed_orders(values, steps)[1:-1]
-    settled = orders[(distances[:-1] > noise) & (distances[1:] > noise) & np.isfinite(orders)]
-    if not settled.size:
+    resolved_orders = orders[(distances[:-1] > noise) & (distances[1:] > noise) & np.isfinite(orders)]
+    if not resolved_orders.size:
         return CAUTION
-    spread = float(np.ptp(settled)) if settled.size > 1 else abs(float(settled[0]) - formal)
+    spread = float(np.ptp(resolved_orders)) if resolved_orders.size > 1 else abs(float(resolved_orders[0]) - formal)
     return min(CAUTION, SAFETY * float(power(steps[0] / steps[1], max(spread - CLOSE, 0.0))))
 
 
-def _roundoff(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
+def _roundoff_term(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
     """Return the term of rounding: how far the twin with 31 digits is or, where there is none, how far copies are."""
     value = number.value
     spacing = EPS * abs(value) / 2.0
@@ -324,7 +332,7 @@ def _spread_of_copies(measurand: Measurand, run: xr.Dataset, value: float) -> Te
         if scales and model.time_unit.dimension == NONE:
             del scales["time"]
         deviations.append(value - measurand.number(_nudged(model, rng), **tolerances, scales=scales))
-    distance_back = returned(run, measurand)
+    distance_back = reversal_distance(run, measurand)
     standard = float(np.sqrt(np.mean(np.square(deviations)) + spacing**2 / 3.0))
     bound = TRUSTED * float(np.abs(deviations).max()) + spacing
     units_text = "in units drawn at random" if in_units else "in SI units, which forces in Python know alone"
@@ -341,7 +349,7 @@ def _nudged(model: Model, rng: np.random.Generator) -> Model:
         "parameters": {name: entry.quantity for name, entry in model.statement.parameters.items()},
         "initial": dict(model.statement.initial),
     }
-    moved = {
+    nudged_numbers = {
         section: {
             name: str(Quantity(entry.value * (1.0 - EPS * int(rng.integers(2))), entry.unit))
             for name, entry in entries.items()
@@ -350,30 +358,30 @@ def _nudged(model: Model, rng: np.random.Generator) -> Model:
         if entries
     }
     try:
-        return model.replace(**moved)
+        return model.replace(**nudged_numbers)
     except ModelError:
         return model
 
 
-def _location(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
+def _location_term(measurand: Measurand, run: xr.Dataset, number: Estimate) -> Term:
     """Return the term of locating events: the one that the number is taken at, and those before it."""
     if not run.sizes.get("event", 0):
         return Term.bounded(LOCATION, NUMERICAL, 0.0, "no event was met")
     tolerance = settings_for(measurand.model, **measurand.settings).time_tolerance / TIGHTER
-    finer = _tighter(measurand.model, measurand.settings | {"time_tolerance": tolerance})
-    moved = 0.0
-    if finer is not None:
-        events = MetEvents.of(measurand.target, finer, measurand.model)
+    tighter_run = _march_tighter(measurand.model, measurand.settings | {"time_tolerance": tolerance})
+    location_shift = 0.0
+    if tighter_run is not None:
+        events = MetEvents.from_run(measurand.target, tighter_run, measurand.model)
         if number.events.are_apart(events):
             rule = f"the run and one with events located {TIGHTER:g} times as well {number.events.in_words(events)}"
             return Term.unknown(LOCATION, NUMERICAL, rule)
-        moved = abs(number.value - measurand.target.in_run(finer, measurand.model)[0])
+        location_shift = abs(number.value - measurand.target.in_run(tighter_run, measurand.model)[0])
     rule = f"its own uncertainty, and events located {TIGHTER:g} times as well"
-    return Term.bounded(LOCATION, NUMERICAL, number.location + moved, rule)
+    return Term.bounded(LOCATION, NUMERICAL, number.location + location_shift, rule)
 
 
-def _tighter(model: Model, settings: dict[str, Any]) -> xr.Dataset | None:
+def _march_tighter(model: Model, settings: dict[str, Any]) -> xr.Dataset | None:
     try:
-        return march(model, **settings)
+        return march_model(model, **settings)
     except InputError:
         return None

@@ -43,7 +43,7 @@ class OwnRun(NamedTuple):
     contradiction: str = ""
 
     @classmethod
-    def of(cls, measurand: Measurand, run: xr.Dataset) -> OwnRun:
+    def from_run(cls, measurand: Measurand, run: xr.Dataset) -> OwnRun:
         """Describe a run; one without rows is still to be marched.
 
         Raises
@@ -53,12 +53,12 @@ class OwnRun(NamedTuple):
         """
         target = measurand.target
         rule, time = (None if target.extreme is None else ""), float("nan")
-        if run.sizes[STEPS] and (top := target.extreme_in(run, measurand.model)) is not None:
-            rule, time = RULES[top.rule], top.time
+        if run.sizes[STEPS] and (extreme := target.extreme_in(run, measurand.model)) is not None:
+            rule, time = RULES[extreme.rule], extreme.time
         units, step_units = target.units(run).text, str(run["step_size"].attrs["units"])
         method, outcome = str(run.attrs["solver_method"]), str(run.attrs["run_outcome"])
-        apart = contradiction(run, measurand.model.functions) if run.sizes[STEPS] else ""
-        return cls(method, outcome, units, step_units, rule, time, apart)
+        contradiction_text = contradiction(run, measurand.model.functions) if run.sizes[STEPS] else ""
+        return cls(method, outcome, units, step_units, rule, time, contradiction_text)
 
 
 OWN_RUNS = ResultForm(list, lambda entries: OwnRun(*entries))
@@ -66,5 +66,5 @@ OWN_RUNS = ResultForm(list, lambda entries: OwnRun(*entries))
 
 def own_run_task(measurand: Measurand, run: Task) -> Task:
     """Return the task that describes a run."""
-    task = Task.of("own_run", partial(OwnRun.of, measurand.unkept), (run,), *measurand.inputs)
+    task = Task.of("own_run", partial(OwnRun.from_run, measurand.unkept), (run,), *measurand.inputs)
     return task if measurand.keep is None else measurand.keep.task(task, OWN_RUNS)

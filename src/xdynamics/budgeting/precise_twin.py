@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.budgeting.measurand import TIME, Measurand
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import march_model
 from xdynamics.faults import InputError
 from xdynamics.keywords import PACING
 from xdynamics.march.configuration import settings_for
@@ -30,23 +30,23 @@ def twin_distance(run: xr.Dataset, measurand: Measurand, value: float) -> float 
     target = measurand.target
     if target.extreme is not None or target.quantity not in (*measurand.model.units, TIME):
         return None
-    asked = _settings(run, measurand)
+    twin_settings = _twin_settings(run, measurand)
     with suppress(InputError):  # what a twin cannot have; the settings of the run itself are in order
-        settings_for(measurand.model, **asked)
-        twin = march(measurand.model, **{"force_samples": "none"} | asked)
+        settings_for(measurand.model, **twin_settings)
+        twin = march_model(measurand.model, **{"force_samples": "none"} | twin_settings)
         return abs(value - target.in_run(twin, measurand.model)[0])
     return None
 
 
-def _settings(run: xr.Dataset, measurand: Measurand) -> dict[str, Any]:
+def _twin_settings(run: xr.Dataset, measurand: Measurand) -> dict[str, Any]:
     """Return the settings of the twin: the run's own, with steps that are given where they were chosen."""
     settings = settings_for(measurand.model, **measurand.settings)
-    asked = measurand.settings | {"precision": DOUBLE_DOUBLE, "summation": PLAIN, "estimator": NO_ESTIMATE}
+    twin_settings = measurand.settings | {"precision": DOUBLE_DOUBLE, "summation": PLAIN, "estimator": NO_ESTIMATE}
     if not settings.adaptive:
-        return asked
-    steps, reached = run["step_size"].values[run["step_size"].values > 0.0], float(run["time"][-1])
-    if reached < settings.until:  # stopped by an event, which the twin may meet a little later
-        steps = np.append(steps, [steps.max(), settings.until - reached])
-    kept = {name: value for name, value in asked.items() if name not in CHOOSING}
+        return twin_settings
+    steps, end_time = run["step_size"].values[run["step_size"].values > 0.0], float(run["time"][-1])
+    if end_time < settings.until:  # stopped by an event, which the twin may meet a little later
+        steps = np.append(steps, [steps.max(), settings.until - end_time])
+    fixed_settings = {name: value for name, value in twin_settings.items() if name not in CHOOSING}
     order = {"order": settings.method.order} if settings.method.has_orders else {}
-    return kept | {"step": steps} | order
+    return fixed_settings | {"step": steps} | order

@@ -13,13 +13,13 @@ import numpy as np
 from xdynamics.budgeting.measurand import TIME, Measurand, Target
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.enclosing.enclosure import enclosure_request
-from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED, bounded
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED, bounded_names
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.record import unfold
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.schema import AT, BOUNDS, PROVEN, bounds_of
 from xdynamics.tubes import interval_problem_of
 
@@ -74,7 +74,7 @@ def proven_task(measurand: Measurand, run: Task) -> Task:
             f"no bounds are proven of what happens at '{target.event}', which is no event; leave proven out"
         )
     interval_problem_of(model)
-    return Task.of(PROVEN, partial(_proven, model, target), (run,), *measurand.inputs)
+    return Task.of(PROVEN, partial(_prove_bounds, model, target), (run,), *measurand.inputs)
 
 
 def certain(model: Model) -> Model:
@@ -92,15 +92,15 @@ def certain(model: Model) -> Model:
     return model.with_statement(replace(statement, **changes))
 
 
-def _proven(model: Model, target: Target, run: xr.Dataset) -> ProvenBounds:
+def _prove_bounds(model: Model, target: Target, run: xr.Dataset) -> ProvenBounds:
     """Prove bounds of a number, up to where a run has it."""
     if target.at is not None:
         tube = unfold(enclosure_request(model, at=[target.at]).computed())
-        names, row = bounded(tube, AT), {AT: 0}
+        names, row = bounded_names(tube, AT), {AT: 0}
     else:
         start, met = float(run["time"][0]), target.time_in(run)
         tube = unfold(enclosure_request(model, until=met + BEYOND * (met - start) + EPS * abs(met)).computed())
-        places = [k for k, word in enumerate(words_of(tube["event_detector"])) if word == target.event]
+        places = [k for k, word in enumerate(words_of_flag(tube["event_detector"])) if word == target.event]
         if len(places) < target.occurrence:
             ended = tube.attrs["outcome"] != COMPLETED
             return ProvenBounds(nan, nan, str(tube.attrs["outcome_text" if ended else "events_text"]))
@@ -117,7 +117,7 @@ def _proven(model: Model, target: Target, run: xr.Dataset) -> ProvenBounds:
     return ProvenBounds(low, high, str(tube.attrs["summary" if low <= high else "outcome_text"]))
 
 
-def proven_as(proven: ProvenBounds, value: float, unit: str) -> Mapping[str, Any]:
+def proven_variables(proven: ProvenBounds, value: float, unit: str) -> Mapping[str, Any]:
     """Return as variables what is proven of a number."""
     interval = np.array([proven.low, proven.high])
     error = proven.error(value)
@@ -125,12 +125,16 @@ def proven_as(proven: ProvenBounds, value: float, unit: str) -> Mapping[str, Any
         "proven_interval": (
             (BOUNDS,),
             interval,
-            about(unit, "proven bounds of the number, of values as written", "budget"),
+            variable_attributes(unit, "proven bounds of the number, of values as written", "budget"),
         ),
         "proven_error": (
             (),
             np.float64(error),
-            about(unit, "what the run's own number is proven to be off by at most", "budget"),
+            variable_attributes(unit, "what the run's own number is proven to be off by at most", "budget"),
         ),
-        "proven_text": ((), np.array(proven.text), about("1", "what is proven, or why nothing is", "rule")),
+        "proven_text": (
+            (),
+            np.array(proven.text),
+            variable_attributes("1", "what is proven, or why nothing is", "rule"),
+        ),
     }

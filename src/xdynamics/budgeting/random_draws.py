@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.budgeting.measurand import Measurand, Target
-from xdynamics.budgeting.montecarlo import Drawn, drawn
-from xdynamics.budgeting.physical import named
+from xdynamics.budgeting.montecarlo import DrawStatistics, draw_statistics
+from xdynamics.budgeting.physical import input_axis_name
 from xdynamics.faults import InputError
 from xdynamics.model.uncertainty import normal_quantile
-from xdynamics.sweeping.designs import DECLARED, LEAST, Draws
+from xdynamics.sweeping.designs import DECLARED, MIN_PROBABILITY, Draws
 from xdynamics.units import Unit, parse_quantity
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-MOST_DRAWS = 1 << 22
+MAX_DRAWS = 1 << 22
 STREAM = 1  # of random numbers, besides that of the inputs
 
 
@@ -66,7 +66,7 @@ class Propagation:
         InputError
             If nothing is uncertain.
         """
-        names = [named(self.measurand.model, name) for name in self.names]
+        names = [input_axis_name(self.measurand.model, name) for name in self.names]
         if not names and not self.added:
             raise InputError(
                 "nothing in the model has an uncertainty to draw from; give parameters or initial values one"
@@ -76,7 +76,7 @@ class Propagation:
         axes = {"draw": Draws(draws, names, design=DECLARED, seed=self.measurand.seed)}
         return self.measurand.numbers(axes, **settings)
 
-    def added_to(self, drawn: Floats | None, draws: int) -> Floats:
+    def added_to(self, input_numbers: Floats | None, draws: int) -> Floats:
         """Add what is not an input of the model to the number in each of these runs.
 
         Raises
@@ -84,7 +84,7 @@ class Propagation:
         InputError
             If a run does not have the number.
         """
-        values = np.full(draws, self.value) if drawn is None else drawn
+        values = np.full(draws, self.value) if input_numbers is None else input_numbers
         if missing := int(np.count_nonzero(~np.isfinite(values))):
             raise InputError(
                 f"{self.measurand.target.description} does not exist in {missing} of {draws} draws: the inputs are too uncertain for it to"
@@ -92,11 +92,13 @@ class Propagation:
             )
         points = np.random.default_rng([self.measurand.seed, STREAM]).random((draws, len(self.added)))
         for k, standard in enumerate(self.added):
-            values = values + standard * normal_quantile(np.maximum(points[:, k], LEAST))
+            values = values + standard * normal_quantile(np.maximum(points[:, k], MIN_PROBABILITY))
         return values
 
 
-def drawn_until(propagation: Propagation, draws: int, coverage: float, wanted: float) -> tuple[Drawn, int]:
+def draw_until_known(
+    propagation: Propagation, draws: int, coverage: float, end_tolerance: float
+) -> tuple[DrawStatistics, int]:
     """Draw until the intervals' ends are known as well as wanted; return the result and the number of draws.
 
     Raises
@@ -105,18 +107,18 @@ def drawn_until(propagation: Propagation, draws: int, coverage: float, wanted: f
         If the largest number of draws does not suffice.
     """
     while True:
-        result = drawn(propagation.values(draws), coverage)
-        if result.ends_doubt <= wanted:
-            return result, draws
-        if draws >= MOST_DRAWS:
+        statistics = draw_statistics(propagation.values(draws), coverage)
+        if statistics.ends_doubt <= end_tolerance:
+            return statistics, draws
+        if draws >= MAX_DRAWS:
             raise InputError(
-                f"{draws} draws leave the ends of the interval uncertain by {result.ends_doubt:.3g}, and {wanted:.3g}"
+                f"{draws} draws leave the ends of the interval uncertain by {statistics.ends_doubt:.3g}, and {end_tolerance:.3g}"
                 " is wanted; ask for less"
             )
         draws *= 2
 
 
-def wanted_of(size_text: str | None, unit: Unit, target: Target, usual: float) -> float:
+def end_tolerance_of(size_text: str | None, unit: Unit, target: Target, default_level: float) -> float:
     """Return the standard uncertainty wanted of the intervals' ends; infinite by default.
 
     Raises
@@ -129,7 +131,7 @@ def wanted_of(size_text: str | None, unit: Unit, target: Target, usual: float) -
     size, separator, level_text = str(size_text).partition(" at ")
     quantity = parse_quantity(size)
     try:
-        level = float(level_text.strip().removesuffix("%")) / 100.0 if separator else usual
+        level = float(level_text.strip().removesuffix("%")) / 100.0 if separator else default_level
     except ValueError:
         level = nan
     if quantity.unit.dimension != unit.dimension or not quantity.value > 0 or not 0.0 < level < 1.0:

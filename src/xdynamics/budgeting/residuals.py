@@ -18,7 +18,7 @@ FAR_BELOW = 0.1  # likewise, of the uncertainties if there are any
 
 
 @dataclass(frozen=True)
-class Tested:
+class ResidualTests:
     """Results of the tests of residuals.
 
     Attributes
@@ -38,7 +38,9 @@ class Tested:
     text: str
 
 
-def tested(square: float, freedom: int, rows: Sequence[Floats], measured: Sequence[Floats], *, known: bool) -> Tested:
+def judge_residuals(
+    square: float, freedom: int, rows: Sequence[Floats], measured: Sequence[Floats], *, has_uncertainties: bool
+) -> ResidualTests:
     """Test the residuals of a fit.
 
     Parameters
@@ -48,7 +50,7 @@ def tested(square: float, freedom: int, rows: Sequence[Floats], measured: Sequen
     freedom : int
     rows, measured : sequence of ndarray
         Residuals and measured values of each quantity, in the order of time.
-    known : bool
+    has_uncertainties : bool
         Whether the data have uncertainties.
 
     Notes
@@ -59,12 +61,12 @@ def tested(square: float, freedom: int, rows: Sequence[Floats], measured: Sequen
     """
     from scipy.stats import chi2
 
-    chi_square = float(chi2.sf(square, freedom)) if known else nan
+    chi_square = float(chi2.sf(square, freedom)) if has_uncertainties else nan
     probabilities = [probability for probability in map(runs_probability, rows) if probability == probability]
     runs = min(1.0, len(probabilities) * min(probabilities)) if probabilities else nan
-    slight = (
+    is_slight = (
         square / freedom <= FAR_BELOW**2
-        if known
+        if has_uncertainties
         else all(_is_slight(*pair) for pair in zip(rows, measured, strict=True))
     )
     if chi_square < UNLIKELY:
@@ -72,15 +74,15 @@ def tested(square: float, freedom: int, rows: Sequence[Floats], measured: Sequen
             f"residuals are {sqrt(square / freedom):.3g} times as large as the uncertainties: the model, the"
             " uncertainties or the minimum that the search came to is wrong"
         )
-    elif runs < UNLIKELY and not slight:
+    elif runs < UNLIKELY and not is_slight:
         text = (
             f"residuals are not in a random order (fewer changes of sign have the probability {runs:.1g}): the model or"
             " the minimum that the search came to is wrong"
         )
     else:
-        judgement = "no matter beside the data" if slight else "no more than noise"
-        return Tested(chi_square, runs, adequate=True, text=f"residuals are {judgement}")
-    return Tested(chi_square, runs, adequate=False, text=text)
+        judgement = "no matter beside the data" if is_slight else "no more than noise"
+        return ResidualTests(chi_square, runs, adequate=True, text=f"residuals are {judgement}")
+    return ResidualTests(chi_square, runs, adequate=False, text=text)
 
 
 def runs_probability(row: Floats) -> float:
@@ -94,13 +96,13 @@ def runs_probability(row: Floats) -> float:
     from scipy.special import ndtr
 
     signs = np.sign(row)[np.sign(row) != 0.0]
-    above, below = int(np.count_nonzero(signs > 0)), int(np.count_nonzero(signs < 0))
-    if above + below < 2 * FEWEST:
+    positive_count, negative_count = int(np.count_nonzero(signs > 0)), int(np.count_nonzero(signs < 0))
+    if positive_count + negative_count < 2 * FEWEST:
         return nan
-    if not min(above, below):
-        return 0.5 ** (above + below - 1)
-    runs, n = 1 + int(np.count_nonzero(signs[1:] != signs[:-1])), above + below
-    mean = 1.0 + 2.0 * above * below / n
+    if not min(positive_count, negative_count):
+        return 0.5 ** (positive_count + negative_count - 1)
+    runs, n = 1 + int(np.count_nonzero(signs[1:] != signs[:-1])), positive_count + negative_count
+    mean = 1.0 + 2.0 * positive_count * negative_count / n
     variance = (mean - 1.0) * (mean - 2.0) / (n - 1)
     return float(ndtr((runs + 0.5 - mean) / sqrt(variance))) if variance > 0.0 else nan
 

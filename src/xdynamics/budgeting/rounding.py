@@ -13,7 +13,7 @@ _NUMBER = re.compile(r"\d+(\.\d+)?(e-?\d+)?")
 _SCALED = re.compile(r"\(([-\d.]+) ± ([\d.]+)\)e(-?\d+)")
 
 
-def rounded(value: float, standard: float, numerical: float, units: str, origin: str = "k = 2") -> str:
+def rounded_result(value: float, standard: float, numerical: float, units: str, origin: str = "k = 2") -> str:
     """Write a value rounded to its expanded uncertainty (JCGM 100:2008, 7.2.6), and the numerical part separately.
 
     Parameters
@@ -28,18 +28,18 @@ def rounded(value: float, standard: float, numerical: float, units: str, origin:
 
     Examples
     --------
-    >>> rounded(16.87412, 0.0061, 3.1e-9, "m")
+    >>> rounded_result(16.87412, 0.0061, 3.1e-9, "m")
     '16.874 ± 0.012 m (k = 2, numerical part 3e-9 m)'
-    >>> rounded(-1234.5, 210.0, 0.0, "1")
+    >>> rounded_result(-1234.5, 210.0, 0.0, "1")
     '-1230 ± 420 (k = 2, numerical part 0)'
-    >>> rounded(16.87412, inf, inf, "m")
+    >>> rounded_result(16.87412, inf, inf, "m")
     '16.8741 m, of unknown uncertainty'
     """
     unit = "" if units == "1" else f" {units}"
     if standard == inf:
         return f"{value:.{UNESTIMATED}g}{unit}, of unknown uncertainty"
     expanded = EXPANDED * standard
-    remark = f"{origin}, numerical part {short(numerical)}{unit}"
+    remark = f"{origin}, numerical part {short_size(numerical)}{unit}"
     if not (expanded > 0.0 and isfinite(expanded)):
         return f"{value!r}{unit} ({remark})"
     return f"{with_uncertainty(value, expanded)}{unit} ({remark})"
@@ -57,7 +57,7 @@ def drawn_interval(
     numerical : float
         Sum of the numerical bounds.
     units, origin : str
-        As in `rounded`.
+        As in `rounded_result`.
 
     Examples
     --------
@@ -69,23 +69,23 @@ def drawn_interval(
     unit = "" if units == "1" else f" {units}"
     if not isfinite(numerical):
         return "of unknown uncertainty"
-    resolved = doubt if 0.0 < doubt < inf else FINELY * (high - low)
-    ends = (known_to(end, resolved) for end in (low - numerical, high + numerical))
-    return f"{' to '.join(ends)}{unit} ({origin}, numerical part {short(numerical)}{unit})"
+    end_doubt = doubt if 0.0 < doubt < inf else FINELY * (high - low)
+    ends = (known_to(end, end_doubt) for end in (low - numerical, high + numerical))
+    return f"{' to '.join(ends)}{unit} ({origin}, numerical part {short_size(numerical)}{unit})"
 
 
-def short(value: float, digits: int = 1) -> str:
+def short_size(value: float, digits: int = 1) -> str:
     """Write the size of an uncertainty or of a bound.
 
     Examples
     --------
-    >>> short(3.1e-9), short(0.0061), short(12345.0, 2), short(0.00614, 2)
+    >>> short_size(3.1e-9), short_size(0.0061), short_size(12345.0, 2), short_size(0.00614, 2)
     ('3e-9', '0.006', '1.2e4', '0.0061')
     """
     if value == 0.0 or not isfinite(value):
         return f"{value:g}"
-    written = scientific(value, digits - 1)
-    return written if not -3 <= int(written.partition("e")[2]) <= 3 else f"{float(written):g}"
+    size_text = scientific(value, digits - 1)
+    return size_text if not -3 <= int(size_text.partition("e")[2]) <= 3 else f"{float(size_text):g}"
 
 
 def same_number(first: str, second: str) -> bool:
@@ -98,8 +98,8 @@ def same_number(first: str, second: str) -> bool:
     >>> same_number("(9.87654321 ± 0.00000064)e12 m", "9.87654321e12 ± 6.4e5 m"), same_number("3.71 s", "3.72 s")
     (True, False)
     """
-    said = [
+    normalised = [
         _NUMBER.sub(lambda number: repr(float(number[0])), _SCALED.sub(r"\1e\3 ± \2e\3", text))
         for text in (first, second)
     ]
-    return said[0] == said[1]
+    return normalised[0] == normalised[1]

@@ -11,23 +11,23 @@ from numpy.typing import NDArray
 from xdynamics.budgeting.measurand import TIME, Target
 from xdynamics.dynamics.constrained_changes import followed_start
 from xdynamics.dynamics.path import NO_MAP, steps_over_impacts
-from xdynamics.dynamics.saltation import FlowStates, Met
+from xdynamics.dynamics.saltation import FlowStates, SimultaneousEvents
 from xdynamics.dynamics.tick_maps import with_ticks
 from xdynamics.dynamics.variational import (
     LARGEST,
     Equations,
     NotVariedError,
     Variations,
+    first_contact_rows,
     gauss,
     refuse_delays,
-    touches,
 )
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import variables
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.named_rows import rows_named
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 NEAR = 1e-9  # of a value at the start: what digits of it leave
 
 
-def slopes_along(run: xr.Dataset, model: Model, target: Target, inputs: Sequence[str]) -> dict[str, float]:
+def variational_slopes(run: xr.Dataset, model: Model, target: Target, inputs: Sequence[str]) -> dict[str, float]:
     """Return the slope of a number by uncertain inputs, both in their own units.
 
     Raises
@@ -46,7 +46,7 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target, inputs: Sequence
     NotVariedError
         If the variational equations do not cover the run, its contacts or its forces.
     """
-    changes = _changes(run, model, target, tuple(inputs))
+    changes = _integrate_changes(run, model, target, tuple(inputs))
     factor = float(target.units(run).factor)
     units = [float(model.uncertain[name].quantity.unit.factor) for name in inputs]
     if not np.isfinite(changes).all():
@@ -54,46 +54,51 @@ def slopes_along(run: xr.Dataset, model: Model, target: Target, inputs: Sequence
     return {name: float(change) * unit / factor for name, change, unit in zip(inputs, changes, units, strict=True)}
 
 
-def _changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
+def _integrate_changes(run: xr.Dataset, model: Model, target: Target, inputs: tuple[str, ...]) -> Floats:
     """Integrate along the run, from event to event, to the number; return its slopes in SI units."""
     if target.extreme is not None:
         raise NotVariedError("an extreme is where the run has it")
     _check_points(model, inputs)
-    along = with_ticks(Variations(run, _equations(run, model, inputs), int(run.attrs["solver_order"])))
-    change, row, occurrences, touched = along.from_start(_start(along, inputs)), 0, 0, touches(run)
-    for before, after, names in _instants(run):
-        if target.at is not None and float(run["time"][before]) > target.at:
+    path = with_ticks(Variations(run, _variational_equations(run, model, inputs), int(run.attrs["solver_order"])))
+    change, row, occurrences, first_touches = (
+        path.from_start(_initial_changes(path, inputs)),
+        0,
+        0,
+        first_contact_rows(run),
+    )
+    for row_before, row_after, names in _event_instants(run):
+        if target.at is not None and float(run["time"][row_before]) > target.at:
             break
-        _check_open(touched, before)
-        change = along.over(change, row, before)
-        met = Met(along, np.array([before]), np.array([after]), names, change[None])
+        _check_open(first_touches, row_before)
+        change = path.carried_change(change, row, row_before)
+        met = SimultaneousEvents(path, np.array([row_before]), np.array([row_after]), names, change[None])
         occurrences += names.count(target.event)
         if target.event in names and occurrences >= target.occurrence:
-            return _at_event(met, target)
-        change, row = met.left()[0], after
+            return _changes_at_event(met, target)
+        change, row = met.changes_after()[0], row_after
     assert target.at is not None  # noqa: S101 - a number at an event was found in the run before
     last = int(np.searchsorted(run["time"].values, target.at, side="right")) - 1
-    _check_open(touched, last)
-    change = along.over(change, row, last, target.at)
-    return _of_quantity(_end(along, last, target.at, change), target)
+    _check_open(first_touches, last)
+    change = path.carried_change(change, row, last, target.at)
+    return _quantity_changes(_changes_at_time(path, last, target.at, change), target)
 
 
 def _check_points(model: Model, inputs: Sequence[str]) -> None:
     """Refuse tables that jump at points whose times the inputs move."""
-    if not (moved := sorted(model.read_by_points.intersection(inputs))):
+    if not (point_inputs := sorted(model.read_by_points.intersection(inputs))):
         return
     for name, drive in model.drives.items():
         if drive.argument != CLOCK and (drive.interpolation == "previous" or drive.outside == "zero"):
-            raise NotVariedError(f"'{name}' jumps at times that follow '{moved[0]}'")
+            raise NotVariedError(f"'{name}' jumps at times that follow '{point_inputs[0]}'")
 
 
-def _check_open(touched: Mapping[str, int], row: int) -> None:
+def _check_open(first_touches: Mapping[str, int], row: int) -> None:
     """Refuse contacts that are not open up to a row."""
-    if closed := [name for name, first in touched.items() if first <= row]:
-        raise NotVariedError(f"'{closed[0]}' is not open all the time")
+    if closed_contacts := [name for name, first in first_touches.items() if first <= row]:
+        raise NotVariedError(f"'{closed_contacts[0]}' is not open all the time")
 
 
-def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equations:
+def _variational_equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equations:
     """Return the variational equations of a model; refuse models without them, or with too many."""
     if model.frictions:
         raise NotVariedError("friction elements slip or stick all the time")
@@ -112,9 +117,9 @@ def _equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...]) -> Equati
     return equations
 
 
-def _start(along: Variations, inputs: tuple[str, ...]) -> Floats:
+def _initial_changes(path: Variations, inputs: tuple[str, ...]) -> Floats:
     """Return the initial change: 1 for a variable whose initial value is the input, or what an expression of it has."""
-    model = along.equations.model
+    model = path.equations.model
     names, followed = variables(model), model.slopes_at_start(inputs)
     change = np.array(
         [
@@ -125,13 +130,13 @@ def _start(along: Variations, inputs: tuple[str, ...]) -> Floats:
             for name in names
         ]
     )
-    return _follow(along, inputs, change) if model.constraints else change
+    return _follow_constraints(path, inputs, change) if model.constraints else change
 
 
-def _follow(along: Variations, inputs: tuple[str, ...], change: Floats) -> Floats:
+def _follow_constraints(path: Variations, inputs: tuple[str, ...], change: Floats) -> Floats:
     """Return the initial change as it is where the start follows constraints."""
-    model = along.equations.model
-    state = {name: float(value[0]) for name, value in along.row(np.zeros(1, np.int64)).items()}
+    model = path.equations.model
+    state = {name: float(value[0]) for name, value in path.row(np.zeros(1, np.int64)).items()}
     if any(abs(state[name] - model.statement.initial[name].si) > NEAR * abs(state[name]) for name in variables(model)):
         raise NotVariedError("the start is moved to where constraints hold")
     followed = followed_start(model, inputs, state, change)
@@ -140,42 +145,44 @@ def _follow(along: Variations, inputs: tuple[str, ...], change: Floats) -> Float
     return followed
 
 
-def _instants(run: xr.Dataset) -> Iterator[tuple[int, int, tuple[str, ...]]]:
+def _event_instants(run: xr.Dataset) -> Iterator[tuple[int, int, tuple[str, ...]]]:
     """Yield the rows on both sides of every instant with events, and the names of the events."""
     if not run.sizes.get("event", 0):
         return
-    detectors, kinds = (words_of(run[name]) for name in ("event_detector", "event_kind"))
+    detectors, kinds = (words_of_flag(run[name]) for name in ("event_detector", "event_kind"))
     rows = [rows_named(run, name).tolist() for name in ("event_row_before", "event_row_after")]
     groups: dict[tuple[int, int], list[str]] = {}
-    for before, after, name, kind in zip(*rows, detectors, kinds, strict=True):
-        groups.setdefault((before, after), []).append(name)
+    for row_before, row_after, name, kind in zip(*rows, detectors, kinds, strict=True):
+        groups.setdefault((row_before, row_after), []).append(name)
         if kind in NO_MAP:
-            groups[before, after].append(f"{kind} of {name}")
-    for (before, after), names in groups.items():
-        yield before, after, tuple(names)
+            groups[row_before, row_after].append(f"{kind} of {name}")
+    for (row_before, row_after), names in groups.items():
+        yield row_before, row_after, tuple(names)
 
 
-def _at_event(met: Met, target: Target) -> Floats:
+def _changes_at_event(met: SimultaneousEvents, target: Target) -> Floats:
     """Return the slopes of a number at an event."""
     time = met.time_of(target.event)
     if target.quantity == TIME:
         return np.asarray(time[0])
-    return _of_quantity(met.meeting(time) if target.side == "before" else met.behind(time), target)
+    return _quantity_changes(
+        met.flow_before_event(time) if target.side == "before" else met.flow_after_event(time), target
+    )
 
 
-def _end(along: Variations, last: int, at: float, change: Floats) -> FlowStates:
+def _changes_at_time(path: Variations, last: int, time: float, change: Floats) -> FlowStates:
     """Return the state at a time and its changes."""
     row = np.array([last])
-    place = Met(along, row, row, (), change[None]).meeting(np.zeros((1, change.shape[1])))
-    state = along.states(np.array([at]), np.array([last]))
-    return FlowStates(place.model, state, place.changes)
+    flow = SimultaneousEvents(path, row, row, (), change[None]).flow_before_event(np.zeros((1, change.shape[1])))
+    state = path.states(np.array([time]), np.array([last]))
+    return FlowStates(flow.model, state, flow.changes)
 
 
-def _of_quantity(place: FlowStates, target: Target) -> Floats:
+def _quantity_changes(flow: FlowStates, target: Target) -> Floats:
     """Return the change of a coordinate, velocity, state, energy or observable."""
-    if target.quantity in place.changes:
-        return np.asarray(place.changes[target.quantity][0])
-    derived = layout_of(place.model).derived
+    if target.quantity in flow.changes:
+        return np.asarray(flow.changes[target.quantity][0])
+    derived = layout_of(flow.model).derived
     if target.quantity not in derived:
         raise InputError(f"quantity is {target.quantity!r}")
-    return np.asarray(place.change(derived[target.quantity])[0])
+    return np.asarray(flow.change(derived[target.quantity])[0])

@@ -58,38 +58,44 @@ class ErrorSource:
         unit: Unit | None = None,
     ) -> ErrorSource:
         """Return a source of one term; `unit` is that of its input, if it has one."""
-        return cls((name,), needs, partial(_in_row, term), partial(_in_row, partial(_blank, name, kind, unit)), inputs)
+        return cls(
+            (name,),
+            needs,
+            partial(_as_term_list, term),
+            partial(_as_term_list, partial(_blank_term, name, kind, unit)),
+            inputs,
+        )
 
-    def task(self, measurand: Measurand, shared: Mapping[str, Task | Gathered]) -> Task:
+    def task(self, measurand: Measurand, shared_tasks: Mapping[str, Task | Gathered]) -> Task:
         """Return the task that computes the terms, alone."""
-        needs = tuple(shared[name] for name in self.needs)
+        needs = tuple(shared_tasks[name] for name in self.needs)
         words = (self.names, *measurand.inputs, *self.inputs)
         if measurand.keep is None:
             return Task.of(self.names[0], self.terms, needs, *words)
         # what is needed follows from the number; and blocks that are there already have other names than those to come
-        task = replace(Task.of(self.names[0], self.terms, (), shared[NUMBER].name, *words), needs=needs)
+        task = replace(Task.of(self.names[0], self.terms, (), shared_tasks[NUMBER].name, *words), needs=needs)
         return measurand.keep.task(task, TERMS)
 
 
-def _in_row(term: Callable[..., Term], *needs: Any) -> list[Term]:
+def _as_term_list(term: Callable[..., Term], *needs: Any) -> list[Term]:
     return [term(*needs)]
 
 
-def _blank(name: str, kind: str, input_unit: Unit | None, _unit: Unit) -> Term:
+def _blank_term(name: str, kind: str, input_unit: Unit | None, _unit: Unit) -> Term:
     return Term(name, kind, nan, nan, "", input_unit=input_unit)
 
 
 def stated_source(measurand: Measurand, name: str, term: Callable[[Unit], Term]) -> ErrorSource:
     """Return a source whose term is stated, and follows from the unit of the number."""
-    stated = partial(_in_row, term)
-    return ErrorSource((name,), (RUN,), partial(_stated, stated, measurand.target), stated, (name,))
+    stated_terms = partial(_as_term_list, term)
+    return ErrorSource((name,), (RUN,), partial(_stated_terms, stated_terms, measurand.target), stated_terms, (name,))
 
 
-def _stated(terms: Callable[[Unit], list[Term]], target: Target, run: xr.Dataset) -> list[Term]:
+def _stated_terms(terms: Callable[[Unit], list[Term]], target: Target, run: xr.Dataset) -> list[Term]:
     return terms(target.units(run))
 
 
-def names_left_out(names: Sequence[str], shapes: Shapes, only: Any, without: Any) -> frozenset[str]:
+def names_left_out(names: Sequence[str], shapes: Shapes, only: Any, exclusions: Any) -> frozenset[str]:
     """Return which terms of a budget are left out, by the names that are wanted or not wanted.
 
     A name is that of a term, or of a quantity with dimensions, whose elements are meant.
@@ -99,25 +105,25 @@ def names_left_out(names: Sequence[str], shapes: Shapes, only: Any, without: Any
     InputError
         If a name is no term of the budget, or no term is left.
     """
-    wanted, unwanted = (_row(only, shapes, "only"), _row(without, shapes, "without"))
-    for keyword, given in (("only", wanted), ("without", unwanted)):
-        for name in given or ():
+    only_names, excluded_names = (_read_names(only, shapes, "only"), _read_names(exclusions, shapes, "without"))
+    for keyword, term_names in (("only", only_names), ("without", excluded_names)):
+        for name in term_names or ():
             if name not in names:
                 raise InputError(
                     f"{keyword} names '{name}', which is no term of this budget; there are {', '.join(names)}"
                 )
-    if wanted is not None and unwanted is not None:
+    if only_names is not None and excluded_names is not None:
         raise InputError("only and without are both given; name the terms that are wanted, or those that are not")
-    left_out = frozenset(unwanted or ()) if wanted is None else frozenset(names) - {*wanted}
+    left_out = frozenset(excluded_names or ()) if only_names is None else frozenset(names) - {*only_names}
     if left_out >= {*names}:
         raise InputError(f"no term is left of the budget; there are {', '.join(names)}")
     return left_out
 
 
-def _row(names: Any, shapes: Shapes, keyword: str) -> Collection[str] | None:
+def _read_names(names: Any, shapes: Shapes, keyword: str) -> Collection[str] | None:
     row = [names] if isinstance(names, str) else names
     if row is None:
         return None
     if not isinstance(row, Collection) or not all(isinstance(name, str) for name in row):
         raise InputError(f"{keyword} is {str(names)[:60]!r}, needs names of terms, like ['roundoff']")
-    return [element for name in row for element in shapes.elements(shapes.inside(name, f"{keyword} names"))]
+    return [element for name in row for element in shapes.elements(shapes.internal_name(name, f"{keyword} names"))]

@@ -68,30 +68,30 @@ class Term:
         return cls(name, kind, inf, inf, rule)
 
 
-def _written(terms: Sequence[Term]) -> list[Any]:
+def _terms_as_lists(terms: Sequence[Term]) -> list[Any]:
     """Return terms as lists of texts and numbers."""
     rows = [[getattr(term, entry.name) for entry in fields(Term)] for term in terms]
-    return [[_unit_written(entry) if isinstance(entry, Unit) else entry for entry in row] for row in rows]
+    return [[_unit_as_list(entry) if isinstance(entry, Unit) else entry for entry in row] for row in rows]
 
 
-def _read(rows: Sequence[Sequence[Any]]) -> list[Term]:
+def _terms_of_lists(rows: Sequence[Sequence[Any]]) -> list[Term]:
     names = [entry.name for entry in fields(Term)]
     entries: list[list[Any]] = [
-        [_unit_read(entry) if isinstance(entry, list) else entry for entry in row] for row in rows
+        [_unit_of_list(entry) if isinstance(entry, list) else entry for entry in row] for row in rows
     ]
     return [Term(**dict(zip(names, row, strict=True))) for row in entries]
 
 
-def _unit_written(unit: Unit) -> list[Any]:
+def _unit_as_list(unit: Unit) -> list[Any]:
     return [unit.text, [*map(str, unit.dimension.powers)], str(unit.factor)]
 
 
-def _unit_read(entry: Sequence[Any]) -> Unit:
+def _unit_of_list(entry: Sequence[Any]) -> Unit:
     text, powers, factor = entry
     return Unit(text, Dimension(tuple(map(Fraction, powers))), Fraction(factor))
 
 
-TERMS = ResultForm(_written, _read)
+TERMS = ResultForm(_terms_as_lists, _terms_of_lists)
 
 
 @dataclass(frozen=True)
@@ -131,9 +131,9 @@ class Declared:
         """
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a declared term is named {self.name!r}, needs a word")
-        at = None if self.at is None else time_in(parse_unit(target.second), self.at, f"at of term '{self.name}'")
-        own, required = (
-            (self.quantity, at, self.event, self.occurrence),
+        moment = None if self.at is None else time_in(parse_unit(target.second), self.at, f"at of term '{self.name}'")
+        stated_number, required = (
+            (self.quantity, moment, self.event, self.occurrence),
             (
                 target.quantity,
                 target.at,
@@ -141,8 +141,10 @@ class Declared:
                 target.occurrence,
             ),
         )
-        if own != required:
-            description = Target(self.quantity, at, self.event, self.occurrence, target.side, target.second).description
+        if stated_number != required:
+            description = Target(
+                self.quantity, moment, self.event, self.occurrence, target.side, target.second
+            ).description
             raise InputError(
                 f"term '{self.name}' is of {description}, and the budget of {target.description}: propagate it there first"
             )

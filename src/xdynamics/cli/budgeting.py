@@ -8,12 +8,12 @@ from typing import Any
 
 import click
 
-from xdynamics.cli.clustering import KEPT, clustered, made
-from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, say
-from xdynamics.cli.marching import changed_model
-from xdynamics.cli.measuring import measured_data, reading_of, without
-from xdynamics.cli.settings import OF_RECORDS, asked, settings
-from xdynamics.cli.sweeping import ends_of
+from xdynamics.cli.clustering import KEPT, clustered, make_evidence
+from xdynamics.cli.command import BADLY, DONE, json_option, main, print_json, say
+from xdynamics.cli.marching import read_changed_model
+from xdynamics.cli.measuring import measured_data, other_options, reading_of
+from xdynamics.cli.settings import OF_RECORDS, settings, simulate_arguments
+from xdynamics.cli.sweeping import value_ranges
 from xdynamics.keywords import KEYWORDS
 
 OF_A_NUMBER = (
@@ -48,7 +48,7 @@ OF_A_NUMBER = (
     KEPT,
     clustered,
     json_option,
-    settings(without=OF_RECORDS),
+    settings(excluded=OF_RECORDS),
 )
 
 
@@ -69,12 +69,12 @@ def of_a_number(command: Callable[..., None]) -> Callable[..., None]:
 @click.option("--only", multiple=True, metavar="TERM", help="Compute this term alone, like truncation or an input.")
 @click.option("--without", multiple=True, metavar="TERM", help="Leave this term out, like roundoff or an input.")
 @click.option("-o", "--output", metavar="B.nc", help="Where to write the budget.")
-def budget(model_file: str, output: str | None, changes: tuple[str, ...], **named: Any) -> None:
+def budget(model_file: str, output: str | None, changes: tuple[str, ...], **options: Any) -> None:
     """Estimate how far one number may be off, and why: by the march, and by every uncertain input."""
     from xdynamics.budgeting.budget import error_budget
 
-    named |= {name: named[name] or None for name in ("only", "without")}
-    _evidence(error_budget, model_file, changes, output, **_of_number_and_march(named))
+    options |= {name: options[name] or None for name in ("only", "without")}
+    _make_and_save(error_budget, model_file, changes, output, **_of_number_and_march(options))
     if output:
         say([f"budget    {output}"])
     sys.exit(DONE)
@@ -85,11 +85,11 @@ def budget(model_file: str, output: str | None, changes: tuple[str, ...], **name
 @of_a_number
 @click.option("--draws", type=int, default=10_000, show_default=True, help="Draws of the Monte Carlo check.")
 @click.option("-o", "--output", required=True, metavar="C.nc", help="Where to write the certificate.")
-def certify(model_file: str, output: str, changes: tuple[str, ...], **named: Any) -> None:
+def certify(model_file: str, output: str, changes: tuple[str, ...], **options: Any) -> None:
     """Certify one number with all that defends it: budget, convergence, ledger, gates."""
     from xdynamics.budgeting.certificate import certify as certified
 
-    certificate = _evidence(certified, model_file, changes, output, **_of_number_and_march(named))
+    certificate = _make_and_save(certified, model_file, changes, output, **_of_number_and_march(options))
     say([f"kept      {output}"])
     sys.exit(DONE if not int(certificate["gate_verdict"].values.max()) else BADLY)
 
@@ -131,16 +131,16 @@ def recheck(certificate: str) -> None:
 
     result = made_again(certificate)
     say([f"the same  {certificate}: {result.attrs['of']} = {result.attrs['result']}"])
-    hand_over(result)
+    print_json(result)
 
 
-def _of_number_and_march(named: dict[str, Any]) -> dict[str, Any]:
+def _of_number_and_march(options: dict[str, Any]) -> dict[str, Any]:
     """Return the options of one number as they stand, and those of the march as `simulate` takes them."""
-    settings = {name: value for name, value in named.items() if name in KEYWORDS}
-    return {name: value for name, value in named.items() if name not in settings} | asked(settings)
+    settings = {name: value for name, value in options.items() if name in KEYWORDS}
+    return {name: value for name, value in options.items() if name not in settings} | simulate_arguments(settings)
 
 
-def _evidence(
+def _make_and_save(
     make: Callable[..., Any],
     model_file: str,
     changes: tuple[str, ...],
@@ -150,17 +150,17 @@ def _evidence(
 ) -> Any:
     """Make evidence of one number, print its summary, and keep it."""
     from xdynamics import archive
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
     from xdynamics.documenting.summary import summary
 
-    model = changed_model(model_file, changes)
+    model = read_changed_model(model_file, changes)
     if output:
-        archive.check_archive(placed(output))
-    evidence = made(make, model, quantity, **arguments)
+        archive.check_archive(location_of(output))
+    evidence = make_evidence(make, model, quantity, **arguments)
     if output:
         archive.save(evidence, output)
     say(summary(evidence))
-    hand_over(evidence, archive=output)
+    print_json(evidence, archive=output)
     return evidence
 
 
@@ -204,7 +204,7 @@ def _evidence(
 @click.option("--model", "fitted", metavar="FITTED.toml", help="Where to write the fitted model, with uncertainties.")
 @click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
 @json_option
-@settings(without=OF_RECORDS)
+@settings(excluded=OF_RECORDS)
 def fit(
     model_file: str,
     data: tuple[str, ...],
@@ -213,7 +213,7 @@ def fit(
     output: str | None,
     fitted: str | None,
     changes: tuple[str, ...],
-    **named: Any,
+    **options: Any,
 ) -> None:
     """Find parameters from measured data, with their uncertainties.
 
@@ -221,34 +221,34 @@ def fit(
     event_time_floor [s], a row for each occurrence. Exit code 1 where the search did not come to an end, or the residuals are more than noise.
     """
     from xdynamics import archive
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
     from xdynamics.archive.stores import taking_name
     from xdynamics.budgeting.fitting import fit as fitted_to
     from xdynamics.documenting.summary import summary
 
-    model = changed_model(model_file, changes)
+    model = read_changed_model(model_file, changes)
     if output:
-        archive.check_archive(placed(output))
+        archive.check_archive(location_of(output))
     if fitted:
-        archive.check_target(placed(fitted))
-    choices = {name: named.pop(name) for name in ("own", "loss", "intervals", "coverage", "gaps", "starts", "seed")}
+        archive.check_target(location_of(fitted))
+    choices = {name: options.pop(name) for name in ("own", "loss", "intervals", "coverage", "gaps", "starts", "seed")}
     result = fitted_to(
         model,
         data[0] if len(data) == 1 else list(data),
         parameters,
-        bounds=ends_of(bounds, "--bounds"),
-        reading=reading_of(named),
+        bounds=value_ranges(bounds, "--bounds"),
+        reading=reading_of(options),
         **choices,
-        **asked(without(named)),
+        **simulate_arguments(other_options(options)),
     )
     if output:
         archive.save(result, output)
     models = _fitted_files(fitted, result) if fitted else {}
     for path, text in models.items():
-        with taking_name(placed(path)) as new:
+        with taking_name(location_of(path)) as new:
             new.part.write_text(text)
     say([*summary(result), *(f"model     {path}" for path in models), *[f"fit       {output}"] * bool(output)])
-    hand_over(result, archive=output, model=fitted)
+    print_json(result, archive=output, model=fitted)
     sys.exit(DONE if int(result.attrs["adequate"]) else BADLY)
 
 

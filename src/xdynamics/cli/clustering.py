@@ -43,8 +43,8 @@ KEPT = click.option(
 )
 
 
-def made(
-    make: Callable[..., xr.Dataset], *arguments: Any, scheduler: str | None, workers: int | None, **named: Any
+def make_evidence(
+    make: Callable[..., xr.Dataset], *arguments: Any, scheduler: str | None, workers: int | None, **options: Any
 ) -> xr.Dataset:
     """Make evidence here, or as a graph on a cluster, with progress.
 
@@ -54,18 +54,18 @@ def made(
         If the evidence cannot be made, or the cluster cannot be reached or is gone.
     """
     from xdynamics.evidence.cluster import cluster_of
-    from xdynamics.evidence.stages import computed
+    from xdynamics.evidence.stages import compute_datasets
 
-    kept = [goes_on(named["keep"])] if named.get("keep") else []
+    resume_hint = [goes_on(options["keep"])] if options.get("keep") else []
     with cluster_of(scheduler, workers) as client:
         if client is None:
             try:
-                return make(*arguments, **named)
+                return make(*arguments, **options)
             except KeyboardInterrupt:
-                raise KeyboardInterrupt(*kept) from None
-        stage = make(*arguments, compute=False, **named)
+                raise KeyboardInterrupt(*resume_hint) from None
+        stage = make(*arguments, compute=False, **options)
         with progress("{count} tasks done") as tell:
             try:
-                return computed(stage, tell=tell)[0]
+                return compute_datasets(stage, tell=tell)[0]
             except KeyboardInterrupt:
-                raise KeyboardInterrupt("the cluster was told to drop what was asked of it", *kept) from None
+                raise KeyboardInterrupt("the cluster was told to drop what was asked of it", *resume_hint) from None

@@ -110,7 +110,7 @@ class _Command(click.Group):
                 warnings.simplefilter("ignore", AccuracyWarning)  # the printed outcome says the same
                 warnings.simplefilter("ignore", KindWarning)  # `verify` prints it with the verdict
                 warnings.simplefilter("ignore", SignatureWarning)  # and of signatures in the same line
-                warnings.showwarning = lambda message, *_rest: complain(f"warning: {message}")
+                warnings.showwarning = lambda message, *_ignored: complain(f"warning: {message}")
                 return super().invoke(ctx)
         except click.UsageError as error:
             click.UsageError(escaped(_with_example(error)), error.ctx).show()
@@ -131,12 +131,12 @@ class _Command(click.Group):
             meant = command_meant(args, [*self.commands])
             remedy = f"did you mean `{meant}`?" if meant else f"there are {', '.join(sorted(self.commands))}"
             raise click.UsageError(f"there is no verb '{args[0]}'; {remedy}", ctx)
-        name, command, rest = super().resolve_command(ctx, args)
+        name, command, remaining_args = super().resolve_command(ctx, args)
         limit = _memory_limit()
         if limit is not None and limit < LEAST_MEMORY and name not in LIGHT:
             complain(_memory_words())
             ctx.exit(BADLY)
-        return name, command, rest
+        return name, command, remaining_args
 
 
 def _with_example(error: click.UsageError) -> str:
@@ -204,7 +204,7 @@ def say(lines: Iterable[str]) -> None:
             click.echo(escaped(line))
 
 
-def width() -> int:
+def terminal_width() -> int:
     """Return how many letters a line of the terminal has; 80 where there is none."""
     return get_terminal_size((80, 24)).columns
 
@@ -216,12 +216,12 @@ def on_board(record: xr.Dataset) -> list[str]:
         return []
     from xdynamics.interchange.tables import board_of
 
-    board = board_of(record, width())
+    board = board_of(record, terminal_width())
     return ["", *board, ""] if board else []
 
 
 def json_option(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option --json, by which standard output holds what the verb gives to `hand_over`, and nothing else."""
+    """Add the option --json, by which standard output holds what the verb gives to `print_json`, and nothing else."""
     return click.option(
         "--json",
         is_flag=True,
@@ -231,16 +231,16 @@ def json_option(verb: Callable[..., Any]) -> Callable[..., Any]:
     )(verb)
 
 
-def _as_json(ctx: click.Context, _option: click.Parameter, wanted: bool) -> None:
-    ctx.meta[JSON] = wanted
+def _as_json(ctx: click.Context, _option: click.Parameter, is_json: bool) -> None:
+    ctx.meta[JSON] = is_json
 
 
-def hand_over(subject: Any, **files: str | None) -> None:
+def print_json(subject: Any, **files: str | None) -> None:
     """Print a record, evidence, a model or plain data as JSON where it is asked for, and the files that were written."""
     if click.get_current_context().meta.get(JSON):
-        from xdynamics.documenting.json_data import data_of, json_text
+        from xdynamics.documenting.json_data import json_text, plain_data_of
 
-        click.echo(json_text(data_of(subject) | {name: str(file) for name, file in files.items() if file}))
+        click.echo(json_text(plain_data_of(subject) | {name: str(file) for name, file in files.items() if file}))
 
 
 @click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"]})
@@ -263,9 +263,9 @@ class progress:  # noqa: N801 - used as a statement
         if self.last > self.started and sys.stderr.isatty():
             click.echo("\r\033[K", nl=False, err=True)
 
-    def tell(self, done: float, at: float, rows: int) -> None:
+    def tell(self, done: float, march_time: float, rows: int) -> None:
         """Report how far the march is, once a second."""
         now = time.monotonic()
         if now - self.last >= 1.0 and sys.stderr.isatty():
             self.last = now
-            click.echo(f"\r\033[K{done:4.0%}  {self.words.format(at=at, count=rows)}", nl=False, err=True)
+            click.echo(f"\r\033[K{done:4.0%}  {self.words.format(at=march_time, count=rows)}", nl=False, err=True)

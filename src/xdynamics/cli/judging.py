@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xdynamics.cli.clustering import KEPT, clustered, made
-from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, on_board, say
-from xdynamics.cli.marching import changed_model
+from xdynamics.cli.clustering import KEPT, clustered, make_evidence
+from xdynamics.cli.command import BADLY, DONE, json_option, main, on_board, print_json, say
+from xdynamics.cli.marching import read_changed_model
 from xdynamics.cli.measuring import TABLES, measured_data, reading_of
-from xdynamics.cli.settings import OF_RECORDS, asked, pairs, settings
+from xdynamics.cli.settings import OF_RECORDS, named_values, settings, simulate_arguments
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 @clustered
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Change a parameter or initial value.")
 @json_option
-@settings(without=("step", "rtol", "time_tolerance", *OF_RECORDS))
+@settings(excluded=("step", "rtol", "time_tolerance", *OF_RECORDS))
 def refine(
     model_file: str,
     output: str | None,
@@ -79,14 +79,14 @@ def refine(
     scheduler: str | None,
     workers: int | None,
     values: tuple[str, ...],
-    **named: Any,
+    **options: Any,
 ) -> None:
     """March a model with ever finer steps or tolerances: orders, limits and uncertainties of its numbers."""
-    from xdynamics.evidence.refining.refinement import lines_of
     from xdynamics.evidence.refining.refinement import refine as refined
+    from xdynamics.evidence.refining.refinement import refinement_lines
 
-    _check(output)
-    model = changed_model(model_file, values)
+    _check_output(output)
+    model = read_changed_model(model_file, values)
     study: dict[str, Any] = {
         "at": list(times) or None,
         "observables": list(observables) or None,
@@ -94,25 +94,27 @@ def refine(
         "keep": keep,
         "most_rows": most_rows,
         "memory": memory,
-        "until_change": pairs(changes, "--until-change") or None,
+        "until_change": named_values(changes, "--until-change") or None,
         "occurrences": occurrences,
     }
     if precisions:
-        study |= _kinds(time_tolerance, named, {"step": step, "rtol": rtol})
+        study |= _precision_levels(time_tolerance, options, {"step": step, "rtol": rtol})
     else:
-        study |= _levels(model, step, rtol, time_tolerance, levels, ratio)
-    found = made(refined, model, scheduler=scheduler, workers=workers, **study, **asked(named))
-    _kept(found, lines_of, output)
+        study |= _setting_levels(model, step, rtol, time_tolerance, levels, ratio)
+    refinement = make_evidence(
+        refined, model, scheduler=scheduler, workers=workers, **study, **simulate_arguments(options)
+    )
+    _save_and_print(refinement, refinement_lines, output)
 
 
-def _kinds(time_tolerance: str | None, named: dict[str, Any], fixed: dict[str, Any]) -> dict[str, Any]:
+def _precision_levels(time_tolerance: str | None, options: dict[str, Any], fixed: dict[str, Any]) -> dict[str, Any]:
     """Return the kinds of numbers as levels; there are two, and what else has levels is given once or not at all."""
     from xdynamics.faults import InputError
     from xdynamics.methods.scheme import PRECISIONS
 
-    if time_tolerance is not None or named.get("precision") is not None:
-        given = "--time-tolerance" if time_tolerance is not None else "--precision"
-        raise InputError(f"{given} and --precisions are both given; one of them is varied")
+    if time_tolerance is not None or options.get("precision") is not None:
+        option_flag = "--time-tolerance" if time_tolerance is not None else "--precision"
+        raise InputError(f"{option_flag} and --precisions are both given; one of them is varied")
     source = click.get_current_context().get_parameter_source
     for name in ("levels", "ratio"):
         if source(name) is click.core.ParameterSource.COMMANDLINE:
@@ -120,7 +122,9 @@ def _kinds(time_tolerance: str | None, named: dict[str, Any], fixed: dict[str, A
     return fixed | {"precisions": [*PRECISIONS]}
 
 
-def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, ratio: float | None) -> dict[str, Any]:
+def _setting_levels(
+    model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, ratio: float | None
+) -> dict[str, Any]:
     """Return the varied setting, from its coarsest value, the number of levels and their ratio."""
     from xdynamics.evidence.refining.levels import RTOLS, STEPS, TIME_TOLERANCES
     from xdynamics.faults import InputError
@@ -152,26 +156,26 @@ def _levels(model: Any, step: Any, rtol: Any, time_tolerance: Any, levels: int, 
     return fixed | {varied.keyword: [first / factor**k for k in range(levels)]}
 
 
-def _check(output: str | None) -> None:
+def _check_output(output: str | None) -> None:
     """Check that a target can be written, before anything is marched for it."""
     if output:
         from xdynamics.archive import check_archive
-        from xdynamics.archive.place import placed
+        from xdynamics.archive.place import location_of
 
-        check_archive(placed(output))
+        check_archive(location_of(output))
 
 
-def _kept(evidence: xr.Dataset, describe: Any, output: str | None) -> None:
+def _save_and_print(evidence: xr.Dataset, describe: Any, output: str | None) -> None:
     """Save evidence if an output is named, and print its findings."""
     lines = [str(evidence.attrs["title"]), *on_board(evidence), *describe(evidence)]
-    written = None
+    archive_path = None
     if output:
         from xdynamics.archive import save
 
-        written = str(save(evidence, output))
-        lines.append(f"archive   {written}")
+        archive_path = str(save(evidence, output))
+        lines.append(f"archive   {archive_path}")
     say(lines)
-    hand_over(evidence, archive=written)
+    print_json(evidence, archive=archive_path)
 
 
 @main.command()
@@ -211,20 +215,20 @@ def diagnose(
     """Report energy, momentum, cycles, phases, extremes and residuals of a run, and until when it can be believed."""
     from xdynamics.archive import open_run
     from xdynamics.evidence.diagnosing.diagnosis import diagnose as diagnosed
-    from xdynamics.evidence.diagnosing.diagnosis import lines_of
+    from xdynamics.evidence.diagnosing.diagnosis import diagnosis_lines
 
-    _check(output)
-    other = open_run(reference) if reference and reference.endswith(".nc") else reference
+    _check_output(output)
+    reference_run = open_run(reference) if reference and reference.endswith(".nc") else reference
     diagnosis = diagnosed(
         open_run(archive),
         of=of,
         level=level,
-        reference=other,
-        exact=pairs(exact, "--exact"),
+        reference=reference_run,
+        exact=named_values(exact, "--exact"),
         companion=not no_companion,
         lyapunov=exponents or lyapunov,
     )
-    _kept(diagnosis, lines_of, output)
+    _save_and_print(diagnosis, diagnosis_lines, output)
 
 
 @main.command()
@@ -248,12 +252,12 @@ def diagnose(
 def validate(model_file: str | None, methods: tuple[str, ...], output: str | None, **more: Any) -> None:
     """Check methods against exact cases, or a model against its own [validation.*]; exit code 1 if one fails."""
     from xdynamics.evidence.validating.ledger import validate as validated
-    from xdynamics.evidence.validating.ledger_rows import FAILED, lines_of
+    from xdynamics.evidence.validating.ledger_rows import FAILED, ledger_lines
 
-    _check(output)
-    model = changed_model(model_file, ()) if model_file else None
-    ledger = made(validated, list(methods) or None, model, **more)
-    _kept(ledger, lines_of, output)
+    _check_output(output)
+    model = read_changed_model(model_file, ()) if model_file else None
+    ledger = make_evidence(validated, list(methods) or None, model, **more)
+    _save_and_print(ledger, ledger_lines, output)
     sys.exit(BADLY if (ledger["verdict"] == FAILED).any() else DONE)
 
 
@@ -272,19 +276,19 @@ def modes(subject: str, row: int | None, values: tuple[str, ...], output: str | 
     """Linearise a model about its start, or a run about one of its rows: frequencies, eigenvalues, stable steps."""
     from xdynamics.archive import open_run
     from xdynamics.evidence.modes import modes as linearised
-    from xdynamics.evidence.modes_summary import lines_of
+    from xdynamics.evidence.modes_summary import modes_lines
     from xdynamics.faults import InputError
 
-    _check(output)
+    _check_output(output)
     if row is None:
-        found = linearised(changed_model(subject, values))
+        linearised_modes = linearised(read_changed_model(subject, values))
     elif not subject.endswith(".nc") or values:
         raise InputError(
             f"--row {row} is for an archived run{' as it is, without --set' if values else ''}; give RUN.nc"
         )
     else:
-        found = linearised(open_run(subject), row=row)
-    _kept(found, lines_of, output)
+        linearised_modes = linearised(open_run(subject), row=row)
+    _save_and_print(linearised_modes, modes_lines, output)
 
 
 @main.command()
@@ -297,7 +301,7 @@ def modes(subject: str, row: int | None, values: tuple[str, ...], output: str | 
 @click.option("-o", "--output", metavar="C.nc", help="Where to write the comparison.")
 @json_option
 def compare(
-    first: str, others: tuple[str, ...], times: tuple[str, ...], gaps: str, output: str | None, **named: Any
+    first: str, others: tuple[str, ...], times: tuple[str, ...], gaps: str, output: str | None, **options: Any
 ) -> None:
     """Compare two runs: what differs, since when, by how much; or a run with measured data, `time [s],y [mm],u(y) [mm]`.
 
@@ -309,24 +313,24 @@ def compare(
 
     Exit code 1 if two runs are not the same, bit for bit, or two sweeps not the same.
     """
-    from xdynamics.cli.looking import opened
+    from xdynamics.cli.looking import open_archive
     from xdynamics.evidence.comparing.comparison import compare as compared
     from xdynamics.evidence.comparing.comparison_summary import SUMMARIES
     from xdynamics.evidence.comparing.measured import is_foreign
     from xdynamics.evidence.grid_axes import is_sweep
-    from xdynamics.record.flag_words import time_unit
+    from xdynamics.record.flag_words import time_unit_of
     from xdynamics.units import time_in
 
-    _check(output)
-    run = opened(first)
+    _check_output(output)
+    run = open_archive(first)
     second = others[0]
     is_data = len(others) == 1 and (second.lower().endswith(TABLES) or is_foreign(second))
-    other: Any = second if is_data else opened(second)
+    second_record: Any = second if is_data else open_archive(second)
     if len(others) > 1:
-        other = [opened(name) for name in others]
-    at = [time_in(time_unit(run), text, "--at") for text in times] or None
-    if is_sweep(run) and is_sweep(other):
-        run, other = run.compute(), other.compute()  # the numbers of the catalogues
-    table = compared(run, other, at, gaps=gaps, reading=reading_of(named))
-    _kept(table, SUMMARIES[str(table.attrs["evidence"])], output)
+        second_record = [open_archive(name) for name in others]
+    comparison_times = [time_in(time_unit_of(run), text, "--at") for text in times] or None
+    if is_sweep(run) and is_sweep(second_record):
+        run, second_record = run.compute(), second_record.compute()  # the numbers of the catalogues
+    table = compared(run, second_record, comparison_times, gaps=gaps, reading=reading_of(options))
+    _save_and_print(table, SUMMARIES[str(table.attrs["evidence"])], output)
     sys.exit(DONE if table.attrs.get("identical", 1) else BADLY)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xdynamics.cli.command import hand_over, json_option, main, on_board, say, width
+from xdynamics.cli.command import json_option, main, on_board, print_json, say, terminal_width
 from xdynamics.cli.settings import names_in
 
 if TYPE_CHECKING:
@@ -30,20 +30,20 @@ def show(archives: tuple[str, ...], whole: bool) -> None:
     from xdynamics.documenting.summary import details
 
     for number, archive in enumerate(archives):
-        record = opened(archive)
-        title, *further = details(record, whole=whole)
+        record = open_archive(archive)
+        title, *further = details(record, with_settings=whole)
         say([*([""] if number else []), title, *on_board(record), *further])
-        hand_over(record)
+        print_json(record)
 
 
-def opened(name: str) -> xr.Dataset:
+def open_archive(name: str) -> xr.Dataset:
     """Open an archive, or the catalogue of a sweep's folder."""
     from xdynamics.archive import open_run
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
     from xdynamics.archive.stores import is_folder
     from xdynamics.sweeping.catalogue import open_sweep
 
-    return open_sweep(name) if is_folder(placed(name)) else open_run(name)
+    return open_sweep(name) if is_folder(location_of(name)) else open_run(name)
 
 
 @main.command(makes=True)
@@ -91,23 +91,23 @@ def plot(
     from xdynamics.figures import plot as draw
 
     names = None if only is None else names_in(only)
-    output = output or _beside(archive, ".png")
-    given = opened(archive)
+    output = output or _path_beside(archive, ".png")
+    record = open_archive(archive)
     how: dict[str, Any] = {"only": names, "panels": panels, "beside": list(beside), "transient": transient}
-    draw(given, output, **how, size=_size(size), dpi=dpi, dark=dark)
+    draw(record, output, **how, size=_figure_size(size), dpi=dpi, dark=dark)
     say([f"figure    {output}"])
 
 
-def _beside(archive: str, suffix: str) -> str:
+def _path_beside(archive: str, suffix: str) -> str:
     """Return the name of a file beside an archive, or beside the folder of a sweep, that is called after it."""
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
 
-    place = placed(archive)
-    stem = place.stem if place.suffix in (".nc", ".zarr") else place.name
-    return str(place.with_name(stem + suffix))
+    location = location_of(archive)
+    stem = location.stem if location.suffix in (".nc", ".zarr") else location.name
+    return str(location.with_name(stem + suffix))
 
 
-def _size(text: str | None) -> tuple[float, float] | None:
+def _figure_size(text: str | None) -> tuple[float, float] | None:
     """Read width and height."""
     from xdynamics.faults import InputError
 
@@ -140,7 +140,7 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
     """
     from xdynamics.figures.animation import animate as film
 
-    film(opened(archive), output, seconds=seconds, trail=trail, dark=dark)
+    film(open_archive(archive), output, seconds=seconds, trail=trail, dark=dark)
     say([f"film      {output}"])
 
 
@@ -152,18 +152,18 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
 def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
     from xdynamics.dynamics.wanted_times import wanted_times
     from xdynamics.evidence.sampling import sample as states_at
-    from xdynamics.interchange.csv_export import check_target, text_of, write
-    from xdynamics.record.flag_words import time_unit
+    from xdynamics.interchange.csv_export import check_text_target, states_as_csv, write_text_table
+    from xdynamics.record.flag_words import time_unit_of
 
-    target = check_target(placed(output)) if output else None
+    target = check_text_target(location_of(output)) if output else None
     with open_run(archive) as run:
-        states = states_at(run, wanted_times(times, time_unit(run)))
-    text = text_of(states)
-    say([write(text, target)] if target is not None else text.splitlines())
-    hand_over(states, archive=output)
+        states = states_at(run, wanted_times(times, time_unit_of(run)))
+    text = states_as_csv(states)
+    say([write_text_table(text, target)] if target is not None else text.splitlines())
+    print_json(states, archive=output)
 
 
 @main.command()
@@ -192,22 +192,22 @@ def table(archives: tuple[str, ...], of: str | None, output: str | None, rounded
     Of several runs, or those of a folder with --keep, each has a row. Events have both one-sided states in their row; a sweep's folder has a row a member.
     The states at chosen times are written by `xdynamics sample`.
     """
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
     from xdynamics.faults import InputError
     from xdynamics.interchange import tables
     from xdynamics.interchange.run_index import open_runs
 
-    target = tables.check_target(placed(output)) if output else None
+    target = tables.check_table_target(location_of(output)) if output else None
     if len(archives) > 1 or kept:
         if of is not None or rounded:
             raise InputError(f"of {len(archives)} files each has a row; give one for {'--of' if of else '--rounded'}")
         words = [word for text in kept for word in names_in(text) if word] or ["end"]
         made = tables.table(open_runs(archives if len(archives) > 1 else archives[0], keep=words))
     else:
-        made = tables.table(opened(archives[0]), of, rounded=rounded)
-    say([tables.write(made, target)] if target is not None else tables.lines_of(made, width()))
+        made = tables.table(open_archive(archives[0]), of, rounded=rounded)
+    say([tables.write_table(made, target)] if target is not None else tables.table_lines(made, terminal_width()))
     rows = {"units": made.attrs["units"], "rows": made.to_dict("records")}
-    hand_over({"kind": "table", "title": f"table of {', '.join(archives)}", **rows}, archive=output)
+    print_json({"kind": "table", "title": f"table of {', '.join(archives)}", **rows}, archive=output)
 
 
 @main.command()
@@ -220,20 +220,20 @@ def methods(name: str | None) -> None:
 
     if name is None:
         say([*repr(METHODS).splitlines(), *MORE])
-        hand_over({"kind": "methods", "methods": {each.name: _data_of(each) for each in METHODS.values()}})
+        print_json({"kind": "methods", "methods": {method.name: _data_of(method) for method in METHODS.values()}})
     elif name in METHODS:
         say(page_of(METHODS[name]))
-        hand_over({"kind": "method", "name": name} | _data_of(METHODS[name]))
+        print_json({"kind": "method", "name": name} | _data_of(METHODS[name]))
     else:
         raise InputError(f"{unknown_method(name, METHODS)}there are {', '.join(METHODS)}")
 
 
 def page_of(method: Method) -> Iterable[str]:
     """Yield all that is known of a method."""
-    from xdynamics.methods.table import kind_of
+    from xdynamics.methods.table import step_kind
 
     work = "an iteration" if method.solves else "a step"
-    yield f"{method.name}: order {method.order}, {kind_of(method)}, {method.evaluations} force evaluations {work}"
+    yield f"{method.name}: order {method.order}, {step_kind(method)}, {method.evaluations} force evaluations {work}"
     yield f"    update    {method.equations()}"
     yield f"    in words  {method.words}"
     yield (
@@ -244,7 +244,7 @@ def page_of(method: Method) -> Iterable[str]:
         f"    between   re-integration, order {method.order}; or {method.interpolant.words}, order"
         f" {method.interpolant.order}"
     )
-    yield f"    stable    {', '.join(_limits(method))}"
+    yield f"    stable    {', '.join(_stability_limits(method))}"
     yield f"    digits    {'16' if method.solves else '16; 31 with precision = double_double, see `xdynamics help precision`'}"
     yield f"    refuses   {'; '.join(method.refuses) or 'nothing'}"
     yield f"    also      {', '.join(method.synonyms) or 'no other name'}"
@@ -253,12 +253,12 @@ def page_of(method: Method) -> Iterable[str]:
 
 def _data_of(method: Method) -> dict[str, Any]:
     """Return what is known of a method as plain data; an infinite limit is none, nan one that nobody knows."""
-    from xdynamics.methods.table import kind_of
+    from xdynamics.methods.table import step_kind
     from xdynamics.stability import decay_limit, oscillator_limit
 
     return {
         "order": method.order,
-        "is": kind_of(method).split(", "),
+        "is": step_kind(method).split(", "),
         "evaluations": method.evaluations,
         "evaluations_in": "iteration" if method.solves else "step",
         "estimate_order": method.estimate_order if method.estimate else None,
@@ -272,7 +272,7 @@ def _data_of(method: Method) -> dict[str, Any]:
     }
 
 
-def _limits(method: Method) -> Iterable[str]:
+def _stability_limits(method: Method) -> Iterable[str]:
     """Report how long a step may be, from the method's own stability."""
     from xdynamics.stability import decay_limit, oscillator_limit
 

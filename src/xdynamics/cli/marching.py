@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, progress, say
-from xdynamics.cli.settings import asked, pairs, settings
+from xdynamics.cli.command import BADLY, DONE, json_option, main, print_json, progress, say
+from xdynamics.cli.settings import named_values, settings, simulate_arguments
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,7 +48,7 @@ def run(
     resume: bool,
     memory: str | None,
     tables: str,
-    **given: Any,
+    **options: Any,
 ) -> None:
     """March a model file and archive the run; of an archived run its model, with the settings of that run.
 
@@ -56,8 +56,11 @@ def run(
     archive until it is complete; --resume continues from them.
     """
     archives = _archives(model_files, output)
-    models = {archive: changed_model(file, changes, tables) for file, archive in archives.items()}
-    finished = [_march(archive, model, times, resume, memory, asked(given)) for archive, model in models.items()]
+    models = {archive: read_changed_model(file, changes, tables) for file, archive in archives.items()}
+    finished = [
+        _march_and_archive(archive, model, times, resume, memory, simulate_arguments(options))
+        for archive, model in models.items()
+    ]
     sys.exit(DONE if all(finished) else BADLY)
 
 
@@ -84,14 +87,14 @@ def _archives(model_files: tuple[str, ...], output: str) -> dict[str, str]:
     return {file: str(Path(output) / f"{name}.nc") for file, name in zip(model_files, names, strict=True)}
 
 
-def _march(
+def _march_and_archive(
     output: str, model: Model, times: str | None, resume: bool, memory: str | None, arguments: dict[str, Any]
 ) -> bool:
     """March a model into an archive, print its summary, and return whether it ended well."""
     from xdynamics.archive import check_archive
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
 
-    check_archive(placed(output), model)  # before what marches is imported
+    check_archive(location_of(output), model)  # before what marches is imported
     from xdynamics.simulation.single_run import simulate
 
     if times is not None:
@@ -99,17 +102,17 @@ def _march(
         from xdynamics.march.configuration import settings_for
         from xdynamics.simulation.wanted_states import check_sampled, times_within
 
-        table = csv_export.check_target(placed(output).with_suffix(".csv"))
+        table = csv_export.check_text_target(location_of(output).with_suffix(".csv"))
         resolved = settings_for(model, **arguments)
         check_sampled(resolved)
         sample_times = times_within(times, model.time_unit, model.statement.initial["t"].si, resolved.until)
     with progress() as report:
         finished = simulate(model, **arguments, path=output, resume=resume, memory=memory, progress=report)
     if times is not None:
-        from xdynamics.interchange.csv_export import tabled
+        from xdynamics.interchange.csv_export import write_states_table
 
-        say([tabled(finished, sample_times, table)])
-    return _told(finished, output)
+        say([write_states_table(finished, sample_times, table)])
+    return _print_run_summary(finished, output)
 
 
 @main.command(makes=True)
@@ -134,7 +137,7 @@ def extend(archive: str, until: str, output: str, resume: bool) -> None:
 
     with progress() as report:
         longer = extended(archive, until=until, path=output, resume=resume, progress=report)
-    _close(longer, output)
+    _exit_by_outcome(longer, output)
 
 
 @main.command()
@@ -148,48 +151,48 @@ def complete(archive: str, output: str, keep_every: int, resume: bool) -> None:
     from xdynamics.simulation.completion import complete as completed
 
     with progress() as report:
-        whole = completed(archive, keep_every=keep_every, path=output, progress=report, resume=resume)
-    _close(whole, output)
+        full_record = completed(archive, keep_every=keep_every, path=output, progress=report, resume=resume)
+    _exit_by_outcome(full_record, output)
 
 
-def _close(finished: xr.Dataset, output: str) -> None:
+def _exit_by_outcome(finished: xr.Dataset, output: str) -> None:
     """Print the summary of a run, and end with the exit code of its outcome."""
-    sys.exit(DONE if _told(finished, output) else BADLY)
+    sys.exit(DONE if _print_run_summary(finished, output) else BADLY)
 
 
-def _told(finished: xr.Dataset, output: str) -> bool:
+def _print_run_summary(finished: xr.Dataset, output: str) -> bool:
     """Print the summary of a run, and return whether it ended well."""
     from xdynamics.archive import has_segments
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
     from xdynamics.documenting.summary import summary
     from xdynamics.march.outcomes import GOOD
 
     say([*summary(finished), f"archive   {finished.encoding['source']}"])
-    hand_over(finished, archive=str(finished.encoding["source"]))
-    if has_segments(placed(output)):
+    print_json(finished, archive=str(finished.encoding["source"]))
+    if has_segments(location_of(output)):
         say([f"segments  kept: go on with --resume, or remove them with `xdynamics discard {output}`"])
     return finished.attrs["run_outcome"] in GOOD
 
 
-def changed_model(model_file: str, changes: tuple[str, ...], tables: str = "below") -> Model:
+def read_changed_model(model_file: str, changes: tuple[str, ...], tables: str = "below") -> Model:
     """Read a model file, and apply the changes of `--set`."""
     from xdynamics.model import Model
 
-    model = _recorded(model_file) if model_file.endswith(".nc") else Model.from_toml(model_file, tables=tables)
+    model = _recorded_model(model_file) if model_file.endswith(".nc") else Model.from_toml(model_file, tables=tables)
     if not changes:
         return model
-    asked = pairs(changes, "--set")
-    changed = model.replace(**_changed(model, asked))
-    say(_kept_uncertainties(changed, asked))
+    requested_changes = named_values(changes, "--set")
+    changed = model.replace(**_changes_by_section(model, requested_changes))
+    say(_kept_uncertainties(changed, requested_changes))
     return changed
 
 
-def _kept_uncertainties(model: Model, asked: Mapping[str, str]) -> Iterator[str]:
+def _kept_uncertainties(model: Model, requested_changes: Mapping[str, str]) -> Iterator[str]:
     """Say of what was set without an uncertainty that it keeps the model's."""
     from xdynamics.units import unit_suffix
 
-    for name, text in asked.items():
-        parameter = model.uncertain.get(model.shapes.inside(name))
+    for name, text in requested_changes.items():
+        parameter = model.uncertain.get(model.shapes.internal_name(name))
         if parameter is not None and parameter.uncertainty and not {"±", "("} & {*text}:
             value, unit = parameter.quantity.value, unit_suffix(parameter.quantity.unit.text)
             yield (
@@ -198,7 +201,7 @@ def _kept_uncertainties(model: Model, asked: Mapping[str, str]) -> Iterator[str]
             )
 
 
-def _recorded(archive: str) -> Model:
+def _recorded_model(archive: str) -> Model:
     """Return the model of an archived run, with the settings of that run."""
     from xdynamics.archive import open_run
     from xdynamics.simulation.recorded_runs import model_of_run
@@ -207,21 +210,21 @@ def _recorded(archive: str) -> Model:
         return model_of_run(run)
 
 
-def _changed(model: Any, changes: dict[str, str]) -> dict[str, dict[str, Any]]:
+def _changes_by_section(model: Any, changes: dict[str, str]) -> dict[str, dict[str, Any]]:
     """Sort changes into sections; a bare number stays a number, so that it takes the unit there."""
-    from xdynamics.faults import InputError, few, spoken
+    from xdynamics.faults import InputError, display_text, first_names
     from xdynamics.keywords import KEYWORDS
-    from xdynamics.record.element_attributes import elements_of, of_wholes
+    from xdynamics.record.element_attributes import elements_of, quantity_names
 
-    known, sections = (*model.statement.parameters, *model.statement.initial), dict[str, dict[str, Any]]()
-    for name, text in model.shapes.all_inside(changes, "--set").items():
+    settable_names, sections = (*model.statement.parameters, *model.statement.initial), dict[str, dict[str, Any]]()
+    for name, text in model.shapes.with_internal_names(changes, "--set").items():
         section = next((title for title in ("parameters", "initial") if name in getattr(model.statement, title)), None)
         if section is None:
-            if elements := elements_of(name, known):
+            if elements := elements_of(name, settable_names):
                 raise InputError(f"--set {name}: {elements.removeprefix('; ')}")
             remedy = f": give {KEYWORDS[name].flag}" if name in KEYWORDS else ""
             raise InputError(
-                f"--set {spoken(name)}: no such parameter or initial value{remedy}; there are {few(of_wholes(known))}"
+                f"--set {display_text(name)}: no such parameter or initial value{remedy}; there are {first_names(quantity_names(settable_names))}"
             )
         try:
             value: Any = float(text)

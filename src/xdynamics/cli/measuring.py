@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from xdynamics.cli.settings import pairs
+from xdynamics.cli.settings import named_values
 
 TABLES = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".eng")
 _OPTIONS = {
@@ -45,13 +45,17 @@ def measured_data(verb: Callable[..., Any]) -> Callable[..., Any]:
     return verb
 
 
-def reading_of(named: Mapping[str, Any]) -> dict[str, Any]:
+def reading_of(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return what these options say, as `compare` and `fit` take it."""
-    said = {name: named[name] for name in _OPTIONS if name != "gaps" and named.get(name) not in (None, ())}
+    layout_options = {
+        name: options[name] for name in _OPTIONS if name != "gaps" and options.get(name) not in (None, ())
+    }
     tables = {"units": "--units", "columns": "--column"}
-    return said | {name: pairs(said[name], option) for name, option in tables.items() if name in said}
+    return layout_options | {
+        name: named_values(layout_options[name], option) for name, option in tables.items() if name in layout_options
+    }
 
 
-def without(named: Mapping[str, Any]) -> dict[str, Any]:
+def other_options(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the other options of a verb."""
-    return {name: value for name, value in named.items() if name not in _OPTIONS}
+    return {name: value for name, value in options.items() if name not in _OPTIONS}

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from xdynamics.cli.command import hand_over, json_option, main, say
-from xdynamics.cli.marching import changed_model
+from xdynamics.cli.command import json_option, main, print_json, say
+from xdynamics.cli.marching import read_changed_model
 from xdynamics.cli.verb_names import verb_meant
 
 
@@ -67,10 +67,10 @@ def new(path: str) -> None:
         raise InputError(f"'{path}' cannot be written: {reason(error, target)}") from None
     except OSError as error:
         raise ArchiveError(f"'{path}' cannot be written: {error.strerror or error}") from None
-    say(_next(path))
+    say(_next_commands(path))
 
 
-def _next(path: str) -> Iterator[str]:
+def _next_commands(path: str) -> Iterator[str]:
     yield f"model     {path}"
     yield f"next      xdynamics check {path}; xdynamics run {path} -o run.nc; xdynamics plot run.nc"
 
@@ -84,8 +84,8 @@ def _next(path: str) -> Iterator[str]:
 @json_option
 def check(model_file: str, changes: tuple[str, ...], tables: str) -> None:
     """Read a model and check every unit; print its equations, time scales, and the methods that take it. Marches nothing."""
-    from xdynamics.documenting.plain_text import lines_of
+    from xdynamics.documenting.plain_text import model_lines
 
-    model = changed_model(model_file, changes, tables)
-    say(lines_of(model))
-    hand_over(model)
+    model = read_changed_model(model_file, changes, tables)
+    say(model_lines(model))
+    print_json(model)

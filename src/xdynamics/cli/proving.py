@@ -6,8 +6,8 @@ import sys
 
 import click
 
-from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, hand_over, json_option, main, progress, say
-from xdynamics.cli.marching import changed_model
+from xdynamics.cli.command import BADLY, DONE, WRONG_INPUT, complain, json_option, main, print_json, progress, say
+from xdynamics.cli.marching import read_changed_model
 
 WHERE = " (xdynamics reproduce marches a run again, and says at which rows)"
 RESEALED = "every number agrees, the seal is gone: xd.save seals it again"
@@ -28,17 +28,17 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
     from xdynamics.archive import open_run, signatures
     from xdynamics.archive import verify as compared
     from xdynamics.archive.integrity_checks import DAMAGED, EDITED, REPACKED, VERIFIED
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
     from xdynamics.archive.stores import is_folder
-    from xdynamics.faults import ArchiveError, InputError, few
+    from xdynamics.faults import ArchiveError, InputError, first_names
     from xdynamics.record.partial_records import kind_description
 
     damaged = wrong = False
     verdicts: list[dict[str, str]] = []
     for archive in archives:
         try:
-            place = placed(archive)
-            if is_folder(place):
+            location = location_of(archive)
+            if is_folder(location):
                 verdict, digest, text = _verified_sweep(archive)
                 verdicts.append({"archive": archive, "verdict": verdict, "digest": digest, "text": text})
                 say([text])
@@ -48,18 +48,20 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
             else:
                 examination = compared(archive)
                 verdict, digest = examination.verdict, examination.digest
-            shown = f"signed, by '{key}'{signatures.covered(place)}" if key else signatures.protection(place)
-            shown = RESEALED if verdict == REPACKED else shown
+            protection_words = (
+                f"signed, by '{key}'{signatures.coverage_note(location)}" if key else signatures.protection(location)
+            )
+            protection_words = RESEALED if verdict == REPACKED else protection_words
             with open_run(archive, check=False) as run:
                 kind = kind_description(run.attrs)
-            text = f"{verdict}  {archive}  {digest}{f': {kind}' if kind else ''}  ({shown})"
+            text = f"{verdict}  {archive}  {digest}{f': {kind}' if kind else ''}  ({protection_words})"
             verdicts.append({"archive": archive, "verdict": verdict, "digest": digest, "text": text})
             say([text])
             damaged = (audit and not _audited(archive, verdicts[-1])) or damaged
         except ArchiveError as error:
             verdict, text = error.verdict or DAMAGED, str(error)
-            if error.verdict and not is_folder(place):
-                text = f"{verdict}  {archive}: {few(error.faults)}{WHERE if verdict == EDITED else ''}"
+            if error.verdict and not is_folder(location):
+                text = f"{verdict}  {archive}: {first_names(error.faults)}{WHERE if verdict == EDITED else ''}"
                 say([text])
             else:
                 complain(error)
@@ -69,7 +71,7 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
             complain(error)
             verdicts.append({"archive": archive, "verdict": "not verified", "text": str(error)})
             wrong = True
-    hand_over({"kind": "verification", "archives": verdicts})
+    print_json({"kind": "verification", "archives": verdicts})
     sys.exit(BADLY if damaged else WRONG_INPUT if wrong else DONE)
 
 
@@ -90,12 +92,14 @@ def _audited(archive: str, verdict: dict[str, str]) -> bool:
 
 def _verified_sweep(folder: str) -> tuple[str, str, str]:
     """Verify a sweep's catalogue and every run that it names; return verdict, digest, and both in words."""
-    from xdynamics.archive.place import placed
-    from xdynamics.sweeping.catalogue import unfinished, verify_sweep
+    from xdynamics.archive.place import location_of
+    from xdynamics.sweeping.catalogue import unfinished_folders, verify_sweep
 
     examination, files = verify_sweep(folder)
     note = (
-        "; members were being added to it: the same sweep, called again, goes on" if unfinished(placed(folder)) else ""
+        "; members were being added to it: the same sweep, called again, goes on"
+        if unfinished_folders(location_of(folder))
+        else ""
     )
     runs = f" and its {files} archived run{'s' if files > 1 else ''}" if files else ""
     verdict, digest = examination.verdict, examination.digest
@@ -135,7 +139,7 @@ def reproduce(archive: str) -> None:
     from xdynamics.simulation.single_run import reproduce as again
 
     table = again(archive)
-    hand_over(table)
+    print_json(table)
     if table.attrs["identical"]:
         part = f" in run {table.attrs['selection']} marched again" if table.attrs["selection"] else ""
         say([f"reproduced  {archive}: {table.sizes['variable']} variables, every bit the same{part}"])
@@ -184,19 +188,26 @@ def enclose(
     too), constraints, controllers, periodic events, delays, tables of the motion, forces in Python. Ends with exit code 1, and says why, where no further step is proven.
     """
     from xdynamics.archive import check_archive, save
-    from xdynamics.archive.place import placed
+    from xdynamics.archive.place import location_of
     from xdynamics.evidence.enclosing.enclosure import enclose as enclosed
-    from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED, lines_of
+    from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED, enclosure_lines
 
-    model = changed_model(model_file, values)
+    model = read_changed_model(model_file, values)
     if output:
-        check_archive(placed(output))
-    at = list(times) if len(times) > 1 else times[0] if times else None
+        check_archive(location_of(output))
+    requested_times = list(times) if len(times) > 1 else times[0] if times else None
     with progress("t = {at:.6g}, {count} steps") as report:
         tube = enclosed(
-            model, until=until, at=at, rtol=rtol, order=order, max_steps=max_steps, parts=parts, progress=report
+            model,
+            until=until,
+            at=requested_times,
+            rtol=rtol,
+            order=order,
+            max_steps=max_steps,
+            parts=parts,
+            progress=report,
         )
-    written = str(save(tube, output)) if output else None
-    say([str(tube.attrs["title"]), *lines_of(tube), *([f"archive   {written}"] if written else [])])
-    hand_over(tube, archive=written)
+    archive_path = str(save(tube, output)) if output else None
+    say([str(tube.attrs["title"]), *enclosure_lines(tube), *([f"archive   {archive_path}"] if archive_path else [])])
+    print_json(tube, archive=archive_path)
     sys.exit(DONE if tube.attrs["outcome"] == COMPLETED else BADLY)

@@ -38,17 +38,17 @@ class Setting(click.Option):
         self.group = group
 
 
-def settings(*, without: Iterable[str] = ()) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def settings(*, excluded: Iterable[str] = ()) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Add the options of a march to a verb, except some; the verb receives them under the names of their keywords."""
-    left_out = {*without}
+    left_out = {*excluded}
 
-    def add(verb: Callable[..., Any]) -> Callable[..., Any]:
+    def add_options(verb: Callable[..., Any]) -> Callable[..., Any]:
         for name, keyword in reversed(KEYWORDS.items()):
             if name not in left_out:
                 verb = _option(keyword)(verb)
         return verb
 
-    return add
+    return add_options
 
 
 def _option(keyword: Keyword) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -66,7 +66,7 @@ def _metavar(keyword: Keyword) -> str | None:
     return keyword.metavar or words or _METAVARS.get(keyword.kind)
 
 
-def asked(given: Mapping[str, Any]) -> dict[str, Any]:
+def simulate_arguments(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values given on the command line, as `simulate` takes them.
 
     Raises
@@ -75,7 +75,7 @@ def asked(given: Mapping[str, Any]) -> dict[str, Any]:
         Naming the option that cannot be read.
     """
     arguments: dict[str, Any] = {}
-    for name, value in given.items():
+    for name, value in options.items():
         if value is None or value == ():
             continue
         read = _READERS.get(KEYWORDS[name].kind)
@@ -83,7 +83,7 @@ def asked(given: Mapping[str, Any]) -> dict[str, Any]:
     return arguments
 
 
-def pairs(texts: Iterable[str], option: str) -> dict[str, str]:
+def named_values(texts: Iterable[str], option: str) -> dict[str, str]:
     """Read the values that an option gives to several names.
 
     Raises
@@ -104,7 +104,7 @@ def pairs(texts: Iterable[str], option: str) -> dict[str, str]:
     return values
 
 
-def absolute(texts: Iterable[str], option: str = "--atol") -> dict[str, Any]:
+def absolute_tolerances(texts: Iterable[str], option: str = "--atol") -> dict[str, Any]:
     """Sort absolute tolerances: a bare number applies to every variable without its own.
 
     Raises
@@ -117,13 +117,13 @@ def absolute(texts: Iterable[str], option: str = "--atol") -> dict[str, Any]:
     bare = [entry for entry in texts if "=" not in entry]
     if len(bare) > 1:
         raise InputError(f"{option} is given {len(bare)} times without a name: {', '.join(bare)}")
-    named: dict[str, Any] = dict(pairs((entry for entry in texts if "=" in entry), option))
+    tolerances: dict[str, Any] = dict(named_values((entry for entry in texts if "=" in entry), option))
     for text in bare:
         try:
-            named[""] = float(text)
+            tolerances[""] = float(text)
         except ValueError:
             raise InputError(f"{option} {text!r} needs a number, in every variable's own unit, or NAME=VALUE") from None
-    return named
+    return tolerances
 
 
 def names_in(text: str) -> list[str]:
@@ -137,14 +137,14 @@ def names_in(text: str) -> list[str]:
     return [name.strip() for name in re.split(r",(?![^\[]*\])", text)]
 
 
-def _columns(text: str, _: str) -> str | list[str]:
+def _column_words(text: str, _: str) -> str | list[str]:
     return text if text in ("full", "states") else names_in(text)
 
 
 _READERS: dict[str, Callable[[Any, str], Any]] = {
-    TOLERANCES: absolute,
-    SCALES: pairs,
+    TOLERANCES: absolute_tolerances,
+    SCALES: named_values,
     TIMES: lambda texts, _: list(texts),
-    COLUMNS: _columns,
+    COLUMNS: _column_words,
     PAIR: lambda text, _: [word.strip() for word in text.split(",")],
 }

@@ -71,7 +71,7 @@ class Streams(NamedTuple):
 @contextmanager
 def surviving_streams() -> Iterator[Streams]:
     """Put streams that never fail in the place of standard output and error."""
-    _reserve()
+    _reserve_descriptors()
     output, error = sys.stdout, sys.stderr
     streams = Streams(Stream(output), Stream(error))
     sys.stdout, sys.stderr = streams
@@ -83,7 +83,7 @@ def surviving_streams() -> Iterator[Streams]:
         sys.stdout, sys.stderr = output, error
 
 
-def _reserve() -> None:
+def _reserve_descriptors() -> None:
     """Point closed descriptors among 0 to 2 at the null device: otherwise an archive gets one, and messages go into it."""
     for descriptor in range(3):
         try:

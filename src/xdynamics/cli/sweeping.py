@@ -11,9 +11,9 @@ from typing import Any
 import click
 
 from xdynamics.cli.clustering import clustered, goes_on
-from xdynamics.cli.command import BADLY, DONE, hand_over, json_option, main, say
-from xdynamics.cli.marching import changed_model
-from xdynamics.cli.settings import asked, names_in, pairs, settings
+from xdynamics.cli.command import BADLY, DONE, json_option, main, print_json, say
+from xdynamics.cli.marching import read_changed_model
+from xdynamics.cli.settings import named_values, names_in, settings, simulate_arguments
 from xdynamics.faults import InputError
 
 
@@ -91,7 +91,7 @@ def sweep(
     scheduler: str | None,
     workers: int | None,
     changes: tuple[str, ...],
-    **named: Any,
+    **options: Any,
 ) -> None:
     """March a model over a grid of parameters, initial values, methods or steps; every member is kept with its outcome."""
     from xdynamics.documenting.summary import summary
@@ -99,13 +99,13 @@ def sweep(
     from xdynamics.march.outcomes import GOOD
     from xdynamics.sweeping.sweep import sweep as swept
 
-    model = changed_model(model_file, changes)
-    grid = _grouped(pairs(axes, "--axis"), pairs(groups, "--together"))
+    model = read_changed_model(model_file, changes)
+    grid = _group_axes(named_values(axes, "--axis"), named_values(groups, "--together"))
     _check_varied(grid, ranges, changes)
     if ranges or draws is not None:
-        grid["draw"] = _drawn(ranges, draws, design, seed)
+        grid["draw"] = _draws_from_options(ranges, draws, design, seed)
     words = [word for text in kept for word in names_in(text) if word] or ["end"]
-    with cluster_of(scheduler, workers), _told() as report:
+    with cluster_of(scheduler, workers), _task_counter() as report:
         try:
             result = swept(
                 model,
@@ -116,12 +116,12 @@ def sweep(
                 path=output,
                 check=check,
                 progress=report,
-                **asked(named),
+                **simulate_arguments(options),
             )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(goes_on(output)) from None
     say([*summary(result), f"sweep     {output}"])
-    hand_over(result, archive=output)
+    print_json(result, archive=output)
     sys.exit(DONE if {*map(str, result["run_outcome"].values.ravel().tolist())} <= GOOD else BADLY)
 
 
@@ -134,7 +134,7 @@ def _check_varied(grid: Mapping[str, Any], ranges: tuple[str, ...], changes: tup
         raise InputError(f"--set {repeated[0]} and --axis {repeated[0]} contradict each other; give one")
 
 
-def _grouped(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
+def _group_axes(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
     """Combine axes that vary together into one."""
     grouped: dict[str, Any] = dict(axes)
     for name, members in groups.items():
@@ -146,17 +146,17 @@ def _grouped(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
     return grouped
 
 
-def _drawn(ranges: tuple[str, ...], draws: int | None, design: str, seed: int) -> Any:
+def _draws_from_options(ranges: tuple[str, ...], draws: int | None, design: str, seed: int) -> Any:
     from xdynamics.sweeping.designs import DECLARED, Draws
 
     if draws is None or not ranges:
         raise InputError("--draw NAME=LOW:HIGH and --draws N go together")
     if design == DECLARED:
         return Draws(draws, [text.partition("=")[0] for text in ranges], design=design, seed=seed)
-    return Draws(draws, ends_of(ranges, "--draw"), design=design, seed=seed)
+    return Draws(draws, value_ranges(ranges, "--draw"), design=design, seed=seed)
 
 
-def ends_of(ranges: tuple[str, ...], option: str) -> dict[str, tuple[str, str]]:
+def value_ranges(ranges: tuple[str, ...], option: str) -> dict[str, tuple[str, str]]:
     """Read the lowest and the highest value of several names.
 
     Raises
@@ -165,9 +165,9 @@ def ends_of(ranges: tuple[str, ...], option: str) -> dict[str, tuple[str, str]]:
         If a text is not NAME=LOW:HIGH, or repeats a name.
     """
     ends = {}
-    for name, text in pairs(ranges, option).items():
-        low, colon, rest = text.partition(":")
-        high, _, unit = rest.strip().partition(" ")
+    for name, text in named_values(ranges, option).items():
+        low, colon, high_with_unit = text.partition(":")
+        high, _, unit = high_with_unit.strip().partition(" ")
         if not colon:
             raise InputError(f"{option} {name}={text!r} needs LOW:HIGH, like '1:2 kg'")
         ends[name] = (f"{low.strip()} {unit}".strip(), f"{high} {unit}".strip())
@@ -175,15 +175,15 @@ def ends_of(ranges: tuple[str, ...], option: str) -> dict[str, tuple[str, str]]:
 
 
 @contextmanager
-def _told() -> Iterator[Callable[[float, float, int], None]]:
+def _task_counter() -> Iterator[Callable[[float, float, int], None]]:
     """Show a line on the terminal that counts finished tasks."""
     started = time.monotonic()
 
-    def tell(done: float, _: float, tasks: int) -> None:
+    def show_count(done: float, _: float, tasks: int) -> None:
         if sys.stderr.isatty():
             remaining = f", {(time.monotonic() - started) * (1.0 - done) / done:.0f} s to go" if done else ""
             click.echo(f"\r\033[K{done:4.0%}  {tasks} tasks done{remaining}", nl=False, err=True)
 
-    yield tell
+    yield show_count
     if sys.stderr.isatty():
         click.echo("\r\033[K", nl=False, err=True)

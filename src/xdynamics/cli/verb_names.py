@@ -38,7 +38,7 @@ def verb_meant(word: str, verbs: Sequence[str]) -> str:
     word = word.lower()
     if word in verbs:
         return word
-    exact = [verb for verb, others in ALSO.items() if word in others]
+    exact = [verb for verb, synonyms in ALSO.items() if word in synonyms]
     return next(iter([*exact, *get_close_matches(word, verbs, n=1, cutoff=0.7)]), "")
 
 
@@ -52,13 +52,13 @@ def command_meant(arguments: Sequence[str], verbs: Sequence[str]) -> str:
     >>> command_meant(["ball.nc"], ["run", "show"])
     'xdynamics show ball.nc'
     """
-    first, *rest = arguments
+    first, *remaining_args = arguments
     file = next((argument for argument in arguments if argument.endswith((".toml", ".nc"))), "")
     verb = verb_meant(first, verbs)
     if not verb and first == file:
-        verb, rest = "run" if file.endswith(".toml") else "show", [*arguments]
+        verb, remaining_args = "run" if file.endswith(".toml") else "show", [*arguments]
     if not verb:
         return ""
-    if verb == "run" and file.endswith(".toml") and not {"-o", "--output"} & {*rest}:
-        rest += ["-o", file.removesuffix(".toml") + ".nc"]
-    return shlex.join(["xdynamics", verb, *rest])
+    if verb == "run" and file.endswith(".toml") and not {"-o", "--output"} & {*remaining_args}:
+        remaining_args += ["-o", file.removesuffix(".toml") + ".nc"]
+    return shlex.join(["xdynamics", verb, *remaining_args])

@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
-from xdynamics.archive.place import GIVEN, Given, Place, placed, real
-from xdynamics.archive.store import Held
+from xdynamics.archive.place import GIVEN, Given, Place, location_of, resolve_links
+from xdynamics.archive.store import LocalFile
 from xdynamics.archive.stores import is_folder, store_of
-from xdynamics.archive.target import taking_name
+from xdynamics.archive.target import taking_path_name
 from xdynamics.budgeting import certificate as certificates
-from xdynamics.budgeting.numerical import own_run
-from xdynamics.evidence.evidence_dataset import stated
+from xdynamics.budgeting.numerical import march_own_run
+from xdynamics.evidence.evidence_dataset import stated_value
 from xdynamics.evidence.validating.ledger import validate
-from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.figures import plot
 from xdynamics.model import Model
 from xdynamics.runtime.files import KINDS
@@ -89,24 +89,24 @@ def bundle(
     except ImportError:
         raise InputError("bundles need the package rocrate: pip install xdynamics[report]") from None
     record = certificates.certificate_of(certificate)
-    target = placed(folder)
+    target = location_of(folder)
     store_of(target).check_empty(target)
     model = Model.from_record(record["model_toml"].values.item(), functions=functions)
-    run = own_run(model, json.loads(str(record.attrs["asked"])))
-    digest, wanted = archive.digest_of_run(run), str(record["run_digest"].values[0])
-    if digest != wanted:
-        raise ArchiveError(f"the repeated run has the content digest {digest}, the certificate states {wanted}")
+    run = march_own_run(model, json.loads(str(record.attrs["asked"])))
+    digest, stated_digest = archive.digest_of_run(run), str(record["run_digest"].values[0])
+    if digest != stated_digest:
+        raise ArchiveError(f"the repeated run has the content digest {digest}, the certificate states {stated_digest}")
     ledger = validate([str(record.attrs["solver_method"])])
     with store_of(target).taking_folder(target) as built:
         for name, dataset in ((CERTIFICATE, record), (RUN, run), (LEDGER, ledger)):
             archive.save(dataset, built / name)
             plot(dataset, (built / name).with_suffix(".png"))
-        _write(built / MODEL, model.to_toml())
-        _write(built / SCRIPT, _SCRIPT)
-        _write(built / README, _readme(record, real(target).name))
+        _write_text(built / MODEL, model.to_toml())
+        _write_text(built / SCRIPT, _SCRIPT)
+        _write_text(built / README, _readme(record, resolve_links(target).name))
         _crate(ROCrate(), built, record, license)
         names = [*SAID, CRATE]
-        _write(built / SUMS, "".join(f"{_digest(Held(built / name, name))}  {name}\n" for name in names))
+        _write_text(built / SUMS, "".join(f"{_file_digest(LocalFile(built / name, name))}  {name}\n" for name in names))
     return target
 
 
@@ -135,20 +135,20 @@ def recheck(
     InputError
         If it is no certificate.
     """
-    if not isinstance(certificate, GIVEN) or not is_folder(placed(certificate)):
-        return certificates.remade(certificate, functions)
-    folder = placed(certificate)
-    if faults := _faults(folder):
-        raise ArchiveError(f"'{folder}' is no whole bundle:{numbered(faults)}", tuple(faults))
-    again = certificates.remade(folder / CERTIFICATE, functions)
-    held = store_of(folder).held(folder / MODEL)
-    model = Model.from_toml(held.path, functions=functions)
-    if model.digest != again.attrs["model_digest"]:
+    if not isinstance(certificate, GIVEN) or not is_folder(location_of(certificate)):
+        return certificates.remake_certificate(certificate, functions)
+    folder = location_of(certificate)
+    if faults := _bundle_faults(folder):
+        raise ArchiveError(f"'{folder}' is no whole bundle:{numbered_lines(faults)}", tuple(faults))
+    new_certificate = certificates.remake_certificate(folder / CERTIFICATE, functions)
+    model_file = store_of(folder).local_file(folder / MODEL)
+    model = Model.from_toml(model_file.path, functions=functions)
+    if model.digest != new_certificate.attrs["model_digest"]:
         raise ArchiveError(f"'{folder / MODEL}' is another model than the certificate's")
     with archive.open_run(folder / RUN) as run:
-        if run.attrs[ROOT_DIGEST] != str(again["run_digest"].values[0]):
+        if run.attrs[ROOT_DIGEST] != str(new_certificate["run_digest"].values[0]):
             raise ArchiveError(f"'{folder / RUN}' is another run than the certificate's")
-    return again
+    return new_certificate
 
 
 def check_files(folder: Place) -> None:
@@ -161,55 +161,56 @@ def check_files(folder: Place) -> None:
     """
     if not isinstance(folder, Path) or not folder.is_dir():
         return
-    odd = sorted(
+    irregular_entries = sorted(
         (entry.name, entry.lstat().st_mode) for entry in folder.iterdir() if not stat.S_ISREG(entry.lstat().st_mode)
     )
-    if odd:
+    if irregular_entries:
         kinds = {stat.S_IFLNK: "a link"} | KINDS
         faults = tuple(
-            f"{name} is {kinds.get(stat.S_IFMT(mode), 'no file')}, and no file of its own" for name, mode in odd
+            f"{name} is {kinds.get(stat.S_IFMT(mode), 'no file')}, and no file of its own"
+            for name, mode in irregular_entries
         )
-        raise ArchiveError(f"'{folder}' is no whole bundle:{numbered(faults)}", faults)
+        raise ArchiveError(f"'{folder}' is no whole bundle:{numbered_lines(faults)}", faults)
 
 
-def _faults(folder: Place) -> list[str]:
+def _bundle_faults(folder: Place) -> list[str]:
     """Compare every file of a bundle with its digest."""
     check_files(folder)
     store = store_of(folder)
-    present = {place.name: place for place in store.names(folder) if store.kind(place) is None}
+    present = {entry.name: entry for entry in store.names(folder) if store.kind(entry) is None}
     if SUMS not in present:
         return [f"there is no {SUMS}"]
     sums = store.content(present[SUMS], LONGEST_SUMS).decode(errors="replace")
     rows = [line.partition("  ") for line in sums.splitlines()]
     digests = {name: digest for digest, _, name in rows}
-    missing = [f"{name} is missing" for name in (*SAID, CRATE) if name not in digests or name not in present]
-    damaged = [
+    missing_files = [f"{name} is missing" for name in (*SAID, CRATE) if name not in digests or name not in present]
+    damaged_files = [
         f"{name} differs from its digest"
         for name, digest in digests.items()
-        if name in {*SAID, CRATE} & {*present} and _digest(store.held(present[name])) != digest
+        if name in {*SAID, CRATE} & {*present} and _file_digest(store.local_file(present[name])) != digest
     ]
-    added = sorted({*present} - {*SAID, CRATE, SUMS})
-    return [*missing, *damaged, *(f"{name} is none of its files" for name in added)]
+    added_files = sorted({*present} - {*SAID, CRATE, SUMS})
+    return [*missing_files, *damaged_files, *(f"{name} is none of its files" for name in added_files)]
 
 
-def _digest(held: Held) -> str:
-    with held.path.open("rb") as file:
+def _file_digest(stored_file: LocalFile) -> str:
+    with stored_file.path.open("rb") as file:
         return file_digest(file, "sha256").hexdigest()
 
 
-def _write(path: Path, text: str) -> None:
-    with taking_name(path) as new:
-        new.part.write_text(text, encoding="utf-8")
+def _write_text(path: Path, text: str) -> None:
+    with taking_path_name(path) as target:
+        target.part.write_text(text, encoding="utf-8")
 
 
 def _readme(certificate: xr.Dataset, name: str) -> str:
     """Describe the bundle: its number, its files, and how to reproduce it."""
     files = "\n".join(f"* `{file}`: {description}" for file, description in SAID.items() if file != README)
-    gates = "\n".join(f"* {line}" for line in certificates.lines_of(certificate)[1:-2])
+    gates = "\n".join(f"* {line}" for line in certificates.certificate_lines(certificate)[1:-2])
     version = certificate.attrs.get("xdynamics_version", "")
     return f"""# {certificate.attrs["title"]}
 
-{certificate.attrs["of"]} = {stated(certificate, "result")}
+{certificate.attrs["of"]} = {stated_value(certificate, "result")}
 
 {gates}
 
@@ -235,7 +236,7 @@ def _crate(crate: Any, target: Path, certificate: xr.Dataset, licence: str) -> N
         ".md": "text/markdown",
     }
     crate.name = str(certificate.attrs["title"])
-    crate.description = f"{certificate.attrs['of']} = {stated(certificate, 'result')}"
+    crate.description = f"{certificate.attrs['of']} = {stated_value(certificate, 'result')}"
     crate.datePublished = str(certificate.attrs["date_created"])
     crate.license = licence
     for name, description in SAID.items():
@@ -244,7 +245,7 @@ def _crate(crate: Any, target: Path, certificate: xr.Dataset, licence: str) -> N
             "description": description,
             "encodingFormat": kinds[Path(name).suffix],
             "contentSize": str((target / name).stat().st_size),
-            "sha256": _digest(Held(target / name, name)),
+            "sha256": _file_digest(LocalFile(target / name, name)),
         }
         crate.add_file(target / name, dest_path=name, properties=properties)
     crate.metadata.write(target)

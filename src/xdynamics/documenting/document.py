@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics import archive
-from xdynamics.archive.place import Given, Place, placed, real
+from xdynamics.archive.place import Given, Place, location_of, resolve_links
 from xdynamics.archive.stores import check_target, store_of, taking_name
-from xdynamics.budgeting.budget_summary import by_share, contributed, doubt_of
-from xdynamics.budgeting.certificate import reasons
+from xdynamics.budgeting.budget_summary import contribution_text, drawn_doubt, terms_by_share
+from xdynamics.budgeting.certificate import gate_reasons
 from xdynamics.documenting import document_blocks
 from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
-from xdynamics.documenting.document_blocks import CodeBlock, PageSection, PictureBlock, TextTable, Words
-from xdynamics.documenting.equations import of_model
-from xdynamics.evidence.evidence_dataset import stated
+from xdynamics.documenting.document_blocks import CodeBlock, PageSection, Paragraph, PictureBlock, TextTable
+from xdynamics.documenting.equations import model_blocks
+from xdynamics.evidence.evidence_dataset import stated_value
 from xdynamics.evidence.gates import FAILED, GATES, NOT_CHECKED
-from xdynamics.evidence.refining.verdict_words import in_words
+from xdynamics.evidence.refining.verdict_words import verdict_text
 from xdynamics.faults import InputError
 from xdynamics.model import Model
-from xdynamics.record.flag_words import in_prose, time_unit, words_of
+from xdynamics.record.flag_words import in_prose, time_unit_of, words_of_flag
 from xdynamics.schema import SCALED_RESIDUAL
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import digits, known_to
@@ -28,7 +28,11 @@ from xdynamics.units.digits import digits, known_to
 if TYPE_CHECKING:
     import xarray as xr
 
-FORMATS = {".html": document_blocks.html, ".htm": document_blocks.html, ".md": document_blocks.markdown}
+FORMATS = {
+    ".html": document_blocks.html_document,
+    ".htm": document_blocks.html_document,
+    ".md": document_blocks.markdown_document,
+}
 MOST_EVENTS = 30
 MOST_BYTES = 50_000_000  # of a figure
 
@@ -54,14 +58,14 @@ def document(folder: Given, path: Given) -> Place:
     ArchiveError
         If an archive in it is damaged.
     """
-    bundle, path = placed(folder), placed(path)
+    bundle, path = location_of(folder), location_of(path)
     store = store_of(bundle)
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"report '{path}' has the ending '{path.suffix}'; there are {', '.join(FORMATS)}")
     check_files(bundle)
-    if missing := [name for name in (CERTIFICATE, RUN, LEDGER, MODEL) if store.kind(bundle / name) is not None]:
+    if missing_files := [name for name in (CERTIFICATE, RUN, LEDGER, MODEL) if store.kind(bundle / name) is not None]:
         raise InputError(
-            f"'{bundle}' is no bundle: there is no {missing[0]} in it; `bundle` makes one of a certificate"
+            f"'{bundle}' is no bundle: there is no {missing_files[0]} in it; `bundle` makes one of a certificate"
         )
     check_target(path)
     with (
@@ -71,22 +75,22 @@ def document(folder: Given, path: Given) -> Place:
     ):
         model = Model.from_record(certificate["model_toml"].values.item())
         sections = [
-            _result(certificate),
-            _budget(certificate, _picture(bundle / CERTIFICATE)),
-            _run(run, _picture(bundle / RUN)),
-            _convergence(certificate),
-            PageSection("The model", list(of_model(model))),
-            _method(run),
-            _ledger(ledger),
-            _again(certificate, bundle),
-            _equations(run),
+            _gates_section(certificate),
+            _budget_section(certificate, _picture(bundle / CERTIFICATE)),
+            _run_section(run, _picture(bundle / RUN)),
+            _convergence_section(certificate),
+            PageSection("The model", list(model_blocks(model))),
+            _method_section(run),
+            _ledger_section(ledger),
+            _reproduction_section(certificate, bundle),
+            _equations_section(run),
         ]
         title = str(certificate.attrs["title"]).removeprefix("certificate of ")
         text = FORMATS[path.suffix.lower()](
-            title, f"{certificate.attrs['of']} = {stated(certificate, 'result')}", sections
+            title, f"{certificate.attrs['of']} = {stated_value(certificate, 'result')}", sections
         )
-    with taking_name(path) as new:
-        new.part.write_text(text, encoding="utf-8")
+    with taking_name(path) as temporary:
+        temporary.part.write_text(text, encoding="utf-8")
     return path
 
 
@@ -96,29 +100,31 @@ def _picture(archived: Place) -> bytes:
     return store_of(picture).content(picture, MOST_BYTES)
 
 
-def _result(certificate: xr.Dataset) -> PageSection:
+def _gates_section(certificate: xr.Dataset) -> PageSection:
     """The gates that the number has to pass."""
     verdicts = [GATES[code] for code in certificate["gate_verdict"].values.tolist()]
     rows = [
-        [str(name).replace("_", " "), in_prose(verdict), str(why)]
-        for name, verdict, why in zip(certificate["gate_name"].values, verdicts, reasons(certificate), strict=True)
+        [str(name).replace("_", " "), in_prose(verdict), str(reason)]
+        for name, verdict, reason in zip(
+            certificate["gate_name"].values, verdicts, gate_reasons(certificate), strict=True
+        )
     ]
-    failed, unchecked = verdicts.count(FAILED), verdicts.count(NOT_CHECKED)
-    statement = f"It fails {failed} of {len(verdicts)} gates." if failed else "It passes every gate."
-    if unchecked:
+    failed_count, unchecked_count = verdicts.count(FAILED), verdicts.count(NOT_CHECKED)
+    statement = f"It fails {failed_count} of {len(verdicts)} gates." if failed_count else "It passes every gate."
+    if unchecked_count:
         statement = (
-            f"{statement if failed else 'It fails none.'} {'One is' if unchecked == 1 else f'{unchecked} are'} not decided:"
+            f"{statement if failed_count else 'It fails none.'} {'One is' if unchecked_count == 1 else f'{unchecked_count} are'} not decided:"
             " the table says what would decide."
         )
     return PageSection(
-        "What it has to pass", [Words(statement), TextTable(["gate", "verdict", "what was looked at"], rows)]
+        "What it has to pass", [Paragraph(statement), TextTable(["gate", "verdict", "what was looked at"], rows)]
     )
 
 
-def _method(run: xr.Dataset) -> PageSection:
+def _method_section(run: xr.Dataset) -> PageSection:
     attributes = run.attrs
     control = (
-        f"step {float(attributes['solver_step']):g}{unit_suffix(time_unit(run))}"
+        f"step {float(attributes['solver_step']):g}{unit_suffix(time_unit_of(run))}"
         if "solver_step" in attributes
         else (
             f"rtol {float(attributes['solver_rtol']):g}"
@@ -133,38 +139,38 @@ def _method(run: xr.Dataset) -> PageSection:
     return PageSection(
         "The method",
         [
-            Words(f"of order {attributes['solver_order']}, {control}: {counts}.", str(attributes["solver_method"])),
-            Words(f"Outcome: {attributes['run_outcome_text']}."),
+            Paragraph(f"of order {attributes['solver_order']}, {control}: {counts}.", str(attributes["solver_method"])),
+            Paragraph(f"Outcome: {attributes['run_outcome_text']}."),
         ],
     )
 
 
-def _equations(run: xr.Dataset) -> PageSection:
+def _equations_section(run: xr.Dataset) -> PageSection:
     """The update with its coefficients, which few read and nobody should have to pass."""
     attributes = run.attrs
     return PageSection(
         "The method's equations",
         [
-            Words(f"{attributes['solver_update_order']}.", str(attributes["solver_method"])),
+            Paragraph(f"{attributes['solver_update_order']}.", str(attributes["solver_method"])),
             CodeBlock("\n".join(str(attributes["solver_update_equations"]).split("; "))),
-            Words(f"After {attributes['solver_reference']}."),
+            Paragraph(f"After {attributes['solver_reference']}."),
         ],
     )
 
 
-def _convergence(certificate: xr.Dataset) -> PageSection:
+def _convergence_section(certificate: xr.Dataset) -> PageSection:
     varied = "step_size" if "step_size" in certificate else "rtol"
     units = str(certificate["value"].attrs["units"])
     values, orders = certificate["level_value"].values, certificate["observed_order"].values
     changes = np.append(np.diff(values), np.nan)
     finest = float(np.abs(changes[:-1]).min(initial=np.inf))  # values are told apart by as much as they differ
     rows = [
-        [f"{size:.6g}", _to_place(value, finest), _number(change), _number(order)]
+        [f"{size:.6g}", _level_value_text(value, finest), _finite_number_text(change), _finite_number_text(order)]
         for size, value, change, order in zip(
             certificate[varied].values.tolist(), values.tolist(), changes.tolist(), orders.tolist(), strict=True
         )
     ]
-    verdict = in_words(words_of(certificate["level_verdict"])[0])
+    verdict = verdict_text(words_of_flag(certificate["level_verdict"])[0])
     unit_suffix = "" if certificate[varied].attrs["units"] == "1" else f" ({certificate[varied].attrs['units']})"
     header = [
         f"{varied.replace('_', ' ')}{unit_suffix}",
@@ -173,11 +179,12 @@ def _convergence(certificate: xr.Dataset) -> PageSection:
         "observed order",
     ]
     return PageSection(
-        "Convergence", [Words(f"The first row is the run's own. Together they are {verdict}."), TextTable(header, rows)]
+        "Convergence",
+        [Paragraph(f"The first row is the run's own. Together they are {verdict}."), TextTable(header, rows)],
     )
 
 
-def _totals(certificate: xr.Dataset) -> list[list[str]]:
+def _total_rows(certificate: xr.Dataset) -> list[list[str]]:
     """Return what all terms are together, and what was drawn."""
     unit = unit_suffix(str(certificate["value"].attrs["units"]))
     together = {
@@ -187,7 +194,7 @@ def _totals(certificate: xr.Dataset) -> list[list[str]]:
         "together": "total_rss",
     }
     sizes = {words: float(certificate[name]) for words, name in together.items()}
-    totals = [[words, f"{contributed(size)}{unit if size < np.inf else ''}"] for words, size in sizes.items()]
+    totals = [[words, f"{contribution_text(size)}{unit if size < np.inf else ''}"] for words, size in sizes.items()]
     if "monte_carlo_shortest" in certificate:
         coverage = f"{float(certificate.attrs['coverage']):.0%}"
         for name in ("shortest", "symmetric"):
@@ -196,26 +203,26 @@ def _totals(certificate: xr.Dataset) -> list[list[str]]:
             ends = f"{known_to(low, doubt)} to {known_to(high, doubt)}{unit}, its ends ± {doubt:.1g}{unit}"
             totals.append([f"{name} {coverage} interval of {certificate.attrs['draws']} draws", ends])
         standard, doubt = (float(certificate[f"monte_carlo_standard_uncertainty{suffix}"]) for suffix in ("", "_doubt"))
-        totals.append(["standard uncertainty of the draws", f"{contributed(standard, doubt)}{unit}"])
-        totals.append(["the linear budget", words_of(certificate["linear_verdict"])[0].replace("_", " ")])
+        totals.append(["standard uncertainty of the draws", f"{contribution_text(standard, doubt)}{unit}"])
+        totals.append(["the linear budget", words_of_flag(certificate["linear_verdict"])[0].replace("_", " ")])
     return totals
 
 
-def _budget(certificate: xr.Dataset, picture: bytes) -> PageSection:
-    unit, kinds = unit_suffix(str(certificate["value"].attrs["units"])), words_of(certificate["term_kind"])
+def _budget_section(certificate: xr.Dataset, picture: bytes) -> PageSection:
+    unit, kinds = unit_suffix(str(certificate["value"].attrs["units"])), words_of_flag(certificate["term_kind"])
     behind = f" ({unit.strip()})" if unit else ""
     rows = [
         [
             str(certificate["term_name"].values[i]),
             kinds[i],
-            _with_unit(certificate, "sensitivity", "sensitivity_units", i),
-            _with_unit(certificate, "input_uncertainty", "input_units", i),
-            contributed(float(certificate["standard_uncertainty"][i]), doubt_of(certificate, i)),
-            contributed(float(certificate["bound"].values[i])),
-            contributed(np.inf) if np.isnan(certificate["share"][i]) else f"{float(certificate['share'][i]):.1%}",
+            _value_with_unit(certificate, "sensitivity", "sensitivity_units", i),
+            _value_with_unit(certificate, "input_uncertainty", "input_units", i),
+            contribution_text(float(certificate["standard_uncertainty"][i]), drawn_doubt(certificate, i)),
+            contribution_text(float(certificate["bound"].values[i])),
+            contribution_text(np.inf) if np.isnan(certificate["share"][i]) else f"{float(certificate['share'][i]):.1%}",
             str(certificate["term_rule"].values[i]),
         ]
-        for i in by_share(certificate)
+        for i in terms_by_share(certificate)
     ]
     header = [
         "term",
@@ -231,42 +238,44 @@ def _budget(certificate: xr.Dataset, picture: bytes) -> PageSection:
         "The budget",
         [
             TextTable(header, rows),
-            TextTable(["total", ""], _totals(certificate)),
+            TextTable(["total", ""], _total_rows(certificate)),
             PictureBlock(picture, "Terms of the budget, and intervals where they were drawn"),
         ],
     )
 
 
-def _run(run: xr.Dataset, picture: bytes) -> PageSection:
+def _run_section(run: xr.Dataset, picture: bytes) -> PageSection:
     rows = []
-    unit_suffix = f" ({time_unit(run).text})".replace(" (1)", "")
+    unit_suffix = f" ({time_unit_of(run).text})".replace(" (1)", "")
     if run.sizes.get("event", 0):
-        names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
+        names, kinds = words_of_flag(run["event_detector"]), words_of_flag(run["event_kind"])
         times, doubts = run["event_time"].values.tolist(), run["event_time_uncertainty"].values.tolist()
         rows = [
             [name, kind.replace("_", " "), f"{time:.{digits(time, uncertainty=doubt)}g}", f"{doubt:.2g}"]
             for name, kind, time, doubt in zip(names, kinds, times, doubts, strict=True)
         ]
-    further = [Words(f"{len(rows) - MOST_EVENTS} further events are in {RUN}.")] if len(rows) > MOST_EVENTS else []
+    further_note = (
+        [Paragraph(f"{len(rows) - MOST_EVENTS} further events are in {RUN}.")] if len(rows) > MOST_EVENTS else []
+    )
     events = (
         [TextTable(["event", "kind", f"time{unit_suffix}", f"located within{unit_suffix}"], rows[:MOST_EVENTS])]
         if rows
         else []
     )
-    return PageSection("The run", [PictureBlock(picture, str(run.attrs["title"])), *events, *further])
+    return PageSection("The run", [PictureBlock(picture, str(run.attrs["title"])), *events, *further_note])
 
 
-def _ledger(ledger: xr.Dataset) -> PageSection:
-    verdicts, units = words_of(ledger["verdict"]), ledger["case_units"].values
+def _ledger_section(ledger: xr.Dataset) -> PageSection:
+    verdicts, units = words_of_flag(ledger["verdict"]), ledger["case_units"].values
     # ledgers of older versions have none
     over_scale = ledger.get(SCALED_RESIDUAL, ledger["residual"] * np.nan).values
     rows = [
         [
             str(name),
             verdict,
-            f"{_number(float(residual))}{unit_suffix(str(unit))}",
-            _number(float(scaled)),
-            f"{_number(float(bound))}{unit_suffix(str(unit))}",
+            f"{_finite_number_text(float(residual))}{unit_suffix(str(unit))}",
+            _finite_number_text(float(scaled)),
+            f"{_finite_number_text(float(bound))}{unit_suffix(str(unit))}",
             str(relation),
         ]
         for name, verdict, residual, scaled, bound, unit, relation in zip(
@@ -288,14 +297,14 @@ def _ledger(ledger: xr.Dataset) -> PageSection:
     return PageSection(
         "The method's ledger",
         [
-            Words(summary),
+            Paragraph(summary),
             TextTable(["case", "verdict", "residual", "residual over scale", "bound", "closed form"], rows),
         ],
     )
 
 
-def _again(certificate: xr.Dataset, bundle: Place) -> PageSection:
-    version, name = certificate.attrs.get("xdynamics_version", ""), real(bundle).name
+def _reproduction_section(certificate: xr.Dataset, bundle: Place) -> PageSection:
+    version, name = certificate.attrs.get("xdynamics_version", ""), resolve_links(bundle).name
     command = f"pip install xdynamics=={version} && xdynamics recheck {name}"
     digests = [
         ["model", str(certificate.attrs["model_digest"])],
@@ -304,22 +313,22 @@ def _again(certificate: xr.Dataset, bundle: Place) -> PageSection:
     return PageSection(
         "Made again",
         [
-            Words("Every number of it, compared one by one, from the bundle alone:"),
+            Paragraph("Every number of it, compared one by one, from the bundle alone:"),
             CodeBlock(command),
             TextTable(["sha256 of the content", ""], digests),
         ],
     )
 
 
-def _with_unit(certificate: xr.Dataset, name: str, units: str, i: int) -> str:
+def _value_with_unit(certificate: xr.Dataset, name: str, units: str, i: int) -> str:
     value, unit = float(certificate[name][i]), str(certificate[units].values[i])
     return "" if not np.isfinite(value) else f"{value:.4g}" if unit == "1" else f"{value:.4g} {unit}"
 
 
-def _to_place(value: float, change: float) -> str:
+def _level_value_text(value: float, change: float) -> str:
     """Write a level's value with two digits of the smallest change between levels."""
-    return f"{value:.{digits(value, apart=change / 10.0)}g}"
+    return f"{value:.{digits(value, spacing=change / 10.0)}g}"
 
 
-def _number(value: float) -> str:
+def _finite_number_text(value: float) -> str:
     return f"{value:.4g}" if np.isfinite(value) else ""

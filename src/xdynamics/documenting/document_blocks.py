@@ -12,7 +12,7 @@ POINTS = 14  # of a formula
 
 
 @dataclass(frozen=True)
-class Words:
+class Paragraph:
     """A paragraph, optionally with its first words in bold."""
 
     text: str
@@ -39,7 +39,7 @@ class Formula:
         """Return it as HTML: an image with the LaTeX as its text."""
         span = f'<span class="said">{escape(self.caption)}</span>' if self.caption else ""
         return (
-            f'<p class="formula"><img src="{_embedded(drawn(self.latex), "svg+xml")}"'
+            f'<p class="formula"><img src="{_embedded(formula_svg(self.latex), "svg+xml")}"'
             f' alt="{escape(self.latex)}">{span}</p>'
         )
 
@@ -103,7 +103,7 @@ class CodeBlock:
         return "\n".join(f"    {line}" for line in self.text.splitlines())
 
 
-Block = Words | Formula | TextTable | PictureBlock | CodeBlock
+Block = Paragraph | Formula | TextTable | PictureBlock | CodeBlock
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ pre { background: #f4f4f2; padding: 0.8em; white-space: pre-wrap; overflow-wrap:
 """
 
 
-def html(title: str, lead: str, sections: Sequence[PageSection]) -> str:
+def html_document(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     """Return a document as one self-contained HTML file."""
     body = "\n".join(
         f"<h2>{escape(section.title)}</h2>\n" + "\n".join(block.html() for block in section.blocks)
@@ -144,7 +144,7 @@ def html(title: str, lead: str, sections: Sequence[PageSection]) -> str:
 """
 
 
-def markdown(title: str, lead: str, sections: Sequence[PageSection]) -> str:
+def markdown_document(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     """Return a document as one Markdown file with pictures embedded."""
     body = "\n\n".join(
         f"## {section.title}\n\n" + "\n\n".join(block.markdown() for block in section.blocks) for section in sections
@@ -152,7 +152,7 @@ def markdown(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     return f"# {title}\n\n{lead}\n\n{body}\n"
 
 
-def drawn(latex: str) -> bytes:
+def formula_svg(latex: str) -> bytes:
     """Draw a formula as SVG with matplotlib's mathtext; a formula that it cannot parse is drawn as plain text."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics import schema
-from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.dynamics.recorded_models import model_of_record
 from xdynamics.expressions import free_names
 from xdynamics.model import Function, Model
 from xdynamics.record.named_elements import column_in_si
@@ -21,11 +21,11 @@ def works_of_drag(run: xr.Dataset) -> Iterator[str]:
     """Report the work that a force of velocities alone did on the motion, where it did any, and in which direction."""
     if "force_source" not in run or run.sizes[schema.STEPS] < 2:
         return
-    model = model_of(run, None)
+    model = model_of_record(run, None)
     if model.shapes.dims or model.time_unit.text != SECONDS.text:
         return
     times = run["time"].values
-    for name, coordinates in _of_velocities(model).items():
+    for name, coordinates in _velocity_forces(model).items():
         columns = {q: (schema.force(name, q), schema.velocity(q)) for q in coordinates}
         if not all(column in run for pair in columns.values() for column in pair):
             continue
@@ -35,18 +35,18 @@ def works_of_drag(run: xr.Dataset) -> Iterator[str]:
         if (work := np.trapezoid(pushing, times)) <= SEEN * all_of_it:
             continue
         speeds = column_in_si(run, schema.velocity(coordinates[0]))[power > 0.0]
-        where = f" where v_{coordinates[0]} {'<' if speeds.max() < 0.0 else '>'} 0"
+        direction_note = f" where v_{coordinates[0]} {'<' if speeds.max() < 0.0 else '>'} 0"
         one_way = len(coordinates) == 1 and (speeds.max() < 0.0 or speeds.min() > 0.0)
-        yield f"work      {name} did +{work:.3g} J of work on the motion{where if one_way else ''}: drag would take it"
+        yield f"work      {name} did +{work:.3g} J of work on the motion{direction_note if one_way else ''}: drag would take it"
 
 
-def _of_velocities(model: Model) -> dict[str, list[str]]:
+def _velocity_forces(model: Model) -> dict[str, list[str]]:
     """Return the forces that read velocities, and neither coordinates, states, drives nor time, with where they act."""
-    moving = {"t", *model.statement.coordinates, *model.statement.states, *model.drives}
-    velocities, found = {*map(schema.velocity, model.statement.coordinates)}, dict[str, list[str]]()
+    position_names = {"t", *model.statement.coordinates, *model.statement.states, *model.drives}
+    velocities, forces = {*map(schema.velocity, model.statement.coordinates)}, dict[str, list[str]]()
     for name, components in model.force_components.items():
         trees = [tree for tree in components.values() if not isinstance(tree, Function)]
-        read = set().union(*(free_names(model.expanded(tree)) for tree in trees)) if trees else set()
-        if len(trees) == len(components) and read & velocities and not read & moving:
-            found[name] = [*components]
-    return found
+        names_read = set().union(*(free_names(model.expanded(tree)) for tree in trees)) if trees else set()
+        if len(trees) == len(components) and names_read & velocities and not names_read & position_names:
+            forces[name] = [*components]
+    return forces

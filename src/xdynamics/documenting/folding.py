@@ -7,12 +7,12 @@ from textwrap import wrap
 WIDTH = 100  # of a line
 
 
-def folded(text: str, hang: int = 0) -> list[str]:
+def wrapped_lines(text: str, hang: int = 0) -> list[str]:
     """Return lines of at most `WIDTH` characters, those after the first indented by `hang`; words stay whole.
 
     Examples
     --------
-    >>> folded("  name  " + "many " * 20, 8)
+    >>> wrapped_lines("  name  " + "many " * 20, 8)
     ['  name  many many many many many many many many many many many many many many many many many many', '        many many']
     """
     return wrap(text, WIDTH, subsequent_indent=" " * hang, break_long_words=False, break_on_hyphens=False)

@@ -11,7 +11,7 @@ from xdynamics.documenting.bodies_page import bodies_page
 from xdynamics.documenting.constraints_page import constraints_page
 from xdynamics.documenting.delays_page import delays_page
 from xdynamics.documenting.fits_page import FITS_PAGE
-from xdynamics.documenting.folding import folded
+from xdynamics.documenting.folding import wrapped_lines
 from xdynamics.documenting.joints_page import joints_page
 from xdynamics.documenting.json_page import JSON_PAGE
 from xdynamics.documenting.manual_pages import (
@@ -29,7 +29,7 @@ from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
 from xdynamics.model.grammar import HEAD, SECTIONS
 from xdynamics.model.section import Key
-from xdynamics.model.table_keys import near
+from xdynamics.model.table_keys import suggestion
 from xdynamics.schema import Variable
 from xdynamics.units import CALENDAR, CONSTANTS, PREFIX, SPELLING
 
@@ -270,20 +270,20 @@ def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:
         return _contents(verbs)
     topic = topic_named(topic)
     if topic not in pages:
-        raise InputError(f"help has no topic '{topic}'{near(topic, tuple(dict.fromkeys((*pages, *verbs))))}")
-    more = f"the verb of that name: xdynamics {topic} --help"
-    return iter((*pages[topic](), *([more] if topic in verbs else ())))
+        raise InputError(f"help has no topic '{topic}'{suggestion(topic, tuple(dict.fromkeys((*pages, *verbs))))}")
+    verb_note = f"the verb of that name: xdynamics {topic} --help"
+    return iter((*pages[topic](), *([verb_note] if topic in verbs else ())))
 
 
 def _contents(verbs: Iterable[str]) -> Iterator[str]:
     """List all pages: those on a subject with what they are about."""
     yield "Pages: xdynamics help PAGE"
-    yield from (f"  {name:<9} {about}" for name, about in PAGES_ABOUT.items())
+    yield from (f"  {name:<9} {description}" for name, description in PAGES_ABOUT.items())
     yield "Sections of a model file: xdynamics help SECTION"
-    yield from folded(f"  {', '.join(SECTIONS)}", 2)
+    yield from wrapped_lines(f"  {', '.join(SECTIONS)}", 2)
     if verbs:
         yield "Verbs: xdynamics help VERB"
-        yield from folded(f"  {', '.join(sorted(verbs))}", 2)
+        yield from wrapped_lines(f"  {', '.join(sorted(verbs))}", 2)
     yield "All of it as a site, with methods, gallery and Python: xdynamics help --html manual"
 
 
@@ -295,11 +295,11 @@ def topic_named(word: str) -> str:
 def topics() -> dict[str, Callable[[], Iterable[str]]]:
     """Return every topic with what prints its page."""
     return {
-        "model": _model,
-        "language": _language,
+        "model": _model_page,
+        "language": _language_page,
         "shapes": shapes_page,
-        "units": _units,
-        "record": _record,
+        "units": _units_page,
+        "record": _record_page,
         "runs": RUNS_PAGE.splitlines,
         "marching": MARCHING_PAGE.splitlines,
         "precision": PRECISION_PAGE.splitlines,
@@ -313,57 +313,59 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "fits": FITS_PAGE.splitlines,
         "json": JSON_PAGE.splitlines,
         "stores": STORES_PAGE.splitlines,
-        **{name: partial(_section, name) for name in SECTIONS},
-        "bodies": lambda: bodies_page(_section("bodies")),
-        "constraints": lambda: constraints_page(_section("constraints")),
-        "joints": lambda: joints_page(_section("joints")),
-        "delays": lambda: delays_page(_section("history")),
+        **{name: partial(_section_page, name) for name in SECTIONS},
+        "bodies": lambda: bodies_page(_section_page("bodies")),
+        "constraints": lambda: constraints_page(_section_page("constraints")),
+        "joints": lambda: joints_page(_section_page("joints")),
+        "delays": lambda: delays_page(_section_page("history")),
     }
 
 
-def _model() -> Iterator[str]:
+def _model_page() -> Iterator[str]:
     yield "A model file is TOML. Above its sections stand"
-    yield from _keys(HEAD)
+    yield from _key_lines(HEAD)
     yield "and its sections are"
     width = max(map(len, SECTIONS)) + 2
     for name, section in SECTIONS.items():
-        yield from folded(f"  {f'[{name}]':{width}}  {section.about}", width + 4)
+        yield from wrapped_lines(f"  {f'[{name}]':{width}}  {section.about}", width + 4)
     yield "`xdynamics help forces`, and so on, lists the keys of one;"
     yield "`xdynamics new MODEL.toml` writes a model to begin with."
 
 
-def _section(name: str) -> Iterator[str]:
+def _section_page(name: str) -> Iterator[str]:
     section = SECTIONS[name]
-    where = f"[{name}] or [{name}.<{section.entry.replace(' ', '_')}>]" if section.entry else f"[{name}]"
-    yield from folded(f"{where}: {section.about}", 2)
+    section_header = f"[{name}] or [{name}.<{section.entry.replace(' ', '_')}>]" if section.entry else f"[{name}]"
+    yield from wrapped_lines(f"{section_header}: {section.about}", 2)
     if section.short:
-        yield from folded(f"  {'in short, in the place of a table: ' if section.entry else ''}{section.short}", 4)
-    yield from _keys(section.keys)
+        yield from wrapped_lines(
+            f"  {'in short, in the place of a table: ' if section.entry else ''}{section.short}", 4
+        )
+    yield from _key_lines(section.keys)
     yield "for example"
     for line in section.example.rstrip("\n").split("\n"):
         yield f"  {line}"
 
 
-def _keys(keys: Iterable[Key]) -> Iterator[str]:
+def _key_lines(keys: Iterable[Key]) -> Iterator[str]:
     entries = list(keys)
     width = max(len(key.name) for key in entries)
     for key in entries:
         stated = key.default if key.default.startswith("needed") else f"default: {key.default}"
         default_note = f"; {stated}" if key.default else ""
-        yield from folded(f"  {key.name:{width}}  {key.about}  ({key.takes}{default_note})", width + 4)
+        yield from wrapped_lines(f"  {key.name:{width}}  {key.about}  ({key.takes}{default_note})", width + 4)
 
 
-def _language() -> Iterator[str]:
+def _language_page() -> Iterator[str]:
     yield "An expression has numbers, names, t, pi, + - * / ** (a constant exponent), parentheses, and"
     plain = [name for name in FUNCTIONS if name not in SAID]
     yield f"  {', '.join(plain)}"
     for name in FUNCTIONS:
         if name in SAID:
-            yield from folded(f"  {name:6}  {SAID[name]}", 10)
+            yield from wrapped_lines(f"  {name:6}  {SAID[name]}", 10)
     yield "A number without a unit is a pure number: 2*metre is a length. Unit names in expressions are"
-    yield from folded(f"  {', '.join(CONSTANTS)}", 2)
+    yield from wrapped_lines(f"  {', '.join(CONSTANTS)}", 2)
     calendar = " and ".join(CALENDAR)
-    yield from folded(
+    yield from wrapped_lines(
         f"  {calendar} are 365.25 days and a twelfth of that, unless the model has something of that name", 2
     )
     yield "delayed(x, '20 ms') is a value as it was some time ago: `xdynamics help delays`."
@@ -372,10 +374,10 @@ def _language() -> Iterator[str]:
     yield "  '-c*v_y*abs(v_y)', 'm*l**2/radian**2', 'where(x < a, k*x, k*a)', 'g*sin(theta)'"
 
 
-def _units() -> Iterator[str]:
+def _units_page() -> Iterator[str]:
     yield "A quantity is a number and a unit in UDUNITS spelling: '9.81 m s-2', '5 cm', '30 degree',"
     yield "'2 kg m2 s-1', '1' for none."
-    yield from folded(f"  units     {', '.join(SPELLING.values())}", 12)
+    yield from wrapped_lines(f"  units     {', '.join(SPELLING.values())}", 12)
     yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)};"
     yield "            u is micro; UDUNITS has no R, Q, r or q: write the power of ten in the number"
     yield "  values    also in month (365.25/12 d), °C and °F, light_year (ly) and parsec (pc, kpc, Mpc, Gpc),"
@@ -383,22 +385,22 @@ def _units() -> Iterator[str]:
     yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty: 50 ± 0.5 g, or of its last digits: 50.0(5) g"
 
 
-def _record() -> Iterator[str]:
+def _record_page() -> Iterator[str]:
     yield "A run is one xarray Dataset, whose coordinates are time(step) and labels of elements."
     yield "Its dimensions are"
     for name in (schema.STEPS, schema.TRIALS, schema.EVENTS, schema.SAMPLES, schema.CLOSED_LINKS, schema.BOUNDS):
         yield f"  {name:6}  {schema.DIMENSIONS[name]}"
-    for name, about in OF_MODELS:
-        yield from folded(f"  {name}  {about}", 4)
+    for name, description in OF_MODELS:
+        yield from wrapped_lines(f"  {name}  {description}", 4)
     yield "An event of each of n elements has two rows of all n: see the end of `xdynamics help shapes`."
     yield "and its variables, first those that are called after the model's own names,"
-    for name, dim, about in BY_NAME:
-        yield from folded(f"  {name}{f' ({dim})' if dim else ''}: {about}", 4)
+    for name, dim, description in BY_NAME:
+        yield from wrapped_lines(f"  {name}{f' ({dim})' if dim else ''}: {description}", 4)
     yield "then those of every run."
     for variable in schema.FIXED:
-        yield from folded(_variable(variable), 4)
+        yield from wrapped_lines(_variable_line(variable), 4)
 
 
-def _variable(variable: Variable) -> str:
+def _variable_line(variable: Variable) -> str:
     details = ", ".join([*variable.dims, *([variable.units] if variable.units != "1" else [])])
     return f"  {variable.name}{f' ({details})' if details else ''}: {variable.long_name}"

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from xdynamics.documenting.plain_text import COUNTED, equations, spectrum_of
-from xdynamics.documenting.summary import as_data
+from xdynamics.documenting.plain_text import COUNTED, equation_lines, spectrum_of
+from xdynamics.documenting.summary import summary_data
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
@@ -34,10 +34,10 @@ def json_text(data: Any) -> str:
     >>> json_text({"order": float("nan"), "limit": float("inf"), "h": 0.1})
     '{"order": null, "limit": "inf", "h": 0.1}'
     """
-    return json.dumps(_plain(data), allow_nan=False)
+    return json.dumps(_json_value(data), allow_nan=False)
 
 
-def data_of(subject: xr.Dataset | Model | Mapping[str, Any]) -> dict[str, Any]:
+def plain_data_of(subject: xr.Dataset | Model | Mapping[str, Any]) -> dict[str, Any]:
     """Return what a verb yields as plain data.
 
     Parameters
@@ -47,22 +47,22 @@ def data_of(subject: xr.Dataset | Model | Mapping[str, Any]) -> dict[str, Any]:
         model its equations, start, time scales and methods; plain data as they are.
     """
     if isinstance(subject, Model):
-        return _of_model(subject)
-    return _of_record(subject) if isinstance(subject, xr.Dataset) else dict(subject)
+        return _model_data(subject)
+    return _record_data(subject) if isinstance(subject, xr.Dataset) else dict(subject)
 
 
-def _of_record(record: xr.Dataset) -> dict[str, Any]:
+def _record_data(record: xr.Dataset) -> dict[str, Any]:
     """Return the summary of a run, or all that evidence or a part of a run holds."""
     attributes = record.attrs
     if STEPS in record.dims and is_whole(attributes):
         parameters = {str(n): v for n, v in record.variables.items() if v.attrs.get("role") == "parameter"}
-        held = {name: _variable(variable) for name, variable in parameters.items()}
-        return {"kind": RUN} | as_data(record) | {"parameters": held}
+        parameter_data = {name: _variable_data(variable) for name, variable in parameters.items()}
+        return {"kind": RUN} | summary_data(record) | {"parameters": parameter_data}
     kind = REPRODUCTION if "identical" in attributes else STATES if AT in record.dims else PART
-    return _everything(record, str(attributes.get(EVIDENCE, kind)))
+    return _full_record_data(record, str(attributes.get(EVIDENCE, kind)))
 
 
-def _everything(record: xr.Dataset, kind: str) -> dict[str, Any]:
+def _full_record_data(record: xr.Dataset, kind: str) -> dict[str, Any]:
     """Return every attribute and variable of a Dataset."""
     attributes = record.attrs
     return {
@@ -73,17 +73,17 @@ def _everything(record: xr.Dataset, kind: str) -> dict[str, Any]:
             str(key): value for key, value in attributes.items() if key not in ("title", EVIDENCE, ORIGIN, DIGESTS)
         },
         "variables": {
-            name: _variable(variable)
-            for name, variable in ((str(key), one) for key, one in record.variables.items())
+            name: _variable_data(variable)
+            for name, variable in ((str(key), column) for key, column in record.variables.items())
             if not is_repeated_label(name, record)
         },
     }
 
 
-def _of_model(model: Model) -> dict[str, Any]:
+def _model_data(model: Model) -> dict[str, Any]:
     """Return what `check` tells of a model."""
     try:
-        scales: dict[str, Any] = _everything(spectrum_of(model), MODES)
+        scales: dict[str, Any] = _full_record_data(spectrum_of(model), MODES)
     except InputError as error:
         scales = {"kind": MODES, "unknown": str(error)}
     return {
@@ -91,7 +91,7 @@ def _of_model(model: Model) -> dict[str, Any]:
         "title": model.name,
         "digest": model.digest,
         "counts": {kind: len(getattr(model.statement, kind)) for kind in COUNTED},
-        "equations": [" ".join(line.split()) for line in equations(model)],
+        "equations": [" ".join(line.split()) for line in equation_lines(model)],
         "parameters": {
             name: {"value": part.quantity.value, "units": part.quantity.unit.text, "uncertainty": part.uncertainty}
             for name, part in model.statement.parameters.items()
@@ -107,7 +107,7 @@ def _of_model(model: Model) -> dict[str, Any]:
     }
 
 
-def _variable(variable: Any) -> dict[str, Any]:
+def _variable_data(variable: Any) -> dict[str, Any]:
     """Return a variable with its dimensions, unit, description and values."""
     attributes = variable.attrs
     values = np.asarray(variable.values)
@@ -119,20 +119,20 @@ def _variable(variable: Any) -> dict[str, Any]:
     words = dict(
         zip(np.atleast_1d(attributes["flag_values"]).tolist(), str(attributes["flag_meanings"]).split(), strict=True)
     )
-    meant = [words.get(value, value) for value in values.ravel().tolist()]
-    return described | {"values": np.array(meant, object).reshape(values.shape).tolist()}
+    meanings = [words.get(value, value) for value in values.ravel().tolist()]
+    return described | {"values": np.array(meanings, object).reshape(values.shape).tolist()}
 
 
-def _plain(data: Any) -> Any:
+def _json_value(data: Any) -> Any:
     """Return data of Python's own types alone, with numbers that are not finite in the form that JSON has for them."""
     if isinstance(data, Mapping):
-        return {str(key): _plain(value) for key, value in data.items()}
+        return {str(key): _json_value(value) for key, value in data.items()}
     if isinstance(data, np.ndarray):
-        return _plain(data.tolist())
+        return _json_value(data.tolist())
     if isinstance(data, list | tuple):
-        return [_plain(value) for value in data]
+        return [_json_value(value) for value in data]
     if isinstance(data, np.generic):
-        return _plain(data.item())
+        return _json_value(data.item())
     if isinstance(data, float) and not math.isfinite(data):
         return None if math.isnan(data) else "inf" if data > 0 else "-inf"
     return data

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from xdynamics.evidence.modes import modes
 from xdynamics.expressions import Node, size, text_of
 from xdynamics.expressions.simplification import printed_simply
-from xdynamics.faults import InputError, spoken
+from xdynamics.faults import InputError, display_text
 from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march.assembly_failures import OVER_IMPACTS, marches_over_impacts
@@ -20,10 +20,10 @@ from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
 from xdynamics.model.bodies import scalar_part, vector_part
-from xdynamics.model.body_reading import made_by
+from xdynamics.model.body_reading import body_entries
 from xdynamics.model.constraint_consistency import implied_at_start
 from xdynamics.model.constraints import Condition, conditions
-from xdynamics.model.controllers import held, limited
+from xdynamics.model.controllers import controller_states, limited_value
 from xdynamics.model.entries import COULOMB
 from xdynamics.model.joint_sections import HINGE, SLIDER
 from xdynamics.model.joints import made_by_joints, tables_of_joint
@@ -36,10 +36,10 @@ from xdynamics.model.switches import (
     owners_of_switches,
     switches,
 )
-from xdynamics.model.whole_jacobian import is_dense
+from xdynamics.model.whole_jacobian import is_densely_linked
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import Quantity, unit_suffix
 
 if TYPE_CHECKING:
@@ -73,31 +73,32 @@ Line = tuple[
 ]  # what is said, and of which quantity; many elements are not put into words in vain
 
 
-def lines_of(model: Model) -> Iterator[str]:
+def model_lines(model: Model) -> Iterator[str]:
     """Summarise a checked model: its parts, motion, events, start and time scales; elements as people write them."""
-    return map(spoken, _lines(model))
+    return map(display_text, _unspoken_model_lines(model))
 
 
-def _lines(model: Model) -> Iterator[str]:
-    yield from at_rest(model.shaped.at_rest)
+def _unspoken_model_lines(model: Model) -> Iterator[str]:
+    yield from resting_velocities_line(model.shaped.at_rest)
     counts = [(len(getattr(model.statement, kind)), kind) for kind in COUNTED]
-    counted = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
-    yield f"{model.name}: {counted}; every name is known and every unit fits"
-    yield from _first_elements(chain(_motion(model), _occasions(model)))
+    counts_text = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
+    yield f"{model.name}: {counts_text}; every name is known and every unit fits"
+    yield from _first_elements(chain(_motion_lines(model), _occasion_lines(model)))
     starts = ", ".join(
         _first_elements(
-            (parted(name)[0], partial(_start, model, name, value)) for name, value in model.statement.initial.items()
+            (split_element_name(name)[0], partial(_start_text, model, name, value))
+            for name, value in model.statement.initial.items()
         )
     )
-    moved = "; moved from there to where constraints hold" if model.consistent else ""
-    yield f"start     {starts}{f', regime {model.regime}' if model.regime else ''}{moved}"
-    yield from _scales(model)
+    consistency_note = "; moved from there to where constraints hold" if model.consistent else ""
+    yield f"start     {starts}{f', regime {model.regime}' if model.regime else ''}{consistency_note}"
+    yield from _time_scale_lines(model)
 
 
-def _start(model: Model, name: str, value: Quantity) -> str:
+def _start_text(model: Model, name: str, value: Quantity) -> str:
     """Return a value at the start as it was written; that of an expression without the digits that rounding leaves."""
-    given = model.shaped.starting.get(parted(name)[0])
-    if given is not None and given.tree is not None:
+    start_values = model.shaped.starting.get(split_element_name(name)[0])
+    if start_values is not None and start_values.tree is not None:
         value = replace(value, value=float(f"{value.value:.{DIGITS}g}"))
     return f"{name} = {value}".removesuffix(" 1")
 
@@ -106,77 +107,88 @@ def _first_elements(lines: Iterable[Line]) -> Iterator[str]:
     """Yield what is said of the first elements of each quantity, and how many others there are."""
     for _, group in groupby(lines, itemgetter(0)):
         texts = [text for _, text in group]
-        shown = texts if len(texts) <= MOST_ELEMENTS + 1 else texts[:MOST_ELEMENTS]
-        yield from (text() for text in shown)
-        if len(shown) < len(texts):
-            yield f"… and {len(texts) - len(shown)} more elements"
+        shown_texts = texts if len(texts) <= MOST_ELEMENTS + 1 else texts[:MOST_ELEMENTS]
+        yield from (text() for text in shown_texts)
+        if len(shown_texts) < len(texts):
+            yield f"… and {len(texts) - len(shown_texts)} more elements"
 
 
-def at_rest(velocities: Sequence[str]) -> Iterator[str]:
+def resting_velocities_line(velocities: Sequence[str]) -> Iterator[str]:
     """Report the velocities that were not given."""
     if velocities:
         yield f"at rest   {', '.join(velocities)}: [initial] gives none, so that they are 0 at the start"
 
 
-def equations(model: Model) -> Iterator[str]:
+def equation_lines(model: Model) -> Iterator[str]:
     """Print the motion, forces, definitions, rates, events, contacts and frictions of a model, each in a line."""
-    yield from (spoken(text()) for _, text in chain(_motion(model), _occasions(model)))
+    yield from (display_text(text()) for _, text in chain(_motion_lines(model), _occasion_lines(model)))
 
 
-def _joined(model: Model) -> dict[str, str]:
+def _joint_of_constraint(model: Model) -> dict[str, str]:
     """Return the joint of each constraint that joints stand for."""
     return {key: name for name, joint in model.joints.items() for key in tables_of_joint(name, joint)["constraints"]}
 
 
-def _motion(model: Model) -> Iterator[Line]:
-    joined, bodies, keeping = _joined(model), model.shaped.bodies, conditions(model)
+def _motion_lines(model: Model) -> Iterator[Line]:
+    joint_names, bodies, keeping = _joint_of_constraint(model), model.shaped.bodies, conditions(model)
     for i, name in enumerate(model.statement.coordinates):
-        yield f"motion {parted(name)[0]}", partial(_motion_of, model, i, name, keeping, joined)
+        yield f"motion {split_element_name(name)[0]}", partial(_motion_line, model, i, name, keeping, joint_names)
     for term, components in model.force_components.items():
-        if (whole := _whole_potential(model, term, components)) is not None:
-            yield term, partial("force     {} by the potential {}".format, term, whole)
+        if (potential := _whole_potential(model, term, components)) is not None:
+            yield term, partial("force     {} by the potential {}".format, term, potential)
             continue
         for name in components:
-            yield f"force {term} of {parted(name)[0]}", partial(_component, term, name, components)
+            yield (
+                f"force {term} of {split_element_name(name)[0]}",
+                partial(_force_component_line, term, name, components),
+            )
     for name, solid in bodies.items():
         points = ", ".join(f"{name}_{point}" for point in solid.points)
-        named = f"; points {points}" if points else ""
-        attitude = f"turns, with the attitude {scalar_part(name)}, {vector_part(name)}{named}"
+        points_note = f"; points {points}" if points else ""
+        attitude = f"turns, with the attitude {scalar_part(name)}, {vector_part(name)}{points_note}"
         yield name, partial("body      {}: {}".format, name, attitude)
-    made = made_by(bodies, "definitions") | made_by(bodies, "states") | made_by_joints(model.joints, "definitions")
+    generated_names = (
+        body_entries(bodies, "definitions")
+        | body_entries(bodies, "states")
+        | made_by_joints(model.joints, "definitions")
+    )
     for name in model.definitions:
-        if parted(name)[0] not in made:
-            yield parted(name)[0], partial(_definition, model, name)
-    kept = held(model.controllers, model.time_unit)
+        if split_element_name(name)[0] not in generated_names:
+            yield split_element_name(name)[0], partial(_definition_line, model, name)
+    held_names = controller_states(model.controllers, model.time_unit)
     for name in model.statement.states:
-        if name not in kept and parted(name)[0] not in made:
-            yield parted(name)[0], partial(_rate, model, name)
+        if name not in held_names and split_element_name(name)[0] not in generated_names:
+            yield split_element_name(name)[0], partial(_rate_line, model, name)
     for name in model.controllers:
-        yield name, partial(_controller, model, name)
+        yield name, partial(_controller_line, model, name)
 
 
-def _motion_of(model: Model, i: int, name: str, keeping: Sequence[Condition], joined: Mapping[str, str]) -> str:
+def _motion_line(model: Model, i: int, name: str, keeping: Sequence[Condition], joint_names: Mapping[str, str]) -> str:
     masses = model.statement.mass_entries
     inertia = [
-        f"{_factor(masses[i, j])}*{acceleration(other)}"
-        for j, other in enumerate(model.statement.coordinates)
+        f"{_bracketed_factor(masses[i, j])}*{acceleration(coordinate)}"
+        for j, coordinate in enumerate(model.statement.coordinates)
         if (i, j) in masses
     ]
-    acting = [term for term, components in model.force_components.items() if name in components]
-    own = [condition for condition in keeping if name in condition.row]
-    acting += [
+    acting_terms = [term for term, components in model.force_components.items() if name in components]
+    own_conditions = [condition for condition in keeping if name in condition.row]
+    acting_terms += [
         f"({printed_simply(condition.row[name])})*{constraint_force(condition.name)}"
-        for condition in own
-        if parted(condition.name)[0] not in joined
+        for condition in own_conditions
+        if split_element_name(condition.name)[0] not in joint_names
     ]
-    acting += dict.fromkeys(f"joint {joined[key]}" for part in own if (key := parted(part.name)[0]) in joined)
-    return f"motion    {' + '.join(inertia)} = {' + '.join(acting) or '0'}"
+    acting_terms += dict.fromkeys(
+        f"joint {joint_names[key]}"
+        for part in own_conditions
+        if (key := split_element_name(part.name)[0]) in joint_names
+    )
+    return f"motion    {' + '.join(inertia)} = {' + '.join(acting_terms) or '0'}"
 
 
 def _whole_potential(model: Model, term: str, components: Mapping[str, Node | Function]) -> str | None:
     """Return the potential of a force as it is written, where the force on an element has very many terms."""
     part, first = model.shaped.forces.get(term), next(iter(components), "")
-    if part is None or part.potential is None or not parted(first)[1]:
+    if part is None or part.potential is None or not split_element_name(first)[1]:
         return None
     component = components[first]
     if isinstance(component, Function) or size(component) <= MOST_NODES:
@@ -184,7 +196,7 @@ def _whole_potential(model: Model, term: str, components: Mapping[str, Node | Fu
     return text_of(part.potential) + (f" of each {part.over}" if part.over else "")
 
 
-def _component(term: str, name: str, components: Mapping[str, Node | Function]) -> str:
+def _force_component_line(term: str, name: str, components: Mapping[str, Node | Function]) -> str:
     component = components[name]
     body = (
         f"{component.name}({', '.join(component.arguments)})"
@@ -194,51 +206,51 @@ def _component(term: str, name: str, components: Mapping[str, Node | Function]) 
     return f"force     {term} of {name} = {body}"
 
 
-def _definition(model: Model, name: str) -> str:
+def _definition_line(model: Model, name: str) -> str:
     return f"with      {name} = {printed_simply(model.definitions[name])}"
 
 
-def _rate(model: Model, name: str) -> str:
+def _rate_line(model: Model, name: str) -> str:
     return f"rate      of {name} = {printed_simply(model.statement.states[name].rate)}"
 
 
-def _controller(model: Model, name: str) -> str:
+def _controller_line(model: Model, name: str) -> str:
     controller = model.controllers[name]
     waits = [f"{word} {time}" for word, time in (("phase", controller.phase), ("delay", controller.delay)) if time]
-    values = [f"{output} = {printed_simply(limited(part))}" for output, part in controller.outputs.items()]
+    values = [f"{output} = {printed_simply(limited_value(part))}" for output, part in controller.outputs.items()]
     values += [f"{state} = {printed_simply(part.next)}" for state, part in controller.states.items()]
     return f"controller {name}: every {controller.every}{''.join(f', {word}' for word in waits)}: {', '.join(values)}"
 
 
-def _factor(node: Node) -> str:
+def _bracketed_factor(node: Node) -> str:
     text = printed_simply(node)
     return f"({text})" if " + " in text or " - " in text else text
 
 
-def _occasions(model: Model) -> Iterator[Line]:
+def _occasion_lines(model: Model) -> Iterator[Line]:
     for name in model.events:
-        yield f"event {parted(name)[0]}", partial(_event, model, name)
+        yield f"event {split_element_name(name)[0]}", partial(_event_line, model, name)
     contacts = model.contacts | {name: model.shaped.contacts[name] for name in model.assemblies}
     for name in contacts:
-        yield f"contact {parted(name)[0]}", partial(_contact, name, contacts)
-    yield from ((line, partial(str, line)) for line in _conditions(model))
+        yield f"contact {split_element_name(name)[0]}", partial(_contact_line, name, contacts)
+    yield from ((line, partial(str, line)) for line in _constraint_lines(model))
     for name in model.frictions:
-        yield f"friction {parted(name)[0]}", partial(_friction, model, name)
-    yield from ((line, partial(str, line)) for line in _switches(model))
+        yield f"friction {split_element_name(name)[0]}", partial(_friction_line, model, name)
+    yield from ((line, partial(str, line)) for line in _switch_lines(model))
 
 
-def _event(model: Model, name: str) -> str:
+def _event_line(model: Model, name: str) -> str:
     event = model.events[name]
     if isinstance(event.function, Function):
         body = event.function.name
     else:
-        whole = None if size(event.function) <= MOST_NODES else model.shaped.events.get(name, event).function
-        body = text_of(whole) if isinstance(whole, Node) else printed_simply(event.function)
-    when = f"{body} = 0, {event.direction}" if event.every is None else f"every {event.every}"
-    return f"event     {name}: {when}: {event.action}{f' to {event.to}' if event.to else ''}"
+        event_function = None if size(event.function) <= MOST_NODES else model.shaped.events.get(name, event).function
+        body = text_of(event_function) if isinstance(event_function, Node) else printed_simply(event.function)
+    condition = f"{body} = 0, {event.direction}" if event.every is None else f"every {event.every}"
+    return f"event     {name}: {condition}: {event.action}{f' to {event.to}' if event.to else ''}"
 
 
-def _contact(name: str, contacts: Mapping[str, Contact]) -> str:
+def _contact_line(name: str, contacts: Mapping[str, Contact]) -> str:
     contact = contacts[name]
     return (
         f"contact   {name}: {printed_simply(contact.gap)} >= 0, restitution {printed_simply(contact.restitution)},"
@@ -246,7 +258,7 @@ def _contact(name: str, contacts: Mapping[str, Contact]) -> str:
     )
 
 
-def _friction(model: Model, name: str) -> str:
+def _friction_line(model: Model, name: str) -> str:
     friction = model.frictions[name]
     return (
         f"friction  {name}: at most {printed_simply(friction.static)} against {printed_simply(friction.slip)},"
@@ -254,7 +266,7 @@ def _friction(model: Model, name: str) -> str:
     )
 
 
-def _switches(model: Model) -> Iterator[str]:
+def _switch_lines(model: Model) -> Iterator[str]:
     if are_too_many(model):
         owners = ", ".join(owners_of_switches(model))
         yield f"switches  {count_of_switches(model)} in {owners}: kinks and jumps inside forces, which are stepped over"
@@ -268,22 +280,26 @@ def _switches(model: Model) -> Iterator[str]:
                 yield f"switches  {', '.join(names)}: kinks and jumps inside forces, which are {fate}"
 
 
-def _conditions(model: Model) -> Iterator[str]:
+def _constraint_lines(model: Model) -> Iterator[str]:
     """Print joints, and the constraints that are no part of one, with those that others imply at the start."""
-    joined, names = _joined(model), [*model.constraints]
+    joint_names, names = _joint_of_constraint(model), [*model.constraints]
     implied = implied_at_start(model.statement) if names else ()
     for name, joint in model.joints.items():
         first, second = joint.bodies
         word = {HINGE: "about", SLIDER: "along"}.get(joint.kind)
         axis = ", ".join(f"{part:g}" for part in joint.axis[0]) if word else ""
-        where = f", {word} [{axis}] in {first}" if word else ""
-        own = [k for k, key in enumerate(names) if joined.get(parted(key)[0]) == name]
-        many = len({*own} & {*implied})
-        shared = f"; {many} of its {len(own)} conditions implied at the start by those before them" if many else ""
-        read = "".join(f", {word}" for word in tables_of_joint(name, joint).get("definitions", ()))
-        yield f"joint     {name}: {joint.kind} of {first} and {second}{where}{read and f'; has{read[1:]}'}{shared}"
+        axis_note = f", {word} [{axis}] in {first}" if word else ""
+        condition_indices = [k for k, key in enumerate(names) if joint_names.get(split_element_name(key)[0]) == name]
+        implied_count = len({*condition_indices} & {*implied})
+        shared = (
+            f"; {implied_count} of its {len(condition_indices)} conditions implied at the start by those before them"
+            if implied_count
+            else ""
+        )
+        definitions_note = "".join(f", {word}" for word in tables_of_joint(name, joint).get("definitions", ()))
+        yield f"joint     {name}: {joint.kind} of {first} and {second}{axis_note}{definitions_note and f'; has{definitions_note[1:]}'}{shared}"
     for k, (name, constraint) in enumerate(model.constraints.items()):
-        if parted(name)[0] in joined:
+        if split_element_name(name)[0] in joint_names:
             continue
         word = "rolls" if constraint.holds is None else "holds"
         shared = ", implied at the start by those before it, with which it shares their force" if k in implied else ""
@@ -303,15 +319,15 @@ def spectrum_of(model: Model) -> xr.Dataset:
         raise InputError(
             f"there are {unknowns} accelerations and rates, over {MOST_UNKNOWNS}; xd.modes(model) takes its time"
         )
-    most = MOST_OF_WHOLES if is_dense(model) else MOST_DERIVATIVES
-    if is_compressed(layout) and (count := len(pattern_of(layout).entries)) > most:
+    max_derivatives = MOST_OF_WHOLES if is_densely_linked(model) else MOST_DERIVATIVES
+    if is_compressed(layout) and (count := len(pattern_of(layout).entries)) > max_derivatives:
         raise InputError(
-            f"the forces have {count} derivatives by the state, over {most}; xd.modes(model) takes its time"
+            f"the forces have {count} derivatives by the state, over {max_derivatives}; xd.modes(model) takes its time"
         )
     return modes(model)
 
 
-def _scales(model: Model) -> Iterator[str]:
+def _time_scale_lines(model: Model) -> Iterator[str]:
     """Report time scales and suitable steps at the start, or why they are unknown there."""
     steps: dict[str, float] = {}
     second = unit_suffix(model.time_unit)
@@ -329,18 +345,18 @@ def _scales(model: Model) -> Iterator[str]:
         steps = dict(zip(METHODS, spectrum["suggested_step"].values.tolist(), strict=True))
     refused: dict[str, list[str]] = {}
     for name, method in METHODS.items():
-        if why := method.refusals(model):
-            refused.setdefault("; ".join(why), []).append(name)
+        if reasons := method.refusals(model):
+            refused.setdefault("; ".join(reasons), []).append(name)
             continue
         suggested = steps.get(name, float("nan"))
         step = "" if not 0.0 < suggested < float("inf") else f", a step of {suggested:.2g}{second} to begin with"
         yield f"method    {name}: order {method.order}{', chooses steps' if method.estimate else ''}{step}"
     for reason, names in refused.items():
         yield f"not by    {', '.join(names)}: {reason}"
-    yield from _heap(model)
+    yield from _heap_advice(model)
 
 
-def _heap(model: Model) -> Iterator[str]:
+def _heap_advice(model: Model) -> Iterator[str]:
     """Advise the method that steps over impacts where many bodies rub against each other."""
     for assembly in assemblies(model) if model.assemblies else ():
         relation, rubs = assembly.relation, assembly.contact.tangential == COULOMB

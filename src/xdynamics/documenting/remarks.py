@@ -13,20 +13,20 @@ Attributes = Mapping[Any, Any]
 SHORT = 0.25  # of the slowest period
 
 
-def at_rest(attributes: Attributes) -> Iterator[str]:
+def at_rest_remark(attributes: Attributes) -> Iterator[str]:
     """Report the velocities that the model does not give."""
     if AT_REST in attributes:
         names = ", ".join(str(attributes[AT_REST]).split())
         yield f"at rest   {names}: [initial] gives none, so that they are 0 at the start"
 
 
-def halves(attributes: Attributes) -> Iterator[str]:
+def double_double_remark(attributes: Attributes) -> Iterator[str]:
     """Say where the other half of numbers is, if they are sums of two floats."""
     if precision_of(attributes) == DOUBLE_DOUBLE:
         yield "numbers   of 31 digits, x + rest_x: `xdynamics help precision`"
 
 
-def pace(attributes: Attributes) -> Iterator[str]:
+def step_size_remarks(attributes: Attributes) -> Iterator[str]:
     """Compare steps with the fastest time scale, and report a span that is short beside the slowest one."""
     if attributes.get("run_h_omega_largest"):  # none where nothing pulls back, as in free flight
         yield (
@@ -43,7 +43,7 @@ def pace(attributes: Attributes) -> Iterator[str]:
         )
 
 
-def kinks_of_tables(attributes: Attributes) -> Iterator[str]:
+def table_kinks_remark(attributes: Attributes) -> Iterator[str]:
     """Count the kinks of tables that are no events, and say what else could be done about them."""
     if count := attributes.get("run_kinks_landed_on"):
         yield (

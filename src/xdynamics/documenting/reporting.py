@@ -8,13 +8,13 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
-from xdynamics.archive.place import Given, Place, check_name, placed
+from xdynamics.archive.place import Given, Place, check_file_name, location_of
 from xdynamics.archive.stores import check_target, made_folder, taking_name
 from xdynamics.documenting.single_page import is_page, write_page
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.cluster import Tell, connected
-from xdynamics.evidence.stages import computed
-from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.evidence.stages import compute_datasets
+from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.figures import plot
 from xdynamics.record.unmarched import is_unmarched
 from xdynamics.schema import EVIDENCE
@@ -56,28 +56,28 @@ def report(folder: Given, **records: xr.Dataset | dict[str, xr.Dataset]) -> str:
     if not records:
         raise InputError("report needs at least one record, like report('results', run=run)")
     for name, entry in records.items():
-        several = entry.values() if isinstance(entry, dict) else [entry]
-        if not several or not all(hasattr(record, "attrs") for record in several):
+        entry_records = entry.values() if isinstance(entry, dict) else [entry]
+        if not entry_records or not all(hasattr(record, "attrs") for record in entry_records):
             raise InputError(f"'{name}' is {str(entry)[:40]!r}, needs a run, evidence, or several of them by name")
-        for each in [name, *(f"{name}_{key}" for key in (entry if isinstance(entry, dict) else ()))]:
-            check_name(each)
-    single = is_page(placed(folder))
-    if single:
-        check_target(placed(folder))
-    target = placed(folder) if single else made_folder(placed(folder))
-    whole, faults = _computed(records)
-    if single:
+        for file_name in [name, *(f"{name}_{key}" for key in (entry if isinstance(entry, dict) else ()))]:
+            check_file_name(file_name)
+    is_single_page = is_page(location_of(folder))
+    if is_single_page:
+        check_target(location_of(folder))
+    target = location_of(folder) if is_single_page else made_folder(location_of(folder))
+    computed_records, faults = _compute_records(records)
+    if is_single_page:
         if faults:
-            told = [f"stage '{name}' failed: {fault}" for name, fault in faults.items()]
-            raise InputError(f"'{target}' is not written:{numbered(told)}", tuple(told))
-        return write_page(target, whole)
-    return _written(target, whole, faults)
+            failures = [f"stage '{name}' failed: {fault}" for name, fault in faults.items()]
+            raise InputError(f"'{target}' is not written:{numbered_lines(failures)}", tuple(failures))
+        return write_page(target, computed_records)
+    return _write_folder(target, computed_records, faults)
 
 
-def _written(target: Place, whole: Mapping[str, Record], faults: dict[str, str]) -> str:
+def _write_folder(target: Place, computed_records: Mapping[str, Record], faults: dict[str, str]) -> str:
     """Write the archives, figures and the page of a folder."""
     lines: list[str] = []
-    for name, entry in whole.items():
+    for name, entry in computed_records.items():
         try:
             lines += _page_of(target, name, entry)
         except ArchiveError:
@@ -86,15 +86,17 @@ def _written(target: Place, whole: Mapping[str, Record], faults: dict[str, str])
             faults[name] = str(error)
     words = "\n".join(lines)
     words += "".join(f"\n## {name}\n\nfailed    {fault}\n" for name, fault in faults.items())
-    with taking_name(target / PAGE) as new:
-        new.part.write_text(words + "\n")
+    with taking_name(target / PAGE) as temporary:
+        temporary.part.write_text(words + "\n")
     if faults:
-        told = [f"stage '{name}' failed: {fault}" for name, fault in faults.items()]
-        raise InputError(f"'{target / PAGE}' has all but {len(faults)} of the stages:{numbered(told)}", tuple(told))
+        failures = [f"stage '{name}' failed: {fault}" for name, fault in faults.items()]
+        raise InputError(
+            f"'{target / PAGE}' has all but {len(faults)} of the stages:{numbered_lines(failures)}", tuple(failures)
+        )
     return words
 
 
-def _computed(records: Mapping[str, Record]) -> tuple[dict[str, Record], dict[str, str]]:
+def _compute_records(records: Mapping[str, Record]) -> tuple[dict[str, Record], dict[str, str]]:
     """Compute lazy stages in one graph; return all that could be computed, and the faults of the others by name."""
     places = [(name, key) for name, entry in records.items() for key in (entry if isinstance(entry, dict) else [""])]
     stages = [entry[key] if isinstance(entry := records[name], dict) else entry for name, key in places]
@@ -110,21 +112,21 @@ def _computed(records: Mapping[str, Record]) -> tuple[dict[str, Record], dict[st
                 except Exception as error:  # noqa: BLE001 - as above
                     results.append(None)
                     faults[" ".join(filter(None, (name, key)))] = str(error) or type(error).__name__
-    whole: dict[str, Record] = {}
+    computed_records: dict[str, Record] = {}
     for (name, key), result in zip(places, results, strict=True):
         if result is not None and isinstance(records[name], dict):
-            several = whole.setdefault(name, {})
-            assert isinstance(several, dict)  # noqa: S101
-            several[key] = result
+            named_records = computed_records.setdefault(name, {})
+            assert isinstance(named_records, dict)  # noqa: S101
+            named_records[key] = result
         elif result is not None:
-            whole[name] = result
-    return whole, faults
+            computed_records[name] = result
+    return computed_records, faults
 
 
 def _computed_stages(records: Sequence[xr.Dataset], tell: Tell | None) -> list[xr.Dataset | None]:
     """Compute stages in one graph; a run in chunks of a file stays as it is, to be drawn and written chunk by chunk."""
-    wanted = [record for record in records if EVIDENCE in record.attrs or is_unmarched(record)]
-    results = iter(computed(*wanted, tell=tell))
+    lazy_stages = [record for record in records if EVIDENCE in record.attrs or is_unmarched(record)]
+    results = iter(compute_datasets(*lazy_stages, tell=tell))
     return [next(results) if EVIDENCE in record.attrs or is_unmarched(record) else record for record in records]
 
 
@@ -142,14 +144,14 @@ def _progress() -> Iterator[Tell | None]:
             yield None
         return
     try:
-        yield _bar
+        yield _draw_progress_bar
     finally:
         sys.stderr.write("\r\033[K")
 
 
-def _bar(done: float, _at: float, count: int) -> None:
+def _draw_progress_bar(done_share: float, _time: float, count: int) -> None:
     """Draw a bar over the last one; dask's own sees graphs of this process alone."""
-    sys.stderr.write(f"\r\033[K[{'#' * int(WIDTH * done):{WIDTH}}] | {done:.0%} | {count} tasks done")
+    sys.stderr.write(f"\r\033[K[{'#' * int(WIDTH * done_share):{WIDTH}}] | {done_share:.0%} | {count} tasks done")
     sys.stderr.flush()
 
 
@@ -159,14 +161,14 @@ def _page_of(folder: Place, name: str, record: xr.Dataset | dict[str, xr.Dataset
         {f"{name}_{key}": dataset for key, dataset in record.items()} if isinstance(record, dict) else {name: record}
     )
     yield from (f"## {name.replace('_', ' ')}", "")
-    if figure := _drawn(folder, name, record):
+    if figure := _draw_figure(folder, name, record):
         yield from (f"![{name}]({figure})", "")
     for key, dataset in datasets.items():
         path = archive.save(dataset, folder / f"{key}.nc")
         yield from ("```", *summary(dataset), f"archive   {path.name}, {archive.verify(path).digest}", "```", "")
 
 
-def _drawn(folder: Place, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> str:
+def _draw_figure(folder: Place, name: str, record: xr.Dataset | dict[str, xr.Dataset]) -> str:
     """Draw a record, and return the figure's name; empty if there is nothing to draw."""
     try:
         plot(record, folder / f"{name}.png")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from xdynamics.documenting.folding import folded
+from xdynamics.documenting.folding import wrapped_lines
 from xdynamics.expressions.parser import FORMS
 
 MEANINGS = {
@@ -100,14 +100,14 @@ CLOSING = (
 
 def shapes_page() -> Iterator[str]:
     """Explain dimensions, relations, and what expressions do along them."""
-    yield from folded(
+    yield from wrapped_lines(
         "A quantity may have named dimensions. Expressions broadcast by these names, as xarray does. A whole model:"
     )
     yield from (f"  {line}" for line in MODEL)
     yield "Besides what `xdynamics help language` lists, expressions may use:"
     width = max(map(len, FORMS.values()))
     for name, form in FORMS.items():
-        yield from folded(f"  {form:{width}}  {MEANINGS[name]}", width + 4)
+        yield from wrapped_lines(f"  {form:{width}}  {MEANINGS[name]}", width + 4)
     yield f"  {'r[Jupiter, x], u[-1]':{width}}  one element, by labels or numbers, in the order of the dimensions"
     for line in CLOSING:
-        yield from folded(line)
+        yield from wrapped_lines(line)

@@ -26,10 +26,10 @@ def of_shown_elements(describe: Callable[Given, Result]) -> Callable[Given, Resu
     of_parts: Callable[..., Result] = of_elements(describe)
 
     @wraps(describe)
-    def described(*arguments: Given.args, **keywords: Given.kwargs) -> Result:
+    def describe_parts(*arguments: Given.args, **keywords: Given.kwargs) -> Result:
         return of_parts(*map(_shown_part, arguments), **keywords)
 
-    return described
+    return describe_parts
 
 
 def _shown_part(run: Any) -> Any:

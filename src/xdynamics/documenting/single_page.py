@@ -42,17 +42,17 @@ def write_page(path: Place, records: Mapping[str, Any]) -> str:
     ArchiveError
         If the file cannot be written.
     """
-    parts = {name: (_figure(record), _lines(record)) for name, record in records.items()}
+    parts = {name: (_figure(record), _record_lines(record)) for name, record in records.items()}
     content = _html(parts) if path.suffix.lower() == HTML else _pdf(parts)
-    with taking_name(path) as new:
-        new.part.write_bytes(content)
+    with taking_name(path) as temporary:
+        temporary.part.write_bytes(content)
     return "\n".join(f"## {name.replace('_', ' ')}\n\n" + "\n".join(lines) + "\n" for name, (_, lines) in parts.items())
 
 
-def _lines(record: xr.Dataset | dict[str, xr.Dataset]) -> list[str]:
+def _record_lines(record: xr.Dataset | dict[str, xr.Dataset]) -> list[str]:
     """Return the summary of a record, or of several by name, with its digest."""
     if isinstance(record, dict):
-        return [line for name, each in record.items() for line in (f"{name}:", *_lines(each), "")]
+        return [line for name, entry in record.items() for line in (f"{name}:", *_record_lines(entry), "")]
     return [*summary(record), f"digest    {archive.content_digest(record)}"]
 
 
@@ -64,18 +64,18 @@ def _figure(record: Any) -> Any:
         return None
 
 
-def _drawn(figure: Any) -> bytes:
-    drawn = BytesIO()
+def _figure_png(figure: Any) -> bytes:
+    png_buffer = BytesIO()
     with figure.as_laid_out():
-        figure.savefig(drawn, format="png", dpi=DPI, metadata={"Software": None})
-    return drawn.getvalue()
+        figure.savefig(png_buffer, format="png", dpi=DPI, metadata={"Software": None})
+    return png_buffer.getvalue()
 
 
 def _html(parts: Mapping[str, tuple[Any, list[str]]]) -> bytes:
     """Return a page that needs no other file."""
     body = []
     for name, (figure, lines) in parts.items():
-        picture = base64.b64encode(_drawn(figure)).decode("ascii") if figure is not None else ""
+        picture = base64.b64encode(_figure_png(figure)).decode("ascii") if figure is not None else ""
         image = f'<img alt="{escape(name)}" src="data:image/png;base64,{picture}">' if picture else ""
         text = escape("\n".join(lines[1:]))
         body.append(f"<h2>{escape(lines[0])}</h2>{image}<pre>{text}</pre>")
@@ -93,14 +93,14 @@ def _pdf(parts: Mapping[str, tuple[Any, list[str]]]) -> bytes:
     from matplotlib.figure import Figure
     from matplotlib.image import imread
 
-    written = BytesIO()
-    with PdfPages(written, metadata={"CreationDate": None, "Producer": None, "Creator": "xdynamics"}) as pages:
-        for drawn, lines in parts.values():
-            rows = [part for line in lines for part in _wrapped(line)]
+    pdf_buffer = BytesIO()
+    with PdfPages(pdf_buffer, metadata={"CreationDate": None, "Producer": None, "Creator": "xdynamics"}) as pages:
+        for figure, lines in parts.values():
+            rows = [part for line in lines for part in _wrapped_line(line)]
             top = A4[1] - MARGIN
             page = Figure(figsize=A4)
-            if drawn is not None:
-                picture = imread(BytesIO(_drawn(drawn)), format="png")
+            if figure is not None:
+                picture = imread(BytesIO(_figure_png(figure)), format="png")
                 width = A4[0] - 2.0 * MARGIN
                 height = min(width * picture.shape[0] / picture.shape[1], 0.62 * A4[1])
                 axes = page.add_axes((MARGIN / A4[0], (top - height) / A4[1], width / A4[0], height / A4[1]))
@@ -121,10 +121,10 @@ def _pdf(parts: Mapping[str, tuple[Any, list[str]]]) -> bytes:
                     )
                 pages.savefig(page)
                 rows, top, page = rows[count:], A4[1] - MARGIN, Figure(figsize=A4)
-    return written.getvalue()
+    return pdf_buffer.getvalue()
 
 
-def _wrapped(line: str) -> list[str]:
+def _wrapped_line(line: str) -> list[str]:
     import textwrap
 
     return textwrap.wrap(line, LETTERS, subsequent_indent=" " * 10, drop_whitespace=False) or [""]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from xdynamics.archive.folder import taking_folder
+from xdynamics.archive.folder import new_folder_at
 from xdynamics.documenting.guide import PAGES_ABOUT, topics
 from xdynamics.model.grammar import SECTIONS
 
@@ -90,35 +90,37 @@ def site(path: str | Path, verbs: Mapping[str, str], methods: Mapping[str, str],
     ArchiveError
         If it cannot be written.
     """
-    pages = [SitePage("", INDEX, "xdynamics", lambda: _index(pages))]
-    pages += [SitePage(GUIDE, name, name, _topic(name)) for name in PAGES_ABOUT]
+    pages = [SitePage("", INDEX, "xdynamics", lambda: _index_html(pages))]
+    pages += [SitePage(GUIDE, name, name, _topic_body(name)) for name in PAGES_ABOUT]
     if (DATA / "README.md").is_file():
         pages.append(SitePage(GUIDE, GALLERY, "gallery of models", _gallery))
-    pages += [SitePage(SECTIONS_OF, name, name, _topic(name)) for name in SECTIONS]
+    pages += [SitePage(SECTIONS_OF, name, name, _topic_body(name)) for name in SECTIONS]
     pages += [
-        SitePage(COMMANDS, VERBS, "verbs", lambda: _entries(verbs, "xdynamics {}")),
-        SitePage(FUNCTIONS, API, "functions and classes", lambda: _entries(dict(_functions(public)), "xd.{}")),
-        SitePage(FUNCTIONS, METHODS, "methods", lambda: _entries(methods, "{}")),
+        SitePage(COMMANDS, VERBS, "verbs", lambda: _entries_html(verbs, "xdynamics {}")),
+        SitePage(
+            FUNCTIONS, API, "functions and classes", lambda: _entries_html(dict(_public_entries(public)), "xd.{}")
+        ),
+        SitePage(FUNCTIONS, METHODS, "methods", lambda: _entries_html(methods, "{}")),
     ]
-    with taking_folder(Path(path)) as built:
+    with new_folder_at(Path(path)) as built:
         (built / "style.css").write_text(STYLE, encoding="utf-8")
         for page in pages:
-            (built / f"{page.name}.html").write_text(_whole(page, pages), encoding="utf-8")
+            (built / f"{page.name}.html").write_text(_page_html(page, pages), encoding="utf-8")
         if (DATA / "README.md").is_file():
             shutil.copytree(DATA / "figures", built / "figures", ignore=lambda _, names: {*names} - {*_pictures()})
             shutil.copytree(DATA / "models", built / "models")
     return Path(path)
 
 
-def _whole(page: SitePage, pages: Iterable[SitePage]) -> str:
+def _page_html(page: SitePage, pages: Iterable[SitePage]) -> str:
     """Return a page with the list of all at its side."""
     links, group = [], ""
-    for other in pages:
-        if other.group != group:
-            group = other.group
+    for listed_page in pages:
+        if listed_page.group != group:
+            group = listed_page.group
             links.append(f"<h2>{escape(group)}</h2>")
-        here = ' class="here"' if other is page else ""
-        links.append(f'<a href="{other.name}.html"{here}>{escape(other.title)}</a>')
+        link_class = ' class="here"' if listed_page is page else ""
+        links.append(f'<a href="{listed_page.name}.html"{link_class}>{escape(listed_page.title)}</a>')
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -128,7 +130,7 @@ def _whole(page: SitePage, pages: Iterable[SitePage]) -> str:
     )
 
 
-def _index(pages: Iterable[SitePage]) -> str:
+def _index_html(pages: Iterable[SitePage]) -> str:
     """Return the first page: what stands where, with the first sentence of each."""
     parts, group = (
         [
@@ -142,7 +144,9 @@ def _index(pages: Iterable[SitePage]) -> str:
         if page.group != group:
             group = page.group
             parts.append(f"<h2>{escape(group)}</h2>")
-        parts.append(f'<div><a href="{page.name}.html">{escape(page.title)}</a> {_worded(_about(page.name))}</div>')
+        parts.append(
+            f'<div><a href="{page.name}.html">{escape(page.title)}</a> {_worded(_page_description(page.name))}</div>'
+        )
     return "\n".join(parts)
 
 
@@ -151,25 +155,25 @@ def _worded(text: str) -> str:
     return _CODE.sub(r"<code>\1</code>", escape(text, quote=False))
 
 
-def _about(name: str) -> str:
+def _page_description(name: str) -> str:
     return ABOUT.get(name) or f"{SECTIONS[name].about}."
 
 
-def _topic(name: str) -> Callable[[], str]:
+def _topic_body(name: str) -> Callable[[], str]:
     """Return what makes the page of a topic, with links to the topics it names."""
-    known = topics()
+    topic_pages = topics()
 
     def linked(match: re.Match[str]) -> str:
-        return f'<a href="{match[1]}.html">{match[0]}</a>' if match[1] in known else match[0]
+        return f'<a href="{match[1]}.html">{match[0]}</a>' if match[1] in topic_pages else match[0]
 
-    return lambda: f"<pre>{_TOPIC.sub(linked, escape(chr(10).join(known[name]()), quote=False))}</pre>"
+    return lambda: f"<pre>{_TOPIC.sub(linked, escape(chr(10).join(topic_pages[name]()), quote=False))}</pre>"
 
 
 class _Table(str):
     """An entry that is HTML already."""
 
 
-def _entries(entries: Mapping[str, str], title: str) -> str:
+def _entries_html(entries: Mapping[str, str], title: str) -> str:
     """Return a page of entries by name, with a list of them first."""
     short = " · ".join(f'<a href="#{escape(name)}">{escape(name)}</a>' for name in entries)
     parts = [f"<p>{short}</p>"]
@@ -179,26 +183,29 @@ def _entries(entries: Mapping[str, str], title: str) -> str:
     return "\n".join(parts)
 
 
-def _functions(public: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+def _public_entries(public: Mapping[str, object]) -> Iterator[tuple[str, str]]:
     """Yield public names, each with its signature and its documentation."""
-    for name, thing in public.items():
-        if not callable(thing):
-            yield name, _Table(thing._repr_html_()) if hasattr(thing, "_repr_html_") else repr(thing)
+    for name, public_object in public.items():
+        if not callable(public_object):
+            yield (
+                name,
+                _Table(public_object._repr_html_()) if hasattr(public_object, "_repr_html_") else repr(public_object),
+            )
             continue
-        text = [f"{name}{_signature(thing)}", "", inspect.getdoc(thing) or ""]
-        if inspect.isclass(thing) and not issubclass(thing, BaseException):
-            for key, method in vars(thing).items():
+        text = [f"{name}{_signature(public_object)}", "", inspect.getdoc(public_object) or ""]
+        if inspect.isclass(public_object) and not issubclass(public_object, BaseException):
+            for key, method in vars(public_object).items():
                 if not key.startswith("_") and (callable(method) or isinstance(method, classmethod | property)):
-                    said = (inspect.getdoc(method) or "").split("\n")[0]
-                    call = "" if isinstance(method, property) else _signature(getattr(thing, key))
-                    text.append(f"\n{name}.{key}{call}\n    {said}")
+                    first_sentence = (inspect.getdoc(method) or "").split("\n")[0]
+                    call = "" if isinstance(method, property) else _signature(getattr(public_object, key))
+                    text.append(f"\n{name}.{key}{call}\n    {first_sentence}")
         yield name, "\n".join(text).rstrip()
 
 
-def _signature(thing: Callable[..., object]) -> str:
+def _signature(function: Callable[..., object]) -> str:
     """Return a signature, one parameter a line where it is long, its types without quotes."""
     try:
-        signature = inspect.signature(thing)
+        signature = inspect.signature(function)
     except (TypeError, ValueError):
         return "(…)"
     plain = re.sub(

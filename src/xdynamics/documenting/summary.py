@@ -11,15 +11,15 @@ import xarray as xr
 
 from xdynamics.archive import without_stale_units
 from xdynamics.documenting.drag import works_of_drag
-from xdynamics.documenting.remarks import at_rest, halves, kinks_of_tables, pace
+from xdynamics.documenting.remarks import at_rest_remark, double_double_remark, step_size_remarks, table_kinks_remark
 from xdynamics.documenting.shown_elements import ALL_NUMBERS, MOST_SHOWN, first_elements, of_motion, of_shown_elements
-from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.dynamics.recorded_models import model_of_record
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
 from xdynamics.faults import DOT, escaped
-from xdynamics.record.flag_words import time_unit, words_of
-from xdynamics.record.named_rows import places_of
+from xdynamics.record.flag_words import time_unit_of, words_of_flag
+from xdynamics.record.named_rows import row_places
 from xdynamics.record.partial_records import (
-    ended,
+    ending_words,
     has_its_rows,
     is_evidence,
     is_run,
@@ -58,25 +58,25 @@ def summary(run: xr.Dataset) -> list[str]:
 
     A selection lacks the rows that its events name; the outcome given is that of its run.
     """
-    lines: list[str] = _lines_of(first_elements(without_stale_units(run)))
+    lines: list[str] = _summary_lines(first_elements(without_stale_units(run)))
     return lines
 
 
 @of_shown_elements
-def _lines_of(run: xr.Dataset) -> list[str]:
+def _summary_lines(run: xr.Dataset) -> list[str]:
     attributes = run.attrs
     if is_evidence(attributes):
-        return [escaped(line) for line in _evidence(run)]
+        return [escaped(line) for line in _evidence_lines(run)]
     if not is_whole(attributes) or not has_its_rows(run):
-        return [escaped(line) for line in _partly(run)]
+        return [escaped(line) for line in _partial_lines(run)]
     lines = [
-        *at_rest(attributes),
+        *at_rest_remark(attributes),
         attributes["title"],
-        *_ended("outcome", attributes),
-        f"method    {attributes['solver_method']} (order {attributes['solver_order']}), {_steps(run)}",
-        *halves(attributes),
-        f"log       {_counts(run)}",
-        f"end       {', '.join(_end(run))}",
+        *_ending_lines("outcome", attributes),
+        f"method    {attributes['solver_method']} (order {attributes['solver_order']}), {_step_description(run)}",
+        *double_double_remark(attributes),
+        f"log       {_row_counts(run)}",
+        f"end       {', '.join(_end_state_texts(run))}",
     ]
     if "total_energy" in run:
         among = " of the kept rows" if rows_apart(attributes) > 1 else ""
@@ -88,20 +88,27 @@ def _lines_of(run: xr.Dataset) -> list[str]:
         )
     lines += works_of_drag(run)
     return [
-        escaped(line) for line in (*lines, *pace(attributes), *kinks_of_tables(attributes), *_stops(run), *_events(run))
+        escaped(line)
+        for line in (
+            *lines,
+            *step_size_remarks(attributes),
+            *table_kinks_remark(attributes),
+            *_stopped_motions(run),
+            *_event_descriptions(run),
+        )
     ]
 
 
-def _ended(label: str, attributes: Mapping[Any, Any], method: str = "") -> Iterator[str]:
+def _ending_lines(label: str, attributes: Mapping[Any, Any], method: str = "") -> Iterator[str]:
     """Say how a run ended in one line, and what there is to remark in others."""
-    sentence, remarks = ended(attributes)
+    sentence, remarks = ending_words(attributes)
     yield f"{label:<10}{method}{sentence}"
     yield from textwrap.wrap(
         remarks, WIDTH, initial_indent="remark    ", subsequent_indent=" " * 10, break_long_words=False
     )
 
 
-def _evidence(evidence: xr.Dataset) -> Iterator[str]:
+def _evidence_lines(evidence: xr.Dataset) -> Iterator[str]:
     """Report the findings of evidence."""
     kind = str(evidence.attrs[EVIDENCE])
     yield str(evidence.attrs.get("title", kind))
@@ -133,35 +140,35 @@ def _summarising() -> Iterator[Any]:
     yield from (companion, diagnosis, modes_summary, enclosure_dataset, refinement, certificate)
 
 
-def _partly(run: xr.Dataset) -> Iterator[str]:
+def _partial_lines(run: xr.Dataset) -> Iterator[str]:
     """Describe what is no whole run: a part of one, states at asked times, a Dataset of another origin."""
     attributes = run.attrs
     yield str(attributes.get("title", "a record without a title"))
-    other = str(attributes.get("summary") or "no run")
+    kind_name = str(attributes.get("summary") or "no run")
     if "solver_method" in attributes:
-        unmarched = "run_outcome" not in attributes and any(each.chunks for each in run.variables.values())
-        other = "a run that is still to be marched" if unmarched else "a part of a run"
-    described = kind_description(attributes) or other
+        unmarched = "run_outcome" not in attributes and any(variable.chunks for variable in run.variables.values())
+        kind_name = "a run that is still to be marched" if unmarched else "a part of a run"
+    described = kind_description(attributes) or kind_name
     yield f"kind      {described}"
     if is_selection(attributes):
-        yield from _ended("of run", attributes, f"{attributes['solver_method']}, ")
+        yield from _ending_lines("of run", attributes, f"{attributes['solver_method']}, ")
     yield f"log       {', '.join(f'{size} rows of {dim}' for dim, size in run.sizes.items()) or 'no rows'}"
 
 
 @of_shown_elements
-def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
+def details(run: xr.Dataset, *, with_settings: bool = True) -> list[str]:
     """Describe a run: its summary, parameters with their descriptions; whole, settings, equations and digests too."""
     lines = [*summary(run), *(["parameters"] if is_run(run.attrs) else [])]
     for name, variable in run.variables.items():
         if variable.attrs.get("role") == "parameter" and not variable.dims:
-            first, *further = str(variable.attrs["long_name"]).split("\n")
+            first, *further_lines = str(variable.attrs["long_name"]).split("\n")
             value, doubt = float(variable), float(variable.attrs.get("uncertainty", 0.0))
-            given = 1 if float(f"{doubt:.1g}") == doubt else OF_DOUBT  # "30 ± 1 m s-1" as it was written down
-            known = with_uncertainty(value, doubt, given) if doubt > 0.0 else f"{value:.12g}"
+            doubt_digits = 1 if float(f"{doubt:.1g}") == doubt else OF_DOUBT  # "30 ± 1 m s-1" as it was written down
+            value_text = with_uncertainty(value, doubt, doubt_digits) if doubt > 0.0 else f"{value:.12g}"
             described = "" if first == f"parameter {name}" else f"   {first}"
-            lines.append(f"  {name} = {known}{unit_suffix(str(variable.attrs['units']))}{described}")
-            lines += [f"    {line}" for line in further]
-    if not whole:
+            lines.append(f"  {name} = {value_text}{unit_suffix(str(variable.attrs['units']))}{described}")
+            lines += [f"    {line}" for line in further_lines]
+    if not with_settings:
         return [escaped(line) for line in (*lines, "more      equations, settings and digests with --all")]
     lines.append("settings and evidence")
     keys = [
@@ -185,23 +192,23 @@ def details(run: xr.Dataset, *, whole: bool = True) -> list[str]:
     keys += [
         key for key in ("date_created", "xdynamics_version", "python_version", "numba_version") if key in run.attrs
     ]
-    lines += [f"  {key} = {shortened(run.attrs[key])}" for key in keys]
+    lines += [f"  {key} = {shortened_setting(run.attrs[key])}" for key in keys]
     detectors = run["event_detector"].attrs if "event_detector" in run else {}
     lines += [
-        f"  events, {key.replace('_', ' ')} = {shortened(text)}"
+        f"  events, {key.replace('_', ' ')} = {shortened_setting(text)}"
         for key, text in detectors.items()
         if key not in _OF_FLAGS
     ]
     return [escaped(line) for line in lines]
 
 
-def shortened(value: Any) -> str:
+def shortened_setting(value: Any) -> str:
     """Cut the equations of methods with many stages; the archive has them whole."""
     text = str(value)
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} … ({len(text)} characters)"
 
 
-def _steps(run: xr.Dataset) -> str:
+def _step_description(run: xr.Dataset) -> str:
     """Describe how steps were chosen."""
     attributes = run.attrs
     if attributes["solver_step_control"] == "fixed":
@@ -215,13 +222,13 @@ def _steps(run: xr.Dataset) -> str:
 
 def _second(run: xr.Dataset) -> str:
     """Return the unit of time as it follows a number; empty if time has none."""
-    return unit_suffix(time_unit(run))
+    return unit_suffix(time_unit_of(run))
 
 
-def _counts(run: xr.Dataset) -> str:
+def _row_counts(run: xr.Dataset) -> str:
     words = {STEPS: "rows", TRIALS: "rejected trials", EVENTS: "events", SAMPLES: "force samples"}
     counts = {word: run.sizes.get(dim, 0) for dim, word in words.items()}
-    shortened = words_of(run["trial_reason"]).count("event_substep") if counts["rejected trials"] else 0
+    shortened = words_of_flag(run["trial_reason"]).count("event_substep") if counts["rejected trials"] else 0
     counts["rejected trials"] -= shortened
     if not shortened and counts["events"]:  # of events at once each has the number of all
         _, first = np.unique(run["event_row_before"].values, return_index=True)
@@ -229,49 +236,54 @@ def _counts(run: xr.Dataset) -> str:
     text = ", ".join(f"{count} {word}" for word, count in counts.items())
     if LOG in run.attrs:
         text += f"; of the columns {run.attrs[LOGGED] if run.attrs[LOG] == CHOSEN else 'the states'} alone"
-    if (every := rows_apart(run.attrs)) > 1:
-        text = f"one in {every} of {int(run.attrs['run_rows'])} rows of the march, and what belongs to them: {text}"
+    if (row_spacing := rows_apart(run.attrs)) > 1:
+        text = (
+            f"one in {row_spacing} of {int(run.attrs['run_rows'])} rows of the march, and what belongs to them: {text}"
+        )
     return f"{text}; {shortened} steps shortened to find events" if shortened else text
 
 
-def _end(run: xr.Dataset) -> Iterator[str]:
+def _end_state_texts(run: xr.Dataset) -> Iterator[str]:
     last = run.sizes.get(EVENTS, 0) - 1
     if last >= 0 and float(run["event_time"][last]) == float(run["time"][-1]):
-        yield f"t = {_event_time(run, last)}"
+        yield f"t = {_event_time_text(run, last)}"
     else:
         yield f"t = {float(run['time'][-1]):.12g}{_second(run)}"
     names = of_motion(run)
-    yield from _values(run, names, names, -1)
+    yield from _state_texts(run, names, names, -1)
 
 
 def _uncertain_part(run: xr.Dataset) -> float:
     """Return the relative uncertainty that the tolerances and uncertain inputs of a run leave in its numbers."""
-    return relative_uncertainty(run, model_of(run, None))
+    return relative_uncertainty(run, model_of_record(run, None))
 
 
-def _value(run: xr.Dataset, name: str, row: int) -> str:
+def _state_text(run: xr.Dataset, name: str, row: int) -> str:
     """Write a state of a row with the digits that its size throughout the run and its uncertainty support."""
     column = run.variables[name]
     values = column.values
     value, largest = float(values[row]), float(np.nanmax(np.abs(values), initial=0.0))
-    shown = digits(value, uncertainty=_uncertain_part(run) * largest)
-    return f"{name} = {value:.{shown}g}{unit_suffix(str(column.attrs['units']))}"
+    digit_count = digits(value, uncertainty=_uncertain_part(run) * largest)
+    return f"{name} = {value:.{digit_count}g}{unit_suffix(str(column.attrs['units']))}"
 
 
-def _values(run: xr.Dataset, names: list[str], first: list[str], row: int) -> Iterator[str]:
+def _state_texts(run: xr.Dataset, names: list[str], first: list[str], row: int) -> Iterator[str]:
     """Write a state of a row; of a long one some numbers, the first that are asked for, and how many are left out."""
-    shown = names if len(names) <= MOST_SHOWN else first[:MOST_SHOWN]
-    for name in shown:
-        yield _value(run, name, row)
-    if (numbers := run.attrs.get(ALL_NUMBERS, len(names))) > len(shown):
-        yield f"and {numbers - len(shown)} numbers more in the record"
+    shown_names = names if len(names) <= MOST_SHOWN else first[:MOST_SHOWN]
+    for name in shown_names:
+        yield _state_text(run, name, row)
+    if (numbers := run.attrs.get(ALL_NUMBERS, len(names))) > len(shown_names):
+        yield f"and {numbers - len(shown_names)} numbers more in the record"
 
 
 def _involved(run: xr.Dataset, names: list[str], i: int) -> list[str]:
     """Return those of some numbers that belong to the elements of an event; all where it names none."""
-    shapes, (quantity, *labels) = model_of(run, None).shapes, words_of(run["event_detector"][[i]])[0].split(DOT)
+    shapes, (quantity, *labels) = (
+        model_of_record(run, None).shapes,
+        words_of_flag(run["event_detector"][[i]])[0].split(DOT),
+    )
     numbers = {name: int(run[f"event_{name}"][i]) for name in (*ENDS, *shapes.extents) if f"event_{name}" in run}
-    own = {
+    element_labels = {
         shapes.extents[dim].label(number) for dim, number in numbers.items() if dim in shapes.extents and number >= 0
     }
     ends = {numbers[end] for end in ENDS if numbers.get(end, -1) >= 0}
@@ -279,74 +291,80 @@ def _involved(run: xr.Dataset, names: list[str], i: int) -> list[str]:
         if dim in shapes.relations:
             ends |= {int(end[int(label)]) for end in (shapes.relations[dim].first, shapes.relations[dim].second)}
         else:
-            own.add(label)
+            element_labels.add(label)
     related = {dim for relation in shapes.relations.values() for dim in (relation.source, relation.target)}
     extents = [shapes.extents[dim] for dim in related]
     of_ends = {extent.label(number) for extent in extents for number in ends if number < extent.size}
     parts = {name: {*name.split(DOT)[1:]} for name in names}
-    return [name for name in names if (parts[name] & of_ends if ends else own and own <= parts[name])] or names
+    return [
+        name for name in names if (parts[name] & of_ends if ends else element_labels and element_labels <= parts[name])
+    ] or names
 
 
-def _event_time(run: xr.Dataset, i: int) -> str:
+def _event_time_text(run: xr.Dataset, i: int) -> str:
     """Write the time of an event with the digits that its uncertainty supports, and that distinguish it from every other."""
     times = run["event_time"].values
     time, doubt = float(times[i]), float(run["event_time_uncertainty"][i])
-    off = np.abs(times - time)
-    apart = float(off[off > 0.0].min(initial=np.inf))
-    shown = digits(time, uncertainty=doubt, relative=_uncertain_part(run), apart=apart)
-    return f"{time:.{shown}g}{_second(run)}"
+    time_offsets = np.abs(times - time)
+    nearest_gap = float(time_offsets[time_offsets > 0.0].min(initial=np.inf))
+    digit_count = digits(time, uncertainty=doubt, relative=_uncertain_part(run), spacing=nearest_gap)
+    return f"{time:.{digit_count}g}{_second(run)}"
 
 
-def _stops(run: xr.Dataset) -> Iterator[str]:
+def _stopped_motions(run: xr.Dataset) -> Iterator[str]:
     """Sum up the energy of motions of many links that were so low that they were stopped."""
     if "closed_force_residual" not in run or "event_energy_lost" not in run:
         return
-    lost, units = run["event_energy_lost"].values, run["event_energy_lost"].attrs["units"]
-    stopped = np.isin(run["event_kind"].values, (REST, STICK)) & (lost != 0.0)
-    if stopped.any():
+    energy_lost, units = run["event_energy_lost"].values, run["event_energy_lost"].attrs["units"]
+    is_stopped = np.isin(run["event_kind"].values, (REST, STICK)) & (energy_lost != 0.0)
+    if is_stopped.any():
         yield (
-            f"stopped   {stopped.sum()} motions lower than a bounce of rest_height, which took {lost[stopped].sum():.3g}"
+            f"stopped   {is_stopped.sum()} motions lower than a bounce of rest_height, which took {energy_lost[is_stopped].sum():.3g}"
             f" {units}: event_energy_lost where event_kind is rest or stick"
         )
 
 
-def _events(run: xr.Dataset) -> Iterator[str]:
+def _event_descriptions(run: xr.Dataset) -> Iterator[str]:
     """List events one by one; for a name with more than a few, the first one and a line on all."""
-    names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
+    names, kinds = words_of_flag(run["event_detector"]), words_of_flag(run["event_kind"])
     together: dict[tuple[str, str], list[int]] = {}
     for i, label in enumerate(zip(names, kinds, strict=True)):
         together.setdefault(label, []).append(i)
     first_rows = {rows[0]: rows for rows in together.values()}
-    single = {i for rows in together.values() if len(rows) <= FEW_EVENTS for i in rows}
-    for i in sorted({*single, *first_rows}):
-        yield _event(run, names[i], kinds[i], i)
-        if i not in single:
-            yield _series(run, names[i], kinds[i], first_rows[i])
+    single_events = {i for rows in together.values() if len(rows) <= FEW_EVENTS for i in rows}
+    for i in sorted({*single_events, *first_rows}):
+        yield _event_description(run, names[i], kinds[i], i)
+        if i not in single_events:
+            yield _event_series(run, names[i], kinds[i], first_rows[i])
 
 
-def _event(run: xr.Dataset, name: str, kind: str, i: int) -> str:
+def _event_description(run: xr.Dataset, name: str, kind: str, i: int) -> str:
     doubt, row = (
         float(run["event_time_uncertainty"][i]),
-        int(places_of(run, run["event_row_before"].values[i : i + 1])[0]),
+        int(row_places(run, run["event_row_before"].values[i : i + 1])[0]),
     )
-    moving = _moving(run)
-    involved = _involved(run, moving, i) if len(moving) > MOST_SHOWN else moving
-    state = ", ".join(_values(run, moving, involved, row)) if row >= 0 else "its rows are not in this selection"
+    moving_names = _moving_names(run)
+    involved = _involved(run, moving_names, i) if len(moving_names) > MOST_SHOWN else moving_names
+    state = (
+        ", ".join(_state_texts(run, moving_names, involved, row)) if row >= 0 else "its rows are not in this selection"
+    )
     suffix = "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
-    return f"event     {name}{suffix} at t = {_event_time(run, i)}, located within {doubt:.2g}{_second(run)}: {state}"
-
-
-def _series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str:
-    times = run["event_time"].values[rows]
-    apart, suffix = np.diff(times), "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
     return (
-        f"event     {name}{suffix}: {len(rows)} times, the last at t = {_event_time(run, rows[-1])};"
-        f" {apart.mean():.6g}{_second(run)} apart, from {apart.min():.6g}{_second(run)} to"
-        f" {apart.max():.6g}{_second(run)}"
+        f"event     {name}{suffix} at t = {_event_time_text(run, i)}, located within {doubt:.2g}{_second(run)}: {state}"
     )
 
 
-def _moving(run: xr.Dataset) -> list[str]:
+def _event_series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str:
+    times = run["event_time"].values[rows]
+    intervals, suffix = np.diff(times), "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
+    return (
+        f"event     {name}{suffix}: {len(rows)} times, the last at t = {_event_time_text(run, rows[-1])};"
+        f" {intervals.mean():.6g}{_second(run)} apart, from {intervals.min():.6g}{_second(run)} to"
+        f" {intervals.max():.6g}{_second(run)}"
+    )
+
+
+def _moving_names(run: xr.Dataset) -> list[str]:
     return [
         str(name)
         for name, variable in run.variables.items()
@@ -355,7 +373,7 @@ def _moving(run: xr.Dataset) -> list[str]:
 
 
 @of_shown_elements
-def as_data(run: xr.Dataset) -> dict[str, Any]:
+def summary_data(run: xr.Dataset) -> dict[str, Any]:
     """Return the summary of a run for scripts: plain numbers and words, times in s, the rest in recorded units."""
     attributes = run.attrs
     data: dict[str, Any] = {"title": str(attributes.get("title", ""))}
@@ -366,7 +384,7 @@ def as_data(run: xr.Dataset) -> dict[str, Any]:
         }
     last = {name: run.variables[name] for name in of_motion(run)}
     end = {name: float(column[-1]) for name, column in last.items()}
-    names, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
+    names, kinds = words_of_flag(run["event_detector"]), words_of_flag(run["event_kind"])
     events = [
         {
             "name": name,

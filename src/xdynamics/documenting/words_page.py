@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from xdynamics.documenting.folding import folded
+from xdynamics.documenting.folding import wrapped_lines
 from xdynamics.evidence.refining.verdict_words import MEANINGS
 
 # … stands for the name of a quantity, an event or a contact
@@ -87,7 +87,7 @@ OF_FILES = {
 
 def words_page() -> Iterator[str]:
     """Yield the lines of the page: each word with what it means."""
-    yield from folded(
+    yield from wrapped_lines(
         "Names that do not explain themselves; … stands for the name of a quantity or an event. All others: help record."
     )
     for title, words in (
@@ -97,10 +97,10 @@ def words_page() -> Iterator[str]:
         ("Of files and verbs", OF_FILES),
     ):
         yield title
-        yield from _listed(words)
+        yield from _word_lines(words)
 
 
-def _listed(words: Mapping[str, str]) -> Iterator[str]:
+def _word_lines(words: Mapping[str, str]) -> Iterator[str]:
     width = max(map(len, words))
     for word, meaning in words.items():
-        yield from folded(f"  {word:{width}}  {meaning}", width + 4)
+        yield from wrapped_lines(f"  {word:{width}}  {meaning}", width + 4)

@@ -29,30 +29,32 @@ class AcceptedTimes:
     def __len__(self) -> int:
         return int(self._offsets[-1])
 
-    def at(self, rows: NDArray[np.int64]) -> Floats:
+    def times_of_rows(self, rows: NDArray[np.int64]) -> Floats:
         """Return the times of rows."""
         if len(self._offsets) == 2:
             return self._chunk(0)[rows]
         chunks = np.searchsorted(self._offsets, rows, side="right") - 1
         times = np.empty(rows.size)
         for chunk in np.unique(chunks).tolist():
-            inside = chunks == chunk
-            times[inside] = self._chunk(chunk)[rows[inside] - self._offsets[chunk]]
+            is_in_chunk = chunks == chunk
+            times[is_in_chunk] = self._chunk(chunk)[rows[is_in_chunk] - self._offsets[chunk]]
         return times
 
-    def count(self, wanted: Floats, side: Literal["left", "right"]) -> NDArray[np.int64]:
+    def row_counts(self, requested_times: Floats, side: Literal["left", "right"]) -> NDArray[np.int64]:
         """Count the rows before each time, or up to and including it."""
-        counts = np.empty(wanted.size, np.int64)
-        pending = [(0, len(self._offsets) - 2, np.arange(wanted.size))]
+        counts = np.empty(requested_times.size, np.int64)
+        pending = [(0, len(self._offsets) - 2, np.arange(requested_times.size))]
         while pending:
             low, high, which = pending.pop()
             if low == high:
-                counts[which] = self._offsets[low] + np.searchsorted(self._chunk(low), wanted[which], side=side)
+                counts[which] = self._offsets[low] + np.searchsorted(
+                    self._chunk(low), requested_times[which], side=side
+                )
                 continue
             middle = (low + high + 1) // 2
             border = self._chunk(middle)[0]
-            after = wanted[which] >= border if side == "right" else wanted[which] > border
-            parts = (low, middle - 1, which[~after]), (middle, high, which[after])
+            is_above = requested_times[which] >= border if side == "right" else requested_times[which] > border
+            parts = (low, middle - 1, which[~is_above]), (middle, high, which[is_above])
             pending += [part for part in parts if part[2].size]
         return counts
 
@@ -63,7 +65,9 @@ class AcceptedTimes:
         return self._read[chunk]
 
 
-def located(accepted: AcceptedTimes, wanted: Floats, *, after: bool) -> tuple[NDArray[np.int64], Floats, Floats]:
+def locate_steps(
+    accepted: AcceptedTimes, requested_times: Floats, *, after_event: bool
+) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Find the row from which each time's step starts, and the times at both ends of that step.
 
     Raises
@@ -71,19 +75,19 @@ def located(accepted: AcceptedTimes, wanted: Floats, *, after: bool) -> tuple[ND
     InputError
         If a time is outside the run.
     """
-    first, last = accepted.at(np.array([0, len(accepted) - 1])).tolist()
+    first, last = accepted.times_of_rows(np.array([0, len(accepted) - 1])).tolist()
     if first > last:
         raise InputError(
             "the rows are not in the order of time; take them in their order, as in run.isel(step=slice(a, b))"
         )
-    outside = np.flatnonzero((wanted < first) | (wanted > last))
+    outside = np.flatnonzero((requested_times < first) | (requested_times > last))
     if outside.size:
         unit = unit_suffix(accepted.units)
         raise InputError(
-            f"times[{int(outside[0])}] = {float(wanted[outside[0]])!r}{unit} is outside the run, from {first!r}{unit}"
+            f"times[{int(outside[0])}] = {float(requested_times[outside[0]])!r}{unit} is outside the run, from {first!r}{unit}"
             f" to {last!r}{unit}; a run is never extrapolated"
         )
-    rows = accepted.count(wanted, "right") - 1
-    if not after:
-        rows = np.minimum(rows, accepted.count(wanted, "left"))
-    return rows, accepted.at(rows), accepted.at(np.minimum(rows + 1, len(accepted) - 1))
+    rows = accepted.row_counts(requested_times, "right") - 1
+    if not after_event:
+        rows = np.minimum(rows, accepted.row_counts(requested_times, "left"))
+    return rows, accepted.times_of_rows(rows), accepted.times_of_rows(np.minimum(rows + 1, len(accepted) - 1))

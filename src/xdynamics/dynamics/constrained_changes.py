@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.arrays import product, solved
+from xdynamics.elementary.arrays import product, solve_systems
 from xdynamics.expressions import Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.model import Model
 from xdynamics.model.constraint_consistency import implied_at_start
-from xdynamics.model.constraints import attached, conditions
+from xdynamics.model.constraints import conditions, state_corrections
 from xdynamics.model.linearisation import mass_matrices
 from xdynamics.model.motion import constants, variables
 from xdynamics.reaction_names import constraint_force
@@ -37,15 +37,17 @@ def independent_conditions(model: Model) -> list[int]:
 
 
 def trees_of_constraints(
-    model: Model, by: Mapping[str, Mapping[str, Node]]
+    model: Model, differentials: Mapping[str, Mapping[str, Node]]
 ) -> Iterator[tuple[tuple[str, Any, str], Node]]:
     """Yield rows, multipliers, and the derivatives of rows and biases, by kind, place, and what they are taken by."""
     for k, condition in enumerate(conditions(model)):
         yield (MULTIPLIER, k, ""), Name(constraint_force(condition.name))
         for name, tree in condition.row.items():
             yield (ROW, (k, name), ""), tree
-            yield from (((TURNED, (k, name), by_name), slope) for by_name, slope in derivatives(tree, by).items())
-        yield from (((LAG, k, by_name), slope) for by_name, slope in derivatives(condition.bias, by).items())
+            yield from (
+                ((TURNED, (k, name), by_name), slope) for by_name, slope in derivatives(tree, differentials).items()
+            )
+        yield from (((LAG, k, by_name), slope) for by_name, slope in derivatives(condition.bias, differentials).items())
 
 
 def bound_changes(
@@ -66,24 +68,29 @@ def bound_changes(
         The column of each name.
     accelerations : ndarray, shape (k, n)
     """
-    kept, width = independent_conditions(model), force.shape[2]
+    condition_indices, width = independent_conditions(model), force.shape[2]
     places = {name: i for i, name in enumerate(model.statement.coordinates)}
-    rows, lag = np.zeros((len(force), len(kept), force.shape[1])), np.zeros((len(force), len(kept), width))
+    rows, lag = (
+        np.zeros((len(force), len(condition_indices), force.shape[1])),
+        np.zeros((len(force), len(condition_indices), width)),
+    )
     loads = force.copy()
-    for (kind, entry, by), value in numbers.items():
-        if by and by not in columns:
+    for (kind, entry, input_name), value in numbers.items():
+        if input_name and input_name not in columns:
             continue
-        if kind == ROW and entry[0] in kept:
-            rows[:, kept.index(entry[0]), places[entry[1]]] = value
+        if kind == ROW and entry[0] in condition_indices:
+            rows[:, condition_indices.index(entry[0]), places[entry[1]]] = value
         elif kind == TURNED:
-            loads[:, places[entry[1]], columns[by]] += value * numbers[MULTIPLIER, entry[0], ""]
-            if entry[0] in kept:
-                lag[:, kept.index(entry[0]), columns[by]] += value * accelerations[:, places[entry[1]]]
-        elif kind == LAG and entry in kept:
-            lag[:, kept.index(entry), columns[by]] += value
-    reached = solved(mass, np.concatenate([loads, np.swapaxes(rows, 1, 2)], axis=2))
+            loads[:, places[entry[1]], columns[input_name]] += value * numbers[MULTIPLIER, entry[0], ""]
+            if entry[0] in condition_indices:
+                lag[:, condition_indices.index(entry[0]), columns[input_name]] += (
+                    value * accelerations[:, places[entry[1]]]
+                )
+        elif kind == LAG and entry in condition_indices:
+            lag[:, condition_indices.index(entry), columns[input_name]] += value
+    reached = solve_systems(mass, np.concatenate([loads, np.swapaxes(rows, 1, 2)], axis=2))
     free, reach = reached[..., :width], reached[..., width:]
-    return np.asarray(free - product(reach, solved(product(rows, reach), product(rows, free) + lag)))
+    return np.asarray(free - product(reach, solve_systems(product(rows, reach), product(rows, free) + lag)))
 
 
 def followed_start(model: Model, inputs: Sequence[str], state: Mapping[str, float], change: Floats) -> Floats | None:
@@ -101,7 +108,7 @@ def followed_start(model: Model, inputs: Sequence[str], state: Mapping[str, floa
         Of coordinates, velocities and states.
     """
     n, tied = len(model.statement.coordinates), [conditions(model)[k] for k in independent_conditions(model)]
-    values, moved = {**constants(model), **state}, change.copy()
+    values, corrected_change = {**constants(model), **state}, change.copy()
     of_inputs = {
         name: np.array([float(name == input_name) for input_name in inputs])
         for name in inputs
@@ -110,28 +117,30 @@ def followed_start(model: Model, inputs: Sequence[str], state: Mapping[str, floa
     rows = np.array(
         [[evaluate(c.row[q], values) if q in c.row else 0.0 for q in model.statement.coordinates] for c in tied]
     )
-    reach = solved(next(iter(mass_matrices(model, [state])))[None], rows.T[None])[0]
+    reach = solve_systems(next(iter(mass_matrices(model, [state])))[None], rows.T[None])[0]
     for first, trees in ((0, [c.residual for c in tied]), (n, [c.rate for c in tied])):
-        changes: dict[str, Floats] = {**dict(zip(variables(model), moved, strict=True)), **of_inputs}
-        terms = [_terms(tree, changes, values) for tree in trees]
+        changes: dict[str, Floats] = {**dict(zip(variables(model), corrected_change, strict=True)), **of_inputs}
+        terms = [_change_terms(tree, changes, values) for tree in trees]
         off = np.array([term.sum(axis=0) for term in terms])
         left = any((abs(term.sum(axis=0)) > FOLLOWED * abs(term).sum(axis=0)).any() for term in terms)
         if left and not model.consistent:
             return None
-        shift = -product(reach, solved(product(rows, reach)[None], off[None])[0])
-        moved[first : first + n] += shift
-        for name, tree in attached(model).items() if first == 0 else ():
-            at = list(variables(model)).index(name)
-            moved[at] += [evaluate(tree, values | _shifts(model, column)) for column in shift.T]
-    return moved
+        shift = -product(reach, solve_systems(product(rows, reach)[None], off[None])[0])
+        corrected_change[first : first + n] += shift
+        for name, tree in state_corrections(model).items() if first == 0 else ():
+            variable_index = list(variables(model)).index(name)
+            corrected_change[variable_index] += [
+                evaluate(tree, values | _shift_values(model, column)) for column in shift.T
+            ]
+    return corrected_change
 
 
-def _terms(tree: Node, changes: Mapping[str, Floats], values: Mapping[str, float]) -> Floats:
+def _change_terms(tree: Node, changes: Mapping[str, Floats], values: Mapping[str, float]) -> Floats:
     """Return the parts of a condition's change, shape (k, inputs); one of zeros where it does not change."""
     slopes = derivatives(tree, {name: {name: ONE} for name in changes})
     width = len(next(iter(changes.values())))
     return np.array([evaluate(slope, values) * changes[name] for name, slope in slopes.items()]).reshape(-1, width)
 
 
-def _shifts(model: Model, column: Floats) -> dict[str, float]:
+def _shift_values(model: Model, column: Floats) -> dict[str, float]:
     return {f"_shift_{name}": float(move) for name, move in zip(model.statement.coordinates, column, strict=True)}

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.tangents import Local
-from xdynamics.elementary.arrays import applied, dot, log, product
+from xdynamics.dynamics.tangents import LocalGrowth
+from xdynamics.elementary.arrays import apply_elementary, dot, log, product
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Exponents:
     variables: int
 
 
-def exponents_of(local: Local) -> Exponents:
+def exponents_of(local: LocalGrowth) -> Exponents:
     """Return the means of growth over the time after the transient, and their uncertainties."""
     begin, end = float(local.times[0]), float(local.times[-1])
     first = begin + TRANSIENT * (end - begin)
@@ -79,25 +79,25 @@ def _average(batches: Floats) -> Floats:
 def _mean(times: Floats, growth: Floats, begin: float, end: float) -> Floats:
     """Return the weighted mean of growth per time between two times."""
     middles, lengths = (times[:-1] + times[1:]) / 2.0, np.diff(times)
-    inside = np.flatnonzero((middles > begin) & (middles < end))
-    weights = applied("sin", np.pi * (middles[inside] - begin) / (end - begin)) ** 2
+    indices = np.flatnonzero((middles > begin) & (middles < end))
+    weights = apply_elementary("sin", np.pi * (middles[indices] - begin) / (end - begin)) ** 2
     with np.errstate(invalid="ignore"):
-        total = np.cumsum(weights[:, None] * growth[inside], axis=0)[-1]  # summed in this order on every machine
-    time: float = np.cumsum(weights * lengths[inside])[-1]
+        total = np.cumsum(weights[:, None] * growth[indices], axis=0)[-1]  # summed in this order on every machine
+    time: float = np.cumsum(weights * lengths[indices])[-1]
     return np.asarray(total / time)
 
 
-def _finite_time(local: Local) -> float:
+def _finite_time(local: LocalGrowth) -> float:
     """Return the logarithm of the largest singular value of the whole run's map of tangent vectors, over the time."""
-    vector = np.ones((local.whole.shape[0], 1))
+    vector = np.ones((local.total_growth.shape[0], 1))
     largest = 0.0
     for _ in range(100):  # power iteration; nearly equal singular values need not be distinguished
-        image = product(local.whole, vector)
+        image = product(local.total_growth, vector)
         size = float(np.sqrt(dot(image[:, 0], image[:, 0]) / dot(vector[:, 0], vector[:, 0])))
-        vector = product(local.whole.T, image)
+        vector = product(local.total_growth.T, image)
         if not size > 0.0 or abs(size - largest) <= 1e-12 * size:
             largest = size
             break
         vector, largest = vector / np.abs(vector).max(), size
-    growth = float(log(largest)) + local.whole_exponent * float(log(ROUNDING))
+    growth = float(log(largest)) + local.total_exponent * float(log(ROUNDING))
     return growth / float(local.times[-1] - local.times[0])

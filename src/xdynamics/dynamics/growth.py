@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.dynamics.growth_arrays import Floats, Grown, GrowthLaw, GrowthScheme, Rows, Tangent, Whole
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.dynamics.growth_arrays import Floats, Grown, GrowthLaw, GrowthScheme, IntArray, Rows, Tangent
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.engine_part import EnginePart
-from xdynamics.kernels.entry_points import FLOAT, INTEGER, Fields, array, returning
+from xdynamics.kernels.entry_points import FLOAT, INTEGER, Fields, array_kind, signature_of
 from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.calls import strode_by
 
@@ -26,7 +26,7 @@ SPARE = 1e-3  # of the tolerance; after a smaller error the next piece is twice 
 DONE, STIFF, LOST = range(3)  # outcome of a block: complete, too many pieces, numbers that are not finite
 
 
-@shared
+@jit_separate
 def differences_at(law: GrowthLaw, state: Floats, slopes: Floats) -> None:
     """Use central differences along each vector in place of products with derivatives."""
     n, first = state.shape[1], law.coordinates
@@ -41,8 +41,8 @@ def differences_at(law: GrowthLaw, state: Floats, slopes: Floats) -> None:
                 slopes[c, i] += side * law.z[n - first + i] / (2.0 * law.nudge * law.sizes[i])
 
 
-@compiled
-def finish(scheme: GrowthScheme, tangent: Tangent, h: float) -> float:
+@jit_inline
+def finish_piece(scheme: GrowthScheme, tangent: Tangent, h: float) -> float:
     """Combine the slopes of a piece into its end; return the estimated error of the vectors."""
     state, slopes, end = tangent.state, tangent.slopes, tangent.end
     b, of_fifth, of_third = scheme.b, scheme.fifth, scheme.third
@@ -64,7 +64,7 @@ def finish(scheme: GrowthScheme, tangent: Tangent, h: float) -> float:
     return abs(h) * fifth / np.sqrt(total) if total > 0.0 else total  # nan stays nan
 
 
-@shared
+@jit_separate
 def combine(state: Floats, slopes: Floats, a: Floats, s: int, h: float, stage: Floats) -> None:
     """Combine the slopes of the stages before into a stage."""
     rows, n = state.shape
@@ -79,8 +79,10 @@ def combine(state: Floats, slopes: Floats, a: Floats, s: int, h: float, stage: F
                     stage[c, i] += weight * slopes[j, c, i]
 
 
-@shared
-def multiply(e: Floats, weights: Floats, entries: Whole, first: int, stage: Floats, slopes: Floats, s: int) -> None:
+@jit_separate
+def multiply_derivatives(
+    e: Floats, weights: Floats, entries: IntArray, first: int, stage: Floats, slopes: Floats, s: int
+) -> None:
     """Multiply every vector by the derivatives of accelerations and rates."""
     rows, n = stage.shape
     count = entries.shape[1]
@@ -91,19 +93,27 @@ def multiply(e: Floats, weights: Floats, entries: Whole, first: int, stage: Floa
             slopes[s, c, entries[0, j]] += e[j] * weights[j] * stage[c, entries[1, j]]
 
 
-@compiled
-def advance(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, t: float, h: float) -> float:
+@jit_inline
+def advance_piece(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, t: float, h: float) -> float:
     """Make one piece, to `tangent.end`; return the estimated error of the vectors."""
     # fields are named once: numba counts references, with an atomic operation, wherever an array is named
     state, stage, slopes, a, times = tangent.state, tangent.stage, tangent.slopes, scheme.a, scheme.c
-    y, z, e, at, entries, weights, ratios = law.y, law.z, law.e, law.at, law.entries, law.weights, law.ratios
+    y, z, e, time_and_regime, entries, weights, ratios = (
+        law.y,
+        law.z,
+        law.e,
+        law.time_and_regime,
+        law.entries,
+        law.weights,
+        law.ratios,
+    )
     rows, n = state.shape
     first = law.coordinates
     for s in range(STAGES):
         combine(state, slopes, a, s, h, stage)
         for i in range(n):
             y[i] = stage[0, i]
-        at[T] = t + times[s] * h
+        time_and_regime[T] = t + times[s] * h
         strode_by(law.entry, law.table, law.y_at, law.z_at, law.z_at)
         for i in range(first):
             slopes[s, 0, i] = stage[0, first + i]
@@ -114,21 +124,21 @@ def advance(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, t: float, h:
         if law.nudge > 0.0:
             differences_at(law, stage, slopes[s])
         else:
-            multiply(e, weights, entries, first, stage, slopes, s)
-    return finish(scheme, tangent, h)
+            multiply_derivatives(e, weights, entries, first, stage, slopes, s)
+    return finish_piece(scheme, tangent, h)
 
 
-@shared
-def renew(vectors: Floats, c: int) -> None:
+@jit_separate
+def replace_vanished(vectors: Floats, c: int) -> None:
     """Replace a vector that has vanished by a unit vector orthogonal to those before it."""
     n = vectors.shape[1]
     for axis in range(n):
         for i in range(n):
             vectors[c, i] = 1.0 if i == axis else 0.0
         for k in range(1, c):
-            along = vectors[k, axis]
+            projection = vectors[k, axis]
             for i in range(n):
-                vectors[c, i] -= along * vectors[k, i]
+                vectors[c, i] -= projection * vectors[k, i]
         size = 0.0
         for i in range(n):
             size += vectors[c, i] * vectors[c, i]
@@ -138,27 +148,27 @@ def renew(vectors: Floats, c: int) -> None:
             return
 
 
-@compiled
+@jit_inline
 def orthonormalise(vectors: Floats, upper: Floats) -> None:
     """Factorise the vectors, from the second row on, as Q R; one that depends on those before it has 0 in R."""
     rows, n = vectors.shape
     for c in range(1, rows):
-        before = 0.0
+        squared_length = 0.0
         for i in range(n):
-            before += vectors[c, i] * vectors[c, i]
+            squared_length += vectors[c, i] * vectors[c, i]
         for k in range(1, c):
-            along = 0.0
+            projection = 0.0
             for i in range(n):
-                along += vectors[k, i] * vectors[c, i]
-            upper[k - 1, c - 1] = along
+                projection += vectors[k, i] * vectors[c, i]
+            upper[k - 1, c - 1] = projection
             for i in range(n):
-                vectors[c, i] -= along * vectors[k, i]
+                vectors[c, i] -= projection * vectors[k, i]
         size = 0.0
         for i in range(n):
             size += vectors[c, i] * vectors[c, i]
-        if size <= DEPENDENT * DEPENDENT * before:
+        if size <= DEPENDENT * DEPENDENT * squared_length:
             upper[c - 1, c - 1] = 0.0
-            renew(vectors, c)
+            replace_vanished(vectors, c)
             continue
         size = np.sqrt(size)
         upper[c - 1, c - 1] = size
@@ -166,8 +176,8 @@ def orthonormalise(vectors: Floats, upper: Floats) -> None:
             vectors[c, i] /= size
 
 
-@compiled
-def note(tangent: Tangent, grown: Grown, block: int) -> None:
+@jit_inline
+def add_growth(tangent: Tangent, grown: Grown, block: int) -> None:
     """Add the growth of a piece to a block, and to that since the start."""
     upper, total, product = tangent.upper, tangent.total, tangent.product
     m = upper.shape[0]
@@ -197,8 +207,8 @@ def note(tangent: Tangent, grown: Grown, block: int) -> None:
             total[j, k] = product[j, k] * scale
 
 
-@shared
-def cross(law: GrowthLaw, matrix: Floats, tangent: Tangent) -> None:
+@jit_separate
+def apply_event_matrix(law: GrowthLaw, matrix: Floats, tangent: Tangent) -> None:
     """Multiply every vector by the matrix of an event."""
     state, end = tangent.state, tangent.end
     rows, n = state.shape
@@ -213,14 +223,14 @@ def cross(law: GrowthLaw, matrix: Floats, tangent: Tangent) -> None:
             state[c, i] = end[c, i]
 
 
-@compiled
+@jit_inline
 def carry(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, grown: Grown, block: int, t: float, t1: float) -> int:
     """Carry a state and its vectors to a time, in as many pieces as the tolerance requires."""
     while t < t1:
         remaining = t1 - t
         h = min(remaining, tangent.pace[0])
         last = h >= remaining
-        error = advance(law, scheme, tangent, t, h)
+        error = advance_piece(law, scheme, tangent, t, h)
         tangent.pieces[0] += 1
         if tangent.pieces[0] > scheme.most_pieces:
             return STIFF
@@ -235,7 +245,7 @@ def carry(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, grown: Grown, 
             for i in range(tangent.state.shape[1]):
                 tangent.state[c, i] = tangent.end[c, i]
         orthonormalise(tangent.state, tangent.upper)
-        note(tangent, grown, block)
+        add_growth(tangent, grown, block)
         grown.errors[block] += error
         t = t1 if last else t + h
     return DONE
@@ -246,13 +256,13 @@ def grow(law: GrowthLaw, scheme: GrowthScheme, rows: Rows, tangent: Tangent, gro
     first_side = law.p.shape[0] - rows.sides.shape[1]
     for k in range(rows.times.shape[0] - 1):
         if rows.jumps[k] >= 0:
-            cross(law, rows.matrices[rows.jumps[k]], tangent)
+            apply_event_matrix(law, rows.matrices[rows.jumps[k]], tangent)
             orthonormalise(tangent.state, tangent.upper)
-            note(tangent, grown, rows.blocks[k])
+            add_growth(tangent, grown, rows.blocks[k])
         t, t1 = rows.times[k], rows.times[k + 1]
         if not t1 > t:
             continue
-        law.at[REGIME] = rows.regimes[k]
+        law.time_and_regime[REGIME] = rows.regimes[k]
         for i in range(rows.sides.shape[1]):
             law.p[first_side + i] = rows.sides[k, i]
         for i in range(rows.pieces.shape[1]):
@@ -269,12 +279,12 @@ def grow(law: GrowthLaw, scheme: GrowthScheme, rows: Rows, tangent: Tangent, gro
     return DONE
 
 
-def _kind_of(of: type, *fields: Any) -> Any:
-    return Fields(of, fields)
+def _fields_of(field_class: type, *fields: Any) -> Any:
+    return Fields(field_class, fields)
 
 
-_ROW, _BLOCK, _CUBE = (array("f8", dims) for dims in (1, 2, 3))
-_WHOLE, _LISTS = array("i8", 1), array("i8", 2)
+_ROW, _BLOCK, _CUBE = (array_kind("f8", dims) for dims in (1, 2, 3))
+_WHOLE, _LISTS = array_kind("i8", 1), array_kind("i8", 2)
 GROWTH = EnginePart(
     "growth",
     "the growth of small changes",
@@ -282,13 +292,13 @@ GROWTH = EnginePart(
     (
         (
             grow,
-            returning(
+            signature_of(
                 INTEGER,
-                _kind_of(GrowthLaw, *[INTEGER] * 4, *[_ROW] * 5, _WHOLE, _LISTS, *[_ROW] * 3, INTEGER, FLOAT),
-                _kind_of(GrowthScheme, _BLOCK, *[_ROW] * 4, FLOAT, INTEGER),
-                _kind_of(Rows, _ROW, _BLOCK, _ROW, _BLOCK, _LISTS, _WHOLE, _CUBE, _WHOLE, _WHOLE),
-                _kind_of(Tangent, *[_BLOCK] * 3, _CUBE, *[_BLOCK] * 3, _ROW, _WHOLE, _WHOLE),
-                _kind_of(Grown, _BLOCK, _LISTS, _ROW),
+                _fields_of(GrowthLaw, *[INTEGER] * 4, *[_ROW] * 5, _WHOLE, _LISTS, *[_ROW] * 3, INTEGER, FLOAT),
+                _fields_of(GrowthScheme, _BLOCK, *[_ROW] * 4, FLOAT, INTEGER),
+                _fields_of(Rows, _ROW, _BLOCK, _ROW, _BLOCK, _LISTS, _WHOLE, _CUBE, _WHOLE, _WHOLE),
+                _fields_of(Tangent, *[_BLOCK] * 3, _CUBE, *[_BLOCK] * 3, _ROW, _WHOLE, _WHOLE),
+                _fields_of(Grown, _BLOCK, _LISTS, _ROW),
             ),
         ),
     ),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 
 
 class GrowthLaw(NamedTuple):
@@ -18,7 +18,7 @@ class GrowthLaw(NamedTuple):
     ----------
     entry, table, y_at, z_at : int
         Addresses: of the program, of its table of arrays, of `y` and of `z`.
-    y, z, e, at, p : ndarray
+    y, z, e, time_and_regime, p : ndarray
         State, result of its evaluation, derivatives by the state, time and regime, constants; SI.
     places : ndarray of int
         Pieces of tables, as in `kernels.drive_tables`.
@@ -39,10 +39,10 @@ class GrowthLaw(NamedTuple):
     y: Floats
     z: Floats
     e: Floats
-    at: Floats
+    time_and_regime: Floats
     p: Floats
-    places: Whole
-    entries: Whole
+    places: IntArray
+    entries: IntArray
     weights: Floats
     sizes: Floats
     ratios: Floats
@@ -75,11 +75,11 @@ class Rows(NamedTuple):
     states: Floats
     regimes: Floats
     sides: Floats
-    pieces: Whole
-    jumps: Whole
+    pieces: IntArray
+    jumps: IntArray
     matrices: Floats
-    parts: Whole
-    blocks: Whole
+    parts: IntArray
+    blocks: IntArray
 
 
 class GrowthScheme(NamedTuple):
@@ -121,8 +121,8 @@ class Tangent(NamedTuple):
     total: Floats
     product: Floats
     pace: Floats
-    exponents: Whole
-    pieces: Whole
+    exponents: IntArray
+    pieces: IntArray
 
 
 class Grown(NamedTuple):
@@ -138,5 +138,5 @@ class Grown(NamedTuple):
     """
 
     factors: Floats
-    exponents: Whole
+    exponents: IntArray
     errors: Floats

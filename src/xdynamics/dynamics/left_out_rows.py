@@ -65,14 +65,14 @@ def check_rows_follow(where: Floats, numbers: xr.Variable, unit: str) -> None:
     """
     times, starts, ends, places = map(np.atleast_1d, where)
     rows = places.astype(np.int64)
-    own, following = (
-        np.asarray(numbers.isel({schema.STEPS: chosen}).values)
-        for chosen in (rows, np.minimum(rows + 1, numbers.size - 1))
+    row_numbers, following = (
+        np.asarray(numbers.isel({schema.STEPS: step_rows}).values)
+        for step_rows in (rows, np.minimum(rows + 1, numbers.size - 1))
     )
-    apart = np.flatnonzero((following - own > 1) & (times > starts))
-    if apart.size:
-        i = int(apart[0])
-        count = int(following[i] - own[i]) - 1
+    broken_steps = np.flatnonzero((following - row_numbers > 1) & (times > starts))
+    if broken_steps.size:
+        i = int(broken_steps[0])
+        count = int(following[i] - row_numbers[i]) - 1
         missing = "a row is" if count == 1 else f"{count} rows are"
         raise InputError(
             f"{missing} missing between t = {starts[i]:.13g}{unit} and {ends[i]:.13g}{unit}; sample the whole record, and"

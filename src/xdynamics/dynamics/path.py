@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.growth_arrays import GrowthLaw, Rows
-from xdynamics.dynamics.saltation import Met
-from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.dynamics.saltation import SimultaneousEvents
+from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.dynamics.variational import (
     Equations,
     NotVariedError,
     Variations,
+    first_contact_rows,
     refuse_delays,
     refuse_ticks,
-    touches,
 )
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.kernels import Layout, law_names, machine, model_programs
 from xdynamics.kernels.compiling import PLAINLY, keys_of
-from xdynamics.kernels.drive_tables import PYTHON_TABLES, flattened
+from xdynamics.kernels.drive_tables import PYTHON_TABLES, concatenated_tables
 from xdynamics.kernels.llvm_text import llvm_of
 from xdynamics.kernels.operations import PYTHON
 from xdynamics.kernels.program import AT, TABLE, WORDS, Program
@@ -32,13 +32,20 @@ from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.constraints import beyond_trees
-from xdynamics.model.derivatives import jacobian
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, inputs_of, tables_of, variables
+from xdynamics.model.derivatives import jacobian_names
+from xdynamics.model.motion import (
+    REGIME_NUMBER,
+    constants,
+    drive_pieces,
+    evaluate_over_states,
+    motion_inputs,
+    variables,
+)
 from xdynamics.model.regime_model import switch_inputs, watched_by
 from xdynamics.model.switches import STEPPED_OVER, jumping_switches
 from xdynamics.model.tangent_space import tangent_space
 from xdynamics.reaction_names import contact_state, friction_state
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.named_rows import rows_named
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import acceleration, rate, velocity
@@ -47,7 +54,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 
 NUDGE = 1e-6  # of a variable's range, by which it is moved to both sides for forces without derivatives
 BLOCKS = 2048  # of equal time, in which growth is summed: long steps are divided, short ones combined
@@ -83,15 +90,15 @@ class RunPath:
     @cached_property
     def model(self) -> Model:
         """The record's model."""
-        return self._inside.model
+        return self._interpolator.model
 
     @cached_property
-    def _inside(self) -> Inside:
-        return Inside.of(self.run, self.functions, REINTEGRATE)
+    def _interpolator(self) -> StepInterpolator:
+        return StepInterpolator.of_run(self.run, self.functions, REINTEGRATE)
 
     @cached_property
     def _layout(self) -> Layout:
-        return self._inside.layout
+        return self._interpolator.layout
 
     @property
     def size(self) -> int:
@@ -125,15 +132,15 @@ class RunPath:
             )
         if steps_over_impacts(run, model):
             raise NotVariedError(f"{run.attrs['solver_method']} locates no impacts")
-        if held := touches(run):
-            name, row = min(held.items(), key=lambda entry: entry[1])
+        if contact_rows := first_contact_rows(run):
+            name, row = min(contact_rows.items(), key=lambda entry: entry[1])
             owner = name.removeprefix(contact_state("")).removeprefix(friction_state(""))
             raise NotVariedError(f"contact '{owner}' is not open from t = {float(run['time'][row]):.6g} on")
         stepped_over = str(run.attrs.get("solver_switches", STEPPED_OVER)) == STEPPED_OVER
         if stepped_over and (jumping := jumping_switches(model)):
             raise NotVariedError(f"'{jumping[0].name}' jumps, and the run stepped over it")
         if run.sizes.get("event", 0):
-            kinds = zip(words_of(run["event_kind"]), words_of(run["event_detector"]), strict=True)
+            kinds = zip(words_of_flag(run["event_kind"]), words_of_flag(run["event_detector"]), strict=True)
             if lost := [f"the {kind} of '{name}'" for kind, name in kinds if kind in NO_MAP]:
                 raise NotVariedError(f"{lost[0]} has no map of states")
 
@@ -154,7 +161,7 @@ class RunPath:
     def changes(self) -> Floats:
         """Independent changes of the first state that keep constraints, in units of the variables, as columns."""
         state = {"t": float(self.times[0])} | dict(zip(variables(self.model), self.states[0].tolist(), strict=True))
-        values = inputs_of(self.model, state, constants(self.model), tables_of(self.model))
+        values = motion_inputs(self.model, state, constants(self.model), drive_pieces(self.model))
         return (
             np.asarray(tangent_space(self.model, values) / self.sizes[:, None])
             if self.model.constraints
@@ -173,27 +180,35 @@ class RunPath:
         steps = len(self.times) - 1
         regimes = np.asarray(self.run["regime"])[:-1] if "regime" in self.run else np.zeros(steps)
         jumps, matrices = self._jumps
-        parts, _, blocks = self._blocks
+        parts, _, blocks = self._time_blocks
         return Rows(
-            self.times, self.states, regimes.astype(float), self._sides, self._pieces, jumps, matrices, parts, blocks
+            self.times,
+            self.states,
+            regimes.astype(float),
+            self._switch_sides,
+            self._table_pieces,
+            jumps,
+            matrices,
+            parts,
+            blocks,
         )
 
     @cached_property
-    def _blocks(self) -> tuple[Whole, Whole, Whole]:
+    def _time_blocks(self) -> tuple[IntArray, IntArray, IntArray]:
         """Return the number of parts of each step, the number of blocks that begin with it, and its first block."""
         sizes, width = np.diff(self.times), (self.times[-1] - self.times[0]) / BLOCKS
         parts = np.maximum(1, np.ceil(sizes / width)).astype(np.int64)
         bins = np.floor((self.times[:-1] + sizes / 2.0 - self.times[0]) / width)
-        alone = parts > 1
+        is_divided = parts > 1
         begins = np.ones(len(parts), bool)
-        begins[1:] = alone[1:] | alone[:-1] | (bins[1:] != bins[:-1])
+        begins[1:] = is_divided[1:] | is_divided[:-1] | (bins[1:] != bins[:-1])
         counts = np.where(begins, parts, 0)
         return parts, counts, np.cumsum(counts) - np.where(begins, counts, 1)
 
     @cached_property
     def block_times(self) -> Floats:
         """Beginning of the first block and ends of all blocks."""
-        parts, counts, blocks = self._blocks
+        parts, counts, blocks = self._time_blocks
         rows = np.repeat(np.arange(len(parts)), counts)
         number = np.arange(len(rows)) - blocks[rows]
         begins = self.times[rows] + np.diff(self.times)[rows] * (number / parts[rows])
@@ -223,7 +238,7 @@ class RunPath:
         return dict(zip(names, middle.T, strict=True)) | {"t": t, REGIME_NUMBER: regimes}
 
     @cached_property
-    def _sides(self) -> Floats:
+    def _switch_sides(self) -> Floats:
         """Side of each switch on which each step is, as the law needs it."""
         model = self._layout.model
         sides = np.zeros((len(self.times) - 1, len(switch_inputs(model))))
@@ -232,52 +247,52 @@ class RunPath:
             if switch.drive:
                 column += 4  # borders, which forces do not read
                 continue
-            value = evaluated_many(
-                self.model, [switch.function], self._middles, constants(self.model), tables_of(self.model)
+            value = evaluate_over_states(
+                self.model, [switch.function], self._middles, constants(self.model), drive_pieces(self.model)
             )[0]
             sides[:, column] = np.where(np.asarray(value) == 0.0, switch.at_zero, np.sign(value))
             column += 1
         return sides
 
     @cached_property
-    def _pieces(self) -> Whole:
+    def _table_pieces(self) -> IntArray:
         """The piece of every drive's table that each step goes through."""
         pieces = np.zeros((len(self.times) - 1, len(self.model.drives)), np.int64)
         values = dict(constants(self.model)) | self._middles
         places = self.model.looked_up_at.values()
-        for i, (at, (origins, _)) in enumerate(zip(places, tables_of(self.model), strict=True)):
-            piece = np.searchsorted(origins, evaluate_many(at, values), side="right") - 1
+        for i, (argument_tree, (origins, _)) in enumerate(zip(places, drive_pieces(self.model), strict=True)):
+            piece = np.searchsorted(origins, evaluate_many(argument_tree, values), side="right") - 1
             pieces[:, i] = np.clip(piece, 0, len(origins) - 1)
         return pieces
 
     # ---------------------------------------------------------------------------------------------------- the events
 
     @cached_property
-    def _jumps(self) -> tuple[Whole, Floats]:
+    def _jumps(self) -> tuple[IntArray, Floats]:
         """Return which matrix acts before each step, and the matrices."""
         n, steps = self.size, len(self.times) - 1
         numbers, matrices = np.full(steps, -1, np.int64), [np.zeros((0, n, n))]
         if not self.run.sizes.get("event", 0):
             return numbers, matrices[0]
-        along, first = Variations(self.run, Equations(self.model, ()), 0), 0
-        for names, before, after in self._instants():
-            unit = np.broadcast_to(np.eye(n), (len(before), n, n))
-            matrices.append(Met(along, before, after, names, unit).left())
-            numbers[before] = first + np.arange(len(before))
-            first += len(before)
+        variations, first = Variations(self.run, Equations(self.model, ()), 0), 0
+        for names, rows_before, rows_after in self._event_instants():
+            unit = np.broadcast_to(np.eye(n), (len(rows_before), n, n))
+            matrices.append(SimultaneousEvents(variations, rows_before, rows_after, names, unit).changes_after())
+            numbers[rows_before] = first + np.arange(len(rows_before))
+            first += len(rows_before)
         return numbers, np.concatenate(matrices)
 
-    def _instants(self) -> Iterator[tuple[tuple[str, ...], Whole, Whole]]:
+    def _event_instants(self) -> Iterator[tuple[tuple[str, ...], IntArray, IntArray]]:
         """Yield the names of simultaneous events, and the rows before and after all instants with the same names."""
         run = self.run
         rows = [rows_named(run, name).tolist() for name in ("event_row_before", "event_row_after")]
         names_at: dict[tuple[int, int], list[str]] = {}
-        for before, after, name in zip(*rows, words_of(run["event_detector"]), strict=True):
-            names_at.setdefault((before, after), []).append(name)
+        for row_before, row_after, name in zip(*rows, words_of_flag(run["event_detector"]), strict=True):
+            names_at.setdefault((row_before, row_after), []).append(name)
         instants: dict[tuple[str, ...], list[tuple[int, int]]] = {}
-        for (before, after), names in names_at.items():
-            if before != after:
-                instants.setdefault(tuple(sorted(set(names))), []).append((before, after))
+        for (row_before, row_after), names in names_at.items():
+            if row_before != row_after:
+                instants.setdefault(tuple(sorted(set(names))), []).append((row_before, row_after))
         for detectors, pairs in instants.items():
             rows_before, rows_after = np.array(pairs, np.int64).T
             yield detectors, rows_before, rows_after
@@ -289,13 +304,15 @@ class RunPath:
         layout, model = self._layout, self._layout.model
         by_differences = bool(model.python_forces)
         program = model_programs.forces(layout) if by_differences else model_programs.linearised(layout)
-        tables, places = flattened(tables_of(model))
+        tables, places = concatenated_tables(drive_pieces(model))
         p, nc, n = np.array(list(constants(model).values())), len(model.statement.coordinates), self.size
         column = {name: i for i, name in enumerate(layout.used)}
         row = {
             name: nc + i for i, name in enumerate((*model.statement.coordinates, *map(rate, model.statement.states)))
         }
-        pairs = [] if by_differences else [(row[name], column[by]) for name, by in jacobian(model)]
+        pairs = (
+            [] if by_differences else [(row[name], column[column_name]) for name, column_name in jacobian_names(model)]
+        )
         entries = np.array(pairs, np.int64).reshape(-1, 2).T.copy()
         weights = self.sizes[entries[1]] / self.sizes[entries[0]]
         width = layout.record.size
@@ -311,8 +328,8 @@ class RunPath:
         table = np.zeros((len(TABLE), WORDS), np.int64)
         for name, array in arrays.items():
             table[TABLE.index(name)] = array.ctypes.data, array.shape[0], array.shape[-1]
-        entry, code = _entry(program, layout, arrays)
-        y, z, at = arrays["y"], arrays["z"], arrays["at"]
+        entry, code = _compiled_law(program, layout, arrays)
+        y, z, time_and_regime = arrays["y"], arrays["z"], arrays["at"]
         law = GrowthLaw(
             entry,
             table.ctypes.data,
@@ -321,7 +338,7 @@ class RunPath:
             y,
             z,
             arrays["e"],
-            at,
+            time_and_regime,
             p,
             places,
             entries,
@@ -335,7 +352,7 @@ class RunPath:
         return law, [arrays, table, code]
 
 
-def _entry(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple[int, Any]:
+def _compiled_law(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple[int, Any]:
     """Compile a program and return its address; without compilation, its key in `UNCOMPILED`."""
     model = layout.model
     functions = {f"_{law_names.PYTHON}{name}": function for name, function in model.functions.items()}
@@ -345,7 +362,9 @@ def _entry(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple
         return code.addresses[program.name], code
     scope: dict[str, Any] = PYTHON | PYTHON_TABLES | functions | {"_empty": np.empty, "_zero": np.float64(0.0)}
     exec(compile(python_of(program), "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees
-    written = scope[program.name]
-    at, y, p, tables, places, z, e = (arrays[name] for name in ("at", "y", "p", "tables", "pieces", "z", "e"))
-    (key,) = keys_of([lambda *_given: written(at, y, p, tables, places, z, e, z, z)])
-    return key, written
+    law_function = scope[program.name]
+    time_and_regime, y, p, tables, places, z, e = (
+        arrays[name] for name in ("at", "y", "p", "tables", "pieces", "z", "e")
+    )
+    (key,) = keys_of([lambda *_ignored: law_function(time_and_regime, y, p, tables, places, z, e, z, z)])
+    return key, law_function

@@ -10,12 +10,12 @@ import xarray as xr
 from xdynamics.model import Model
 
 
-def model_of(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> Model:
+def model_of_record(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> Model:
     """Return the model of a record, cached."""
-    return _model_of(run.variables["model_toml"].values.item(), tuple((functions or {}).items()))
+    return _read_cached_model(run.variables["model_toml"].values.item(), tuple((functions or {}).items()))
 
 
 @lru_cache(maxsize=16)
-def _model_of(text: str, functions: tuple[tuple[str, Callable[..., float]], ...]) -> Model:
+def _read_cached_model(text: str, functions: tuple[tuple[str, Callable[..., float]], ...]) -> Model:
     """Read a model from its text, cached."""
     return Model.from_record(text, functions=dict(functions))

@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.variational import NotVariedError, Variations, varying
-from xdynamics.elementary.arrays import dot, product, solved
+from xdynamics.dynamics.variational import NotVariedError, Variations, input_differentials
+from xdynamics.elementary.arrays import dot, product, solve_systems
 from xdynamics.expressions import Node, derivatives, free_names
 from xdynamics.model import Model
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, slope, tables_of, variables
+from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, drive_slope, evaluate_over_states, variables
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import NORMAL, Reaction, reactions
 from xdynamics.model.switches import watched_switches
@@ -60,7 +60,7 @@ class FlowStates:
         NotVariedError
             If it reads a name whose change is not followed.
         """
-        return self._numbers([tree])[0]
+        return self._evaluated_trees([tree])[0]
 
     def change(self, tree: Node) -> Floats:
         """Return the change of an expression, shape (k, m).
@@ -70,38 +70,40 @@ class FlowStates:
         NotVariedError
             If its derivatives read a name whose change is not followed.
         """
-        by = {name: slope for name, slope in derivatives(tree, self._varying).items() if name in self.changes}
+        slopes_by_name = {
+            name: slope for name, slope in derivatives(tree, self._varying).items() if name in self.changes
+        }
         total = np.zeros_like(next(iter(self.changes.values())))
-        for name, number in zip(by, self._numbers(list(by.values())), strict=True):
+        for name, number in zip(slopes_by_name, self._evaluated_trees(list(slopes_by_name.values())), strict=True):
             total = total + number[:, None] * self.changes[name]
         return total
 
     @cached_property
     def _varying(self) -> dict[str, dict[str, Node]]:
-        return varying(self.model, tuple(self.model.statement.parameters))
+        return input_differentials(self.model, tuple(self.model.statement.parameters))
 
-    def _numbers(self, trees: list[Node]) -> list[Floats]:
-        known = self._known
-        if strange := {name for tree in trees for name in free_names(tree)} - known:
+    def _evaluated_trees(self, trees: list[Node]) -> list[Floats]:
+        followed_names = self._followed_names
+        if strange := {name for tree in trees for name in free_names(tree)} - followed_names:
             raise NotVariedError(f"'{min(strange)}' is read, whose change is not followed")
-        values = evaluated_many(self.model, trees, self.state, constants(self.model), tables_of(self.model))
+        values = evaluate_over_states(self.model, trees, self.state, constants(self.model), drive_pieces(self.model))
         return [np.broadcast_to(np.asarray(value, float), self.state["t"].shape) for value in values]
 
     @cached_property
-    def _known(self) -> set[str]:
+    def _followed_names(self) -> set[str]:
         model = self.model
-        slopes = {slope(name) for name in model.drives}
+        slopes = {drive_slope(name) for name in model.drives}
         return {"t", REGIME_NUMBER, *variables(model), *constants(model), *model.drives, *slopes}
 
 
 @dataclass(frozen=True)
-class Met:
+class SimultaneousEvents:
     """Instants of a run at which the same events happen.
 
     Attributes
     ----------
-    along : Variations
-    before, after : ndarray of int, shape (k,)
+    variations : Variations
+    rows_before, rows_after : ndarray of int, shape (k,)
         Rows.
     names : tuple of str
         Of their detectors.
@@ -109,16 +111,16 @@ class Met:
         Of the variables, before.
     """
 
-    along: Variations
-    before: NDArray[np.int64]
-    after: NDArray[np.int64]
+    variations: Variations
+    rows_before: NDArray[np.int64]
+    rows_after: NDArray[np.int64]
     names: tuple[str, ...]
     change: Floats
 
     @property
     def model(self) -> Model:
         """The run's model."""
-        return self.along.equations.model
+        return self.variations.equations.model
 
     def time_of(self, name: str) -> Floats:
         """Return the change of one event's time with every input, s, shape (k, m).
@@ -136,12 +138,12 @@ class Met:
         change: Floats = -FlowStates(self.model, self._state, fixed).change(tree) / speed
         return change
 
-    def meeting(self, time: Floats) -> FlowStates:
+    def flow_before_event(self, time: Floats) -> FlowStates:
         """Return the states before the event, with their changes at the time at which it is met."""
-        moved = self.change + self._along_motion(self._rates, time)
-        return FlowStates(self.model, self._state, self._rows(moved) | {"t": time})
+        met_change = self.change + self._along_motion(self._rates, time)
+        return FlowStates(self.model, self._state, self._rows(met_change) | {"t": time})
 
-    def left(self) -> Floats:
+    def changes_after(self) -> Floats:
         """Return the changes after the events, at the times of the run's own events.
 
         Raises
@@ -149,27 +151,29 @@ class Met:
         NotVariedError
             If the changes cannot be followed through the events.
         """
-        acting = np.flatnonzero((self.before != self.after) & ~self._goes_on)
-        if acting.size == self.before.size:
-            return self._left()
+        acting = np.flatnonzero((self.rows_before != self.rows_after) & ~self._goes_on)
+        if acting.size == self.rows_before.size:
+            return self._changes_through_events()
         changes = self.change.copy()
         if acting.size:
-            before, after, change = self.before[acting], self.after[acting], self.change[acting]
-            changes[acting] = replace(self, before=before, after=after, change=change).left()
+            rows_before, rows_after, change = self.rows_before[acting], self.rows_after[acting], self.change[acting]
+            changes[acting] = replace(
+                self, rows_before=rows_before, rows_after=rows_after, change=change
+            ).changes_after()
         return changes
 
-    def behind(self, time: Floats) -> FlowStates:
+    def flow_after_event(self, time: Floats) -> FlowStates:
         """Return the states after the event, with their changes at the time at which it is met."""
-        state, rates = self.along.row(self.after), self.along.rates(self.after)
-        moved = self.left() + self._along_motion(rates, time)
-        return FlowStates(self.model, state, self._rows(moved) | {"t": time})
+        state, rates = self.variations.row(self.rows_after), self.variations.rates(self.rows_after)
+        met_change = self.changes_after() + self._along_motion(rates, time)
+        return FlowStates(self.model, state, self._rows(met_change) | {"t": time})
 
-    def _left(self) -> Floats:
+    def _changes_through_events(self) -> Floats:
         time = self._time
-        place = self.meeting(time)
-        mapped = dict(place.changes) | self._mapped(place)
+        flow_states = self.flow_before_event(time)
+        mapped = dict(flow_states.changes) | self._mapped(flow_states)
         changes = np.stack([mapped[name] for name in variables(self.model)], axis=1)
-        return changes - self._along_motion(self.along.rates(self.after), time)
+        return changes - self._along_motion(self.variations.rates(self.rows_after), time)
 
     def _along_motion(self, rates: Mapping[str, Floats], time: Floats) -> Floats:
         """Return the motion during the change of time, shape (k, n, m)."""
@@ -177,15 +181,15 @@ class Met:
 
     @cached_property
     def _state(self) -> dict[str, Floats]:
-        return self.along.row(self.before)
+        return self.variations.row(self.rows_before)
 
     @cached_property
     def _rates(self) -> dict[str, Floats]:
-        return self.along.rates(self.before)
+        return self.variations.rates(self.rows_before)
 
     def _rows(self, change: Floats) -> dict[str, Floats]:
         """Name the rows of a change, and add those of the parameters."""
-        inputs = self.along.equations.inputs
+        inputs = self.variations.equations.inputs
         units = np.broadcast_to(np.eye(len(inputs)), (len(change), len(inputs), len(inputs)))
         parameters = {name: units[:, i] for i, name in enumerate(inputs) if name in self.model.statement.parameters}
         return dict(zip(variables(self.model), np.moveaxis(change, 1, 0), strict=True)) | parameters
@@ -193,11 +197,12 @@ class Met:
     @cached_property
     def _goes_on(self) -> NDArray[np.bool_]:
         """Whether neither the states nor their rates jump, shape (k,)."""
-        states = self._state, self.along.row(self.after)
+        states = self._state, self.variations.row(self.rows_after)
         rates = [
-            {name: rate[:, 0] for name, rate in self.along.rates(row).items()} for row in (self.before, self.after)
+            {name: rate[:, 0] for name, rate in self.variations.rates(row).items()}
+            for row in (self.rows_before, self.rows_after)
         ]
-        same = np.ones(self.before.size, bool)
+        same = np.ones(self.rows_before.size, bool)
         for left, right in (states, rates):
             for name in left:
                 if name != REGIME_NUMBER:
@@ -219,7 +224,7 @@ class Met:
     def _acts(self, name: str) -> bool:
         return name not in self.model.events or self.model.events[name].action in ACTING
 
-    def _mapped(self, place: FlowStates) -> dict[str, Floats]:
+    def _mapped(self, flow_states: FlowStates) -> dict[str, Floats]:
         """Return the changes of the variables that the events set."""
         struck = [name for name in self.names if name in self.model.contacts]
         resets = [name for name in self.names if name in self.model.events and self.model.events[name].reset]
@@ -227,52 +232,62 @@ class Met:
             raise NotVariedError(f"{' and '.join([*struck, *resets])} are met at once")
         if resets:
             reset = self.model.events[resets[0]].reset
-            return {name: place.change(self.model.expanded(tree)) for name, tree in reset.items()}
-        return self._struck(place, struck[0]) if struck else {}
+            return {name: flow_states.change(self.model.expanded(tree)) for name, tree in reset.items()}
+        return self._struck(flow_states, struck[0]) if struck else {}
 
-    def _struck(self, place: FlowStates, name: str) -> dict[str, Floats]:
+    def _struck(self, flow_states: FlowStates, name: str) -> dict[str, Floats]:
         """Return the changes of velocities after an impact without friction: v+ = v - (1 + e) W rate/D, W = M^-1 n."""
         if self.model.contacts[name].slip is not None:
             raise NotVariedError(f"'{name}' has friction")
-        reaction = next(each for each in reactions(self.model) if each.owner == name and each.sort == NORMAL)
-        normal, normals = self._normal(place, reaction)
-        mass, masses = self._mass(place)
-        lever = solved(mass, normal[..., None])[..., 0]
-        levers = solved(mass, normals - np.sum(masses * lever[:, None, :, None], axis=2))
+        reaction = next(
+            contact for contact in reactions(self.model) if contact.owner == name and contact.sort == NORMAL
+        )
+        normal, normals = self._normal(flow_states, reaction)
+        mass, masses = self._mass(flow_states)
+        lever = solve_systems(mass, normal[..., None])[..., 0]
+        levers = solve_systems(mass, normals - np.sum(masses * lever[:, None, :, None], axis=2))
         weight = dot(normal, lever)
         weights = (product(lever[:, None], normals) + product(normal[:, None], levers))[:, 0]
-        closing, bounce = place.value(reaction.rate), 1.0 + place.value(reaction.size)
+        closing, bounce = flow_states.value(reaction.rate), 1.0 + flow_states.value(reaction.size)
         push = -bounce * closing / weight
-        turned = place.change(reaction.size) * closing[:, None] + bounce[:, None] * place.change(reaction.rate)
-        pushes = -(turned + push[:, None] * weights) / weight[:, None]
-        names = [velocity(each) for each in self.model.statement.coordinates]
+        rebound_change = flow_states.change(reaction.size) * closing[:, None] + bounce[:, None] * flow_states.change(
+            reaction.rate
+        )
+        pushes = -(rebound_change + push[:, None] * weights) / weight[:, None]
+        names = [velocity(coordinate) for coordinate in self.model.statement.coordinates]
         self._check(names, lever * push[:, None])
-        moved = levers * push[:, None, None] + lever[..., None] * pushes[:, None]
-        return {each: place.changes[each] + moved[:, i] for i, each in enumerate(names)}
+        velocity_changes = levers * push[:, None, None] + lever[..., None] * pushes[:, None]
+        return {
+            velocity_name: flow_states.changes[velocity_name] + velocity_changes[:, i]
+            for i, velocity_name in enumerate(names)
+        }
 
-    def _normal(self, place: FlowStates, reaction: Reaction) -> tuple[Floats, Floats]:
+    def _normal(self, flow_states: FlowStates, reaction: Reaction) -> tuple[Floats, Floats]:
         """Return the gradient of a gap, and its change."""
         k, n, m = len(self.change), len(self.model.statement.coordinates), self.change.shape[2]
         normal, normals = np.zeros((k, n)), np.zeros((k, n, m))
         for i, name in enumerate(self.model.statement.coordinates):
             if name in reaction.row:
-                normal[:, i], normals[:, i] = place.value(reaction.row[name]), place.change(reaction.row[name])
+                normal[:, i], normals[:, i] = (
+                    flow_states.value(reaction.row[name]),
+                    flow_states.change(reaction.row[name]),
+                )
         return normal, normals
 
-    def _mass(self, place: FlowStates) -> tuple[Floats, Floats]:
+    def _mass(self, flow_states: FlowStates) -> tuple[Floats, Floats]:
         """Return the mass matrix, and its change."""
         k, n, m = len(self.change), len(self.model.statement.coordinates), self.change.shape[2]
         mass, masses = np.zeros((k, n, n)), np.zeros((k, n, n, m))
         for (i, j), entry in self.model.statement.mass_entries.items():
             tree = self.model.expanded(entry)
-            mass[:, i, j], masses[:, i, j] = place.value(tree), place.change(tree)
+            mass[:, i, j], masses[:, i, j] = flow_states.value(tree), flow_states.change(tree)
         return mass, masses
 
     def _check(self, names: list[str], kicks: Floats) -> None:
         """Refuse impacts that differ from the recorded ones."""
-        before, after = self._state, self.along.row(self.after)
+        state_before, state_after = self._state, self.variations.row(self.rows_after)
         for i, name in enumerate(names):
-            recorded, kick = after[name] - before[name], kicks[:, i]
+            recorded, kick = state_after[name] - state_before[name], kicks[:, i]
             if (np.abs(recorded - kick) > ALIKE * np.maximum(np.abs(recorded), np.abs(kick))).any():
                 raise NotVariedError("an impact is none of one contact alone")
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
-from xdynamics.dynamics.accepted_times import AcceptedTimes, located
+from xdynamics.dynamics.accepted_times import AcceptedTimes, locate_steps
 from xdynamics.dynamics.left_out_rows import check_rows_follow, check_steps_meet, slack
 from xdynamics.dynamics.recorded_links import RowLinks, links_read, row_links
-from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.dynamics.stacked_columns import blockwise, stacked, step_columns, values_along
+from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.stacked_columns import blockwise, stack_columns, step_columns, values_along
 from xdynamics.elementary import kept_set
-from xdynamics.elementary.arrays import flattened
+from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.kernels.law import FORCE_SAMPLES, ROW_ENERGIES
@@ -33,12 +33,12 @@ from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
-from xdynamics.model.whole import is_read_whole
-from xdynamics.record.arguments import precision_of, scales_of
+from xdynamics.model.whole import is_read_by_quantity
+from xdynamics.record.arguments import precision_of, recorded_scales
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.laziness import is_chunked
 from xdynamics.record.partial_records import RARE, log_description, rows_apart
-from xdynamics.record.provenance import interpolation, interpolation_orders
+from xdynamics.record.provenance import interpolation_attributes, interpolation_orders
 from xdynamics.record.run_columns import state_name
 from xdynamics.record.unfolding import shapes_of
 from xdynamics.runtime.cached_properties import cached_property
@@ -58,11 +58,11 @@ ROUTE = (
 )
 
 
-def sampled(
+def sample_in_steps(
     run: xr.Dataset,
     times: Floats,
     *,
-    after: bool,
+    after_event: bool,
     rule: str,
     functions: Mapping[str, Callable[..., float]] | None,
     model: Model | None = None,
@@ -74,20 +74,20 @@ def sampled(
     InputError
         If a time lies outside the run, rows are missing, or the Dataset is not a run record.
     """
-    return Inside.of(run, functions, rule, model).at(times, after=after)
+    return StepInterpolator.of_run(run, functions, rule, model).states_at(times, after_event=after_event)
 
 
 @dataclass(frozen=True)
-class Inside:
+class StepInterpolator:
     """A record's model and method, ready to evaluate states inside its steps."""
 
     run: xr.Dataset
     functions: Mapping[str, Callable[..., float]]
     rule: str
-    known: Model | None = None  # where the record's model is at hand
+    cached_model: Model | None = None  # where the record's model is at hand
 
     @classmethod
-    def of(cls, run: Any, functions: Any, rule: str, model: Model | None = None) -> Inside:
+    def of_run(cls, run: Any, functions: Any, rule: str, model: Model | None = None) -> StepInterpolator:
         """Check that a Dataset is a whole run record, in the units of its model.
 
         Raises
@@ -106,11 +106,11 @@ class Inside:
             raise InputError(f"the record's method '{run.attrs['solver_method']}' is not known to this version")
         if not isinstance(functions, Mapping | None):
             raise InputError(f"functions are {str(functions)[:40]!r}, need a mapping of names to functions")
-        inside = cls(run, functions or {}, rule, model)
-        for quantity in inside.quantities:
-            name, units = quantity.name, inside.model.units[quantity.first].text
+        interpolator = cls(run, functions or {}, rule, model)
+        for quantity in interpolator.quantities:
+            name, units = quantity.name, interpolator.model.units[quantity.first].text
             if name not in run.variables:
-                record.check_elements(record.whole_of(run), inside.model.shapes.placed(name)[1])
+                record.check_elements(record.whole_of(run), interpolator.model.shapes.parse_element(name)[1])
                 remedy = log_description(run.attrs) or "sample the whole record"
                 raise InputError(f"the record has no variable '{name}' of its model; {remedy}")
             if run.variables[name].attrs.get("units") != units:
@@ -118,12 +118,12 @@ class Inside:
                     f"'{name}' is in {run.variables[name].attrs.get('units')!r}, needs '{units}' as it was recorded;"
                     " convert what was sampled"
                 )
-        return inside
+        return interpolator
 
     @cached_property
     def model(self) -> Model:
         """The record's model, read from its text where it is not at hand."""
-        model = self.known or model_of(self.run, self.functions)
+        model = self.cached_model or model_of_record(self.run, self.functions)
         model.require_functions()
         return model
 
@@ -139,7 +139,7 @@ class Inside:
             start,
             estimator=str(attributes["solver_estimator"]),
             samples=samples,
-            scales=scales_of(self.run),
+            scales=recorded_scales(self.run),
             jacobian=str(attributes.get("solver_jacobian", EXACT)),
             summation=str(attributes.get("solver_summation", PLAIN)),
             switches=str(attributes.get("solver_switches", STEPPED_OVER)),
@@ -164,7 +164,7 @@ class Inside:
         model, sizes, labels = self.model, model_dimensions(self.run), shapes_of(self.run).extents
         extents = {extent.name: extent for block in self.layout.used.blocks for extent in block.extents}
         return (
-            is_read_whole(model)
+            is_read_by_quantity(model)
             and all(block.name in self.run.variables for block in self.layout.used.blocks)
             and all(
                 sizes.get(dim) == self.run.sizes.get(dim) == extent.size and labels[dim].labels == extent.labels
@@ -179,20 +179,20 @@ class Inside:
         unread = frozenset({FORCE_SAMPLES, ROW_ENERGIES} if are_large else ())
         return law_of(self.layout, sampled=self.settings.samples, unread=unread)
 
-    def at(self, times: Floats, *, after: bool) -> xr.Dataset:
-        """Evaluate the run at times within it, as `sampled` does: for those who ask again and again."""
-        return self.dataset(times, *located(self._times, times, after=after))
+    def states_at(self, times: Floats, *, after_event: bool) -> xr.Dataset:
+        """Evaluate the run at times within it, as `sample_in_steps` does: for those who ask again and again."""
+        return self.dataset(times, *locate_steps(self._times, times, after_event=after_event))
 
-    def taken(self, states: xr.Dataset, name: str) -> Floats:
+    def values_of(self, states: xr.Dataset, name: str) -> Floats:
         """Return a quantity of the state, or one element of it, at states that were evaluated."""
-        held = {str(key): variable for key, variable in states.variables.items()}
-        numbers: Floats = np.asarray(self.layout.used.taken(held, name))
+        state_variables = {str(key): variable for key, variable in states.variables.items()}
+        numbers: Floats = np.asarray(self.layout.used.values_of(state_variables, name))
         return numbers
 
-    def error_taken(self, states: xr.Dataset, name: str) -> Floats:
+    def errors_of(self, states: xr.Dataset, name: str) -> Floats:
         """Return the error of a quantity of the state, or of one element of it, at states that were evaluated."""
         errors = {block.name: states.variables[schema.error(block.name)] for block in self.quantities}
-        numbers: Floats = np.asarray(self.layout.used.taken(errors, name))
+        numbers: Floats = np.asarray(self.layout.used.values_of(errors, name))
         return numbers
 
     @cached_property
@@ -203,26 +203,28 @@ class Inside:
         """Gather the states of the steps, and evaluate them at times."""
         where = np.stack([times, starts, ends, rows])
         if any(self.run.variables[quantity.name].chunks for quantity in self.quantities):
-            found = blockwise(self._evaluated, where, self._columns(rows), self._height, self._links_later)
+            state_numbers = blockwise(self._evaluated, where, self._columns(rows), self._height, self._links_later)
         else:
-            found = self._in_pieces(where, rows)
-        return self.described(times, rows, found)
+            state_numbers = self._in_pieces(where, rows)
+        return self.described(times, rows, state_numbers)
 
     def _in_pieces(self, where: Floats, rows: NDArray[np.int64]) -> Floats:
         """Evaluate states at once: of many numbers one after the other, so that they stand in no second array as a whole."""
-        count, most = rows.size, max(1, PIECE // self._height)
-        if count <= most:
-            return self._evaluated(where, stacked(self._columns(rows)), self._links)
+        count, max_columns = rows.size, max(1, PIECE // self._height)
+        if count <= max_columns:
+            return self._evaluated(where, stack_columns(self._columns(rows)), self._links)
         run = posed_inside(self.model, self.settings, self.law, reintegrated=self.rule == REINTEGRATE)
-        found = np.empty((self._height, count), order="F" if most == 1 else "C")
-        for first in range(0, count, most):
-            piece = slice(first, first + most)
-            columns = stacked(self._columns(rows[piece]))
-            room = found[:, piece]
-            part = self._evaluated(where[:, piece], columns, self._links, run=run, found=room if most == 1 else None)
+        state_numbers = np.empty((self._height, count), order="F" if max_columns == 1 else "C")
+        for first in range(0, count, max_columns):
+            piece = slice(first, first + max_columns)
+            columns = stack_columns(self._columns(rows[piece]))
+            room = state_numbers[:, piece]
+            part = self._evaluated(
+                where[:, piece], columns, self._links, run=run, state_room=room if max_columns == 1 else None
+            )
             if part is not room:
                 room[:] = part
-        return found
+        return state_numbers
 
     def blank(self, count: int) -> xr.Dataset:
         """Return what `dataset` gives at so many times, without its values."""
@@ -241,17 +243,17 @@ class Inside:
             self.quantities, self._descriptions, strict=True
         ):
             dims = (AT, *quantity.dims)
-            own, of_error, of_rest = (values_along(numbers, k * size + first, quantity) for k in range(3))
+            state_values, of_error, of_rest = (values_along(numbers, k * size + first, quantity) for k in range(3))
             first += quantity.size
-            variables[schema.beside((AT_TIME,), name)] = xr.Variable(dims, own, described)
+            variables[schema.name_without_clash((AT_TIME,), name)] = xr.Variable(dims, state_values, described)
             variables[error] = xr.Variable(dims, of_error, error_described)
             if self.layout.is_doubled:
                 left = {
                     "units": described["units"],
-                    "long_name": f"what a float does not hold of {name}: the number is {name} + {schema.rest(name)}",
+                    "long_name": f"what a float does not hold of {name}: the number is {name} + {schema.rest_name(name)}",
                     "role": LEFT_OVER,
                 }
-                variables[schema.rest(name)] = xr.Variable(dims, of_rest, left)
+                variables[schema.rest_name(name)] = xr.Variable(dims, of_rest, left)
         time_attributes = {
             "units": str(run.variables["time"].attrs["units"]),
             "long_name": "wanted time",
@@ -262,7 +264,7 @@ class Inside:
             (AT,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
         )
         attributes = {key: run.attrs[key] for key in _KEPT if key in run.attrs}
-        attributes |= interpolation(self.settings.scheme, self.model, self.rule) | {"error_estimate": ROUTE}
+        attributes |= interpolation_attributes(self.settings.scheme, self.model, self.rule) | {"error_estimate": ROUTE}
         return xr.Dataset(variables, attrs=attributes).set_coords(AT_TIME)
 
     @cached_property
@@ -287,8 +289,8 @@ class Inside:
         """Gather size, regime, contacts and initial state of every step; and its final state if the method needs it."""
         following = np.minimum(rows + 1, self.run.sizes[STEPS] - 1)
         names = [quantity.name for quantity in self.quantities]
-        wanted = step_columns(self.model, self.settings, rows, following, names)
-        return [self.run.variables[name].isel({STEPS: chosen}) for name, chosen in wanted]
+        columns_with_rows = step_columns(self.model, self.settings, rows, following, names)
+        return [self.run.variables[name].isel({STEPS: column_rows}) for name, column_rows in columns_with_rows]
 
     @cached_property
     def _links(self) -> RowLinks | None:
@@ -305,7 +307,7 @@ class Inside:
         columns: Floats,
         links: RowLinks | None,
         *,
-        judged: bool = True,
+        with_errors: bool = True,
         **more: Any,
     ) -> Floats:
         """Evaluate states and, if they are to be judged, their errors.
@@ -327,9 +329,9 @@ class Inside:
             columns,
             self._factors,
             reintegrated=reintegrated,
-            judged=judged,
+            with_distances=with_errors,
             past=self._past if self.model.delays else None,
-            links=None if links is None else links.at(where[3]),
+            links=None if links is None else links.links_at(where[3]),
             **more,
         )
 
@@ -342,9 +344,9 @@ class Inside:
         unit = unit_suffix(str(self.run.variables["time"].attrs["units"]))
         start = self.model.statement.initial["t"].si
         if every > 1 or time[0] != start:
-            what = RARE.format(every) if every > 1 else f"those from t = {float(time[0])!r}{unit} on"
+            recorded_words = RARE.format(every) if every > 1 else f"those from t = {float(time[0])!r}{unit} on"
             raise InputError(
-                f"delayed values are of every row from the start at t = {start!r}{unit} on, and this record has {what}; sample"
+                f"delayed values are of every row from the start at t = {start!r}{unit} on, and this record has {recorded_words}; sample"
                 " the whole record"
             )
         check_steps_meet(np.stack([time[1:], time[:-1], time[1:]]), columns[1, 1:], slack(self.run), unit, every)
@@ -357,13 +359,13 @@ class Inside:
 
         `shifts`, shape (k, ...) or (1, ...), are added to what the parts start from: to the rests where numbers have such.
         """
-        time, used, rests = np.asarray(self.run["time"]), self.layout.used, None
-        columns, links = stacked(self._columns(rows)), self._links
+        time, used, low_parts = np.asarray(self.run["time"]), self.layout.used, None
+        columns, links = stack_columns(self._columns(rows)), self._links
         n, first, doubled = len(used), 3 + self._touching, self.layout.is_doubled
         start, end = time[rows], time[rows + 1]
         if shifts is not None:
             of_step = [np.asarray(shifts[quantity.name]) for quantity in self.quantities]
-            columns[first + doubled * n :][:n] += np.concatenate([flattened(part).T for part in of_step])
+            columns[first + doubled * n :][:n] += np.concatenate([flattened_rows(part).T for part in of_step])
         inner = columns[first : first + n].copy()
         borders = [*(start + (end - start) * (k / parts) for k in range(parts)), end]
         for low, high in pairwise(borders):
@@ -371,21 +373,25 @@ class Inside:
                 columns[0] = high - low
             columns[first : first + n] = inner
             if doubled and high is end:  # as the march had it, which is not what the float is written as
-                rests = np.asarray(self.run.variables[schema.REST_TIME.name])[rows + 1]
+                low_parts = np.asarray(self.run.variables[schema.REST_TIME.name])[rows + 1]
             steps = columns if doubled else columns[: first + n]
-            found = self._evaluated(np.stack([high, low, high, rows]), steps, links, judged=False, rests=rests)
-            inner, columns[2] = found[:n], schema.STEP  # only the first part follows an event
+            state_numbers = self._evaluated(
+                np.stack([high, low, high, rows]), steps, links, with_errors=False, low_parts=low_parts
+            )
+            inner, columns[2] = state_numbers[:n], schema.STEP  # only the first part follows an event
             if doubled:
-                columns[first + n : first + 2 * n] = found[2 * n :]
+                columns[first + n : first + 2 * n] = state_numbers[2 * n :]
                 columns[first + 2 * n] = [rest_of_time(time) for time in high.tolist()]
-        names, place = [quantity.name for quantity in self.quantities], self.layout.used.place
-        defects = stacked([self.run.variables[name][rows + 1] for name in names]) - inner
+        names, first_row_of = [quantity.name for quantity in self.quantities], self.layout.used.offset_of
+        defects = stack_columns([self.run.variables[name][rows + 1] for name in names]) - inner
         if doubled:
             defects += (
-                stacked([self.run.variables[schema.rest(name)][rows + 1] for name in names])
+                stack_columns([self.run.variables[schema.rest_name(name)][rows + 1] for name in names])
                 - columns[first + n : first + 2 * n]
             )
-        return {quantity.name: values_along(defects, place(quantity.name), quantity) for quantity in self.quantities}
+        return {
+            quantity.name: values_along(defects, first_row_of(quantity.name), quantity) for quantity in self.quantities
+        }
 
     @property
     def _touching(self) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.elementary.arrays import flattened
+from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.march import Settings
 from xdynamics.methods.scheme import DOUBLE_DOUBLE
 from xdynamics.model import Model
@@ -47,10 +47,10 @@ def blockwise(
     )
 
 
-def stacked(columns: list[Any]) -> Floats:
+def stack_columns(columns: list[Any]) -> Floats:
     """Return the numbers of some variables along `step`, a row for each of their elements."""
     parts = [np.asarray(column.transpose(STEPS, ...)) for column in columns]
-    return np.concatenate([flattened(part).T for part in parts])
+    return np.concatenate([flattened_rows(part).T for part in parts])
 
 
 def step_columns(
@@ -65,12 +65,16 @@ def step_columns(
     `names` are those of the record's variables of the state, if they are not of elements.
     """
     used = tuple(settings.layout(model).used if names is None else names)
-    wanted = [("step_size", following)]
-    wanted += [(name, rows) for name in ("regime", "row_kind", *map(state_name, reactions(model)), *used)]
+    columns_with_rows = [("step_size", following)]
+    columns_with_rows += [(name, rows) for name in ("regime", "row_kind", *map(state_name, reactions(model)), *used)]
     if settings.precision == DOUBLE_DOUBLE:
-        return wanted + [(name, rows) for name in (*map(schema.rest, used), schema.REST_TIME.name)]
+        return columns_with_rows + [(name, rows) for name in (*map(schema.rest_name, used), schema.REST_TIME.name)]
     # iterations that continue from those of the step before do not reproduce its end to the bit
-    return wanted + [(name, following) for name in used] if settings.method.stepper.has_memory else wanted
+    return (
+        columns_with_rows + [(name, following) for name in used]
+        if settings.method.stepper.has_memory
+        else columns_with_rows
+    )
 
 
 def values_along(numbers: Any, first: int, quantity: Block) -> Any:

@@ -19,13 +19,13 @@ from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import product
 from xdynamics.kernels.compiling import PLAINLY
 from xdynamics.methods.runge_kutta import DOP853_FIFTH, DOP853_OF_THIRD, DOP853_TABLEAU
-from xdynamics.methods.tableau import differences
+from xdynamics.methods.tableau import weight_differences
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 
 TOLERANCE = 1e-8  # of one piece of a step, relative to the tangent vectors
 CHUNK = 1024  # rows per call: between calls the computation can be interrupted
@@ -35,7 +35,7 @@ MOST_VARIABLES, FEW = 64, 16
 
 
 @dataclass(frozen=True)
-class Local:
+class LocalGrowth:
     """The growth of a run's tangent vectors, block by block.
 
     Attributes
@@ -47,24 +47,26 @@ class Local:
     exponents : ndarray of int, shape (b, m)
     errors : ndarray, shape (b,)
         Of the factors, relative, as estimated.
-    whole : ndarray, shape (m, m)
+    total_growth : ndarray, shape (m, m)
         Growth since the start, over 2**(332*whole_exponent): product of the upper triangles R.
-    whole_exponent : int
+    total_exponent : int
     pieces, variables : int
         Number of pieces into which the steps were divided, and of variables of the state.
     """
 
     times: Floats
     factors: Floats
-    exponents: Whole
+    exponents: IntArray
     errors: Floats
-    whole: Floats
-    whole_exponent: int
+    total_growth: Floats
+    total_exponent: int
     pieces: int
     variables: int
 
 
-def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None, vectors: int | None) -> Local:
+def local_growth(
+    run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None, vectors: int | None
+) -> LocalGrowth:
     """Carry tangent vectors along a run, from its first row to its last.
 
     Parameters
@@ -87,10 +89,10 @@ def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
     m = count_of(allowed.shape[1], vectors)
     rows, times = path.rows, path.block_times
     law, references = path.law()
-    tangent = _tangent(allowed, m, float(rows.times[-1] - rows.times[0]))
+    tangent = _initial_tangent(allowed, m, float(rows.times[-1] - rows.times[0]))
     grown = Grown(np.ones((len(times) - 1, m)), np.zeros((len(times) - 1, m), np.int64), np.zeros(len(times) - 1))
     scheme = _scheme(PIECES + PIECES_PER_ROW * len(rows.times))
-    for chunk in _chunks(rows):
+    for chunk in _row_chunks(rows):
         outcome = _compiled_grow(law, scheme, chunk, tangent, grown)
         if outcome != DONE:
             where = f"at t = {float(chunk.times[0]):.6g} to {float(chunk.times[-1]):.6g}"
@@ -100,7 +102,7 @@ def local_growth(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
                 f"{where} the equations are too stiff: they would take more than {scheme.most_pieces} pieces of steps"
             )
     del references
-    return Local(
+    return LocalGrowth(
         times,
         grown.factors,
         grown.exponents,
@@ -117,7 +119,7 @@ def count_of(size: int, vectors: int | None) -> int:
     return min(size, vectors or (size if size <= MOST_VARIABLES else FEW))
 
 
-def _chunks(rows: Rows) -> Iterator[Rows]:
+def _row_chunks(rows: Rows) -> Iterator[Rows]:
     """Yield `CHUNK` rows at a time."""
     for k in range(0, len(rows.times) - 1, CHUNK):
         steps = slice(k, k + CHUNK)
@@ -133,7 +135,7 @@ def _chunks(rows: Rows) -> Iterator[Rows]:
         )
 
 
-def _tangent(allowed: Floats, m: int, pace: float) -> Tangent:
+def _initial_tangent(allowed: Floats, m: int, pace: float) -> Tangent:
     """Return m orthonormal vectors that mix all changes allowed, so that none is orthogonal to a growing direction."""
     n, changes = allowed.shape
     mixing = np.zeros((m, changes))
@@ -155,15 +157,15 @@ def _scheme(most_pieces: int) -> GrowthScheme:
     """Return the coefficients of dop853."""
     a = np.zeros((STAGES, STAGES))
     for i, row in enumerate(DOP853_TABLEAU.a[:STAGES]):
-        a[i, : len(row)] = _numbers(row)
-    third = differences(DOP853_TABLEAU.b, DOP853_OF_THIRD)
+        a[i, : len(row)] = _fraction_array(row)
+    third = weight_differences(DOP853_TABLEAU.b, DOP853_OF_THIRD)
     b, c, fifth, third_order = (
-        _numbers(weights[:STAGES]) for weights in (DOP853_TABLEAU.b, DOP853_TABLEAU.c, DOP853_FIFTH, third)
+        _fraction_array(weights[:STAGES]) for weights in (DOP853_TABLEAU.b, DOP853_TABLEAU.c, DOP853_FIFTH, third)
     )
     return GrowthScheme(a, b, c, fifth, third_order, TOLERANCE, most_pieces)
 
 
-def _numbers(texts: tuple[str, ...]) -> Floats:
+def _fraction_array(texts: tuple[str, ...]) -> Floats:
     return np.array([float(Fraction(text)) for text in texts])
 
 

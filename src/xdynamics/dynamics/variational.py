@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 
 from xdynamics import reaction_names
 from xdynamics.dynamics.constrained_changes import bound_changes, trees_of_constraints
-from xdynamics.dynamics.shortened_steps import sampled
-from xdynamics.elementary.arrays import applied, product, solved
+from xdynamics.dynamics.shortened_steps import sample_in_steps
+from xdynamics.elementary.arrays import apply_elementary, product, solve_systems
 from xdynamics.expressions import Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE, divide, multiply
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.derivatives import force_totals
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, slope, tables_of, variables
+from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, drive_slope, evaluate_over_states, variables
 from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:
@@ -68,20 +68,25 @@ def refuse_delays(model: Model) -> None:
         raise NotVariedError("its forces read delayed values")
 
 
-def varying(model: Model, inputs: Sequence[str]) -> dict[str, dict[str, Node]]:
+def input_differentials(model: Model, inputs: Sequence[str]) -> dict[str, dict[str, Node]]:
     """Return the names by which expressions are differentiated: time, variables, inputs, and drives by their slopes."""
-    own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in ("t", *variables(model), *inputs)}
-    return own | {name: _of_drive(model, name, own) for name in model.drives}
+    differentials: dict[str, dict[str, Node]] = {name: {name: ONE} for name in ("t", *variables(model), *inputs)}
+    return differentials | {name: _differentials_of_drive(model, name, differentials) for name in model.drives}
 
 
-def _of_drive(model: Model, name: str, own: Mapping[str, Mapping[str, Node]]) -> dict[str, Node]:
+def _differentials_of_drive(
+    model: Model, name: str, differentials: Mapping[str, Mapping[str, Node]]
+) -> dict[str, Node]:
     """Return the derivatives of a drive; the slope of one in time is by time, whatever its argument."""
-    argument, slope_of = model.expanded(model.drives[name].argument), Name(slope(name))
-    inner = derivatives(argument, own)
+    argument, slope_of = model.expanded(model.drives[name].argument), Name(drive_slope(name))
+    inner = derivatives(argument, differentials)
     if model.looked_up_at[name] == CLOCK:
         pace = inner.get("t", ONE)
-        return {by: multiply(slope_of, ONE if by == "t" else divide(rate, pace)) for by, rate in inner.items()}
-    return {by: multiply(slope_of, rate) for by, rate in inner.items()}
+        return {
+            variable_name: multiply(slope_of, ONE if variable_name == "t" else divide(rate, pace))
+            for variable_name, rate in inner.items()
+        }
+    return {variable_name: multiply(slope_of, rate) for variable_name, rate in inner.items()}
 
 
 @dataclass(frozen=True)
@@ -103,33 +108,33 @@ class Equations:
         """Number of variables."""
         return len(variables(self.model))
 
-    def about(self, state: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+    def matrices_about(self, state: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Return the matrices of z' = A z + B p at k states: shapes (k, n, n) and (k, n, m)."""
-        model, columns, trees = self.model, self._columns, _trees(self.model, self._parameters)
+        model, columns, trees = self.model, self._columns, _derivative_trees(self.model, self._parameters)
         k, n, keys, width = len(state["t"]), len(model.statement.coordinates), list(trees), self.size + len(self.inputs)
-        values = evaluated_many(model, [trees[key] for key in keys], state, constants(model), tables_of(model))
+        values = evaluate_over_states(model, [trees[key] for key in keys], state, constants(model), drive_pieces(model))
         numbers = {
             key: np.broadcast_to(np.asarray(entry, float), (k,)) for key, entry in zip(keys, values, strict=True)
         }
         mass, force = np.zeros((k, n, n)), np.zeros((k, n, width))
         rates = np.zeros((k, self.size - 2 * n, width))
         rows = {name: i for i, name in enumerate(model.statement.coordinates)}
-        for (kind, entry, by), value in numbers.items():
+        for (kind, entry, input_name), value in numbers.items():
             if kind == MASS:
                 mass[:, *entry] = value
             elif kind == FORCE:
-                force[:, rows[entry], columns[by]] += value
+                force[:, rows[entry], columns[input_name]] += value
             elif kind == INERTIA:
-                force[:, entry[0], columns[by]] -= value * numbers[ACCELERATION, list(rows)[entry[1]], ""]
+                force[:, entry[0], columns[input_name]] -= value * numbers[ACCELERATION, list(rows)[entry[1]], ""]
             elif kind == RATE:
-                rates[:, list(model.statement.states).index(entry), columns[by]] = value
+                rates[:, list(model.statement.states).index(entry), columns[input_name]] = value
         matrix = np.zeros((k, self.size, width))
         matrix[:, :n, n : 2 * n] = np.eye(n)
         if model.constraints:
             moving = np.stack([numbers[ACCELERATION, name, ""] for name in rows], axis=1)
             matrix[:, n : 2 * n] = bound_changes(model, mass, force, numbers, columns, moving)
         elif n:
-            matrix[:, n : 2 * n] = solved(mass, force)
+            matrix[:, n : 2 * n] = solve_systems(mass, force)
         matrix[:, 2 * n :] = rates
         return matrix[..., : self.size], matrix[..., self.size :]
 
@@ -148,27 +153,30 @@ FORCE, MASS, INERTIA, RATE, ACCELERATION = ("force", "mass", "inertia", "rate", 
 
 
 @lru_cache(maxsize=16)
-def _trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[str, Any, str], Node]:
+def _derivative_trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[str, Any, str], Node]:
     """Return all derivatives by kind, place, and the name that they are taken by."""
-    by, states = varying(model, parameters), {rate(name): name for name in model.statement.states}
+    differentials, states = (
+        input_differentials(model, parameters),
+        {rate(name): name for name in model.statement.states},
+    )
     trees: dict[tuple[str, Any, str], Node] = {}
-    place: Any
+    tree_key: Any
     for name, tree in force_totals(model).items():
-        kind, place = (RATE, states[name]) if name in states else (FORCE, name.removeprefix("force_"))
+        kind, tree_key = (RATE, states[name]) if name in states else (FORCE, name.removeprefix("force_"))
         trees |= {
-            (kind, place, variable): derivative
-            for variable, derivative in derivatives(tree, by).items()
+            (kind, tree_key, variable): derivative
+            for variable, derivative in derivatives(tree, differentials).items()
             if variable != "t"
         }
-    for place, entry in model.statement.mass_entries.items():
+    for tree_key, entry in model.statement.mass_entries.items():
         tree = model.expanded(entry)
-        trees[MASS, place, ""] = tree
+        trees[MASS, tree_key, ""] = tree
         trees |= {
-            (INERTIA, place, variable): derivative
-            for variable, derivative in derivatives(tree, by).items()
+            (INERTIA, tree_key, variable): derivative
+            for variable, derivative in derivatives(tree, differentials).items()
             if variable != "t"
         }
-    trees |= dict(trees_of_constraints(model, by))
+    trees |= dict(trees_of_constraints(model, differentials))
     if model.constraints or any(kind == INERTIA for kind, _, _ in trees):
         trees |= {(ACCELERATION, name, ""): Name(acceleration(name)) for name in model.statement.coordinates}
     return trees
@@ -182,14 +190,14 @@ class TickMaps:
     matrices: Floats
     added: Floats
 
-    def behind(self, rows: NDArray[np.int64], matrix: Floats, added: Floats) -> tuple[Floats, Floats]:
+    def followed_by_ticks(self, rows: NDArray[np.int64], matrix: Floats, added: Floats) -> tuple[Floats, Floats]:
         """Return maps of steps, each followed by the tick at the row that it ends with, if there is one."""
         places = np.minimum(np.searchsorted(self.rows, rows), self.rows.size - 1)
         ends = np.flatnonzero(self.rows[places] == rows)
-        tick, whole, total = places[ends], matrix.copy(), added.copy()
-        whole[ends] = product(self.matrices[tick], matrix[ends])
+        tick, step_matrices, total = places[ends], matrix.copy(), added.copy()
+        step_matrices[ends] = product(self.matrices[tick], matrix[ends])
         total[ends] = product(self.matrices[tick], added[ends]) + self.added[tick]
-        return whole, total
+        return step_matrices, total
 
 
 @dataclass(frozen=True)
@@ -215,10 +223,10 @@ class Variations:
         """Return a change at the start as it is behind the tick there, if there is one."""
         if self.ticks is None:
             return change
-        _, added = self.ticks.behind(np.zeros(1, np.int64), np.eye(self.equations.size)[None], change[None])
+        _, added = self.ticks.followed_by_ticks(np.zeros(1, np.int64), np.eye(self.equations.size)[None], change[None])
         return np.asarray(added[0])
 
-    def over(self, change: Floats, first: int, last: int, end: float | None = None) -> Floats:
+    def carried_change(self, change: Floats, first: int, last: int, end: float | None = None) -> Floats:
         """Carry a change from one row to another, and on to a time in the step after it.
 
         Parameters
@@ -233,11 +241,11 @@ class Variations:
         for k in range(0, len(moving), BLOCK):
             block = moving[k : k + BLOCK]
             reached = np.where(rows[block] < last, rows[block] + 1, -1)  # a part of a step ends at no row
-            matrix, added = self._steps(rows[block], starts[block], sizes[block], reached)
+            matrix, added = self._maps_of_steps(rows[block], starts[block], sizes[block], reached)
             change = product(matrix, change) + added
         return change
 
-    def _steps(
+    def _maps_of_steps(
         self, rows: NDArray[np.int64], starts: Floats, sizes: Floats, reached: NDArray[np.int64]
     ) -> tuple[Floats, Floats]:
         """Return the effect of consecutive steps: the matrix by which a change is multiplied, and what is added."""
@@ -246,20 +254,26 @@ class Variations:
         states = self.states(times, np.repeat(rows, len(nodes)))
         shape = len(starts), len(nodes)
         by_state, by_input = (
-            matrices.reshape(*shape, *matrices.shape[1:]) for matrices in self.equations.about(states)
+            matrices.reshape(*shape, *matrices.shape[1:]) for matrices in self.equations.matrices_about(states)
         )
         s, n, h = len(nodes), self.equations.size, sizes[:, None, None]
         inner = (weights[:, None, :, None] * by_state[:, :, :, None, :]).reshape(len(starts), s * n, s * n)
         right = np.concatenate([by_state, by_input], axis=-1).reshape(len(starts), s * n, -1)
-        rates = solved(np.eye(s * n) - h * inner, right).reshape(*shape, n, -1)
+        rates = solve_systems(np.eye(s * n) - h * inner, right).reshape(*shape, n, -1)
         increments = h * np.sum(ends[:, None, None] * rates, axis=1)
-        whole, added = np.eye(n) + increments[..., :n], increments[..., n:]
-        return joined(*((whole, added) if self.ticks is None else self.ticks.behind(reached, whole, added)))
+        step_matrices, added = np.eye(n) + increments[..., :n], increments[..., n:]
+        return compose_maps(
+            *(
+                (step_matrices, added)
+                if self.ticks is None
+                else self.ticks.followed_by_ticks(reached, step_matrices, added)
+            )
+        )
 
     def states(self, times: Floats, rows: NDArray[np.int64]) -> dict[str, Floats]:
         """Return the run's states inside its steps, in SI units, with their regime."""
         model = self.equations.model
-        samples = sampled(self.run, times, after=True, rule=REINTEGRATE, functions=model.functions)
+        samples = sample_in_steps(self.run, times, after_event=True, rule=REINTEGRATE, functions=model.functions)
         states = {name: samples[name].values * float(unit.factor) for name, unit in model.units.items()}
         regime = self.run["regime"].values[rows] if "regime" in self.run else np.zeros(rows.size)
         return states | {"t": times, REGIME_NUMBER: regime.astype(float)}
@@ -286,14 +300,14 @@ class Variations:
         return rates
 
 
-def joined(whole: Floats, added: Floats) -> tuple[Floats, Floats]:
+def compose_maps(matrices: Floats, added: Floats) -> tuple[Floats, Floats]:
     """Compose k maps z -> whole z + added in sequence, pairwise."""
-    while len(whole) > 1:
-        if len(whole) % 2:
-            whole = np.concatenate([whole, np.eye(whole.shape[-1])[None]])
+    while len(matrices) > 1:
+        if len(matrices) % 2:
+            matrices = np.concatenate([matrices, np.eye(matrices.shape[-1])[None]])
             added = np.concatenate([added, np.zeros_like(added[:1])])
-        whole, added = product(whole[1::2], whole[::2]), product(whole[1::2], added[::2]) + added[1::2]
-    return whole[0], added[0]
+        matrices, added = product(matrices[1::2], matrices[::2]), product(matrices[1::2], added[::2]) + added[1::2]
+    return matrices[0], added[0]
 
 
 @lru_cache
@@ -305,7 +319,7 @@ def gauss(stages: int) -> tuple[Floats, Floats, Floats]:
     from numpy.polynomial import legendre
 
     steepness = legendre.legder([0.0] * stages + [1.0])
-    roots = applied("cos", np.pi * (np.arange(stages, 0, -1) - 0.25) / (stages + 0.5))
+    roots = apply_elementary("cos", np.pi * (np.arange(stages, 0, -1) - 0.25) / (stages + 0.5))
     for _ in range(NEWTON):
         roots = roots - legendre.legvander(roots, stages)[:, -1] / legendre.legval(roots, steepness)
     weights = 2.0 / ((1.0 - roots**2) * legendre.legval(roots, steepness) ** 2)
@@ -314,10 +328,10 @@ def gauss(stages: int) -> tuple[Floats, Floats, Floats]:
     integrals = np.empty((stages, stages))  # of Legendre's polynomials from 0 to each node
     integrals[:, 0] = (roots + 1.0) / 2.0
     integrals[:, 1:] = (at_roots[:, 2:] - at_roots[:, :-2]) / (2.0 * (2.0 * degrees + 1.0))
-    return (roots + 1.0) / 2.0, solved(at_roots[:, :-1].T, integrals.T).T, weights / 2.0
+    return (roots + 1.0) / 2.0, solve_systems(at_roots[:, :-1].T, integrals.T).T, weights / 2.0
 
 
-def touches(run: xr.Dataset) -> dict[str, int]:
+def first_contact_rows(run: xr.Dataset) -> dict[str, int]:
     """Return the first row at which each contact or friction element holds or slips, without those that never do."""
     first_rows: dict[str, int] = {}
     for name in map(str, run.data_vars):

@@ -40,11 +40,13 @@ def wanted_times(times: Any, unit: Unit = SECONDS) -> Floats:
     try:
         if np.asarray(times).dtype == bool:
             raise TypeError(times)  # noqa: TRY301 - answered right below
-        wanted = np.atleast_1d(np.asarray(times, dtype=float))
+        requested_times = np.atleast_1d(np.asarray(times, dtype=float))
     except (TypeError, ValueError):
         raise InputError(f"times are {str(times)[:60]}, need numbers in '{unit.text}'") from None
-    if wanted.ndim != 1 or not wanted.size:
-        raise InputError(f"times have the shape {wanted.shape}, need one row with at least one time")
-    if np.isnan(wanted).any():
-        raise InputError(f"times[{int(np.flatnonzero(np.isnan(wanted))[0])}] is nan, needs a time in '{unit.text}'")
-    return wanted
+    if requested_times.ndim != 1 or not requested_times.size:
+        raise InputError(f"times have the shape {requested_times.shape}, need one row with at least one time")
+    if np.isnan(requested_times).any():
+        raise InputError(
+            f"times[{int(np.flatnonzero(np.isnan(requested_times))[0])}] is nan, needs a time in '{unit.text}'"
+        )
+    return requested_times

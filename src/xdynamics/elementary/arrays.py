@@ -24,23 +24,23 @@ DEPENDENT = 1e-14  # of a column: a smaller remainder beside the preceding colum
 
 def log(x: Any) -> Floats:
     """Return natural logarithms: -inf at 0, nan below."""
-    return applied("log", x)
+    return apply_elementary("log", x)
 
 
 def exp(x: Any) -> Floats:
     """Return powers of e."""
-    return applied("exp", x)
+    return apply_elementary("exp", x)
 
 
 def expm1(x: Any) -> Floats:
     """Return exp(x) - 1, accurate near 0 too: 2 sinh(x/2) exp(x/2)."""
     half = np.asarray(x, float) / 2.0
-    return 2.0 * applied("sinh", half) * applied("exp", half)
+    return 2.0 * apply_elementary("sinh", half) * apply_elementary("exp", half)
 
 
 def power(x: Any, y: Any) -> Floats:
     """Return x**y for non-negative x."""
-    return applied("power", x, y)
+    return apply_elementary("power", x, y)
 
 
 def product(left: Floats, right: Floats) -> Floats:
@@ -70,7 +70,7 @@ def dot(left: Floats, right: Floats) -> Floats:
     return total
 
 
-def solved(matrices: Floats, right: Floats) -> Floats:
+def solve_systems(matrices: Floats, right: Floats) -> Floats:
     """Solve stacked linear systems by elimination with partial pivoting.
 
     Golub and Van Loan, Matrix Computations, 4th ed., section 3.4. Singular ones give inf or nan.
@@ -82,7 +82,7 @@ def solved(matrices: Floats, right: Floats) -> Floats:
 
     Examples
     --------
-    >>> solved(np.array([[0.0, 2.0], [1.0, 1.0]]), np.array([[4.0], [5.0]])).tolist()
+    >>> solve_systems(np.array([[0.0, 2.0], [1.0, 1.0]]), np.array([[4.0], [5.0]])).tolist()
     [[3.0], [2.0]]
     """
     n, shape = matrices.shape[-1], np.broadcast_shapes(matrices.shape[:-2], right.shape[:-2])
@@ -134,29 +134,29 @@ def least_squares(columns: Floats, values: Floats) -> Floats:
             unit = left[..., k] / size[..., None]
             row = np.sum(unit[..., None] * left[..., k:], axis=-2)
             upper[..., k, k:] = np.where(independent, row, 0.0)
-            rest = left[..., k:] - unit[..., None] * row[..., None, :]
-            left[..., k:] = np.where(independent[..., None], rest, left[..., k:])
+            remainder = left[..., k:] - unit[..., None] * row[..., None, :]
+            left[..., k:] = np.where(independent[..., None], remainder, left[..., k:])
         for k in reversed(range(m)):
-            known = np.sum(upper[..., k, k + 1 : m] * coefficients[..., k + 1 :], axis=-1)
-            quotient = (upper[..., k, m] - known) / upper[..., k, k]
+            solved_part = np.sum(upper[..., k, k + 1 : m] * coefficients[..., k + 1 :], axis=-1)
+            quotient = (upper[..., k, m] - solved_part) / upper[..., k, k]
             coefficients[..., k] = np.where(upper[..., k, k] != 0.0, quotient, 0.0)
     return coefficients
 
 
-def flattened(values: NDArray[Any]) -> NDArray[Any]:
+def flattened_rows(values: NDArray[Any]) -> NDArray[Any]:
     """Return an array with all dimensions but the first as one, also one without rows, of which numpy infers no size.
 
     Examples
     --------
-    >>> flattened(np.zeros((0, 3, 2))).shape, flattened(np.zeros(4)).shape
+    >>> flattened_rows(np.zeros((0, 3, 2))).shape, flattened_rows(np.zeros(4)).shape
     ((0, 6), (4, 1))
     """
     return values.reshape(len(values), prod(values.shape[1:]))
 
 
-def applied(name: str, *given: Any, math_functions: str = NAME) -> Floats:
+def apply_elementary(name: str, *operands: Any, math_functions: str = NAME) -> Floats:
     """Apply an elementary function of a set to numbers or arrays that broadcast together."""
-    arrays = np.broadcast_arrays(*(np.asarray(argument, float) for argument in given))
+    arrays = np.broadcast_arrays(*(np.asarray(argument, float) for argument in operands))
     function, shape = SETS[math_functions][name], arrays[0].shape
     if arrays[0].size <= FEW:
         columns = (array.ravel().tolist() for array in arrays)

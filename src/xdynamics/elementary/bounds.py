@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
-from xdynamics.elementary.numbers import Number, Whole, absolute, choose
+from xdynamics.elementary.numbers import Integer, Number, absolute, choose
 from xdynamics.elementary.rounding_margins import EPS, MOST, SMOOTH, UNBOUNDED
 
 
@@ -14,7 +14,7 @@ class Interval(NamedTuple):
 
     low: Number
     high: Number
-    flaw: Whole = SMOOTH
+    flaw: Integer = SMOOTH
 
 
 def below(x: Number, margin: Number) -> Number:
@@ -27,30 +27,30 @@ def above(x: Number, margin: Number) -> Number:
     return choose(x == -inf, -MOST, x + (absolute(x) + margin) * EPS)
 
 
-def least(x: Number, *others: Number) -> Number:
+def minimum(x: Number, *further_numbers: Number) -> Number:
     """Return the least of some numbers, two at a time; where one is nan, as Python's `min` does."""
-    if not others:
+    if not further_numbers:
         return x
-    if len(others) > 1:
-        return least(least(x, others[0]), least(*others[1:]))
-    return choose(others[0] < x, others[0], x)
+    if len(further_numbers) > 1:
+        return minimum(minimum(x, further_numbers[0]), minimum(*further_numbers[1:]))
+    return choose(further_numbers[0] < x, further_numbers[0], x)
 
 
-def greatest(x: Number, *others: Number) -> Number:
+def maximum(x: Number, *further_numbers: Number) -> Number:
     """Return the greatest of some numbers, two at a time; where one is nan, as Python's `max` does."""
-    if not others:
+    if not further_numbers:
         return x
-    if len(others) > 1:
-        return greatest(greatest(x, others[0]), greatest(*others[1:]))
-    return choose(others[0] > x, others[0], x)
+    if len(further_numbers) > 1:
+        return maximum(maximum(x, further_numbers[0]), maximum(*further_numbers[1:]))
+    return choose(further_numbers[0] > x, further_numbers[0], x)
 
 
-def settled(low: Number, high: Number, flaw: Whole) -> Interval:
+def sound_interval(low: Number, high: Number, flaw: Integer) -> Interval:
     """Return an interval; what is none may be anything."""
     sound = low <= high
     return Interval(choose(sound, low, -inf), choose(sound, high, inf), choose(sound, flaw, UNBOUNDED))
 
 
-def outward(low: Number, high: Number, margin: Number, flaw: Whole = SMOOTH) -> Interval:
+def rounded_outward(low: Number, high: Number, margin: Number, flaw: Integer = SMOOTH) -> Interval:
     """Return the interval between two bounds, rounded outward."""
-    return settled(below(low, margin), above(high, margin), flaw)
+    return sound_interval(below(low, margin), above(high, margin), flaw)

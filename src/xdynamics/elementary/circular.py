@@ -9,21 +9,21 @@ from xdynamics.elementary.numbers import (
     FRACTION,
     INF,
     NAN,
+    Integer,
     Number,
     Truth,
-    Whole,
     absolute,
     bits,
     choose,
-    divided,
-    entry,
+    divide_with_tails,
     exact_product,
     exact_sum,
     ordered_sum,
     polynomial,
-    rounded,
+    round_to_integer,
     signed,
     sqrt,
+    table_entry,
     usually,
     whole_number,
 )
@@ -47,35 +47,35 @@ MASK = (1 << LIMB) - 1
 PADDING = 3  # leading ones that are zero
 
 
-def reduced(x: Number) -> Any:
+def reduce_angle(x: Number) -> Any:
     """Return x - n pi/2 in [-pi/4, pi/4] as a number and its tail, and n, of which only the last two bits count."""
-    return usually(absolute(x) < 0.785, lambda: (x, x * 0.0, bits(x) & 0), lambda: reduced_near(x))
+    return usually(absolute(x) < 0.785, lambda: (x, x * 0.0, bits(x) & 0), lambda: reduce_near(x))
 
 
-def reduced_near(x: Number) -> Any:
+def reduce_near(x: Number) -> Any:
     """Reduce an angle of some turns."""
-    rest, tail, n, turns = less_turns(x)
+    remainder, tail, n, turns = less_turns(x)
     # the tail is far below the last digit for small angles, and right for those that are no multiple but for 31 bits
-    near = (turns < 8192.0) & (absolute(rest) >= turns * 2.0**-31)
-    return usually(near, lambda: (rest, tail, n), lambda: reduced_far(x))
+    near = (turns < 8192.0) & (absolute(remainder) >= turns * 2.0**-31)
+    return usually(near, lambda: (remainder, tail, n), lambda: reduce_far(x))
 
 
-def reduced_far(x: Number) -> Any:
+def reduce_far(x: Number) -> Any:
     """Reduce an angle that is large, or close to a multiple of pi/2."""
-    rest, tail, n, turns = less_turns(x)
-    high = rest + tail
-    far = (turns < 500000.0) & (absolute(rest) >= turns * 2.0**-31)
-    return usually(far, lambda: (high, (rest - high) + tail, n), lambda: reduced_exactly(x))
+    remainder, tail, n, turns = less_turns(x)
+    high = remainder + tail
+    far = (turns < 500000.0) & (absolute(remainder) >= turns * 2.0**-31)
+    return usually(far, lambda: (high, (remainder - high) + tail, n), lambda: reduce_exactly(x))
 
 
-def less_turns(x: Number) -> tuple[Number, Number, Whole, Number]:
+def less_turns(x: Number) -> tuple[Number, Number, Integer, Number]:
     """Return the remainder of an angle by pi/2 in three parts, its tail, n, and |n|."""
-    turns, n = rounded(x * TWO_OVER_PI)
-    rest, lost = ordered_sum(x - turns * PART1, -(turns * PART2))
-    return rest, lost - turns * PART3, n, absolute(turns)
+    turns, n = round_to_integer(x * TWO_OVER_PI)
+    remainder, lost = ordered_sum(x - turns * PART1, -(turns * PART2))
+    return remainder, lost - turns * PART3, n, absolute(turns)
 
 
-def reduced_exactly(x: Number) -> tuple[Number, Number, Whole]:
+def reduce_exactly(x: Number) -> tuple[Number, Number, Integer]:
     """Reduce any angle by the bits of 2/pi that matter to it (Payne, Hanek 1983, doi:10.1145/1057600.1057602)."""
     word = bits(absolute(x))
     exponent = (word >> 52) - 1075
@@ -86,8 +86,8 @@ def reduced_exactly(x: Number) -> tuple[Number, Number, Whole]:
     low, high = (mantissa & MASK) << shift, (mantissa >> LIMB) << shift
     parts = (low & MASK, (low >> LIMB) + (high & MASK), high >> LIMB)
     parts = (parts[0], parts[1] & MASK, parts[2] + (parts[1] >> LIMB))
-    window = [entry("two_over_pi", first + (PADDING - 1 + j)) for j in range(10)]
-    carry: Whole = 0
+    window = [table_entry("two_over_pi", first + (PADDING - 1 + j)) for j in range(10)]
+    carry: Integer = 0
     limbs = []
     for q in range(10):
         total = carry
@@ -110,7 +110,7 @@ def reduced_exactly(x: Number) -> tuple[Number, Number, Whole]:
     return choose(negative, -high, high), choose(negative, -low, low), choose(negative, 4 - (turns & 3), turns & 3)
 
 
-def whole_quotient(exponent: Whole) -> Whole:
+def whole_quotient(exponent: Integer) -> Integer:
     """Return exponent/28 rounded down, for |exponent| < 2**13."""
     return (exponent * 37450) >> 20
 
@@ -129,7 +129,7 @@ def cosine_of(x: Number, tail: Number, p: Number) -> Number:
     return near + (((1.0 - near) - half) + ((u * u) * p - x * tail))
 
 
-def turned(x: Number, n: Whole) -> Number:
+def signed_by_quadrant(x: Number, n: Integer) -> Number:
     """Return -x where the second bit of n is set, else x."""
     return x * choose((n & 2) == 0, 1.0, -1.0)
 
@@ -142,60 +142,60 @@ def circular(x: Number, tail: Number, sine: Truth) -> Number:
 
 def sin(x: Number) -> Number:
     """Sine of an angle in radians."""
-    high, low, n = reduced(x)
-    return turned(circular(high, low, (n & 1) == 0), n)
+    high, low, n = reduce_angle(x)
+    return signed_by_quadrant(circular(high, low, (n & 1) == 0), n)
 
 
 def cos(x: Number) -> Number:
     """Cosine of an angle in radians."""
-    high, low, n = reduced(x)
-    return turned(circular(high, low, (n & 1) == 1), n + 1)
+    high, low, n = reduce_angle(x)
+    return signed_by_quadrant(circular(high, low, (n & 1) == 1), n + 1)
 
 
 def sin_cos(x: Number) -> tuple[Number, Number]:
     """Sine and cosine of one angle, with the same bits as `sin` and `cos`."""
-    high, low, n = reduced(x)
+    high, low, n = reduce_angle(x)
     u = high * high
     sine, cosine = sine_of(high, low, polynomial(u, SINE)), cosine_of(high, low, polynomial(u, COSINE))
     even = (n & 1) == 0
-    return turned(choose(even, sine, cosine), n), turned(choose(even, cosine, sine), n + 1)
+    return signed_by_quadrant(choose(even, sine, cosine), n), signed_by_quadrant(choose(even, cosine, sine), n + 1)
 
 
 def tan(x: Number) -> Number:
     """Tangent of an angle in radians."""
-    high, low, n = reduced(x)
+    high, low, n = reduce_angle(x)
     u, lost = exact_product(high, high)
     lost = lost + 2.0 * (high * low)
     # sin(x) = x - x**3/8 (1 + 1/3 - …): an eighth is exact, and the rounding error of x**3/8 is kept
     eighth = 0.125 * high
     cube, cube_lost = exact_product(u, eighth)
-    rest = cube_lost + (lost * eighth + cube * polynomial(u, SINE_OF_EIGHTH))
+    correction = cube_lost + (lost * eighth + cube * polynomial(u, SINE_OF_EIGHTH))
     above, above_tail = ordered_sum(high, -cube)
-    above, above_tail = ordered_sum(above, above_tail + (low - rest))
+    above, above_tail = ordered_sum(above, above_tail + (low - correction))
     near, near_tail = ordered_sum(1.0, -0.5 * u)
     below, below_tail = ordered_sum(near, near_tail - 0.5 * lost + u * (u * polynomial(u, COSINE)))
     even = (n & 1) == 0
     numerator, numerator_tail = choose(even, above, -below), choose(even, above_tail, -below_tail)
     denominator, denominator_tail = choose(even, below, above), choose(even, below_tail, above_tail)
-    quotient, rest = divided(numerator, numerator_tail, denominator, denominator_tail)
-    return choose(high == 0.0, choose(even, high, quotient), quotient + rest)
+    quotient, correction = divide_with_tails(numerator, numerator_tail, denominator, denominator_tail)
+    return choose(high == 0.0, choose(even, high, quotient), quotient + correction)
 
 
-def arc(above: Number, below: Number) -> tuple[Number, Number]:
+def arc_of_ratio(above: Number, below: Number) -> tuple[Number, Number]:
     """Return the arc whose tangent is above/below in [0, 1] as a number and its tail."""
     scale = choose(below < 2.0**-400, 2.0**600, 1.0)  # so that the rounding error of a product does not underflow
     y, x = above * scale, below * scale
     ratio = y / x
     product, lost = exact_product(ratio, x)
     # for a small ratio the rest is rounding error only, which may underflow
-    rest = choose(ratio < 2.0**-60, 0.0, (y - product) - lost) / x
-    sixteenths, nearest = rounded(choose(ratio > 0.15625, ratio * 16.0, 0.0))
+    remainder = choose(ratio < 2.0**-60, 0.0, (y - product) - lost) / x
+    sixteenths, nearest = round_to_integer(choose(ratio > 0.15625, ratio * 16.0, 0.0))
     center = sixteenths * 0.0625
     t = (ratio - center) / (1.0 + center * ratio)
     u = t * t
-    small = rest / (1.0 + ratio * ratio) + (t * u) * polynomial(u, ARCTANGENT)
-    high, low = ordered_sum(entry("arc", nearest), t)
-    return high, low + (small + entry("arc_tail", nearest))
+    small = remainder / (1.0 + ratio * ratio) + (t * u) * polynomial(u, ARCTANGENT)
+    high, low = ordered_sum(table_entry("arc", nearest), t)
+    return high, low + (small + table_entry("arc_tail", nearest))
 
 
 def angle_by(arc: Callable[[Number, Number], tuple[Number, Number]], y: Number, x: Number) -> Number:
@@ -218,14 +218,14 @@ def angle_by(arc: Callable[[Number, Number], tuple[Number, Number]], y: Number, 
 
 def atan2(y: Number, x: Number) -> Number:
     """Angle of the point (x, y), in radians from -pi to pi."""
-    return angle_by(arc, y, x)
+    return angle_by(arc_of_ratio, y, x)
 
 
 def atan(x: Number) -> Number:
     """Angle with this tangent, in radians from -pi/2 to pi/2."""
     size = absolute(x)
     steep = size > 1.0
-    high, low = arc(choose(steep, 1.0, size), choose(steep, choose(size < 2.0**60, size, 2.0**60), 1.0))
+    high, low = arc_of_ratio(choose(steep, 1.0, size), choose(steep, choose(size < 2.0**60, size, 2.0**60), 1.0))
     total, lost = ordered_sum(HALF_PI, -high)
     angle = choose(steep, total + (lost + (HALF_PI_TAIL - low)), high + low)
     return choose(x == x, signed(angle, x), NAN)
@@ -245,9 +245,9 @@ def asin(x: Number) -> Number:
     """Angle with this sine, in radians from -pi/2 to pi/2; nan beyond 1."""
     size = absolute(x)
     arm, tail, more = from_one(size)
-    rest = tail + arm * more
+    correction = tail + arm * more
     total, lost = ordered_sum(HALF_PI, -2.0 * arm)
-    angle = choose(size < 0.5, arm + rest, total + (lost + (HALF_PI_TAIL - 2.0 * rest)))
+    angle = choose(size < 0.5, arm + correction, total + (lost + (HALF_PI_TAIL - 2.0 * correction)))
     return signed(angle, x)
 
 
@@ -255,13 +255,13 @@ def acos(x: Number) -> Number:
     """Angle with this cosine, in radians from 0 to pi; nan beyond 1."""
     size = absolute(x)
     arm, tail, more = from_one(size)
-    rest = tail + arm * more
+    correction = tail + arm * more
     behind = x < 0.0
     inner = size < 0.5
     base, base_tail = choose(inner, HALF_PI, PI), choose(inner, HALF_PI_TAIL, PI_TAIL)
-    arm, rest = (
+    arm, correction = (
         choose(inner, choose(behind, -arm, arm), 2.0 * arm),
-        choose(inner, choose(behind, -rest, rest), 2.0 * rest),
+        choose(inner, choose(behind, -correction, correction), 2.0 * correction),
     )
     total, lost = ordered_sum(base, -arm)
-    return choose(inner | behind, total + (lost + (base_tail - rest)), arm + rest)
+    return choose(inner | behind, total + (lost + (base_tail - correction)), arm + correction)

@@ -12,7 +12,7 @@ from functools import partial, reduce
 from math import comb
 from typing import NamedTuple
 
-from xdynamics.elementary.bounds import Interval, greatest, least, outward, settled
+from xdynamics.elementary.bounds import Interval, maximum, minimum, rounded_outward, sound_interval
 from xdynamics.elementary.motion_bounds import HERMITE
 from xdynamics.elementary.numbers import Number, absolute, choose, quotient
 from xdynamics.elementary.rounding_margins import EPS, ROUNDED, SMOOTH
@@ -21,7 +21,7 @@ QUINTIC = 5  # degree of Hermite's polynomial of a coordinate
 STEEPEST = 4.0  # over the mean: the slope of the distance between shortened steps and the polynomial of the whole one
 
 
-class Moved(NamedTuple):
+class PolynomialBounds(NamedTuple):
     """Bounds of a polynomial on a piece, moved to pass both states: of its values, which may be `off`, and its slopes."""
 
     low: Number
@@ -49,21 +49,21 @@ def bernstein(coefficients: Sequence[Number], first: Number, share: Number) -> l
     >>> bernstein([0.0, 0.0, 1.0], 0.5, 0.5)
     [0.25, 0.5, 1.0]
     """
-    moved, power = list(coefficients), share
-    degree = len(moved) - 1
+    shifted, power = list(coefficients), share
+    degree = len(shifted) - 1
     for i in range(degree):  # to powers of s - first
         for k in range(degree - 1, i - 1, -1):
-            moved[k] = moved[k] + first * moved[k + 1]
+            shifted[k] = shifted[k] + first * shifted[k + 1]
     for k in range(1, degree + 1):
-        moved[k] = moved[k] * power * (1.0 / comb(degree, k))
+        shifted[k] = shifted[k] * power * (1.0 / comb(degree, k))
         power = power * share
     for i in range(1, degree + 1):
         for k in range(degree, i - 1, -1):
-            moved[k] = moved[k] + moved[k - 1]
-    return moved
+            shifted[k] = shifted[k] + shifted[k - 1]
+    return shifted
 
 
-def moved_along(coefficients: Sequence[Number], ends: Sequence[Number], piece: Piece) -> Moved:
+def bound_on_piece(coefficients: Sequence[Number], ends: Sequence[Number], piece: Piece) -> PolynomialBounds:
     """Bound a polynomial on a piece, moved to pass a value at either end.
 
     It is widened by its distance from polynomials of lower degree, that of Chebyshev's of its highest term: a step in
@@ -75,28 +75,34 @@ def moved_along(coefficients: Sequence[Number], ends: Sequence[Number], piece: P
     for _ in range(degree - 1):
         slope_top = slope_top * share
     top = slope_top * share * (0.25 / degree)
-    ways = bernstein([0.0, *coefficients[1:]], piece.first, share)
+    displacements = bernstein([0.0, *coefficients[1:]], piece.first, share)
     slopes = bernstein([k * coefficients[k] for k in range(1, degree + 1)], piece.first, share)
     sizes = [absolute(coefficient) for coefficient in coefficients[1:]]
     reached, power = list[Number](), piece.last  # as far as the piece alone: of a small one near the start, less by far
     for size in sizes:
         reached.append(size * power)
         power = power * piece.last
-    way, slope_way = (reduce(greatest, each) * (4.0 * degree * degree * EPS) for each in (reached, sizes))
-    rounding = way + ROUNDED * greatest(absolute(start), absolute(end))
-    lack = (end - start) - (ways[-1] - ways[0])
-    values = [start + ((b - ways[0]) + lack * (k / degree)) for k, b in enumerate(ways)]
+    value_rounding, slope_rounding = (
+        reduce(maximum, magnitudes) * (4.0 * degree * degree * EPS) for magnitudes in (reached, sizes)
+    )
+    rounding = value_rounding + ROUNDED * maximum(absolute(start), absolute(end))
+    lack = (end - start) - (displacements[-1] - displacements[0])
+    values = [start + ((b - displacements[0]) + lack * (k / degree)) for k, b in enumerate(displacements)]
     bent = quotient(share, piece.last) * absolute(lack)  # such a power, over its chord on the piece
     off = top + bent / 2.0 + rounding
     lack = choose(absolute(lack) <= 4.0 * rounding, 0.0, lack)  # rounding says nothing of a slope
     lean = choose(piece.w > 0.0, quotient(lack, piece.w), 0.0)
-    tilt = STEEPEST * quotient(share, piece.last) * absolute(lean) + quotient(slope_top + degree * slope_way, piece.h)
-    low, high = quotient(reduce(least, slopes), piece.h), quotient(reduce(greatest, slopes), piece.h)
-    return Moved(reduce(least, values), reduce(greatest, values), off, low + lean - tilt, high + lean + tilt)
+    tilt = STEEPEST * quotient(share, piece.last) * absolute(lean) + quotient(
+        slope_top + degree * slope_rounding, piece.h
+    )
+    low, high = quotient(reduce(minimum, slopes), piece.h), quotient(reduce(maximum, slopes), piece.h)
+    return PolynomialBounds(
+        reduce(minimum, values), reduce(maximum, values), off, low + lean - tilt, high + lean + tilt
+    )
 
 
-def _on_curves(
-    name: str, rule: Callable[..., Interval], places: int, polynomials: int, margin: Number, *given: Number
+def _enclose_on_curves(
+    name: str, rule: Callable[..., Interval], places: int, polynomials: int, margin: Number, *operands: Number
 ) -> Interval:
     """Enclose a variable by a rule and, where that is of higher degree, by Hermite's polynomial too.
 
@@ -110,61 +116,67 @@ def _on_curves(
     places, polynomials : int
         Number of places of the state that it is enclosed by, and of the first of them that have polynomials.
     margin : number
-    *given : number
+    *operands : number
         The coefficients of each polynomial; of each place the numbers in the states at the piece's start and end; then
         the numbers of the piece.
     """
-    *numbers, w, error, part, h, first, last = given
+    *numbers, w, error, part, h, first, last = operands
     terms = (len(numbers) - 2 * places) // polynomials
     states = numbers[polynomials * terms :]
     ends = [states[2 * k : 2 * k + 2] for k in range(places)]
     piece = Piece(w, error, h, first, last)
-    curves = [moved_along(numbers[k * terms : (k + 1) * terms], ends[k], piece) for k in range(polynomials)]
+    curves = [bound_on_piece(numbers[k * terms : (k + 1) * terms], ends[k], piece) for k in range(polynomials)]
     curve = rule(margin, piece, curves, ends)
     if terms > QUINTIC:
         return curve
     smooth = HERMITE[name](margin, *(end[k] for k in range(2) for end in ends), w, error, part)
-    return settled(greatest(curve.low, smooth.low), least(curve.high, smooth.high), SMOOTH)
+    return sound_interval(maximum(curve.low, smooth.low), minimum(curve.high, smooth.high), SMOOTH)
 
 
-def _value(margin: Number, piece: Piece, curves: Sequence[Moved], ends: Sequence[Sequence[Number]]) -> Interval:
+def _enclose_value(
+    margin: Number, piece: Piece, curves: Sequence[PolynomialBounds], ends: Sequence[Sequence[Number]]
+) -> Interval:
     """Enclose what the last polynomial is of; it is also the slope of one before. At one state it is the number there."""
-    *before, curve = curves
-    own = ends[len(before)]
+    *earlier_curves, curve = curves
+    end_values = ends[len(earlier_curves)]
     low, high, off = curve.low, curve.high, curve.off
-    for other in before:
-        low, high = least(low, other.falling), greatest(high, other.rising)
-    stands, still = piece.w <= 0.0, ROUNDED * greatest(absolute(own[0]), absolute(own[1]))
-    low, high = choose(stands, least(*own), low), choose(stands, greatest(*own), high)
+    for earlier_curve in earlier_curves:
+        low, high = minimum(low, earlier_curve.falling), maximum(high, earlier_curve.rising)
+    stands, still = piece.w <= 0.0, ROUNDED * maximum(absolute(end_values[0]), absolute(end_values[1]))
+    low, high = choose(stands, minimum(*end_values), low), choose(stands, maximum(*end_values), high)
     off = choose(stands, still, off) + piece.error
-    return outward(low - off, high + off, margin)
+    return rounded_outward(low - off, high + off, margin)
 
 
-def _slope(margin: Number, piece: Piece, curves: Sequence[Moved], ends: Sequence[Sequence[Number]]) -> Interval:
+def _enclose_slope(
+    margin: Number, piece: Piece, curves: Sequence[PolynomialBounds], ends: Sequence[Sequence[Number]]
+) -> Interval:
     """Enclose the slope of the last polynomial."""
     stands, (start, end) = piece.w <= 0.0, ends[len(curves)]
-    still = ROUNDED * greatest(absolute(start), absolute(end))
-    low = choose(stands, least(start, end) - still, curves[-1].falling)
-    return outward(low, choose(stands, greatest(start, end) + still, curves[-1].rising), margin)
+    still = ROUNDED * maximum(absolute(start), absolute(end))
+    low = choose(stands, minimum(start, end) - still, curves[-1].falling)
+    return rounded_outward(low, choose(stands, maximum(start, end) + still, curves[-1].rising), margin)
 
 
-def _rate(margin: Number, piece: Piece, curves: Sequence[Moved], ends: Sequence[Sequence[Number]]) -> Interval:
+def _enclose_rate(
+    margin: Number, piece: Piece, curves: Sequence[PolynomialBounds], ends: Sequence[Sequence[Number]]
+) -> Interval:
     """Enclose a rate: the slope of the last polynomial, and the rates by the forces at both ends."""
-    slope, (start, end) = _slope(margin, piece, curves, ends), ends[len(curves)]
-    still = ROUNDED * greatest(absolute(start), absolute(end))
-    low, high = least(slope.low, least(start, end) - still), greatest(slope.high, greatest(start, end) + still)
-    return outward(low, high, margin)
+    slope, (start, end) = _enclose_slope(margin, piece, curves, ends), ends[len(curves)]
+    still = ROUNDED * maximum(absolute(start), absolute(end))
+    low, high = minimum(slope.low, minimum(start, end) - still), maximum(slope.high, maximum(start, end) + still)
+    return rounded_outward(low, high, margin)
 
 
 # the rule of each variable, the number of its places, and of which of the first of them it needs the polynomial
 _RULES = {
-    "position": (_value, 3, 1),
-    "velocity": (_value, 3, 2),
-    "acceleration": (_rate, 3, 2),
-    "velocity_slope": (_slope, 3, 2),
-    "state": (_value, 2, 1),
-    "rate": (_rate, 2, 1),
-    "state_slope": (_slope, 2, 1),
+    "position": (_enclose_value, 3, 1),
+    "velocity": (_enclose_value, 3, 2),
+    "acceleration": (_enclose_rate, 3, 2),
+    "velocity_slope": (_enclose_slope, 3, 2),
+    "state": (_enclose_value, 2, 1),
+    "rate": (_enclose_rate, 2, 1),
+    "state_slope": (_enclose_slope, 2, 1),
 }
 POLYNOMIALS = {name: polynomials for name, (_, _, polynomials) in _RULES.items()}
 
@@ -175,5 +187,5 @@ def on_curve(name: str) -> str:
 
 
 CURVED: Mapping[str, Callable[..., Interval]] = {
-    on_curve(name): partial(_on_curves, name, *rule) for name, rule in _RULES.items()
+    on_curve(name): partial(_enclose_on_curves, name, *rule) for name, rule in _RULES.items()
 }

@@ -9,14 +9,13 @@ from xdynamics.elementary.numbers import (
     MAGIC_BITS,
     NAN,
     ONE,
+    Integer,
     Number,
     Truth,
-    Whole,
     absolute,
     bits,
     choose,
-    divided,
-    entry,
+    divide_with_tails,
     exact_product,
     exact_sum,
     exponent_of,
@@ -24,9 +23,10 @@ from xdynamics.elementary.numbers import (
     ordered_sum,
     polynomial,
     power_of_two,
-    rounded,
+    round_to_integer,
     signed,
     sqrt,
+    table_entry,
     upper,
     usually,
 )
@@ -45,84 +45,84 @@ SINH = (0.16666666666666666, 0.008333333333333333, 0.00019841269841269773, 2.755
 TANH = (-0.3333333333333333, 0.13333333333333333, -0.05396825396825387, 0.021869488536134365, -0.008863235527730825, 0.0035921279064936957, -0.001455829636195592, 0.0005899197816047852, -0.00023764750063180886, 8.548775370045155e-05)  # fmt: skip
 
 
-def growth(x: Number, tail: Number) -> tuple[Number, Number, Whole]:
+def scaled_exponential(x: Number, tail: Number) -> tuple[Number, Number, Integer]:
     """Return exp(x + tail)/2**k, between 1 and 2, as a number and a small one to be added, and k; |x| < 800."""
-    steps, n = rounded(x * LOG2_128)
+    steps, n = round_to_integer(x * LOG2_128)
     r = ((x - steps * STEP) - steps * STEP_TAIL) + tail
     higher = (r * r) * (0.5 + r * (0.16666666666666666 + r * (0.041666666666666664 + r * 0.008333333333333333)))
-    place = n & 127
-    root = entry("root", place)
-    return root, root * (r + (higher + entry("root_tail", place))), n >> 7
+    table_index = n & 127
+    root = table_entry("root", table_index)
+    return root, root * (r + (higher + table_entry("root_tail", table_index))), n >> 7
 
 
-def scaled(x: Number, k: Whole) -> Number:
+def scale_by_power(x: Number, k: Integer) -> Number:
     """Return x 2**k, in two steps, since it may overflow or be subnormal."""
     half = k >> 1
     return (x * power_of_two(half)) * power_of_two(k - half)
 
 
-def held(x: Number, limit: float) -> Number:
+def clipped(x: Number, limit: float) -> Number:
     """Return x clipped to plus or minus the limit; for nan, a limit."""
     return choose(x > limit, limit, choose(x > -limit, x, -limit))
 
 
 def exp(x: Number) -> Number:
     """Exponential function."""
-    within = (bits(x) & ~SIGN) < LARGE_EXPONENT
-    return usually(within, lambda: normal_exp(x, 0.0), lambda: exp_anywhere(x))
+    is_normal = (bits(x) & ~SIGN) < LARGE_EXPONENT
+    return usually(is_normal, lambda: normal_exp(x, 0.0), lambda: exp_anywhere(x))
 
 
 def normal_exp(x: Number, tail: Number) -> Number:
     """Return exp(x + tail), a normal number."""
-    root, more, k = growth(x, tail)
+    root, more, k = scaled_exponential(x, tail)
     return (root + more) * power_of_two(k)
 
 
 def exp_anywhere(x: Number) -> Number:
     """Exponential function where the result may be infinite, subnormal or nan."""
-    root, more, k = growth(held(x, 800.0), 0.0)
-    return choose(x == x, scaled(root + more, k), NAN)
+    root, more, k = scaled_exponential(clipped(x, 800.0), 0.0)
+    return choose(x == x, scale_by_power(root + more, k), NAN)
 
 
-def split(x: Number) -> tuple[Number, Whole, Number, Number]:
+def split_mantissa(x: Number) -> tuple[Number, Integer, Number, Number]:
     """Write a normal x > 0 as 2**k (1 + r)/c with c from a table: return k, the place of c, and r in two parts."""
     word = bits(x)
     fraction = word & FRACTION
-    place = (fraction + (1 << 44)) >> 45
+    table_index = (fraction + (1 << 44)) >> 45
     # the distance from the center has 44 bits, and c has 9: both the difference and the product are exact
-    part = (number(fraction | ONE) - entry("center", place)) * entry("inverse", place)
-    return number((word >> 52) + (MAGIC_BITS - 1023)) - MAGIC, place, part, entry("offset", place)
+    part = (number(fraction | ONE) - table_entry("center", table_index)) * table_entry("inverse", table_index)
+    return number((word >> 52) + (MAGIC_BITS - 1023)) - MAGIC, table_index, part, table_entry("offset", table_index)
 
 
 def log(x: Number) -> Number:
     """Natural logarithm; -inf at 0, nan below."""
     word = bits(x)
     normal = (word >= SMALLEST_NORMAL) & (word < INFINITE)
-    return usually(normal, lambda: log_of(*split(x)), lambda: log_anywhere(x))
+    return usually(normal, lambda: log_of_split(*split_mantissa(x)), lambda: log_anywhere(x))
 
 
-def log_of(k: Number, place: Whole, part: Number, offset: Number) -> Number:
+def log_of_split(k: Number, table_index: Integer, part: Number, offset: Number) -> Number:
     """Natural logarithm of a split number."""
     r = part + offset
-    base = k * LOG2 + entry("log", place)
+    base = k * LOG2 + table_entry("log", table_index)
     high, lost = ordered_sum(base, r)
-    tail = k * LOG2_TAIL + entry("log_tail", place)
+    tail = k * LOG2_TAIL + table_entry("log_tail", table_index)
     return high + (lost + (tail + (r * r) * polynomial(r, LOG[:6])))
 
 
 def log_anywhere(x: Number) -> Number:
     """Natural logarithm of anything but a positive normal number."""
     small = (x > 0.0) & (x < 1.0)
-    k, *others = split(choose(small, x * 2.0**54, 1.0))
-    return choose(small, log_of(k - 54.0, *others), choose(x == 0.0, -INF, choose(x > 0.0, x, NAN)))
+    k, *mantissa_parts = split_mantissa(choose(small, x * 2.0**54, 1.0))
+    return choose(small, log_of_split(k - 54.0, *mantissa_parts), choose(x == 0.0, -INF, choose(x > 0.0, x, NAN)))
 
 
-def logarithm(k: Number, place: Whole, part: Number, offset: Number) -> tuple[Number, Number]:
+def logarithm(k: Number, table_index: Integer, part: Number, offset: Number) -> tuple[Number, Number]:
     """Return the logarithm of a split number in double the precision, as two numbers."""
     r, r_tail = exact_sum(offset, part)
     r_upper = upper(r)
     square, square_tail = 0.5 * (r_upper * r_upper), (r - r_upper) * (0.5 * (r + r_upper))
-    base, tail = k * LOG2 + entry("log", place), k * LOG2_TAIL + entry("log_tail", place)
+    base, tail = k * LOG2 + table_entry("log", table_index), k * LOG2_TAIL + table_entry("log_tail", table_index)
     high, lost = exact_sum(base, r)
     high, more = ordered_sum(high, -square)
     higher = (r * (r * r)) * polynomial(r, LOG[1:])
@@ -133,10 +133,10 @@ def power(x: Number, y: Number) -> Number:
     """Return x**y; nan below zero unless y is whole."""
     word = bits(x)
     normal = (word >= SMALLEST_NORMAL) & (word < INFINITE)
-    high, low = logarithm(*split(x))
+    high, low = logarithm(*split_mantissa(x))
     product, lost = exact_product(y, high)
-    within = normal & (absolute(product) < 708.0) & (absolute(y) < 2.0**70)
-    return usually(within, lambda: normal_exp(product, lost + y * low), lambda: power_anywhere(x, y))
+    is_normal = normal & (absolute(product) < 708.0) & (absolute(y) < 2.0**70)
+    return usually(is_normal, lambda: normal_exp(product, lost + y * low), lambda: power_anywhere(x, y))
 
 
 def power_anywhere(x: Number, y: Number) -> Number:
@@ -144,19 +144,19 @@ def power_anywhere(x: Number, y: Number) -> Number:
     size = absolute(x)
     usable = (size > 0.0) & (size < INF)
     small = size < 2.0**-1022
-    k, *others = split(choose(usable, choose(small, size * 2.0**54, size), 1.0))
-    high, low = logarithm(choose(usable & small, k - 54.0, k), *others)
-    far = held(y, 2.0**70)  # a larger product would overflow, where the result has long done so
+    k, *mantissa_parts = split_mantissa(choose(usable, choose(small, size * 2.0**54, size), 1.0))
+    high, low = logarithm(choose(usable & small, k - 54.0, k), *mantissa_parts)
+    far = clipped(y, 2.0**70)  # a larger product would overflow, where the result has long done so
     product, lost = exact_product(far, high)
     product, lost = ordered_sum(product, lost + far * low)
-    within = absolute(product) < 800.0
-    root, more, k = growth(choose(within, product, 0.0), choose(within, lost, 0.0))
-    result = choose(within, scaled(root + more, k), choose(product > 0.0, INF, 0.0))
+    in_range = absolute(product) < 800.0
+    root, more, k = scaled_exponential(choose(in_range, product, 0.0), choose(in_range, lost, 0.0))
+    result = choose(in_range, scale_by_power(root + more, k), choose(product > 0.0, INF, 0.0))
     nothing, endless = size == 0.0, size == INF
     result = choose(nothing | endless, choose((y > 0.0) == nothing, 0.0, INF), result)
-    whole, odd = wholeness(y)
+    is_whole, odd = wholeness(y)
     result = choose((bits(x) < 0) & odd, -result, result)
-    result = choose((x < 0.0) & (size < INF), choose(whole, result, NAN), result)
+    result = choose((x < 0.0) & (size < INF), choose(is_whole, result, NAN), result)
     result = choose((x == x) & (y == y), result, NAN)
     return choose((y == 0.0) | (x == 1.0), 1.0, result)
 
@@ -165,27 +165,27 @@ def wholeness(y: Number) -> tuple[Truth, Truth]:
     """Return whether a non-zero number is whole, and whether it is odd."""
     word = bits(absolute(y))
     places = 1075 - (word >> 52)  # after the point
-    within = (places > 0) & (places <= 52)
-    shift = choose(within, places, 0)
+    has_fraction_bits = (places > 0) & (places <= 52)
+    shift = choose(has_fraction_bits, places, 0)
     mantissa = (word & FRACTION) | (1 << 52)
-    whole = (((mantissa >> shift) << shift) == mantissa) & (places <= 52)
-    return whole, whole & (((mantissa >> shift) & 1) == 1) & (places >= 0)
+    is_whole = (((mantissa >> shift) << shift) == mantissa) & (places <= 52)
+    return is_whole, is_whole & (((mantissa >> shift) & 1) == 1) & (places >= 0)
 
 
-def half_growth(size: Number) -> tuple[Number, Number, Number, Number]:
+def half_exponentials(size: Number) -> tuple[Number, Number, Number, Number]:
     """Return exp(size)/2 and exp(-size)/2, each as a number and its tail."""
-    root, more, k = growth(choose(size < 800.0, size, 800.0), 0.0)
+    root, more, k = scaled_exponential(choose(size < 800.0, size, 800.0), 0.0)
     high, low = ordered_sum(root, more)
-    high, low = scaled(high, k - 1), scaled(low, k - 1)
+    high, low = scale_by_power(high, k - 1), scale_by_power(low, k - 1)
     inverse = 0.25 / high
     return high, low, inverse, -4.0 * (inverse * inverse) * low
 
 
 def cosh(x: Number) -> Number:
     """Hyperbolic cosine."""
-    high, low, inverse, rest = half_growth(absolute(x))
+    high, low, inverse, inverse_tail = half_exponentials(absolute(x))
     total, lost = ordered_sum(high, inverse)
-    return choose(x == x, choose(total < INF, total + (lost + (low + rest)), INF), NAN)
+    return choose(x == x, choose(total < INF, total + (lost + (low + inverse_tail)), INF), NAN)
 
 
 def sinh(x: Number) -> Number:
@@ -193,9 +193,9 @@ def sinh(x: Number) -> Number:
     size = absolute(x)
     u = x * x
     near = x + x * (u * polynomial(u, SINH))
-    high, low, inverse, rest = half_growth(size)
+    high, low, inverse, inverse_tail = half_exponentials(size)
     total, lost = ordered_sum(high, -inverse)
-    far = choose(total < INF, total + (lost + (low - rest)), INF)
+    far = choose(total < INF, total + (lost + (low - inverse_tail)), INF)
     return choose(x == x, signed(choose(size < 1.0, near, far), x), NAN)
 
 
@@ -204,13 +204,13 @@ def tanh(x: Number) -> Number:
     size = absolute(x)
     u = x * x
     near = x + x * (u * polynomial(u, TANH))
-    root, more, k = growth(held(2.0 * size, 50.0), 0.0)
+    root, more, k = scaled_exponential(clipped(2.0 * size, 50.0), 0.0)
     high, low = ordered_sum(root, more)
-    high, low = scaled(high, k), scaled(low, k)
+    high, low = scale_by_power(high, k), scale_by_power(low, k)
     above, above_tail = ordered_sum(high, -1.0)
     below, below_tail = ordered_sum(high, 1.0)
-    quotient, rest = divided(above, above_tail + low, below, below_tail + low)
-    far = quotient + rest
+    quotient, quotient_tail = divide_with_tails(above, above_tail + low, below, below_tail + low)
+    far = quotient + quotient_tail
     return choose(x == x, signed(choose(size < 0.25, near, far), x), NAN)
 
 
@@ -218,18 +218,18 @@ def hypot(x: Number, y: Number) -> Number:
     """Distance of the point (x, y) from the origin, without overflow of the squares."""
     width, height = absolute(x), absolute(y)
     larger, smaller = choose(width > height, width, height), choose(width > height, height, width)
-    within = (larger < 2.0**500) & (smaller > 2.0**-450)
-    return usually(within, lambda: length(larger, smaller), lambda: hypot_anywhere(x, y))
+    in_range = (larger < 2.0**500) & (smaller > 2.0**-450)
+    return usually(in_range, lambda: length(larger, smaller), lambda: hypot_anywhere(x, y))
 
 
 def length(a: Number, b: Number) -> Number:
     """Return sqrt(a**2 + b**2) for a >= b > 0."""
     square, lost = exact_product(a, a)
     added, more = exact_product(b, b)
-    total, rest = ordered_sum(square, added)
+    total, sum_error = ordered_sum(square, added)
     root = sqrt(total)
-    product, taken = exact_product(root, root)
-    return root + (((total - product) - taken) + (rest + (lost + more))) / (root + root)
+    product, square_error = exact_product(root, root)
+    return root + (((total - product) - square_error) + (sum_error + (lost + more))) / (root + root)
 
 
 def hypot_anywhere(x: Number, y: Number) -> Number:
@@ -241,4 +241,4 @@ def hypot_anywhere(x: Number, y: Number) -> Number:
     k = exponent_of(larger)
     scale = power_of_two(0 - k)
     unusual = choose((width == INF) | (height == INF), INF, choose((x == x) & (y == y), 0.0, NAN))
-    return choose(usable, scaled(length(larger * scale, smaller * scale), k), unusual)
+    return choose(usable, scale_by_power(length(larger * scale, smaller * scale), k), unusual)

@@ -24,9 +24,9 @@ def fma(x: Number, y: Number, z: Number) -> Number:
     >>> fma(0.1, 10.0, -1.0)
     5.551115123125783e-17
     """
-    for given in (x, y, z):
-        if not isinstance(given, float | int):
-            return given.alike(x).fma(y, z)
+    for operand in (x, y, z):
+        if not isinstance(operand, float | int):
+            return operand.as_operand(x).fma(y, z)
     if not (math.isfinite(x) and math.isfinite(y)) or x == 0.0 or y == 0.0:
         return x * y + z
     if not math.isfinite(z):  # whatever the product, which may be too large for a float
@@ -49,23 +49,23 @@ def fma_definition(lanes: int, *, native: bool) -> str:
         Whether the processor has the instruction.
     """
     kind, suffix = ("double", "f64") if lanes == 1 else (f"<{lanes} x double>", f"v{lanes}f64")
-    given = f"{kind} %x, {kind} %y, {kind} %z"
+    parameters = f"{kind} %x, {kind} %y, {kind} %z"
     if native:
         return (
             f"declare {kind} @llvm.fma.{suffix}({kind}, {kind}, {kind})\n"
-            f"define internal {kind} @{FMA}.{lanes}({given}) alwaysinline {{\n"
-            f"  %r = call {kind} @llvm.fma.{suffix}({given})\n  ret {kind} %r\n}}"
+            f"define internal {kind} @{FMA}.{lanes}({parameters}) alwaysinline {{\n"
+            f"  %r = call {kind} @llvm.fma.{suffix}({parameters})\n  ret {kind} %r\n}}"
         )
     if lanes == 1:
         return _IN_WHOLE_NUMBERS
-    lines, before = [f"define internal {kind} @{FMA}.{lanes}({given}) {{"], "poison"
+    lines, aggregate = [f"define internal {kind} @{FMA}.{lanes}({parameters}) {{"], "poison"
     for lane in range(lanes):
         lines += [f"  %{name}.{lane} = extractelement {kind} %{name}, i64 {lane}" for name in "xyz"]
         numbers = ", ".join(f"double %{name}.{lane}" for name in "xyz")
         lines.append(f"  %r.{lane} = call double @{FMA}.1({numbers})")
-        lines.append(f"  %v.{lane} = insertelement {kind} {before}, double %r.{lane}, i64 {lane}")
-        before = f"%v.{lane}"
-    return "\n".join([*lines, f"  ret {kind} {before}", "}"])
+        lines.append(f"  %v.{lane} = insertelement {kind} {aggregate}, double %r.{lane}, i64 {lane}")
+        aggregate = f"%v.{lane}"
+    return "\n".join([*lines, f"  ret {kind} {aggregate}", "}"])
 
 
 def _significand(name: str) -> str:

@@ -41,16 +41,16 @@ class FunctionLines:
     def constant(self, value: float | int) -> LaneValue:
         """Write a constant as an operand: a truth, a whole number in digits, any other with all its bits."""
         if isinstance(value, bool):
-            return self._repeated("t", "i1", str(value).lower())
+            return self._splat_constant("t", "i1", str(value).lower())
         if isinstance(value, int):
-            return self._repeated("w", "i64", str(value))
-        return self._repeated("n", "double", f"0x{struct.pack('>d', value).hex().upper()}")
+            return self._splat_constant("w", "i64", str(value))
+        return self._splat_constant("n", "double", f"0x{struct.pack('>d', value).hex().upper()}")
 
     def value(self, value: LaneValue | float | int) -> LaneValue:
         """Return a value, which may be a constant, as an operand."""
         return value if isinstance(value, LaneValue) else self.constant(value)
 
-    def _repeated(self, letter: str, scalar: str, text: str) -> LaneValue:
+    def _splat_constant(self, letter: str, scalar: str, text: str) -> LaneValue:
         return LaneValue(self, letter, text if self.lanes == 1 else f"<{', '.join([f'{scalar} {text}'] * self.lanes)}>")
 
     def line(self, letter: str, text: str) -> LaneValue:
@@ -73,52 +73,52 @@ class FunctionLines:
         """Return one number, whole number or truth in every lane."""
         if self.lanes == 1:
             return LaneValue(self, letter, scalar)
-        one, kind = {"n": "double", "w": "i64", "t": "i1"}[letter], self.kind(letter)
-        first = self.line(letter, f"insertelement {kind} poison, {one} {scalar}, i64 0").text
+        scalar_type, kind = {"n": "double", "w": "i64", "t": "i1"}[letter], self.kind(letter)
+        first = self.line(letter, f"insertelement {kind} poison, {scalar_type} {scalar}, i64 0").text
         return self.line(letter, f"shufflevector {kind} {first}, {kind} poison, <{self.lanes} x i32> zeroinitializer")
 
     def read(self, letter: str, origin: str, index: LaneValue) -> LaneValue:
         """Return an element of an array that all lanes share, in each lane that of its index."""
         scalar, kind = {"n": "double", "w": "i64"}[letter], self.kind(letter)
-        place = self.line("p", f"getelementptr {scalar}, ptr {origin}, {self.kind('w')} {index.text}").text
+        address = self.line("p", f"getelementptr {scalar}, ptr {origin}, {self.kind('w')} {index.text}").text
         if self.lanes == 1:
-            return self.line(letter, f"load {scalar}, ptr {place}, align 8")
+            return self.line(letter, f"load {scalar}, ptr {address}, align 8")
         return self.line(
             letter,
             f"call {kind} @llvm.masked.gather.{self.suffix(letter)}.v{self.lanes}p0"
-            f"({self.kind('p')} {place}, i32 8, {self.kind('t')} {self.constant(value=True).text}, {kind} poison)",
+            f"({self.kind('p')} {address}, i32 8, {self.kind('t')} {self.constant(value=True).text}, {kind} poison)",
         )
 
-    def by_lane(self, function: Callable[..., LaneValue], given: Sequence[LaneValue]) -> LaneValue:
+    def by_lane(self, function: Callable[..., LaneValue], operands: Sequence[LaneValue]) -> LaneValue:
         """Return a function of single numbers, computed for one lane after the other."""
         if self.lanes == 1:
-            return function(*given)
+            return function(*operands)
         lanes, kinds, vector = (
             self.lanes,
-            [self.kind(number.letter) for number in given],
+            [self.kind(number.letter) for number in operands],
             LaneValue(self, "n", "poison"),
         )
         for lane in range(lanes):
             self.lanes = 1
             scalars = [
                 self.line(number.letter, f"extractelement {kind} {number.text}, i64 {lane}")
-                for kind, number in zip(kinds, given, strict=True)
+                for kind, number in zip(kinds, operands, strict=True)
             ]
             value = function(*scalars).text
             self.lanes = lanes
             vector = self.line("n", f"insertelement {self.kind('n')} {vector.text}, double {value}, i64 {lane}")
         return vector
 
-    def some(self, truth: LaneValue) -> str:
+    def any_lane(self, truth: LaneValue) -> str:
         """Return whether a truth holds in some lane."""
         if self.lanes == 1:
             return truth.text
         bits = self.line("w", f"bitcast {self.kind('t')} {truth.text} to i{self.lanes}").text
         return self.line("t", f"icmp ne i{self.lanes} {bits}, 0").text
 
-    def call(self, name: str, given: list[LaneValue]) -> LaneValue:
+    def call(self, name: str, operands: list[LaneValue]) -> LaneValue:
         """Call a function of numbers."""
-        arguments = ", ".join(f"{self.kind('n')} {argument.text}" for argument in given)
+        arguments = ", ".join(f"{self.kind('n')} {argument.text}" for argument in operands)
         return self.line("n", f"call {self.kind('n')} @{name}({arguments})")
 
     def suffix(self, letter: str = "n") -> str:
@@ -137,90 +137,90 @@ class LaneValue:
         self.letter = letter
         self.text = text
 
-    def alike(self, value: Any) -> LaneValue:
+    def as_operand(self, value: Any) -> LaneValue:
         """Return a value, which may be a constant, as a written one of the same kind."""
         if isinstance(value, LaneValue):
             return value
         return self._lines.constant(float(value) if self.letter == "n" else value)
 
-    def _binary(self, sign: str, left: Any, right: Any) -> LaneValue:
-        first, second = self.alike(left), self.alike(right)
+    def _binary_operation(self, sign: str, left: Any, right: Any) -> LaneValue:
+        first, second = self.as_operand(left), self.as_operand(right)
         instruction = _INSTRUCTIONS[sign][self.letter != "n"]
         return self._lines.line(
             self.letter, f"{instruction} {self._lines.kind(self.letter)} {first.text}, {second.text}"
         )
 
-    def _compared(self, sign: str, other: Any) -> LaneValue:
+    def _comparison(self, sign: str, operand: Any) -> LaneValue:
         instruction = _COMPARED[sign][self.letter != "n"]
         return self._lines.line(
-            "t", f"{instruction} {self._lines.kind(self.letter)} {self.text}, {self.alike(other).text}"
+            "t", f"{instruction} {self._lines.kind(self.letter)} {self.text}, {self.as_operand(operand).text}"
         )
 
-    def __add__(self, other: Any) -> LaneValue:
-        return self._binary("+", self, other)
+    def __add__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("+", self, operand)
 
-    def __radd__(self, other: Any) -> LaneValue:
-        return self._binary("+", other, self)
+    def __radd__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("+", operand, self)
 
-    def __sub__(self, other: Any) -> LaneValue:
-        return self._binary("-", self, other)
+    def __sub__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("-", self, operand)
 
-    def __rsub__(self, other: Any) -> LaneValue:
-        return self._binary("-", other, self)
+    def __rsub__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("-", operand, self)
 
-    def __mul__(self, other: Any) -> LaneValue:
-        return self._binary("*", self, other)
+    def __mul__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("*", self, operand)
 
-    def __rmul__(self, other: Any) -> LaneValue:
-        return self._binary("*", other, self)
+    def __rmul__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("*", operand, self)
 
-    def __truediv__(self, other: Any) -> LaneValue:
-        return self._binary("/", self, other)
+    def __truediv__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("/", self, operand)
 
-    def __rtruediv__(self, other: Any) -> LaneValue:
-        return self._binary("/", other, self)
+    def __rtruediv__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("/", operand, self)
 
-    def __and__(self, other: Any) -> LaneValue:
-        return self._binary("&", self, other)
+    def __and__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("&", self, operand)
 
-    def __rand__(self, other: Any) -> LaneValue:
-        return self._binary("&", other, self)
+    def __rand__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("&", operand, self)
 
-    def __or__(self, other: Any) -> LaneValue:
-        return self._binary("|", self, other)
+    def __or__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("|", self, operand)
 
-    def __ror__(self, other: Any) -> LaneValue:
-        return self._binary("|", other, self)
+    def __ror__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("|", operand, self)
 
-    def __xor__(self, other: Any) -> LaneValue:
-        return self._binary("^", self, other)
+    def __xor__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("^", self, operand)
 
-    def __lshift__(self, other: Any) -> LaneValue:
-        return self._binary("<<", self, other)
+    def __lshift__(self, operand: Any) -> LaneValue:
+        return self._binary_operation("<<", self, operand)
 
-    def __rshift__(self, other: Any) -> LaneValue:
-        return self._binary(">>", self, other)
+    def __rshift__(self, operand: Any) -> LaneValue:
+        return self._binary_operation(">>", self, operand)
 
     def __neg__(self) -> LaneValue:
         return self._lines.line("n", f"fneg {self._lines.kind('n')} {self.text}")
 
-    def __lt__(self, other: Any) -> LaneValue:
-        return self._compared("<", other)
+    def __lt__(self, operand: Any) -> LaneValue:
+        return self._comparison("<", operand)
 
-    def __le__(self, other: Any) -> LaneValue:
-        return self._compared("<=", other)
+    def __le__(self, operand: Any) -> LaneValue:
+        return self._comparison("<=", operand)
 
-    def __gt__(self, other: Any) -> LaneValue:
-        return self._compared(">", other)
+    def __gt__(self, operand: Any) -> LaneValue:
+        return self._comparison(">", operand)
 
-    def __ge__(self, other: Any) -> LaneValue:
-        return self._compared(">=", other)
+    def __ge__(self, operand: Any) -> LaneValue:
+        return self._comparison(">=", operand)
 
-    def __eq__(self, other: Any) -> LaneValue:  # type: ignore[override]
-        return self._compared("==", other)
+    def __eq__(self, operand: Any) -> LaneValue:  # type: ignore[override]
+        return self._comparison("==", operand)
 
-    def __ne__(self, other: Any) -> LaneValue:  # type: ignore[override]
-        return self._compared("!=", other)
+    def __ne__(self, operand: Any) -> LaneValue:  # type: ignore[override]
+        return self._comparison("!=", operand)
 
     def bits(self) -> LaneValue:
         """Return the bits of a number."""
@@ -240,7 +240,7 @@ class LaneValue:
 
     def fma(self, factor: Any, term: Any) -> LaneValue:
         """Return the product with a factor plus a term, rounded once: see `elementary.fma`."""
-        return self._lines.call(f"fma.{self._lines.lanes}", [self, self.alike(factor), self.alike(term)])
+        return self._lines.call(f"fma.{self._lines.lanes}", [self, self.as_operand(factor), self.as_operand(term)])
 
     def floor(self) -> LaneValue:
         """Return the greatest whole number that is at most this one."""
@@ -259,7 +259,7 @@ class LaneValue:
         if not isinstance(yes, LaneValue) and not isinstance(no, LaneValue):
             yes = self._lines.constant(yes)
         like = yes if isinstance(yes, LaneValue) else no
-        first, second = like.alike(yes), like.alike(no)
+        first, second = like.as_operand(yes), like.as_operand(no)
         kind = self._lines.kind(like.letter)
         return self._lines.line(
             like.letter,
@@ -284,21 +284,21 @@ class LaneValue:
         usual_values = usual if isinstance(usual, tuple) else (usual,)
         lines.begin(unusual_block)
         computed = unusual()
-        chosen = [
+        lane_values = [
             self.choose(*pair)
             for pair in zip(usual_values, computed if isinstance(usual, tuple) else (computed,), strict=True)
         ]
         last_block = lines.block
         lines.lines.append(f"br label %{end}")
         lines.begin(end)
-        joined = [
+        merged_values = [
             lines.line(
                 value.letter,
                 f"phi {lines.kind(value.letter)} [ {old.text}, %{previous_block} ], [ {value.text}, %{last_block} ]",
             )
-            for old, value in zip(usual_values, chosen, strict=True)
+            for old, value in zip(usual_values, lane_values, strict=True)
         ]
-        return tuple(joined) if isinstance(usual, tuple) else joined[0]
+        return tuple(merged_values) if isinstance(usual, tuple) else merged_values[0]
 
     def repeated(
         self, truth: Callable[..., LaneValue], step: Callable[..., tuple[LaneValue, ...]], state: tuple[LaneValue, ...]
@@ -308,17 +308,17 @@ class LaneValue:
         test, body, end = lines.label(), lines.label(), lines.label()
         lines.lines.append(f"br label %{test}")
         lines.begin(test)
-        now = tuple(LaneValue(lines, part.letter, f"%{test}.{k}") for k, part in enumerate(state))
-        place, holds = len(lines.lines), truth(*now)
-        lines.lines.append(f"br i1 {lines.some(holds)}, label %{body}, label %{end}")
+        current = tuple(LaneValue(lines, part.letter, f"%{test}.{k}") for k, part in enumerate(state))
+        phi_line, holds = len(lines.lines), truth(*current)
+        lines.lines.append(f"br i1 {lines.any_lane(holds)}, label %{body}, label %{end}")
         lines.begin(body)
-        new = step(*now)
+        new = step(*current)
         if lines.lanes > 1:
-            new = tuple(holds.choose(after, before) for after, before in zip(new, now, strict=True))
+            new = tuple(holds.choose(new_part, old_part) for new_part, old_part in zip(new, current, strict=True))
         lines.lines.append(f"br label %{test}")
-        lines.lines[place:place] = [
+        lines.lines[phi_line:phi_line] = [
             f"{part.text} = phi {lines.kind(part.letter)} [ {first.text}, %{previous_block} ], [ {last.text}, %{lines.block} ]"
-            for part, first, last in zip(now, state, new, strict=True)
+            for part, first, last in zip(current, state, new, strict=True)
         ]
         lines.begin(end)
-        return now
+        return current

@@ -18,7 +18,7 @@ from xdynamics.elementary.llvm_numbers import LaneValue
 from xdynamics.elementary.tables import TABLES
 
 Number = Any  # a float, an array of floats, or a written one
-Whole = Any  # the same for whole numbers of 64 bits
+Integer = Any  # the same for whole numbers of 64 bits
 Truth = Any
 
 _FLOATS = struct.Struct("<d")
@@ -32,14 +32,14 @@ LARGEST_FRACTION, LARGEST_TURNS = 2.0**51, 2.0**53  # from the first on all numb
 FRACTION, ONE = (1 << 52) - 1, 1023 << 52  # bits of the fraction, of 1.0
 
 
-def bits(x: Number) -> Whole:
+def bits(x: Number) -> Integer:
     """Return the 64 bits of a number as a whole number."""
     if isinstance(x, float):
         return _WHOLES.unpack(_FLOATS.pack(x))[0]
     return x.view(np.int64) if isinstance(x, np.ndarray) else x.bits()
 
 
-def number(w: Whole) -> Number:
+def number(w: Integer) -> Number:
     """Return the number that has these bits."""
     if isinstance(w, int):
         return _FLOATS.unpack(_WHOLES.pack(w))[0]
@@ -53,12 +53,12 @@ def choose(truth: Truth, yes: Any, no: Any) -> Any:
     return np.where(truth, yes, no) if isinstance(truth, np.ndarray) else truth.choose(yes, no)
 
 
-def least(x: Number, y: Number) -> Number:
+def minimum_of_two(x: Number, y: Number) -> Number:
     """Return the smaller; nan if either is."""
     return choose((x < y) | (x != x), x, y)
 
 
-def greatest(x: Number, y: Number) -> Number:
+def maximum_of_two(x: Number, y: Number) -> Number:
     """Return the larger; nan if either is."""
     return choose((x > y) | (x != x), x, y)
 
@@ -68,7 +68,7 @@ def sign(x: Number) -> Number:
     return choose(x > 0.0, 1.0, choose(x < 0.0, -1.0, x))
 
 
-def positive(x: Number) -> Number:
+def positive_or_nan(x: Number) -> Number:
     """Return x if it is positive, else nan."""
     return choose(x > 0.0, x, math.nan)
 
@@ -89,7 +89,7 @@ def usually(truth: Truth, usual: Callable[[], Any], unusual: Callable[[], Any]) 
     )
 
 
-def repeated(truth: Callable[..., Truth], step: Callable[..., tuple[Any, ...]], *state: Any) -> tuple[Any, ...]:
+def repeat_while(truth: Callable[..., Truth], step: Callable[..., tuple[Any, ...]], *state: Any) -> tuple[Any, ...]:
     """Repeat a step while a truth holds; in lanes, while it holds in any, the others keeping their state.
 
     Of a written state every number is written; of arrays, a further step is to keep what has ended.
@@ -120,7 +120,7 @@ def ceiling(x: Number) -> Number:
     return -floor(-x)
 
 
-def nearest(x: Number) -> Number:
+def round_half_even(x: Number) -> Number:
     """Return the whole number nearest to x; of two equally near ones the even one, as Python's `round`."""
     return choose(absolute(x) < LARGEST_FRACTION, signed((absolute(x) + MAGIC) - MAGIC, x), x)
 
@@ -144,11 +144,11 @@ def modulo(x: Number, y: Number) -> Number:
     """Return x - y*floor(x/y), exactly rounded, with the sign of y, as Python's %; nan from 2**53 turns on."""
     turns = floor(quotient(x, y))
     product, lost = exact_product(turns, y)
-    rest = choose(turns == 0.0, x, (x - product) - lost)
-    beyond = ((rest < 0.0) & (y > 0.0)) | ((rest > 0.0) & (y < 0.0))  # a quotient that was rounded up
-    rest = choose(beyond, rest + y, rest)
-    rest = choose(rest == 0.0, choose(y < 0.0, -0.0, 0.0), rest)
-    return choose(absolute(turns) < LARGEST_TURNS, rest, NAN)
+    remainder = choose(turns == 0.0, x, (x - product) - lost)
+    beyond = ((remainder < 0.0) & (y > 0.0)) | ((remainder > 0.0) & (y < 0.0))  # a quotient that was rounded up
+    remainder = choose(beyond, remainder + y, remainder)
+    remainder = choose(remainder == 0.0, choose(y < 0.0, -0.0, 0.0), remainder)
+    return choose(absolute(turns) < LARGEST_TURNS, remainder, NAN)
 
 
 def quotient(x: Number, y: Number) -> Number:
@@ -168,25 +168,25 @@ def signed(x: Number, like: Number) -> Number:
     return np.copysign(x, like) if isinstance(x, np.ndarray) else x.signed(like)
 
 
-def entry(table: str, index: Whole) -> Number:
+def table_entry(table: str, index: Integer) -> Number:
     """Return an entry of one of the tables."""
     if isinstance(index, int):
         return TABLES[table][index]
     return _ARRAYS[table][index] if isinstance(index, np.ndarray) else index.entry(table)
 
 
-def rounded(x: Number) -> tuple[Number, Whole]:
+def round_to_integer(x: Number) -> tuple[Number, Integer]:
     """Return the whole number nearest to x, |x| < 2**51, as a float and as an integer."""
-    moved = x + MAGIC
-    return moved - MAGIC, bits(moved) - MAGIC_BITS
+    shifted = x + MAGIC
+    return shifted - MAGIC, bits(shifted) - MAGIC_BITS
 
 
-def whole_number(w: Whole) -> Number:
+def whole_number(w: Integer) -> Number:
     """Return a whole number, |w| < 2**51, as a float."""
     return number(w + MAGIC_BITS) - MAGIC
 
 
-def power_of_two(w: Whole) -> Number:
+def power_of_two(w: Integer) -> Number:
     """Return 2**w for -1022 <= w <= 1023."""
     return number((w + 1023) << 52)
 
@@ -199,8 +199,8 @@ def upper(x: Number) -> Number:
 def exact_sum(x: Number, y: Number) -> tuple[Number, Number]:
     """Return the rounded sum and its rounding error, for any x and y (Knuth)."""
     total = x + y
-    other = total - x
-    return total, (x - (total - other)) + (y - other)
+    y_rounded = total - x
+    return total, (x - (total - y_rounded)) + (y - y_rounded)
 
 
 def ordered_sum(x: Number, y: Number) -> tuple[Number, Number]:
@@ -230,14 +230,14 @@ def polynomial(u: Number, powers: tuple[float, ...]) -> Number:
     return value
 
 
-def divided(x: Number, x_tail: Number, y: Number, y_tail: Number) -> tuple[Number, Number]:
+def divide_with_tails(x: Number, x_tail: Number, y: Number, y_tail: Number) -> tuple[Number, Number]:
     """Return the rounded quotient of two numbers with tails, and its tail."""
     quotient = x / choose(y == 0.0, 1.0, y)
     product, lost = exact_product(quotient, y)
     return quotient, (((x - product) - lost) + (x_tail - quotient * y_tail)) / choose(y == 0.0, 1.0, y)
 
 
-def exponent_of(x: Number) -> Whole:
+def exponent_of(x: Number) -> Integer:
     """Return the exponent of |x|, limited to -1022 … 1021."""
     exponent = ((bits(x) >> 52) & 2047) - 1023
     return choose(exponent < 1022, choose(exponent < -1022, -1022, exponent), 1021)

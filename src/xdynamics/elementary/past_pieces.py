@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from xdynamics.elementary.numbers import Number, Whole
-from xdynamics.elementary.piecewise import Read, begun
+from xdynamics.elementary.numbers import Integer, Number
+from xdynamics.elementary.piecewise import Read, last_piece_begun
 
 BEGIN, LENGTH, STRETCH = range(3)
 HEAD = 3  # numbers before the coefficients
@@ -20,9 +20,9 @@ def width_of(components: int, degree: int) -> int:
     return HEAD + (degree + 1) * components
 
 
-def past_at(read: Read, count: Whole, x: Number, component: int, components: int, degree: int) -> Number:
+def past_at(read: Read, count: Integer, x: Number, component: int, components: int, degree: int) -> Number:
     """Return the value of a component at a time, of the last of `count` pieces that begins by then."""
-    piece = begun(read, count, x)
+    piece = last_piece_begun(read, count, x)
     s = (x - read(BEGIN, piece)) / read(LENGTH, piece)
     value = read(HEAD + degree * components + component, piece)
     for power in reversed(range(degree)):
@@ -30,9 +30,9 @@ def past_at(read: Read, count: Whole, x: Number, component: int, components: int
     return value
 
 
-def past_slope_at(read: Read, count: Whole, x: Number, component: int, components: int, degree: int) -> Number:
+def past_slope_at(read: Read, count: Integer, x: Number, component: int, components: int, degree: int) -> Number:
     """Return the time derivative of a component at a time, in the same way."""
-    piece = begun(read, count, x)
+    piece = last_piece_begun(read, count, x)
     h = read(LENGTH, piece)
     s = (x - read(BEGIN, piece)) / h
     slope = read(HEAD + degree * components + component, piece) * float(degree)

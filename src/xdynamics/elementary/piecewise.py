@@ -7,74 +7,74 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from xdynamics.elementary.numbers import Number, Whole, repeated, usually
+from xdynamics.elementary.numbers import Integer, Number, repeat_while, usually
 
-Read = Callable[[int, Whole], Number]  # a number of the table: of a row and of a piece
+Read = Callable[[int, Integer], Number]  # a number of the table: of a row and of a piece
 
 
-def begun(read: Read, count: Whole, x: Number) -> Whole:
+def last_piece_begun(read: Read, count: Integer, x: Number) -> Integer:
     """Return the last of `count` pieces that begins at x or before; the first where none does."""
 
-    def halved(low: Whole, high: Whole) -> tuple[Whole, Whole]:
+    def halve_range(low: Integer, high: Integer) -> tuple[Integer, Integer]:
         middle = (low + high + 1) >> 1
         # a branch: an argument that moves little from step to step is found the same way
-        before = read(0, middle) <= x
-        return usually(before, lambda: (middle, high), lambda: (low, middle - 1))  # type: ignore[no-any-return]
+        begins_before = read(0, middle) <= x
+        return usually(begins_before, lambda: (middle, high), lambda: (low, middle - 1))  # type: ignore[no-any-return]
 
     last = count - 1
-    return repeated(lambda low, high: low < high, halved, last - last, last)[0]
+    return repeat_while(lambda low, high: low < high, halve_range, last - last, last)[0]
 
 
-def find_piece(read: Read, count: Whole, x: Number) -> Whole:
+def find_piece(read: Read, count: Integer, x: Number) -> Integer:
     """Return the piece that applies from x on; the table's last point still belongs to its last inner piece."""
     at_end = read(0, count - 1) == x
-    return usually(at_end, lambda: count - 2, lambda: begun(read, count, x))
+    return usually(at_end, lambda: count - 2, lambda: last_piece_begun(read, count, x))
 
 
-def value_at(read: Read, x: Number, piece: Whole) -> Number:
+def value_at(read: Read, x: Number, piece: Integer) -> Number:
     """Return the value of a piece at x."""
     u, cubic, square, slope, value = _coefficients(read, x, piece)
     return ((cubic * u + square) * u + slope) * u + value
 
 
-def slope_at(read: Read, x: Number, piece: Whole) -> Number:
+def slope_at(read: Read, x: Number, piece: Integer) -> Number:
     """Return the slope of a piece at x."""
     u, cubic, square, slope, _ = _coefficients(read, x, piece)
     return (cubic * 3.0 * u + square * 2.0) * u + slope
 
 
-def bend_at(read: Read, x: Number, piece: Whole) -> Number:
+def bend_at(read: Read, x: Number, piece: Integer) -> Number:
     """Return half the second derivative of a piece at x."""
     u, cubic, square, _, _ = _coefficients(read, x, piece)
     return cubic * 3.0 * u + square
 
 
-def cube_at(read: Read, x: Number, piece: Whole) -> Number:
+def cube_at(read: Read, x: Number, piece: Integer) -> Number:
     """Return a sixth of the third derivative of a piece, the same at every x."""
     _, cubic, *_ = _coefficients(read, x, piece)
     return cubic
 
 
-def _coefficients(read: Read, x: Number, piece: Whole) -> tuple[Number, ...]:
+def _coefficients(read: Read, x: Number, piece: Integer) -> tuple[Number, ...]:
     return (x - read(0, piece), *(read(row, piece) for row in range(1, 5)))
 
 
-def origin_of(read: Read, _x: Number, piece: Whole) -> Number:
+def origin_of(read: Read, _x: Number, piece: Integer) -> Number:
     """Return where a piece begins."""
     return read(0, piece)
 
 
-def _coefficient(row: int) -> Callable[[Read, Number, Whole], Number]:
+def _coefficient_of_row(row: int) -> Callable[[Read, Number, Integer], Number]:
     return lambda read, _x, piece: read(row, piece)
 
 
-POLYNOMIALS: Mapping[str, Callable[[Read, Number, Whole], Number]] = {
+POLYNOMIALS: Mapping[str, Callable[[Read, Number, Integer], Number]] = {
     "value_at": value_at,
     "slope_at": slope_at,
     "bend_at": bend_at,
     "cube_at": cube_at,
     "origin_of": origin_of,
-    "square_of": _coefficient(2),
-    "slope_of": _coefficient(3),
-    "value_of": _coefficient(4),
+    "square_of": _coefficient_of_row(2),
+    "slope_of": _coefficient_of_row(3),
+    "value_of": _coefficient_of_row(4),
 }

@@ -36,10 +36,10 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
 
     `@elementary_sin.8` is that of eight numbers in a text of another number of lanes.
     """
-    own, _, wide = name.partition(".")
+    base_name, _, wide = name.partition(".")
     lines = FunctionLines(int(wide or lanes))
-    function = TOGETHER.get(own) or _of_parts(own) or SETS[math_functions][own]
-    arguments = [LaneValue(lines, "n", f"%x{i}") for i in range(_parameters(own, function))]
+    function = TOGETHER.get(base_name) or _function_of_parts(base_name) or SETS[math_functions][base_name]
+    arguments = [LaneValue(lines, "n", f"%x{i}") for i in range(_parameter_count(base_name, function))]
     result, kind, returned = function(*arguments), lines.kind("n"), lines.kind("n")
     if isinstance(result, tuple):
         returned, aggregate = struct(len(result), lines.lanes), "poison"
@@ -55,7 +55,7 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
     return text, tuple(sorted(lines.tables))
 
 
-def called_in(text: str) -> Counter[str]:
+def count_calls(text: str) -> Counter[str]:
     """Return how often a text calls each function, those of more numbers than it has lanes with their number."""
     return Counter(re.findall(r"call .*@elementary_(\w+(?:\.\d+)?)\(", text))
 
@@ -74,7 +74,7 @@ def called_intervals(lines: FunctionLines) -> Callable[..., Any]:
     """
     inline = written_intervals(lines, rough=False)
 
-    def of(operation: str, *operands: Any) -> Any:
+    def call_operation(operation: str, *operands: Any) -> Any:
         if operation in _INLINE:
             return inline.of(operation, *operands)
         arguments = ", ".join(
@@ -82,34 +82,36 @@ def called_intervals(lines: FunctionLines) -> Callable[..., Any]:
             for operand in operands
             for kind, part in zip(_PARTS, map(lines.value, operand), strict=True)
         )
-        called = lines.line("n", f"call {_BOUNDS} @{INTERVALS}_{operation}.{len(operands)}({arguments})").text
-        parts = [f"extractvalue {_BOUNDS} {called}, {k}" for k in range(len(_PARTS))]
+        call_result = lines.line("n", f"call {_BOUNDS} @{INTERVALS}_{operation}.{len(operands)}({arguments})").text
+        parts = [f"extractvalue {_BOUNDS} {call_result}, {k}" for k in range(len(_PARTS))]
         return Interval(*(lines.line(letter, part) for letter, part in zip("nnw", parts, strict=True)))
 
-    return of
+    return call_operation
 
 
 def interval_definitions(texts: Iterable[str]) -> str:
     """Print the operations on intervals that some texts call."""
-    called = {name for text in texts for name in re.findall(rf"@{INTERVALS}_(\w+\.\d)\(", text)}
-    return "\n".join(map(_interval_definition, sorted(called)))
+    operation_names = {name for text in texts for name in re.findall(rf"@{INTERVALS}_(\w+\.\d)\(", text)}
+    return "\n".join(map(_interval_definition, sorted(operation_names)))
 
 
 @lru_cache(maxsize=64)
 def _interval_definition(name: str) -> str:
     operation, _, count = name.partition(".")
     lines = FunctionLines(1)
-    given = [
+    operand_parts = [
         [LaneValue(lines, letter, f"%x{i}.{letter}{k}") for k, letter in enumerate("nnw")] for i in range(int(count))
     ]
-    intervals = [Interval(*parts) for parts in given]
-    found = written_intervals(lines, rough=False).of(operation, *intervals)
+    intervals = [Interval(*parts) for parts in operand_parts]
+    enclosure = written_intervals(lines, rough=False).of(operation, *intervals)
     if operation in BY_ZERO:
-        found = with_zeros(operation, found, *intervals)
+        enclosure = with_zeros(operation, enclosure, *intervals)
     aggregate = "poison"
-    for k, (kind, part) in enumerate(zip(_PARTS, map(lines.value, found), strict=True)):
+    for k, (kind, part) in enumerate(zip(_PARTS, map(lines.value, enclosure), strict=True)):
         aggregate = lines.line("n", f"insertvalue {_BOUNDS} {aggregate}, {kind} {part.text}, {k}").text
-    signature = ", ".join(f"{kind} {part.text}" for parts in given for kind, part in zip(_PARTS, parts, strict=True))
+    signature = ", ".join(
+        f"{kind} {part.text}" for parts in operand_parts for kind, part in zip(_PARTS, parts, strict=True)
+    )
     body = "\n".join(item if item.endswith(":") else f"  {item}" for item in lines.lines)
     return (
         f"define internal {_BOUNDS} @{INTERVALS}_{name}({signature}) nounwind noinline {{\nentry:\n{body}\n"
@@ -120,16 +122,16 @@ def _interval_definition(name: str) -> str:
 def written_double_doubles(lines: FunctionLines, width: Callable[[], str]) -> DoubleDoubles:
     """Return the operations on sums of two numbers that are written as lines, which call the elementary functions."""
 
-    def call(name: str, *given: DoubleDouble) -> DoubleDouble:
-        kind, parts = struct(2, lines.lanes), [lines.value(part) for number in given for part in number]
+    def call_function(name: str, *operands: DoubleDouble) -> DoubleDouble:
+        kind, parts = struct(2, lines.lanes), [lines.value(part) for number in operands for part in number]
         arguments = ", ".join(f"{lines.kind('n')} {part.text}" for part in parts)
-        called = lines.line("n", f"call {kind} @elementary_{OF_SUMS}{name}{width()}({arguments})").text
-        return DoubleDouble(*(lines.line("n", f"extractvalue {kind} {called}, {k}") for k in range(2)))
+        call_result = lines.line("n", f"call {kind} @elementary_{OF_SUMS}{name}{width()}({arguments})").text
+        return DoubleDouble(*(lines.line("n", f"extractvalue {kind} {call_result}, {k}") for k in range(2)))
 
-    return DoubleDoubles({name: partial(call, name) for name in LONG_FUNCTIONS})
+    return DoubleDoubles({name: partial(call_function, name) for name in LONG_FUNCTIONS})
 
 
-def _of_parts(name: str) -> Callable[..., DoubleDouble] | None:
+def _function_of_parts(name: str) -> Callable[..., DoubleDouble] | None:
     """Return a function of sums of two numbers as one of the numbers."""
     if not name.startswith(OF_SUMS):
         return None
@@ -137,7 +139,7 @@ def _of_parts(name: str) -> Callable[..., DoubleDouble] | None:
     return lambda *parts: function(*(DoubleDouble(*pair) for pair in zip(parts[::2], parts[1::2], strict=True)))
 
 
-def _parameters(name: str, function: Callable[..., Any]) -> int:
+def _parameter_count(name: str, function: Callable[..., Any]) -> int:
     if name.startswith(OF_SUMS):
         return 2 * len(inspect.signature(LONG_FUNCTIONS[name.removeprefix(OF_SUMS)]).parameters)
     return len(inspect.signature(function).parameters)
@@ -169,15 +171,15 @@ def definitions(names: Mapping[str, bool], lanes: int, math_functions: str = NAM
     wide = '"prefer-vector-width"="512"'
     attributes = {True: f"nounwind alwaysinline {wide}", False: f"nounwind {wide}"}
     text = [text.replace("ATTRIBUTES", attributes[names[name]]) for name, (text, _) in printed.items()]
-    return "\n".join([*map(_table, tables), *text])
+    return "\n".join([*map(_table_text, tables), *text])
 
 
 def declarations(*lanes: int) -> str:
     """Declare the LLVM intrinsics that functions and laws call, for numbers of lanes."""
-    return "\n".join([*map(_declared, lanes), "!0 = !{}"])
+    return "\n".join([*map(_intrinsic_declarations, lanes), "!0 = !{}"])
 
 
-def _declared(lanes: int) -> str:
+def _intrinsic_declarations(lanes: int) -> str:
     lines = FunctionLines(lanes)
     number, suffix = lines.kind("n"), lines.suffix()
     printed = [f"declare {number} @llvm.{name}.{suffix}({number})" for name in ("sqrt", "fabs", "floor")]
@@ -194,7 +196,7 @@ def _declared(lanes: int) -> str:
     return "\n".join(printed)
 
 
-def _table(name: str) -> str:
+def _table_text(name: str) -> str:
     table = TABLES[name]
     lines = FunctionLines(1)
     kind = lines.kind("w" if isinstance(table[0], int) else "n")

@@ -14,21 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.dynamics.recorded_models import model_of_record
 from xdynamics.elementary import kept_set
 from xdynamics.evidence.gates import FAILED, GATES, NOT_CHECKED, PASSED, Gate
 from xdynamics.expressions import Node
-from xdynamics.faults import spoken
+from xdynamics.faults import display_text
 from xdynamics.methods.moreau import MOREAU_JEAN
 from xdynamics.model import Function, Model
 from xdynamics.model.delays import is_before
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of, variables
+from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, variables
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
 from xdynamics.record.named_elements import column_in_si, event_words
 from xdynamics.record.named_rows import rows_named
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def audit(run: xr.Dataset, functions: Functions = None) -> list[Gate]:
         `events_met` of a model with events that stop, switch or reset; `contacts_admissible` of one with contacts or dry
         friction. A record that does not hold what is needed is `not_checked`.
     """
-    model = model_of(run, functions)
+    model = model_of_record(run, functions)
     return [_gate(name, look, run, model, passed) for name, look, passed in _questions(model)]
 
 
@@ -81,13 +81,15 @@ def gates_of(model: Model) -> list[str]:
 def audited_columns(run: xr.Dataset, model: Model) -> xr.Dataset:
     """Return what an audit reads of a record: times, flags, events, the state, forces and gaps of contacts."""
     owners = {reaction.owner for reaction in reactions(model)}
-    named = {of(owner) for owner in owners for of in (contact_force, contact_gap, friction_force)}
-    named |= {*COLUMNS, *variables(model), *(parted(name)[0] for name in variables(model))}
+    audited_names = {
+        column_name_of(owner) for owner in owners for column_name_of in (contact_force, contact_gap, friction_force)
+    }
+    audited_names |= {*COLUMNS, *variables(model), *(split_element_name(name)[0] for name in variables(model))}
     return run[
         [
             name
             for name in run.variables
-            if name in named or run[name].dims[:1] in ((), (schema.EVENTS,), (schema.DOCUMENT,))
+            if name in audited_names or run[name].dims[:1] in ((), (schema.EVENTS,), (schema.DOCUMENT,))
         ]
     ]
 
@@ -110,12 +112,12 @@ def contradiction(run: xr.Dataset, functions: Functions = None) -> str:
     return "; ".join(gate.reason for gate in audit(run, functions) if gate.verdict == FAILED)
 
 
-def gates_said(found: xr.Dataset) -> Iterator[str]:
+def gate_lines(diagnosis: xr.Dataset) -> Iterator[str]:
     """Describe the gates of a diagnosis that are not passed."""
-    if "gate_name" not in found:
+    if "gate_name" not in diagnosis:
         return
     for verdict, reason in zip(
-        found["gate_verdict"].values.tolist(), found["gate_reason"].values.tolist(), strict=True
+        diagnosis["gate_verdict"].values.tolist(), diagnosis["gate_reason"].values.tolist(), strict=True
     ):
         if GATES[verdict] != PASSED:
             yield f"{'attention' if GATES[verdict] == FAILED else 'not checked'}: {reason}"
@@ -127,7 +129,7 @@ def _gate(name: str, look: Look, run: xr.Dataset, model: Model, passed: str) -> 
         faults = list(look(run, model))
     except KeyError as missing:
         return Gate(name, NOT_CHECKED, f"the record has no {missing}")
-    return Gate(name, FAILED, spoken("; ".join(faults))) if faults else Gate(name, PASSED, passed)
+    return Gate(name, FAILED, display_text("; ".join(faults))) if faults else Gate(name, PASSED, passed)
 
 
 def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
@@ -139,10 +141,10 @@ def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
     }
     trees = {name: model.expanded(tree) for name, tree in acting.items()}
     trees = {name: tree for name, tree in trees.items() if not any(map(is_before, model.reads(tree)))}
-    times, met = run["time"].values, _occurrences(run)
+    times, met = run["time"].values, _event_times_by_name(run)
     second = unit_suffix(str(run["time"].attrs["units"]))
     rates = [model.rate_of(tree) for tree in trees.values()]
-    columns = _evaluated(run, model, [*trees.values(), *rates])
+    columns = _tree_columns(run, model, [*trees.values(), *rates])
     for name, values, slopes in zip(trees, columns, columns[len(trees) :], strict=False):
         direction = _DIRECTIONS.get(model.events[name].direction, 0.0)
         row = next(_left_unmet(run, values, slopes, direction, met.get(name, np.zeros(0))), None)
@@ -152,8 +154,10 @@ def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
                 " which is its direction, and was not met"
             )
     for name in acting:
-        asked = model.events[name].time_tolerance
-        tolerance = float(run.attrs.get("solver_time_tolerance", 0.0)) if asked is None else asked.si
+        event_tolerance = model.events[name].time_tolerance
+        tolerance = (
+            float(run.attrs.get("solver_time_tolerance", 0.0)) if event_tolerance is None else event_tolerance.si
+        )
         pauses = np.diff(met.get(name, np.zeros(0)))
         if (close := pauses <= CROWDED * tolerance).any():
             when = met[name][int(np.argmax(close))]
@@ -181,20 +185,20 @@ def _left_unmet(run: xr.Dataset, values: Floats, rates: Floats, direction: float
             yield row
 
 
-def _occurrences(run: xr.Dataset) -> dict[str, Floats]:
+def _event_times_by_name(run: xr.Dataset) -> dict[str, Floats]:
     """Return when each detector met an event, ascending, by its name or that of its element."""
     words, times = np.array(event_words(run), object), np.asarray(run["event_time"].values, float)
     return {word: times[words == word] for word in dict.fromkeys(words.tolist())}
 
 
-def _evaluated(run: xr.Dataset, model: Model, trees: list[Node]) -> list[Floats]:
+def _tree_columns(run: xr.Dataset, model: Model, trees: list[Node]) -> list[Floats]:
     """Return expressions of coordinates, velocities and states in all rows of a record, SI."""
     state: dict[str, Any] = {"t": column_in_si(run, "time"), REGIME_NUMBER: np.zeros(run.sizes[schema.STEPS])}
     if "regime" in run.variables:
         state[REGIME_NUMBER] = run["regime"].values.astype(float)
     state |= {name: column_in_si(run, name) for name in variables(model)}
-    known, set_used = constants(model), kept_set(run.attrs.get("math_functions"))
-    values = evaluated_many(model, trees, state, known, tables_of(model), set_used)
+    constant_values, set_used = constants(model), kept_set(run.attrs.get("math_functions"))
+    values = evaluate_over_states(model, trees, state, constant_values, drive_pieces(model), set_used)
     return [np.broadcast_to(np.asarray(value, float), state["t"].shape) for value in values]
 
 
@@ -202,10 +206,10 @@ def _broken_contacts(run: xr.Dataset, model: Model) -> Iterator[str]:
     """Say which contacts pull, are penetrated, or hold more than friction can, in any row."""
     times, second = run["time"].values, unit_suffix(str(run["time"].attrs["units"]))
     for reaction in reactions(model):
-        for what, excess in _excesses(run, model, reaction):
+        for violation, excess in _excesses(run, model, reaction):
             worst = int(np.argmax(excess)) if excess.size else 0
             if excess.size and excess[worst] > 0.0:
-                yield f"contact '{reaction.owner}' {what} at t = {times[worst]:.15g}{second}"
+                yield f"contact '{reaction.owner}' {violation} at t = {times[worst]:.15g}{second}"
     if "closed_force" in run.variables and run["closed_force"].size and not _steps_over_impacts(run):
         forces, rows = np.asarray(run["closed_force"].values), rows_named(run, "closed_step")
         tolerance = CROWDED * float(run.attrs.get("solver_time_tolerance", 0.0))
@@ -230,16 +234,18 @@ def _excesses(run: xr.Dataset, model: Model, reaction: Reaction) -> Iterator[tup
         yield "is penetrated", -gap - SLACK * np.abs(gap).max(initial=0.0) - _located_within(run, model, reaction)
         return
     force = np.abs(column_in_si(run, friction_force(reaction.owner)))
-    (most,) = _evaluated(run, model, [model.expanded(reaction.most)])
+    (friction_limit,) = _tree_columns(run, model, [model.expanded(reaction.sticking_limit)])
     if reaction.sort == TANGENT:
-        most = most * column_in_si(run, contact_force(reaction.owner))
-    yield "holds more than friction can", force - most - SLACK * np.abs(force).max(initial=0.0)
+        friction_limit = friction_limit * column_in_si(run, contact_force(reaction.owner))
+    yield "holds more than friction can", force - friction_limit - SLACK * np.abs(force).max(initial=0.0)
 
 
 def _located_within(run: xr.Dataset, model: Model, reaction: Reaction) -> float:
     """Return how far a gap may be passed by the time within which its impacts are located, SI."""
-    asked = model.contacts[reaction.owner].time_tolerance
-    tolerance = float(run.attrs.get("solver_time_tolerance", 0.0)) if asked is None else asked.si
+    contact_tolerance = model.contacts[reaction.owner].time_tolerance
+    tolerance = (
+        float(run.attrs.get("solver_time_tolerance", 0.0)) if contact_tolerance is None else contact_tolerance.si
+    )
     speeds = [
         float(np.abs(column_in_si(run, name)).max(initial=0.0))
         for name in map(schema.velocity, model.statement.coordinates)

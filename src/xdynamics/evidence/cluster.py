@@ -13,8 +13,8 @@ from typing import Any
 
 from xdynamics.elementary import NAME
 from xdynamics.evidence.main_guard import check_main_guard
-from xdynamics.faults import InputError, numbered
-from xdynamics.kernels.engine_part import sources
+from xdynamics.faults import InputError, numbered_lines
+from xdynamics.kernels.engine_part import source_digest
 
 PATIENCE = "10s"  # with a scheduler that does not answer
 RESTARTING = "300s"  # for a killed worker; after 15 s, too few on a busy machine, it would be given up for good
@@ -53,7 +53,7 @@ def connected() -> Any:
     return client
 
 
-def note(topic: str, entry: Any) -> None:
+def log_worker_event(topic: str, entry: Any) -> None:
     """Leave a small note with the scheduler, where this process works for one: what came of a task, for who asks later."""
     distributed: Any = sys.modules.get("distributed")
     if distributed is None:
@@ -62,7 +62,7 @@ def note(topic: str, entry: Any) -> None:
         distributed.get_worker().log_event(topic, entry)
 
 
-def notes(topic: str) -> list[Any]:
+def worker_events(topic: str) -> list[Any]:
     """Return what workers noted under a topic; nothing if dask computes in this process, or the cluster is gone."""
     try:
         client = connected()
@@ -77,7 +77,7 @@ def environment() -> dict[str, str]:
     """Return what has to be the same in all processes, for the same bits and for objects that are sent between them."""
     versions = {name: version(name) for name in ("xdynamics", "numpy", "llvmlite")}
     python = ".".join(map(str, sys.version_info[:2]))
-    return versions | {"Python": python, "math functions": NAME, "engine": sources()[:12]}
+    return versions | {"Python": python, "math functions": NAME, "engine": source_digest()[:12]}
 
 
 def check_workers(client: Any) -> None:
@@ -89,32 +89,34 @@ def check_workers(client: Any) -> None:
         Naming each worker that has others; or if there is no worker.
     """
     try:
-        found = _environments(client)
+        environments = _environments(client)
     except Exception as error:  # noqa: BLE001 - whatever a worker without this package answers
-        raise InputError(f"the workers of {_address(client)} cannot be asked for their versions: {error}") from None
-    if not found:
         raise InputError(
-            f"the cluster at {_address(client)} has no workers; start one with: dask worker {_address(client)}; or where"
+            f"the workers of {_scheduler_address(client)} cannot be asked for their versions: {error}"
+        ) from None
+    if not environments:
+        raise InputError(
+            f"the cluster at {_scheduler_address(client)} has no workers; start one with: dask worker {_scheduler_address(client)}; or where"
             " jobs still wait in a queue, wait for them: cluster.wait_for_workers(1)"
         )
     mine = environment()
-    faults = [fault for worker, theirs in found.items() for fault in _faults(worker, mine, theirs)]
+    faults = [fault for worker, theirs in environments.items() for fault in _environment_faults(worker, mine, theirs)]
     if faults:
         remedy = "install the same versions on all machines"
-        raise InputError(f"the workers are not as this process; {remedy}:{numbered(faults)}", tuple(faults))
+        raise InputError(f"the workers are not as this process; {remedy}:{numbered_lines(faults)}", tuple(faults))
 
 
 def _environments(client: Any) -> dict[str, Any]:
     """Return each worker's environment; where one was lost while it was asked, ask those that are there then."""
     for _ in range(ASKED):
-        found: dict[str, Any] = client.run(environment, on_error="return")
-        if not any(isinstance(answer, OSError) for answer in found.values()):
+        environments: dict[str, Any] = client.run(environment, on_error="return")
+        if not any(isinstance(answer, OSError) for answer in environments.values()):
             break
         time.sleep(OFTEN)
-    return found
+    return environments
 
 
-def _faults(worker: str, mine: dict[str, str], theirs: Any) -> Iterator[str]:
+def _environment_faults(worker: str, mine: dict[str, str], theirs: Any) -> Iterator[str]:
     if not isinstance(theirs, dict):
         yield f"worker {worker} cannot be asked: {theirs!s:.200}"
         return
@@ -212,8 +214,8 @@ def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
         }
         with (
             dask.config.set({"distributed.deploy.lost-worker-timeout": RESTARTING}),
-            library.LocalCluster(n_workers=workers, **settings) as here,
-            library.Client(here) as client,
+            library.LocalCluster(n_workers=workers, **settings) as local_cluster,
+            library.Client(local_cluster) as client,
             reached(client),
         ):
             check_workers(client)
@@ -242,15 +244,21 @@ def _quiet_end() -> Iterator[None]:
         raise
 
 
-def _is_news(told: logging.LogRecord) -> bool:
+def _is_news(log_record: logging.LogRecord) -> bool:
     """Whether what the library tells is not the loss of the cluster, which is said in one line."""
-    cancelled = told.exc_info and told.exc_info[0] is not None and told.exc_info[0].__name__ == "CancelledError"
-    return not cancelled and not told.getMessage().startswith("Failed to reconnect to scheduler")
+    cancelled = (
+        log_record.exc_info
+        and log_record.exc_info[0] is not None
+        and log_record.exc_info[0].__name__ == "CancelledError"
+    )
+    return not cancelled and not log_record.getMessage().startswith("Failed to reconnect to scheduler")
 
 
-def _is_awaited(told: logging.LogRecord) -> bool:
+def _is_awaited(log_record: logging.LogRecord) -> bool:
     """Whether what is told is not the end of a wait for results that are not wanted any more."""
-    return not (told.exc_info and told.exc_info[0] is not None and told.exc_info[0].__name__ == "AllExit")
+    return not (
+        log_record.exc_info and log_record.exc_info[0] is not None and log_record.exc_info[0].__name__ == "AllExit"
+    )
 
 
 @contextmanager
@@ -266,7 +274,7 @@ def reached(client: Any) -> Iterator[None]:
     library: Any = distributed
     closed = getattr(library.client, "ClosedClientError", library.comm.CommClosedError)  # of newer versions
     gone = (library.comm.CommClosedError, library.client.FutureCancelledError, TimeoutError, closed)
-    address = _address(client)
+    address = _scheduler_address(client)
     logging.getLogger("distributed.client").addFilter(_is_news)  # it tells some of it after the end
     try:
         yield
@@ -282,32 +290,32 @@ def reached(client: Any) -> Iterator[None]:
         ) from None
 
 
-def _address(client: Any) -> str:
+def _scheduler_address(client: Any) -> str:
     return str(getattr(client.scheduler, "address", "an unknown address"))
 
 
 @contextmanager
-def watched(client: Any, tell: Tell | None) -> Iterator[None]:
+def progress_reported(client: Any, tell: Tell | None) -> Iterator[None]:
     """Report the fraction of a cluster's tasks that are done, as long as the context lasts."""
-    over = threading.Event()
+    finished = threading.Event()
 
-    def watch() -> None:
-        most = 1
-        while not over.wait(OFTEN):
+    def poll_progress() -> None:
+        max_unfinished = 1
+        while not finished.wait(OFTEN):
             with suppress(Exception):  # a cluster that is gone is told by whoever waits for its results
-                left = client.run_on_scheduler(_unfinished)
-                most = max(most, left)
-                report(1.0 - left / most, 0.0, most - left)
+                unfinished = client.run_on_scheduler(_unfinished)
+                max_unfinished = max(max_unfinished, unfinished)
+                report(1.0 - unfinished / max_unfinished, 0.0, max_unfinished - unfinished)
 
     if tell is None:
         yield
         return
-    report, thread = tell, threading.Thread(target=watch, daemon=True)
+    report, thread = tell, threading.Thread(target=poll_progress, daemon=True)
     thread.start()
     try:
         yield
     finally:
-        over.set()
+        finished.set()
         thread.join()
 
 

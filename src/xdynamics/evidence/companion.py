@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.dynamics.shortened_steps import Inside, sampled
+from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
 from xdynamics.dynamics.wanted_times import wanted_times
-from xdynamics.evidence.event_matching import matched, met
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.event_matching import event_rows_by_name, match_times
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
-from xdynamics.evidence.runs import by_quantities, march
+from xdynamics.evidence.runs import march_model, prepare_record
 from xdynamics.evidence.stage_tasks import Task, march_task
-from xdynamics.evidence.stages import Stage, lazy, task_of
+from xdynamics.evidence.stages import Stage, lazy_stage, task_of
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
 from xdynamics.march.outcomes import GOOD
@@ -28,8 +28,8 @@ from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.record import check_kind, shapes_of, unfold
-from xdynamics.record.arguments import asked_of
-from xdynamics.record.flag_words import time_unit
+from xdynamics.record.arguments import recorded_arguments
+from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.partial_records import is_whole, kind_description
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity, unit_suffix
@@ -56,14 +56,14 @@ class Tighter:
     factor : float
         By which the difference between both runs is multiplied to give the error of the record: Richardson's, with the
         order of the method in its step, and 1 in the tolerance.
-    said : str
+    tightening : str
         In words, what is tighter.
     """
 
     model: Model
     settings: Mapping[str, Any]
     factor: float
-    said: str
+    tightening: str
 
     @property
     def task(self) -> Task:
@@ -77,14 +77,14 @@ class Tighter:
         with _no_tighter():
             return march_task(self.model, **self.settings)
 
-    def beside(self, run: xr.Dataset, marched: xr.Dataset, functions: Functions | None) -> Companion:
+    def to_companion(self, run: xr.Dataset, marched: xr.Dataset, functions: Functions | None) -> Companion:
         """Return the marched run as the companion of the record."""
-        return Companion(run, marched, self.factor, self.said, functions)
+        return Companion(run, marched, self.factor, self.tightening, functions)
 
-    def blank_beside(self, states: xr.Dataset) -> xr.Dataset:
+    def blank_global_errors(self, states: xr.Dataset) -> xr.Dataset:
         """Describe the global errors of sampled states that are described themselves."""
-        return _added(
-            states, {name: states.variables[name].values for name in _with_errors(states)}, self.factor, self.said
+        return _with_global_errors(
+            states, {name: states.variables[name].values for name in _state_names(states)}, self.factor, self.tightening
         )
 
 
@@ -94,32 +94,34 @@ class Companion:
 
     Attributes
     ----------
-    of, run : xarray.Dataset
+    full_record, run : xarray.Dataset
         The record, and the tighter run.
     factor : float
-    said : str
+    tightening : str
         As in `Tighter`.
     functions : mapping, optional
     """
 
-    of: xr.Dataset
+    full_record: xr.Dataset
     run: xr.Dataset
     factor: float
-    said: str
+    tightening: str
     functions: Functions | None
 
-    def beside(self, states: xr.Dataset) -> xr.Dataset:
+    def with_global_errors(self, states: xr.Dataset) -> xr.Dataset:
         """Add global errors to sampled states; nan after the end of the tighter run."""
         times = states[AT_TIME].values
         reached = times <= float(self.run["time"][-1])
-        names, errors = _with_errors(states), {}
-        tight = sampled(self.holding(names), times[reached], after=True, rule=REINTEGRATE, functions=self.functions)
+        names, errors = _state_names(states), {}
+        tight = sample_in_steps(
+            self.holding(names), times[reached], after_event=True, rule=REINTEGRATE, functions=self.functions
+        )
         for name in names:
             errors[name] = np.full(states.variables[name].shape, np.nan)
             errors[name][reached] = self.factor * (
                 states.variables[name].values[reached] - tight.variables[name].values
             )
-        return _added(states, errors, self.factor, self.said).assign_attrs(
+        return _with_global_errors(states, errors, self.factor, self.tightening).assign_attrs(
             companion_digest=archive.digest_of_run(self.run)
         )
 
@@ -129,12 +131,12 @@ class Companion:
 
     def event_errors(self) -> Floats:
         """Return the error of each event's time, s; nan where the tighter run did not meet the event."""
-        errors = np.full(self.of.sizes.get(EVENTS, 0), np.nan)
-        event_rows = [met(run) for run in (self.of, self.run)]
+        errors = np.full(self.full_record.sizes.get(EVENTS, 0), np.nan)
+        event_rows = [event_rows_by_name(run) for run in (self.full_record, self.run)]
         for name in {*event_rows[0]} & {*event_rows[1]}:
-            rows, others = (events[name] for events in event_rows)
-            times, tight = self.of["event_time"].values[rows], self.run["event_time"].values[others]
-            mine, theirs = matched(times, tight)
+            rows, tighter_rows = (events[name] for events in event_rows)
+            times, tight = self.full_record["event_time"].values[rows], self.run["event_time"].values[tighter_rows]
+            mine, theirs = match_times(times, tight)
             errors[rows[mine]] = self.factor * (times[mine] - tight[theirs])
         return errors
 
@@ -192,54 +194,60 @@ def companion(
     True
     """
     check_kind(run)
-    run = by_quantities(run, functions)
-    at = None if times is None else wanted_times(times, time_unit(run))
+    run = prepare_record(run, functions)
+    sample_times = None if times is None else wanted_times(times, time_unit_of(run))
     if compute:
-        return _beside(run, companion_of(run, functions), at)
+        return _compare_with_companion(run, companion_of(run, functions), sample_times)
     tighter = tighter_of(run, functions)
-    words = None if at is None else at.tolist()
-    task = task_of_runs("companion", partial(_in_task, tighter, functions, at), (run,), words, needs=(tighter.task,))
-    states = tighter.blank_beside(Inside.of(run, functions, REINTEGRATE).blank(1 if at is None else len(at)))
+    words = None if sample_times is None else sample_times.tolist()
+    task = task_of_runs(
+        "companion", partial(_companion_in_task, tighter, functions, sample_times), (run,), words, needs=(tighter.task,)
+    )
+    states = tighter.blank_global_errors(
+        StepInterpolator.of_run(run, functions, REINTEGRATE).blank(1 if sample_times is None else len(sample_times))
+    )
     errors = np.full(run.sizes.get(EVENTS, 0), np.nan)
-    template = _dataset(
+    template = _companion_dataset(
         run,
-        states if at is None else states.assign_coords({AT_TIME: (AT, at, states[AT_TIME].attrs)}),
+        states if sample_times is None else states.assign_coords({AT_TIME: (AT, sample_times, states[AT_TIME].attrs)}),
         errors,
         errors,
         (),
     )
-    return lazy(Stage(template, task, () if at is None else (AT_TIME,)))
+    return lazy_stage(Stage(template, task, () if sample_times is None else (AT_TIME,)))
 
 
-def _in_task(
-    tighter: Tighter, functions: Functions | None, at: Floats | None, run: xr.Dataset, marched: xr.Dataset
+def _companion_in_task(
+    tighter: Tighter, functions: Functions | None, sample_times: Floats | None, run: xr.Dataset, marched: xr.Dataset
 ) -> xr.Dataset:
     """Compare a record with its tighter run, in a task."""
-    return _beside(in_memory(run), tighter.beside(run, marched, functions), at)
+    return _compare_with_companion(in_memory(run), tighter.to_companion(run, marched, functions), sample_times)
 
 
-def _beside(run: xr.Dataset, companion: Companion, at: Floats | None) -> xr.Dataset:
+def _compare_with_companion(run: xr.Dataset, companion: Companion, sample_times: Floats | None) -> xr.Dataset:
     """Return the errors of a record by its tighter run."""
     last = min(float(data["time"][-1]) for data in (run, companion.run))  # an event may stop the tighter run first
-    times = np.array([last]) if at is None else at
-    states = companion.beside(sampled(run, times, after=True, rule=REINTEGRATE, functions=companion.functions))
+    times = np.array([last]) if sample_times is None else sample_times
+    states = companion.with_global_errors(
+        sample_in_steps(run, times, after_event=True, rule=REINTEGRATE, functions=companion.functions)
+    )
     digests = [archive.digest_of_run(data) for data in (run, companion.run)]
-    return _dataset(run, states, run["event_time"].values, companion.event_errors(), digests)
+    return _companion_dataset(run, states, run["event_time"].values, companion.event_errors(), digests)
 
 
-def _dataset(
+def _companion_dataset(
     run: xr.Dataset, states: xr.Dataset, event_times: Floats, event_errors: Floats, digests: Sequence[str]
 ) -> xr.Dataset:
     variables = {str(name): (data.dims, data.values, data.attrs) for name, data in states.variables.items()}
-    unit = time_unit(run).text
-    variables["event_time"] = ((EVENTS,), event_times, about(unit, "accepted time of the event", "event"))
+    unit = time_unit_of(run).text
+    variables["event_time"] = ((EVENTS,), event_times, variable_attributes(unit, "accepted time of the event", "event"))
     variables["event_time_global_error"] = (
         (EVENTS,),
         event_errors,
-        about(unit, "error of the event's time since the start of the run", "error"),
+        variable_attributes(unit, "error of the event's time since the start of the run", "error"),
     )
     attributes = {"companion": states.attrs["companion"], "model_digest": run.attrs["model_digest"]}
-    return exhibit(
+    return evidence_dataset(
         "companion",
         f"{run.attrs['title']}, beside a tighter run",
         digests,
@@ -249,19 +257,21 @@ def _dataset(
     )
 
 
-def _added(states: xr.Dataset, errors: Mapping[str, Floats], factor: float, said: str) -> xr.Dataset:
+def _with_global_errors(states: xr.Dataset, errors: Mapping[str, Floats], factor: float, tightening: str) -> xr.Dataset:
     """Add errors since the start to states, with their words."""
     import xarray as xr
 
     variables = {}
     for name, error in errors.items():
-        text = f"error of {name} since the start: its difference from the run with {said}, times {factor:.6g}"
-        own = states.variables[name]
-        variables[global_error(name)] = xr.Variable(own.dims, error, about(str(own.attrs["units"]), text, "error"))
-    return states.assign(variables).assign_attrs(companion=said)
+        text = f"error of {name} since the start: its difference from the run with {tightening}, times {factor:.6g}"
+        state_variable = states.variables[name]
+        variables[global_error(name)] = xr.Variable(
+            state_variable.dims, error, variable_attributes(str(state_variable.attrs["units"]), text, "error")
+        )
+    return states.assign(variables).assign_attrs(companion=tightening)
 
 
-def _with_errors(states: xr.Dataset) -> list[str]:
+def _state_names(states: xr.Dataset) -> list[str]:
     """Name the coordinates, velocities and states."""
     return [str(key) for key in states.variables if schema.error(str(key)) in states.variables]
 
@@ -290,7 +300,9 @@ def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Compani
     """
     tighter = tighter_of(run, functions)
     with _no_tighter():
-        return Companion(run, march(tighter.model, **tighter.settings), tighter.factor, tighter.said, functions)
+        return Companion(
+            run, march_model(tighter.model, **tighter.settings), tighter.factor, tighter.tightening, functions
+        )
 
 
 @contextmanager
@@ -312,12 +324,14 @@ def tighter_of(run: xr.Dataset, functions: Functions | None) -> Tighter:
     """
     check_kind(run)
     check_whole(run)
-    model = model_of(run, functions)
-    settings = {name: value for name, value in asked_of(run).items() if value is not None and name not in THINNING}
+    model = model_of_record(run, functions)
+    settings = {
+        name: value for name, value in recorded_arguments(run).items() if value is not None and name not in THINNING
+    }
     settings |= {"force_samples": "none", **reached_only(run)}
     if str(run.attrs["solver_step_control"]) == "adaptive":
-        said = f"a {TIGHTER:.0f}th of the tolerances"
-        return Tighter(model, _tightened(settings), TIGHTER / (TIGHTER - 1.0), said)
+        tightening = f"a {TIGHTER:.0f}th of the tolerances"
+        return Tighter(model, _tightened(settings), TIGHTER / (TIGHTER - 1.0), tightening)
     step = settings["step"]
     halved = np.repeat(np.asarray(step) / 2.0, 2) if np.ndim(step) else step / 2.0
     ratio = 2.0 ** METHODS[run.attrs["solver_method"]].order
@@ -339,29 +353,29 @@ def _tightened(settings: Mapping[str, Any]) -> dict[str, Any]:
         name: Quantity(tolerance.value / TIGHTER, tolerance.unit)
         for name, tolerance in settings.get("atol", {}).items()
     } or None
-    others = {name: value for name, value in settings.items() if name != "step"}
-    return others | {
+    other_settings = {name: value for name, value in settings.items() if name != "step"}
+    return other_settings | {
         "rtol": settings["rtol"] / TIGHTER,
         "atol": atol,
         "max_steps": int(TIGHTER * settings["max_steps"]),
     }
 
 
-def lines_of(found: xr.Dataset) -> Iterator[str]:
+def companion_lines(evidence: xr.Dataset) -> Iterator[str]:
     """Describe the errors of a run at its last time and of its events, line by line."""
-    unit = unit_suffix(time_unit(found))
-    yield f"beside a run with {found.attrs['companion']}"
-    for name in [str(key) for key in found.data_vars if global_error(str(key)) in found]:
-        value, error = float(found[name][-1]), float(found[global_error(name)][-1])
+    unit = unit_suffix(time_unit_of(evidence))
+    yield f"beside a run with {evidence.attrs['companion']}"
+    for name in [str(key) for key in evidence.data_vars if global_error(str(key)) in evidence]:
+        value, error = float(evidence[name][-1]), float(evidence[global_error(name)][-1])
         yield (
-            f"{name} = {value:.{digits(value, uncertainty=abs(error))}g}{unit_suffix(str(found[name].attrs['units']))} at t ="
-            f" {float(found[AT_TIME][-1]):.9g}{unit}, off by {error:.2g}"
+            f"{name} = {value:.{digits(value, uncertainty=abs(error))}g}{unit_suffix(str(evidence[name].attrs['units']))} at t ="
+            f" {float(evidence[AT_TIME][-1]):.9g}{unit}, off by {error:.2g}"
         )
-    for time, error in zip(found["event_time"].values, found["event_time_global_error"].values, strict=True):
+    for time, error in zip(evidence["event_time"].values, evidence["event_time_global_error"].values, strict=True):
         yield (
             f"event at t = {float(time):.{digits(float(time), uncertainty=abs(float(error)))}g}{unit}, off by"
             f" {float(error):.2g}{unit}"
         )
 
 
-SUMMARIES = {"companion": lines_of}
+SUMMARIES = {"companion": companion_lines}

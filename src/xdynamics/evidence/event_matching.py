@@ -18,7 +18,7 @@ Rows = NDArray[np.int64]
 LOOKED_AT = 1000  # events that decide the offset: the cost must not grow with the square of their number
 
 
-def met(run: xr.Dataset) -> dict[str, Rows]:
+def event_rows_by_name(run: xr.Dataset) -> dict[str, Rows]:
     """Return the rows of the events of each name, in order; empty for a record without events or their columns."""
     if not {"event_detector", "event_time", "event_time_uncertainty"} <= set(run.variables):
         return {}
@@ -26,7 +26,7 @@ def met(run: xr.Dataset) -> dict[str, Rows]:
     return {str(name): np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())}
 
 
-def matched(first: Floats, second: Floats) -> tuple[Rows, Rows]:
+def match_times(first: Floats, second: Floats) -> tuple[Rows, Rows]:
     """Pair the times of two ascending sequences one by one; the longer is shifted so that both are closest.
 
     Returns
@@ -36,13 +36,13 @@ def matched(first: Floats, second: Floats) -> tuple[Rows, Rows]:
 
     Examples
     --------
-    >>> [places.tolist() for places in matched(np.array([1.0, 2.0, 3.0]), np.array([2.1, 3.1]))]
+    >>> [places.tolist() for places in match_times(np.array([1.0, 2.0, 3.0]), np.array([2.1, 3.1]))]
     [[1, 2], [0, 1]]
-    >>> [places.tolist() for places in matched(np.array([1.0, 2.0, 2.5]), np.array([1.2, 2.4]))]
+    >>> [places.tolist() for places in match_times(np.array([1.0, 2.0, 2.5]), np.array([1.2, 2.4]))]
     [[0, 1], [0, 1]]
     """
     if len(first) < len(second):
-        theirs, mine = matched(second, first)
+        theirs, mine = match_times(second, first)
         return mine, theirs
     n, head = len(second), second[:LOOKED_AT]
     distances = [

@@ -24,7 +24,7 @@ from xdynamics.schema import (
     TEXT_NAMES,
 )
 from xdynamics.shapes import NO_SHAPES, Shapes
-from xdynamics.shapes.naming import spoken
+from xdynamics.shapes.naming import display_text
 from xdynamics.units.digits import known_part
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from xdynamics.model import Model
 
 
-def exhibit(
+def evidence_dataset(
     kind: str,
     title: str,
     runs: Sequence[str],
@@ -65,37 +65,43 @@ def exhibit(
 
     # one time alone belongs to no dimension: a file would not name it as a coordinate of anything
     coordinates = [name for name in (AT_TIME, "time", STEP_NUMBER.name) if name in variables and variables[name][0]]
-    own = {name: xr.Variable(*variable) for name, variable in variables.items()}
+    dataset_variables = {name: xr.Variable(*variable) for name, variable in variables.items()}
     for name in TEXT_NAMES:
-        if name in own and not own[name].dims:
-            others = ((other, *variable.dims) for other, variable in own.items() if other not in TEXT_NAMES)
+        if name in dataset_variables and not dataset_variables[name].dims:
+            names_and_dims = (
+                (variable_name, *variable.dims)
+                for variable_name, variable in dataset_variables.items()
+                if variable_name not in TEXT_NAMES
+            )
             # dimensions of a sweep are its axes alone; of a model of schema 1 something else may be called so
-            if kind != SWEEP and not any(DOCUMENT in names for names in others):
-                own[name] = along_document(own[name])
+            if kind != SWEEP and not any(DOCUMENT in names for names in names_and_dims):
+                dataset_variables[name] = along_document(dataset_variables[name])
             coordinates.append(name)
-    dataset = xr.Dataset(_told(own) if shapes.dims else own).set_coords(coordinates)
+    dataset = xr.Dataset(_with_display_texts(dataset_variables) if shapes.dims else dataset_variables).set_coords(
+        coordinates
+    )
     header = {
         "Conventions": CONVENTIONS,
-        "title": spoken(title),
+        "title": display_text(title),
         "source": f"{kind} by xdynamics",
         "schema_version": SCHEMA_VERSION,
         EVIDENCE: kind,
         RUNS: " ".join(runs),
     }
     if shapes.dims:
-        dataset, attributes = fold(dataset, shapes), _told_attributes(attributes)
+        dataset, attributes = fold(dataset, shapes), _with_display_attributes(attributes)
         for variable in dataset.variables.values():
-            variable.attrs["long_name"] = spoken(variable.attrs["long_name"])
+            variable.attrs["long_name"] = display_text(variable.attrs["long_name"])
         header |= {key: entry for key, entry in dataset.attrs.items() if key == MODEL_DIMENSIONS}
     dataset.attrs = header | dict(attributes) | circumstances(f"{kind} made")
     return archive.marched(dataset, unchanged)
 
 
-def _told(variables: dict[str, xr.Variable]) -> dict[str, xr.Variable]:
+def _with_display_texts(variables: dict[str, xr.Variable]) -> dict[str, xr.Variable]:
     """Return variables whose texts name elements as people write them."""
     texts = {
         name: variable.copy(
-            data=np.array([spoken(text) for text in variable.values.ravel().tolist()]).reshape(variable.shape)
+            data=np.array([display_text(text) for text in variable.values.ravel().tolist()]).reshape(variable.shape)
         )
         for name, variable in variables.items()
         if variable.dtype.kind == "U" and variable.chunks is None and name != "model_toml"
@@ -103,16 +109,16 @@ def _told(variables: dict[str, xr.Variable]) -> dict[str, xr.Variable]:
     return variables | texts
 
 
-def _told_attributes(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: spoken(entry) if isinstance(entry, str) else entry for key, entry in attributes.items()}
+def _with_display_attributes(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: display_text(entry) if isinstance(entry, str) else entry for key, entry in attributes.items()}
 
 
-def about(units: str, long_name: str, role: str) -> dict[str, Any]:
+def variable_attributes(units: str, long_name: str, role: str) -> dict[str, Any]:
     """Return the attributes of a variable."""
     return {"units": units, "long_name": long_name, "role": role}
 
 
-def stated(evidence: xr.Dataset, name: str) -> Any:
+def stated_value(evidence: xr.Dataset, name: str) -> Any:
     """Return what is stated as an attribute, or as a variable where it was known after marching only; None if it is not."""
     value = evidence.attrs.get(name)
     if value is None and name in evidence.variables:

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from xdynamics.evidence.evidence_dataset import about
-from xdynamics.schema import flags
+from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.schema import flag_attributes
 
 GATE = "gate"
 PASSED, FAILED, NOT_CHECKED = GATES = ("passed", "failed", "not_checked")
@@ -22,15 +22,15 @@ class Gate(NamedTuple):
     reason: str
 
 
-def gates_as(gates: Sequence[tuple[str, str, str]], question: str) -> dict[str, Any]:
+def gate_variables(gates: Sequence[tuple[str, str, str]], question: str) -> dict[str, Any]:
     """Return gates as variables of a Dataset; `question` says in words what a gate asks."""
     names, verdicts, reasons = zip(*gates, strict=True)
     return {
-        "gate_name": ((GATE,), np.array(names), about("1", question, "name")),
-        "gate_reason": ((GATE,), np.array(reasons), about("1", "what was looked at", "rule")),
+        "gate_name": ((GATE,), np.array(names), variable_attributes("1", question, "name")),
+        "gate_reason": ((GATE,), np.array(reasons), variable_attributes("1", "what was looked at", "rule")),
         "gate_verdict": (
             (GATE,),
             np.array([GATES.index(verdict) for verdict in verdicts], np.int8),
-            about("1", "what became of it", "flag") | flags(dict(enumerate(GATES))),
+            variable_attributes("1", "what became of it", "flag") | flag_attributes(dict(enumerate(GATES))),
         ),
     }

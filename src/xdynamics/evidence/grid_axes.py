@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from xdynamics.archive.text_encoding import with_texts
 from xdynamics.faults import InputError
 from xdynamics.schema import EVIDENCE, SWEEP
-from xdynamics.shapes.naming import spoken, written
+from xdynamics.shapes.naming import display_text, internal_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,36 +40,36 @@ def sweep_of(data: Any) -> xr.Dataset:
     if not is_sweep(data) or "model_toml" not in data:
         raise InputError(f"{type(data).__name__} is no sweep; give what sweep or open_sweep returned")
     sweep: xr.Dataset = with_texts(data)
-    joined = {
+    joined_axes = {
         name: str(variable.dims[0])
         for name, variable in sweep.variables.items()
         if VARIES in variable.attrs and AXIS not in variable.attrs and len(variable.dims) == 1
     }
-    if not joined:
+    if not joined_axes:
         return sweep
     sweep = sweep.copy()
-    for name, dim in joined.items():
+    for name, dim in joined_axes.items():
         sweep[name].attrs[AXIS] = dim
-    varied = {str(sweep[name].attrs[WHAT]) for name in joined}
-    every = dict.fromkeys([*axes_said(sweep), *joined.values()])
+    varied = {str(sweep[name].attrs[WHAT]) for name in joined_axes}
+    every = dict.fromkeys([*sweep_axis_names(sweep), *joined_axes.values()])
     dims = [*(dim for dim in every if dim not in sweep.dims), *(str(dim) for dim in sweep.dims if dim in every)]
-    asked = {name: value for name, value in json.loads(str(sweep.attrs[ASKED])).items() if name not in varied}
+    shared_settings = {name: value for name, value in json.loads(str(sweep.attrs[ASKED])).items() if name not in varied}
     of_one = {OWN_DIGEST, *(f"solver_{name}{end}" for name in varied for end in ("", "_units"))}
-    kept = {key: value for key, value in sweep.attrs.items() if key not in of_one}
+    kept_attributes = {key: value for key, value in sweep.attrs.items() if key not in of_one}
     members = prod(sweep.sizes.get(dim, 1) for dim in dims)
-    own = {AXES: " ".join(dims), ASKED: json.dumps(asked, sort_keys=True), MEMBERS: members}
-    sweep.attrs = kept | own
+    axis_attributes = {AXES: " ".join(dims), ASKED: json.dumps(shared_settings, sort_keys=True), MEMBERS: members}
+    sweep.attrs = kept_attributes | axis_attributes
     return sweep
 
 
-def axes_said(sweep: xr.Dataset) -> list[str]:
+def sweep_axis_names(sweep: xr.Dataset) -> list[str]:
     """Name the axes of a sweep, in order."""
-    return [spoken(written(dim)) for dim in str(sweep.attrs[AXES]).split()]
+    return [display_text(internal_text(dim)) for dim in str(sweep.attrs[AXES]).split()]
 
 
-def numbers(sweep: xr.Dataset) -> list[str]:
+def member_number_names(sweep: xr.Dataset) -> list[str]:
     """Name the numbers kept of members, without their rules and uncertainties."""
-    axes = {*axes_said(sweep)}
+    axes = {*sweep_axis_names(sweep)}
     return [
         str(name)
         for name, variable in sweep.data_vars.items()

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive.place import Place, placed
+from xdynamics.archive.place import Place, location_of
 from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import made_folder, store_of, taking_name
 from xdynamics.evidence.cluster import environment
@@ -38,8 +38,8 @@ _WRITTEN: set[Place] = set()  # by this process
 class ResultForm:
     """How results of a kind are put into lists, texts and numbers, and read from them."""
 
-    written: Callable[[Any], Any]
-    read: Callable[[Any], Any]
+    encode: Callable[[Any], Any]
+    decode: Callable[[Any], Any]
 
 
 NUMBERS = ResultForm(np.ndarray.tolist, partial(np.array, dtype=float))
@@ -62,7 +62,7 @@ class Keep:
     @cached_property
     def present(self) -> set[str]:
         """The names of the results that were there when it was first looked."""
-        return {place.name for place in store_of(self.folder).names(self.folder)}
+        return {location.name for location in store_of(self.folder).names(self.folder)}
 
     @classmethod
     def of(cls, keep: str | Path | None) -> Keep | None:
@@ -77,11 +77,13 @@ class Keep:
 
     def task(self, task: Task, form: ResultForm) -> Task:
         """Return a task whose result is kept: read at once if it is there, so that nothing is marched for it."""
-        place = self.folder / f"{task.name}{SUFFIX}"
-        if place.name in self.present:
+        location = self.folder / f"{task.name}{SUFFIX}"
+        if location.name in self.present:
             with suppress(ArchiveError, InputError, OSError, ValueError, KeyError, TypeError, RecursionError):
-                return replace(task, call=partial(_same, form.read(_content(place))), needs=(), steps=0.0)
-        return replace(task, call=partial(_keeping, task.call, form, place), lasting=False)
+                return replace(
+                    task, call=partial(_unchanged_result, form.decode(_read_result(location))), needs=(), steps=0.0
+                )
+        return replace(task, call=partial(_keep_result, task.call, form, location), lasting=False)
 
     def blocks(self, numbers: xr.DataArray) -> xr.DataArray:
         """Return lazy numbers along one dimension, of which each block is kept."""
@@ -91,12 +93,12 @@ class Keep:
         data, parts = numbers.data, []
         for k in range(data.numblocks[0]):
             name = f"block-{sha256(f'{data.name} {k}'.encode()).hexdigest()[:32]}"
-            task = self.task(Task(name, _same), NUMBERS)
-            if isinstance(task.call, partial) and task.call.func is _same:
+            task = self.task(Task(name, _unchanged_result), NUMBERS)
+            if isinstance(task.call, partial) and task.call.func is _unchanged_result:
                 parts.append(da.from_array(task.call(), chunks=-1, name=f"{name}-kept"))
             else:
-                place = self.folder / f"{name}{SUFFIX}"
-                keeping = partial(_keeping, _same, NUMBERS, place)
+                location = self.folder / f"{name}{SUFFIX}"
+                keeping = partial(_keep_result, _unchanged_result, NUMBERS, location)
                 # with a meta of its own dask does not try it on an empty block, which would be kept
                 parts.append(data.blocks[k].map_blocks(keeping, dtype=data.dtype, meta=np.zeros(0, data.dtype)))
         return numbers.copy(data=da.concatenate(parts))
@@ -112,25 +114,27 @@ def folder_named(keep: Any) -> Any:
     """
     if not isinstance(keep, str | Path) or not str(keep):
         raise InputError(f"keep is {keep!r}, needs the name of a folder, like 'kept' or 's3://bucket/kept'")
-    return made_folder(placed(keep))
+    return made_folder(location_of(keep))
 
 
-def _same(result: Any) -> Any:
+def _unchanged_result(result: Any) -> Any:
     return result
 
 
-def _keeping(call: Callable[..., Any], form: ResultForm, place: Place, *needs: Any) -> Any:
+def _keep_result(call: Callable[..., Any], form: ResultForm, location: Place, *needs: Any) -> Any:
     """Return a result, which is remembered, and write it; of two processes with one task both have the same."""
-    result = REMEMBERED.result(place.stem, partial(call, *needs))
-    if place not in _WRITTEN or store_of(place).kind(place) is not None:
-        content = json.dumps(form.written(result))
-        with suppress(TakenError), taking_name(place) as new:
-            new.part.write_text(json.dumps({"made_by": _made_by(), "digest": _digest(content), "result": content}))
-        _WRITTEN.add(place)
+    result = REMEMBERED.result(location.stem, partial(call, *needs))
+    if location not in _WRITTEN or store_of(location).kind(location) is not None:
+        content = json.dumps(form.encode(result))
+        with suppress(TakenError), taking_name(location) as new:
+            new.part.write_text(
+                json.dumps({"made_by": _made_by(), "digest": _content_digest(content), "result": content})
+            )
+        _WRITTEN.add(location)
     return result
 
 
-def _content(place: Place) -> Any:
+def _read_result(location: Place) -> Any:
     """Return what a file holds.
 
     Raises
@@ -138,13 +142,13 @@ def _content(place: Place) -> Any:
     ValueError
         If it is damaged, or of another version.
     """
-    whole = json.loads(store_of(place).content(place, MOST))
-    if whole["made_by"] != _made_by() or whole["digest"] != _digest(whole["result"]):
-        raise ValueError(f"'{place}' is of another version, or damaged")
-    return json.loads(whole["result"])
+    document = json.loads(store_of(location).content(location, MOST))
+    if document["made_by"] != _made_by() or document["digest"] != _content_digest(document["result"]):
+        raise ValueError(f"'{location}' is of another version, or damaged")
+    return json.loads(document["result"])
 
 
-def _digest(content: str) -> str:
+def _content_digest(content: str) -> str:
     return sha256(content.encode()).hexdigest()
 
 

@@ -42,9 +42,9 @@ def _is_guarded(path: str, line: int) -> bool:
         statements = ast.parse(Path(path).read_bytes()).body
     except (OSError, SyntaxError, ValueError):
         return True
-    before = [statement for statement in statements if isinstance(statement, ast.If) and statement.lineno <= line]
+    guards = [statement for statement in statements if isinstance(statement, ast.If) and statement.lineno <= line]
     return any(
         isinstance(node, ast.Name) and node.id == "__name__"
-        for statement in before
+        for statement in guards
         for node in ast.walk(statement.test)
     )

@@ -12,11 +12,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.evidence.evidence_dataset import exhibit
-from xdynamics.evidence.operating_point import operating_point, place_in, replacements
+from xdynamics.evidence.evidence_dataset import evidence_dataset
+from xdynamics.evidence.operating_point import model_and_row, operating_point, replacements
 from xdynamics.evidence.run_tasks import task_of_runs
-from xdynamics.evidence.stage_tasks import Task, inputs_of
-from xdynamics.evidence.stages import Stage, is_lazy, lazy
+from xdynamics.evidence.stage_tasks import Task, setting_words
+from xdynamics.evidence.stages import Stage, is_lazy, lazy_stage
 from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
@@ -24,7 +24,7 @@ from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.linearisation import Linearisation, linearise
 from xdynamics.model.motion import constants, variables
-from xdynamics.model.tangent_space import count_of_changes, free_coordinates, independent
+from xdynamics.model.tangent_space import count_of_changes, free_coordinates, independent_counts
 from xdynamics.record import of_elements
 from xdynamics.runtime.blas_threads import one_blas_thread
 from xdynamics.schema import Variable
@@ -96,35 +96,39 @@ def modes(
     state |= replacements(model, at)
     runs = [archive.digest_of_run(subject)] if isinstance(subject, xr.Dataset) else []
     if compute:
-        return _computed(model, state, runs)
-    task = Task.of("modes", partial(_computed, model, state, runs), (), model.digest, inputs_of(state), runs)
-    template = _dataset(model, state, Spectrum.blank(model), runs)
-    return lazy(Stage(template, task, [variable.name for variable, _ in _state(model, state)]))
+        return _linearised_modes(model, state, runs)
+    task = Task.of(
+        "modes", partial(_linearised_modes, model, state, runs), (), model.digest, setting_words(state), runs
+    )
+    template = _modes_dataset(model, state, Spectrum.blank(model), runs)
+    return lazy_stage(Stage(template, task, [variable.name for variable, _ in _state_variables(model, state)]))
 
 
-def _of_lazy_run(run: xr.Dataset, row: int | None, at: Mapping[str, Any] | None) -> xr.Dataset:
+def _of_lazy_run(run: xr.Dataset, row: int | None, replaced_values: Mapping[str, Any] | None) -> xr.Dataset:
     """Describe the modes about a row that is read, or marched, later."""
-    model, _ = place_in(run, row)
-    known = replacements(model, at)
-    state = dict.fromkeys(("t", *variables(model)), np.nan) | known
-    template = _dataset(model, state, Spectrum.blank(model), ())
+    model, _ = model_and_row(run, row)
+    replaced_numbers = replacements(model, replaced_values)
+    state = dict.fromkeys(("t", *variables(model)), np.nan) | replaced_numbers
+    template = _modes_dataset(model, state, Spectrum.blank(model), ())
     template.attrs["summary"] = f"Linearisation about row {row or 0} of {run.attrs['title']}"
-    task = task_of_runs("modes", partial(_in_task, row, at), (run,), row, inputs_of(known))
-    return lazy(Stage(template, task))
+    task = task_of_runs(
+        "modes", partial(_modes_in_task, row, replaced_values), (run,), row, setting_words(replaced_numbers)
+    )
+    return lazy_stage(Stage(template, task))
 
 
-def _in_task(row: int | None, at: Mapping[str, Any] | None, run: xr.Dataset) -> xr.Dataset:
+def _modes_in_task(row: int | None, replaced_values: Mapping[str, Any] | None, run: xr.Dataset) -> xr.Dataset:
     """Linearise about a row of a run, in a task."""
     model, state = operating_point(run, row)
-    return _computed(model, state | replacements(model, at), [archive.digest_of_run(run)])
+    return _linearised_modes(model, state | replacements(model, replaced_values), [archive.digest_of_run(run)])
 
 
 @one_blas_thread()
-def _computed(model: Model, state: Mapping[str, float], runs: Sequence[str]) -> xr.Dataset:
+def _linearised_modes(model: Model, state: Mapping[str, float], runs: Sequence[str]) -> xr.Dataset:
     linearisation = linearise(model, dict(state))
     _check_state(model, linearisation, state)
     _check_finite(model, linearisation, state["t"])
-    return _dataset(model, state, Spectrum.of(model, linearisation), runs)
+    return _modes_dataset(model, state, Spectrum.of(model, linearisation), runs)
 
 
 @dataclass(frozen=True)
@@ -153,7 +157,7 @@ class Spectrum:
     def of(cls, model: Model, linearisation: Linearisation) -> Spectrum:
         """Compute it."""
         jacobian, space = linearisation.reduced, linearisation.displacements
-        normal = NormalModes.of(*linearisation.along)
+        normal = NormalModes.from_matrices(*linearisation.displacement_matrices)
         squares, shapes = _squares_and_shapes(normal, space)
         free = len(space) == space.shape[1]
         clean = replace(normal, squares=squares) if free and len(squares) >= MANY else None
@@ -162,8 +166,8 @@ class Spectrum:
         real = np.where((squares.imag == 0.0) & (squares.real >= 0.0), squares.real, np.nan)
         frequency = np.sqrt(real)
         period = np.divide(2.0 * np.pi, frequency, out=np.full_like(frequency, np.inf), where=frequency != 0.0)
-        methods, scale = list(METHODS.values()), _scale(eigenvalues)
-        system = LinearSystem.of(jacobian, free_coordinates(model), eigenvalues, clean)
+        methods, scale = list(METHODS.values()), _resolved_time(eigenvalues)
+        system = LinearSystem.from_jacobian(jacobian, free_coordinates(model), eigenvalues, clean)
         stable = np.array([stable_step_of(system, method, model) for method in methods])
         growing = [stable_step_of(system, method, model, growth=0.01 / scale) for method in methods]
         suggested = np.minimum(scale / 20.0, np.array(growing) / 2.0)  # nan where the method refuses the model
@@ -174,17 +178,17 @@ class Spectrum:
     def blank(cls, model: Model) -> Spectrum:
         """Return one of the right sizes, before anything is computed."""
         n = len(model.statement.coordinates)
-        modes, methods = np.full(n - independent(model)[0], np.nan), np.full(len(METHODS), np.nan)
+        modes, methods = np.full(n - independent_counts(model)[0], np.nan), np.full(len(METHODS), np.nan)
         eigenvalues = np.full(count_of_changes(model), np.nan, np.complex128)
         return cls(modes, modes, np.tile(modes, (n, 1)), eigenvalues, np.tile(methods, (2, 1)), methods, methods)
 
 
-def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum, runs: Sequence[str]) -> xr.Dataset:
+def _modes_dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum, runs: Sequence[str]) -> xr.Dataset:
     filled = [
-        *_state(model, state),
+        *_state_variables(model, state),
         *_undamped(model, spectrum),
         *_eigenvalues(model, spectrum.eigenvalues),
-        *_methods(model, spectrum),
+        *_stability_limits(model, spectrum),
     ]
     attributes = {
         "summary": f"Linearisation about the state at t = {state['t']!r}{unit_suffix(model.time_unit)}",
@@ -192,29 +196,29 @@ def _dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum, runs:
         "model_digest": model.digest,
     }
     variables = {variable.name: (variable.dims, values, variable.attributes) for variable, values in filled}
-    return exhibit("modes", f"Modes of {model.name}", runs, variables, attributes, shapes=model.shapes)
+    return evidence_dataset("modes", f"Modes of {model.name}", runs, variables, attributes, shapes=model.shapes)
 
 
 def _check_state(model: Model, linearisation: Linearisation, state: Mapping[str, float]) -> None:
     """Refuse a state at which a drive has no value or the mass matrix is not positive definite."""
     for name, drive in model.drives.items():
         low, high = float(drive.table.argument[0]), float(drive.table.argument[-1])
-        at = evaluate(model.expanded(drive.argument), {**constants(model), **state})
-        if drive.outside == "error" and not low <= at <= high:
+        drive_argument = evaluate(model.expanded(drive.argument), {**constants(model), **state})
+        if drive.outside == "error" and not low <= drive_argument <= high:
             raise InputError(
                 f"model '{model.name}' cannot be linearised: drive '{name}' has no value at {text_of(drive.argument)} ="
-                f" {at:.15g}, its table reaches from {low:.15g} to {high:.15g} (SI units)"
+                f" {drive_argument:.15g}, its table reaches from {low:.15g} to {high:.15g} (SI units)"
             )
     try:
         np.linalg.cholesky(linearisation.mass)
     except np.linalg.LinAlgError:
         raise InputError(
             f"model '{model.name}' cannot be linearised at t = {state['t']!r}{unit_suffix(model.time_unit)}: its mass matrix"
-            f" {_shown(linearisation.mass)} is not positive definite there"
+            f" {_mass_matrix_text(linearisation.mass)} is not positive definite there"
         ) from None
 
 
-def _shown(mass: Floats) -> str:
+def _mass_matrix_text(mass: Floats) -> str:
     """Show a mass matrix, a large one by its size and least eigenvalue."""
     if len(mass) <= MOST_SHOWN:
         return str(mass.tolist())
@@ -232,7 +236,7 @@ def _check_finite(model: Model, linearisation: Linearisation, t: float) -> None:
         )
 
 
-def _state(model: Model, state: Mapping[str, float]) -> list[tuple[Variable, Any]]:
+def _state_variables(model: Model, state: Mapping[str, float]) -> list[tuple[Variable, Any]]:
     """Return the state that the model is linearised about."""
     roles = (
         {"t": "time"}
@@ -313,11 +317,11 @@ def _eigenvalues(model: Model, eigenvalues: NDArray[np.complex128]) -> list[tupl
     return [(real, eigenvalues.real), (imag, eigenvalues.imag), (scale, 1.0 / size if size else np.inf)]
 
 
-def _methods(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
+def _stability_limits(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
     """Return the stability limits of each method: in general, and at this state."""
-    names = schema.flags(dict(enumerate(METHODS)))
+    names = schema.flag_attributes(dict(enumerate(METHODS)))
 
-    def along(name: str, units: str, long_name: str, comment: str) -> Variable:
+    def method_variable(name: str, units: str, long_name: str, comment: str) -> Variable:
         return Variable(name, (BY_METHOD,), "f8", units, long_name, "stability", {"comment": comment})
 
     return [
@@ -326,7 +330,7 @@ def _methods(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
             np.arange(len(METHODS), dtype=np.int8),
         ),
         (
-            along(
+            method_variable(
                 "oscillator_limit",
                 "1",
                 "largest stable step over 1/w of an undamped oscillation",
@@ -335,7 +339,7 @@ def _methods(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
             spectrum.limits[0],
         ),
         (
-            along(
+            method_variable(
                 "decay_limit",
                 "1",
                 "largest stable step over the time of a decay",
@@ -344,7 +348,7 @@ def _methods(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
             spectrum.limits[1],
         ),
         (
-            along(
+            method_variable(
                 "largest_stable_step",
                 model.time_unit.text,
                 "largest step with which no mode grows that does not grow in the model",
@@ -353,11 +357,11 @@ def _methods(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
             ),
             spectrum.stable,
         ),
-        (along("suggested_step", model.time_unit.text, "suggested step", SUGGESTION), spectrum.suggested),
+        (method_variable("suggested_step", model.time_unit.text, "suggested step", SUGGESTION), spectrum.suggested),
     ]
 
 
-def _scale(eigenvalues: NDArray[np.complex128]) -> float:
+def _resolved_time(eigenvalues: NDArray[np.complex128]) -> float:
     """Return the time that a step must resolve: of the fastest oscillation or growth, else of the slowest decay."""
     sizes = np.abs(eigenvalues)
     moving = sizes > 0.0

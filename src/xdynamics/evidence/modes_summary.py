@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -19,48 +19,48 @@ WIDTH = 120
 ROUNDING = 1e-6  # of the largest eigenvalue: a triple eigenvalue of 0 is found within the cube root of a rounding
 
 
-def lines_of(modes: xr.Dataset) -> Iterator[str]:
+def modes_lines(modes: xr.Dataset) -> Iterator[str]:
     """Describe frequencies, growth, the shortest time scale, and the step suggested for each method."""
     yield f"about     {modes.attrs['summary'].removeprefix('Linearisation about ')}"
-    yield f"modes     {_modes(modes)}"
+    yield f"modes     {_frequency_sentence(modes)}"
     growth, scale = modes["eigenvalue_real"], modes["fastest_time_scale"]
     fastest, largest = float(growth.max()) if growth.size else 0.0, 1.0 / float(scale)
     if fastest > ROUNDING * largest:
         yield f"growth    {fastest:.4g}{unit_suffix(str(growth.attrs['units']))} of the eigenmode that grows fastest"
-    told = f"{float(scale):.4g}{unit_suffix(str(scale.attrs['units']))}, one over the largest eigenvalue"
-    yield f"fastest   {told if largest > 0.0 else 'nothing turns, grows or decays here'}"
-    yield from _steps(modes)
+    scale_text = f"{float(scale):.4g}{unit_suffix(str(scale.attrs['units']))}, one over the largest eigenvalue"
+    yield f"fastest   {scale_text if largest > 0.0 else 'nothing turns, grows or decays here'}"
+    yield from _suggested_step_lines(modes)
 
 
-def _modes(modes: xr.Dataset) -> str:
+def _frequency_sentence(modes: xr.Dataset) -> str:
     """Tell how many modes there are, and the frequencies of the slowest and of the fastest."""
     frequency = modes["frequency"]
     values = frequency.values[np.isfinite(frequency.values)]
     oscillating, second = values[values > 0.0], unit_suffix(str(modes["period"].attrs["units"]))
-    distinct = [*dict.fromkeys(f"{each:.4g}" for each in oscillating.tolist())]
-    named = distinct if len(distinct) <= MOST_TOLD + 1 else [*distinct[:MOST_TOLD], f"… {distinct[-1]}"]
-    told = [f"{frequency.size}"]
-    if named:
+    distinct = [*dict.fromkeys(f"{value:.4g}" for value in oscillating.tolist())]
+    shown_frequencies = distinct if len(distinct) <= MOST_TOLD + 1 else [*distinct[:MOST_TOLD], f"… {distinct[-1]}"]
+    phrases = [f"{frequency.size}"]
+    if shown_frequencies:
         units, longest = unit_suffix(str(frequency.attrs["units"])), 2.0 * np.pi / float(oscillating[0])
-        word = "frequency" if len(named) == 1 else "frequencies"
-        told.append(f"{word} {', '.join(named)}{units}; the longest period is {longest:.4g}{second}")
+        word = "frequency" if len(shown_frequencies) == 1 else "frequencies"
+        phrases.append(f"{word} {', '.join(shown_frequencies)}{units}; the longest period is {longest:.4g}{second}")
     if rigid := values.size - oscillating.size:
-        told.append(f"{rigid} {'rigid motion' if rigid == 1 else 'rigid motions'}")
-    if others := frequency.size - values.size:
-        told.append(f"{others} {'does' if others == 1 else 'do'} not oscillate")
-    return "; ".join(told)
+        phrases.append(f"{rigid} {'rigid motion' if rigid == 1 else 'rigid motions'}")
+    if non_oscillating := frequency.size - values.size:
+        phrases.append(f"{non_oscillating} {'does' if non_oscillating == 1 else 'do'} not oscillate")
+    return "; ".join(phrases)
 
 
-def _steps(modes: xr.Dataset) -> Iterator[str]:
+def _suggested_step_lines(modes: xr.Dataset) -> Iterator[str]:
     """Tell the step to begin with, and the methods that it is suggested for; the longest step first."""
-    step, methods = modes["suggested_step"], np.array(words_of(modes["method_name"]))
+    step, methods = modes["suggested_step"], np.array(words_of_flag(modes["method_name"]))
     by_step: dict[str, list[str]] = {}
     for k in np.argsort(-step.values, kind="stable").tolist():
         if 0.0 < step.values[k] < np.inf:
             by_step.setdefault(f"{float(f'{step.values[k]:.2g}'):g}", []).append(str(methods[k]))
     for size, names in by_step.items():
-        told = f"{size}{unit_suffix(str(step.attrs['units']))} to begin with by {', '.join(names)}"
-        yield from textwrap.wrap(told, WIDTH, initial_indent="step      ", subsequent_indent=" " * 10)
+        step_text = f"{size}{unit_suffix(str(step.attrs['units']))} to begin with by {', '.join(names)}"
+        yield from textwrap.wrap(step_text, WIDTH, initial_indent="step      ", subsequent_indent=" " * 10)
 
 
-SUMMARIES = {"modes": lines_of}
+SUMMARIES = {"modes": modes_lines}

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.shortened_steps import sampled
+from xdynamics.dynamics.shortened_steps import sample_in_steps
 from xdynamics.elementary import kept_set
-from xdynamics.evidence.observed_quantities import ObservedQuantities, given_to
+from xdynamics.evidence.observed_quantities import ObservedQuantities, parameters_read_by
 from xdynamics.expressions import Binary, Name, Node, free_names
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
@@ -21,11 +21,11 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Function, Model
 from xdynamics.model.energies import potentials
 from xdynamics.model.mass import Assignment
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, motion, tables_of
-from xdynamics.model.reactions import NORMAL, holds, reactions, way
-from xdynamics.model.whole import is_read_whole, potentials_of_wholes, written_out
-from xdynamics.record.element_attributes import of_wholes
-from xdynamics.record.named_elements import column
+from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, motion
+from xdynamics.model.reactions import NORMAL, holding_flag, mode_number, reactions
+from xdynamics.model.whole import expanded_tree, is_read_by_quantity, potentials_of_quantities
+from xdynamics.record.element_attributes import quantity_names
+from xdynamics.record.named_elements import get_column
 from xdynamics.record.partial_records import log_description
 from xdynamics.record.run_columns import state_name
 from xdynamics.shapes.blocks import Block
@@ -42,25 +42,28 @@ Rows = NDArray[np.int64]
 def observables_of(model: Model) -> tuple[str, ...]:
     """Name what can be observed at any time: coordinates, velocities, states, energies, declared observables."""
     layout = layout_of(model)
-    return (*layout.used, *(name for name in layout.derived if name not in layout.gaps and name not in layout.kept))
+    return (
+        *layout.used,
+        *(name for name in layout.derived if name not in layout.gaps and name not in layout.constraint_outputs),
+    )
 
 
 def quantities_of(model: Model) -> tuple[str, ...]:
     """Name what can be observed at any time by quantities: of a model that is not read whole by elements."""
-    if not is_read_whole(model):
+    if not is_read_by_quantity(model):
         return observables_of(model)
     layout = layout_of(model)
-    return (*(block.name for block in layout.used.blocks), *layout.wholes)
+    return (*(block.name for block in layout.used.blocks), *layout.derived_quantities)
 
 
 def is_observable(model: Model, name: str) -> bool:
     """Whether a name is one of `observables_of` or of `quantities_of` a model."""
-    if not is_read_whole(model):
+    if not is_read_by_quantity(model):
         return name in observables_of(model)
     layout = layout_of(model)
     if DOT not in name:
         return name in quantities_of(model)
-    return name in layout.used or (name in layout.computed and name not in layout.kept)
+    return name in layout.used or (name in layout.computed and name not in layout.constraint_outputs)
 
 
 def is_comparable(model: Model, name: str) -> bool:
@@ -96,19 +99,23 @@ def observe(
     """
     for name in names:
         if not is_observable(model, name):
-            known = of_wholes(observables_of(model))
-            raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(known)}")
-    states = sampled(run, times, after=True, rule=rule, functions=model.functions, model=model)
+            available_names = quantity_names(observables_of(model))
+            raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(available_names)}")
+    states = sample_in_steps(run, times, after_event=True, rule=rule, functions=model.functions, model=model)
     used = layout_of(model).used
     stored = [str(name) for name in states.variables if schema.error(str(name)) in states.variables]
-    at, off = ({name: states.variables[of(name)].values for name in stored} for of in (str, schema.error))
+    state_values, state_errors = (
+        {name: states.variables[name_rule(name)].values for name in stored} for name_rule in (str, schema.error)
+    )
     integrated = [name for name in names if name in states.variables or name in used]
-    values = {name: (used.taken(at, name), used.taken(off, name)) for name in integrated}
-    others = [name for name in names if name not in values]
-    return values | _derived(run, model, others, (at, off), (states[schema.AT_TIME].values, states["row"].values))
+    values = {name: (used.values_of(state_values, name), used.values_of(state_errors, name)) for name in integrated}
+    derived_names = [name for name in names if name not in values]
+    return values | _evaluate_derived(
+        run, model, derived_names, (state_values, state_errors), (states[schema.AT_TIME].values, states["row"].values)
+    )
 
 
-def _derived(
+def _evaluate_derived(
     run: xr.Dataset,
     model: Model,
     names: list[str],
@@ -124,22 +131,22 @@ def _derived(
         return {}
     times, rows = where
     regimes = run.variables["regime"].values[rows].astype(float) if "regime" in run.variables else np.zeros(rows.size)
-    whole = ObservedQuantities.of(model, names, times, regimes, kept_set(run.attrs.get("math_functions")))
-    blocks = _blocks(model, names)
-    units = [float(parse_unit(str(column(run, name).attrs["units"])).factor) for name in names]
+    evaluator = ObservedQuantities.of(model, names, times, regimes, kept_set(run.attrs.get("math_functions")))
+    blocks = _derived_blocks(model, names)
+    units = [float(parse_unit(str(get_column(run, name).attrs["units"])).factor) for name in names]
     factors = np.repeat(units, [block.size for block in blocks])[:, np.newaxis]
     values, errors = (
-        _by_elements(run, model, blocks, states, times, rows) if whole is None else whole.with_errors(*states)
+        _by_elements(run, model, blocks, states, times, rows) if evaluator is None else evaluator.with_errors(*states)
     )
     lines = np.cumsum([block.size for block in blocks])[:-1]
     parts = [zip(*(np.split(numbers / factors, lines) for numbers in (values, errors)), strict=True)]
     return {
-        name: (own.T.reshape(-1, *block.shape), off.T.reshape(-1, *block.shape))
-        for name, block, (own, off) in zip(names, blocks, *parts, strict=True)
+        name: (block_values.T.reshape(-1, *block.shape), block_errors.T.reshape(-1, *block.shape))
+        for name, block, (block_values, block_errors) in zip(names, blocks, *parts, strict=True)
     }
 
 
-def _blocks(model: Model, names: Sequence[str]) -> list[Block]:
+def _derived_blocks(model: Model, names: Sequence[str]) -> list[Block]:
     """Return energies and observables that are asked for as blocks: of an element one of its own."""
     computed = layout_of(model).computed
     return [computed.block(name) if DOT not in name else Block(name, "derived") for name in names]
@@ -156,18 +163,20 @@ def _by_elements(
     """Evaluate the elements of quantities one by one at states, and how much the error of each number moves them."""
     layout = layout_of(model)
     trees = [layout.derived[name] for block in blocks for name in (block.elements() if block.dims else (block.name,))]
-    at, off = ({name: layout.used.taken(numbers, name) for name in layout.used} for numbers in states)
-
-    def evaluated(state: Mapping[str, Floats]) -> Floats:
-        return np.stack(evaluated_on(run, model, trees, state, times, rows))
-
-    values = evaluated(at)
-    moved = (
-        np.abs(evaluated(at | {variable: at[variable] + off[variable]}) - values)
-        for variable in layout.used
-        if off[variable].any()
+    state_values, state_errors = (
+        {name: layout.used.values_of(numbers, name) for name in layout.used} for numbers in states
     )
-    return values, sum(moved, np.zeros(values.shape))
+
+    def evaluate_trees(state: Mapping[str, Floats]) -> Floats:
+        return np.stack(evaluate_at_states(run, model, trees, state, times, rows))
+
+    values = evaluate_trees(state_values)
+    displacements = (
+        np.abs(evaluate_trees(state_values | {variable: state_values[variable] + state_errors[variable]}) - values)
+        for variable in layout.used
+        if state_errors[variable].any()
+    )
+    return values, sum(displacements, np.zeros(values.shape))
 
 
 def tree_of(model: Model, name: str) -> Node:
@@ -175,42 +184,44 @@ def tree_of(model: Model, name: str) -> Node:
     return layout_of(model).derived.get(name, Name(name))
 
 
-def evaluated_whole(
+def evaluate_quantity(
     run: xr.Dataset, model: Model, name: str, states: Mapping[str, Floats], times: Floats, rows: Rows
 ) -> Floats:
-    """Evaluate one recorded quantity at states inside steps, in SI units; see `evaluated_on`.
+    """Evaluate one recorded quantity at states inside steps, in SI units; see `evaluate_at_states`.
 
     What a model with dimensions sums over many elements is evaluated as arrays; shape (numbers, k) of a quantity that has
     dimensions itself.
     """
-    whole = _whole_of(run, model, [name], times, rows)
-    if whole is not None:
-        values = whole.of_states(states)
+    evaluator = _quantity_evaluator(run, model, [name], times, rows)
+    if evaluator is not None:
+        values = evaluator.of_states(states)
         return values if name in model.shapes.dims else values[0]
-    return evaluated_on(run, model, [tree_of(model, name)], states, times, rows)[0]
+    return evaluate_at_states(run, model, [tree_of(model, name)], states, times, rows)[0]
 
 
 def potentials_on(
     run: xr.Dataset, model: Model, states: Mapping[str, Floats], times: Floats, rows: Rows
 ) -> dict[str, Floats]:
-    """Evaluate the potential energy of each force term that has one, in joules, at states as in `evaluated_on`."""
-    whole = _whole_of(run, model, ["potential_energy"], times, rows)
-    if whole is not None:
-        return {name: numbers[0] for name, numbers in whole.of_trees(potentials_of_wholes(model), states).items()}
+    """Evaluate the potential energy of each force term that has one, in joules, at states as in `evaluate_at_states`."""
+    evaluator = _quantity_evaluator(run, model, ["potential_energy"], times, rows)
+    if evaluator is not None:
+        return {
+            name: numbers[0] for name, numbers in evaluator.of_trees(potentials_of_quantities(model), states).items()
+        }
     trees = potentials(model)
-    return dict(zip(trees, evaluated_on(run, model, [*trees.values()], states, times, rows), strict=True))
+    return dict(zip(trees, evaluate_at_states(run, model, [*trees.values()], states, times, rows), strict=True))
 
 
 def rate_on(
     run: xr.Dataset, model: Model, name: str, states: Mapping[str, Floats], times: Floats, rows: Rows
 ) -> Floats:
-    """Evaluate the rate of one recorded quantity along the motion, in SI units; see `evaluated_whole`."""
-    whole = _whole_of(run, model, [name], times, rows)
-    rates = None if whole is None else whole.rates(states)
+    """Evaluate the rate of one recorded quantity along the motion, in SI units; see `evaluate_quantity`."""
+    evaluator = _quantity_evaluator(run, model, [name], times, rows)
+    rates = None if evaluator is None else evaluator.rates(states)
     if rates is not None:
-        along: Floats = rates[0]
-        return along
-    return evaluated_on(run, model, [model.rate_of(tree_of(model, name))], states, times, rows)[0]
+        rate_values: Floats = rates[0]
+        return rate_values
+    return evaluate_at_states(run, model, [model.rate_of(tree_of(model, name))], states, times, rows)[0]
 
 
 def state_rates(
@@ -220,30 +231,30 @@ def state_rates(
 
     None where they are to be evaluated one by one: see `ObservedQuantities`.
     """
-    whole = _whole_of(run, model, (), times, rows)
-    return None if whole is None else whole.state_rates(states)
+    evaluator = _quantity_evaluator(run, model, (), times, rows)
+    return None if evaluator is None else evaluator.state_rates(states)
 
 
 def knows_state_rates(run: xr.Dataset, model: Model) -> bool:
     """Whether `state_rates` are known of a run."""
-    whole = _whole_of(run, model, (), np.zeros(0), np.zeros(0, np.int64))
-    return whole is not None and whole.knows_rates
+    evaluator = _quantity_evaluator(run, model, (), np.zeros(0), np.zeros(0, np.int64))
+    return evaluator is not None and evaluator.knows_rates
 
 
 def momenta_on(
     run: xr.Dataset, model: Model, name: str, states: Mapping[str, Floats], times: Floats, rows: Rows
 ) -> Floats:
     """Evaluate the mass of a coordinate with dimensions times its velocity at states inside steps: (numbers, k), SI."""
-    whole, speed = _whole_of(run, model, (), times, rows), schema.velocity(name)
+    evaluator, speed = _quantity_evaluator(run, model, (), times, rows), schema.velocity(name)
     number = [*model.shaped.coordinates].index(name)
-    mass = written_out(model, model.shaped.mass[number][number])
-    given = given_to(model, [mass])
-    assert whole is not None and given is not None  # noqa: S101, PT018 - the rates of the state are known
-    whole = replace(whole, values={**whole.values, **given})
-    return whole.of_trees({speed: Binary("*", mass, Name(speed))}, states)[speed]
+    mass = expanded_tree(model, model.shaped.mass[number][number])
+    parameter_values = parameters_read_by(model, [mass])
+    assert evaluator is not None and parameter_values is not None  # noqa: S101, PT018 - the rates of the state are known
+    evaluator = replace(evaluator, values={**evaluator.values, **parameter_values})
+    return evaluator.of_trees({speed: Binary("*", mass, Name(speed))}, states)[speed]
 
 
-def _whole_of(
+def _quantity_evaluator(
     run: xr.Dataset, model: Model, names: Sequence[str], times: Floats, rows: Rows
 ) -> ObservedQuantities | None:
     regimes = run.variables["regime"].values[rows].astype(float) if "regime" in run.variables else np.zeros(rows.size)
@@ -259,7 +270,7 @@ def rate_tree(model: Model, name: str) -> Node | None:
         return None
     if name in model.units:
         return model.rates[name]
-    terms = _terms(model)
+    terms = _motion_terms(model)
     tree = layout_of(model).derived.get(name, terms.get(name))
     if tree is None or isinstance(tree, Function) or not free_names(tree).isdisjoint(terms):
         return None
@@ -267,12 +278,12 @@ def rate_tree(model: Model, name: str) -> Node | None:
 
 
 @lru_cache(maxsize=16)
-def _terms(model: Model) -> Mapping[str, Node | Function]:
+def _motion_terms(model: Model) -> Mapping[str, Node | Function]:
     """Return what the motion assigns, by names: of many elements it is looked up in, not put together for each."""
     return {term.name: term.value for term in motion(model)}
 
 
-def evaluated_on(
+def evaluate_at_states(
     run: xr.Dataset,
     model: Model,
     trees: Sequence[Node],
@@ -320,10 +331,12 @@ def evaluated_on(
     columns = {name: run.variables[name].values for name in ("regime", *names) if name in run.variables}
     following = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
     functions = kept_set(run.attrs.get("math_functions"))
-    return evaluated_inside(model, trees, states, times, (rows, following), columns, functions, read=read, parts=parts)
+    return evaluate_inside_steps(
+        model, trees, states, times, (rows, following), columns, functions, read=read, parts=parts
+    )
 
 
-def evaluated_inside(
+def evaluate_inside_steps(
     model: Model,
     trees: Sequence[Node],
     states: Mapping[str, Floats],
@@ -335,7 +348,7 @@ def evaluated_inside(
     read: Sequence[Assignment] | None = None,
     parts: Sequence[slice] | None = None,
 ) -> list[Floats]:
-    """Evaluate expressions on states inside steps of one run, or of many in concatenated columns; see `evaluated_on`.
+    """Evaluate expressions on states inside steps of one run, or of many in concatenated columns; see `evaluate_at_states`.
 
     `ends` are the rows from which each step starts, and at which it ends; `parameters` those that differ between runs, SI;
     `read` the assignments of the motion that the expressions read, if they are known.
@@ -346,7 +359,9 @@ def evaluated_inside(
     inputs |= {"t": times, REGIME_NUMBER: regimes} | dict(parameters or {})
     if reactions(model):
         inputs |= modes_behind(model, columns, rows, following)
-    values = evaluated_many(model, trees, inputs, constants(model), tables_of(model), math_functions, read, parts)
+    values = evaluate_over_states(
+        model, trees, inputs, constants(model), drive_pieces(model), math_functions, read, parts
+    )
     shapes = [rows.shape if parts is None else rows[part].shape for part in parts or values]
     return [np.array(np.broadcast_to(value, shape)) for value, shape in zip(values, shapes, strict=True)]
 
@@ -371,10 +386,13 @@ def modes_behind(model: Model, columns: Mapping[str, Any], rows: Rows, led_to: R
     for reaction in reactions(model):
         state, force = columns[state_name(reaction)][rows], columns[reaction.name]
         if reaction.sort == NORMAL:
-            modes[holds(reaction)], modes[way(reaction)] = (state != schema.OPEN).astype(float), np.zeros(rows.size)
+            modes[holding_flag(reaction)], modes[mode_number(reaction)] = (
+                (state != schema.OPEN).astype(float),
+                np.zeros(rows.size),
+            )
         else:
-            modes[holds(reaction)] = (state == schema.STICKING).astype(float)
-            modes[way(reaction)] = (state == schema.FORWARD).astype(float) - (state == schema.BACKWARD)
+            modes[holding_flag(reaction)] = (state == schema.STICKING).astype(float)
+            modes[mode_number(reaction)] = (state == schema.FORWARD).astype(float) - (state == schema.BACKWARD)
         # where two corners hold the same motion the first takes all: a march releases the other, so its force is 0
-        modes[holds(reaction)] *= (force[rows] != 0.0) | (force[led_to] != 0.0)
+        modes[holding_flag(reaction)] *= (force[rows] != 0.0) | (force[led_to] != 0.0)
     return modes

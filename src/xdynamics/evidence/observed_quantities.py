@@ -20,7 +20,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import REGIME_NUMBER, constants
-from xdynamics.model.whole import Quantity, is_read_whole, motion_of_wholes, rates_of_wholes
+from xdynamics.model.whole import QuantityTree, is_read_by_quantity, motion_of_quantities, rates_of_quantities
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, acceleration, rate, velocity
 from xdynamics.shapes import Extent, Shapes
@@ -28,7 +28,7 @@ from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.shapes.dependence import Dependence
 from xdynamics.shapes.evaluation import evaluate_elements
 from xdynamics.shapes.gradient import gradient
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import split_element_name
 
 Floats = NDArray[np.float64]
 
@@ -65,19 +65,28 @@ class ObservedQuantities:
         That is so without dimensions, where expressions read what is not known of the state alone (drives, forces, contacts,
         delayed values), and with elementary functions of older records.
         """
-        if not is_read_whole(model) or math_functions != NAME:
+        if not is_read_by_quantity(model) or math_functions != NAME:
             return None
-        wholes = layout_of(model).wholes
-        if not all(parted(name)[0] in wholes for name in names):
+        wholes = layout_of(model).derived_quantities
+        if not all(split_element_name(name)[0] in wholes for name in names):
             return None
-        trees = [wholes[whole][1] for whole in dict.fromkeys(parted(name)[0] for name in names)]
-        given = given_to(model, trees)
-        return None if given is None else cls(model, names, {**given, "t": times, REGIME_NUMBER: regimes}, len(times))
+        trees = [
+            wholes[quantity_name][1] for quantity_name in dict.fromkeys(split_element_name(name)[0] for name in names)
+        ]
+        parameter_values = parameters_read_by(model, trees)
+        return (
+            None
+            if parameter_values is None
+            else cls(model, names, {**parameter_values, "t": times, REGIME_NUMBER: regimes}, len(times))
+        )
 
     def of_states(self, states: Mapping[str, Floats]) -> Floats:
         """Evaluate the elements at states in recorded units: shape (numbers, k), SI."""
         return np.concatenate(
-            [here.chosen(here.evaluated(self._wholes, here.gathered(states, part))) for part, here in self._parts()],
+            [
+                batch.requested_numbers(batch.evaluate_trees(self._quantity_trees, batch.gather_states(states, part)))
+                for part, batch in self._state_batches()
+            ],
             axis=1,
         )
 
@@ -86,8 +95,10 @@ class ObservedQuantities:
 
         Each has the dimensions of the quantity whose name it has.
         """
-        found = [here.evaluated(trees, here.gathered(states, part)) for part, here in self._parts()]
-        return {name: np.concatenate([values[name] for values in found], axis=1) for name in trees}
+        batch_values = [
+            batch.evaluate_trees(trees, batch.gather_states(states, part)) for part, batch in self._state_batches()
+        ]
+        return {name: np.concatenate([values[name] for values in batch_values], axis=1) for name in trees}
 
     def with_errors(self, states: Mapping[str, Floats], errors: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Evaluate the elements, and how much the error of each number of the state moves them, added up.
@@ -104,28 +115,31 @@ class ObservedQuantities:
         -------
         values, errors : ndarray, shape (numbers, k), SI
         """
-        found = [
-            here.moved_by(here.gathered(states, part), here.gathered(errors, part)) for part, here in self._parts()
+        batch_results = [
+            batch.error_displacements(batch.gather_states(states, part), batch.gather_states(errors, part))
+            for part, batch in self._state_batches()
         ]
-        values, moved = (np.concatenate(part, axis=1) for part in zip(*found, strict=True))
-        return values, moved
+        values, displacements = (np.concatenate(part, axis=1) for part in zip(*batch_results, strict=True))
+        return values, displacements
 
     def rates(self, states: Mapping[str, Floats]) -> Floats | None:
         """Evaluate the rates of the elements along the motion at states in recorded units: shape (names, k), SI.
 
         None where forces read what is not known of the state alone.
         """
-        if (known := self._motion) is None:
+        if (known_motion := self._motion) is None:
             return None
-        motion, given = known
-        found = []
-        for part, here in self._parts():
-            values, shapes = here.along_motion(motion, given, here.gathered(states, part))
-            trees = {name: rate_of(self.model, name) for name in self._wholes}
-            own = {name: (*self.model.shapes.dims.get(name, ()), AT) for name in trees}
-            rates = {name: evaluate_elements(tree, own[name], values, shapes, AT) for name, tree in trees.items()}
-            found.append(here.chosen({name: numbers.reshape(-1, here.count) for name, numbers in rates.items()}))
-        return np.concatenate(found, axis=1)
+        motion, parameter_values = known_motion
+        batch_rates = []
+        for part, batch in self._state_batches():
+            values, shapes = batch.along_motion(motion, parameter_values, batch.gather_states(states, part))
+            trees = {name: quantity_rate_tree(self.model, name) for name in self._quantity_trees}
+            rate_dims = {name: (*self.model.shapes.dims.get(name, ()), AT) for name in trees}
+            rates = {name: evaluate_elements(tree, rate_dims[name], values, shapes, AT) for name, tree in trees.items()}
+            batch_rates.append(
+                batch.requested_numbers({name: numbers.reshape(-1, batch.count) for name, numbers in rates.items()})
+            )
+        return np.concatenate(batch_rates, axis=1)
 
     @property
     def knows_rates(self) -> bool:
@@ -133,130 +147,147 @@ class ObservedQuantities:
         return self._motion is not None
 
     @cached_property
-    def _motion(self) -> tuple[list[Quantity], dict[str, Floats | float]] | None:
+    def _motion(self) -> tuple[list[QuantityTree], dict[str, Floats | float]] | None:
         """Forces, accelerations and rates, and the parameters that they read."""
         if self.model.python_functions:
             return None
-        motion = motion_of_wholes(self.model)
-        given = given_to(self.model, [tree for _, _, tree in motion], [name for name, _, _ in motion])
-        return None if given is None else (motion, given)
+        motion = motion_of_quantities(self.model)
+        parameter_values = parameters_read_by(
+            self.model, [tree for _, _, tree in motion], [name for name, _, _ in motion]
+        )
+        return None if parameter_values is None else (motion, parameter_values)
 
     def state_rates(self, states: Mapping[str, Floats]) -> dict[str, Floats] | None:
         """Evaluate the rates of the state along the motion, at states in recorded units, by its quantities.
 
         Shape (numbers, k) each, in SI units; None as in `rates`.
         """
-        if (known := self._motion) is None:
+        if (known_motion := self._motion) is None:
             return None
-        motion, given = known
+        motion, parameter_values = known_motion
         of_block = {velocity(name): acceleration(name) for name in self.model.shaped.coordinates}
         of_block |= {name: velocity(name) for name in self.model.shaped.coordinates}
         of_block |= {name: rate(name) for name in self.model.shaped.states}
         blocks = layout_of(self.model).used.blocks
-        found: dict[str, list[Floats]] = {block.name: [] for block in blocks}
-        for part, here in self._parts():
-            values, _ = here.along_motion(motion, given, here.gathered(states, part))
+        rates_by_block: dict[str, list[Floats]] = {block.name: [] for block in blocks}
+        for part, batch in self._state_batches():
+            values, _ = batch.along_motion(motion, parameter_values, batch.gather_states(states, part))
             for block in blocks:
-                found[block.name].append(np.reshape(values[of_block[block.name]], (-1, here.count)))
-        return {name: np.concatenate(numbers, axis=1) for name, numbers in found.items()}
+                rates_by_block[block.name].append(np.reshape(values[of_block[block.name]], (-1, batch.count)))
+        return {name: np.concatenate(numbers, axis=1) for name, numbers in rates_by_block.items()}
 
     def along_motion(
-        self, motion: Sequence[Quantity], given: Mapping[str, Floats | float], states: Mapping[str, Floats]
+        self,
+        motion: Sequence[QuantityTree],
+        parameter_values: Mapping[str, Floats | float],
+        states: Mapping[str, Floats],
     ) -> tuple[dict[str, Floats | float], Shapes]:
         """Return forces, accelerations and rates beside what they are of, in SI units, and the shapes of all."""
-        values = {**given, **self.values_in_si(states)}
-        known = {**self.all_shapes.dims, **{name: (*dims, AT) for name, dims, _ in motion}}
-        shapes = replace(self.all_shapes, dims=known)
+        values = {**parameter_values, **self.values_in_si(states)}
+        known_dims = {**self.all_shapes.dims, **{name: (*dims, AT) for name, dims, _ in motion}}
+        shapes = replace(self.all_shapes, dims=known_dims)
         for name, dims, tree in motion:
             values[name] = evaluate_elements(tree, (*dims, AT), values, shapes, AT)
         return values, shapes
 
-    def _parts(self) -> Iterator[tuple[slice, ObservedQuantities]]:
+    def _state_batches(self) -> Iterator[tuple[slice, ObservedQuantities]]:
         """Yield some states after the other, whose links and elements take some megabytes."""
-        most = max(1, LARGEST // widest(self.model))
-        for begin in range(0, max(1, self.count), most):
-            part = slice(begin, min(begin + most, self.count))
-            along = {name: np.asarray(self.values[name])[part] for name in ("t", REGIME_NUMBER)}
-            yield part, replace(self, values={**self.values, **along}, count=part.stop - part.start)
+        batch_size = max(1, LARGEST // widest(self.model))
+        for begin in range(0, max(1, self.count), batch_size):
+            part = slice(begin, min(begin + batch_size, self.count))
+            batch_inputs = {name: np.asarray(self.values[name])[part] for name in ("t", REGIME_NUMBER)}
+            yield part, replace(self, values={**self.values, **batch_inputs}, count=part.stop - part.start)
 
-    def moved_by(self, at: dict[str, Floats], off: dict[str, Floats]) -> tuple[Floats, Floats]:
+    def error_displacements(
+        self, state_values: dict[str, Floats], state_errors: dict[str, Floats]
+    ) -> tuple[Floats, Floats]:
         """Evaluate the elements at the states of this part, and how far their errors move them, by blocks."""
-        values = self.evaluated(self._wholes, at)
-        errors = {name: np.zeros(found.shape) for name, found in values.items()}
+        values = self.evaluate_trees(self._quantity_trees, state_values)
+        errors = {name: np.zeros(numbers.shape) for name, numbers in values.items()}
         for block in layout_of(self.model).used.blocks:
-            for name, tree in self._wholes.items():
-                if block.name not in free_names(tree) or not off[block.name].any():
+            for name, tree in self._quantity_trees.items():
+                if block.name not in free_names(tree) or not state_errors[block.name].any():
                     continue
-                if self.model.shapes.dims.get(name) or (slope := slope_of(self.model, name, block.name)) is None:
-                    self._add_groups(errors[name], name, block, at, off[block.name], values[name])
+                if self.model.shapes.dims.get(name) or (slope := quantity_slope(self.model, name, block.name)) is None:
+                    self._add_groups(errors[name], name, block, state_values, state_errors[block.name], values[name])
                 else:
-                    errors[name] += self._along_slope(slope, block, at, off[block.name])
-        return self.chosen(values), self.chosen(errors)
+                    errors[name] += self._along_slope(slope, block, state_values, state_errors[block.name])
+        return self.requested_numbers(values), self.requested_numbers(errors)
 
-    def _along_slope(self, slope: Node, block: Block, at: dict[str, Floats], off: Floats) -> Floats:
+    def _along_slope(self, slope: Node, block: Block, state_values: dict[str, Floats], block_errors: Floats) -> Floats:
         """Return how far the errors of a block move a quantity without dimensions, by its slope by the block."""
-        halfway = self.values_in_si(at | {block.name: at[block.name] + off / 2.0})
+        halfway = self.values_in_si(state_values | {block.name: state_values[block.name] + block_errors / 2.0})
         slopes = evaluate_elements(slope, (*block.dims, AT), halfway, self.all_shapes, AT)
-        moved: Floats = np.abs(slopes * (off * self._factor(block))).reshape(-1, self.count).sum(axis=0)
-        return moved
+        displacements: Floats = (
+            np.abs(slopes * (block_errors * self._unit_factor(block))).reshape(-1, self.count).sum(axis=0)
+        )
+        return displacements
 
     def _add_groups(
-        self, total: Floats, name: str, block: Block, at: dict[str, Floats], off: Floats, values: Floats
+        self,
+        total: Floats,
+        name: str,
+        block: Block,
+        state_values: dict[str, Floats],
+        block_errors: Floats,
+        values: Floats,
     ) -> None:
         """Add how far the errors of a block move a quantity, many of its numbers at once."""
-        tree, shapes = self._wholes[name], self.model.shapes
+        tree, shapes = self._quantity_trees[name], self.model.shapes
         rows, numbers = Dependence(shapes, {block.name: 0}, block.size).pairs(tree, shapes.dims.get(name, ()))
         if not rows.size:
             return
         groups = column_groups(rows, numbers)
         for group in range(int(groups.max()) + 1):
-            inside = groups == group
-            near, places = at[block.name].copy(), np.unique(numbers[inside])
-            near.reshape(-1, self.count)[places] += off.reshape(-1, self.count)[places]
-            moved = self.evaluated({name: tree}, at | {block.name: near})[name]
-            total[rows[inside]] += np.abs(moved - values)[rows[inside]]
+            in_group = groups == group
+            near, places = state_values[block.name].copy(), np.unique(numbers[in_group])
+            near.reshape(-1, self.count)[places] += block_errors.reshape(-1, self.count)[places]
+            moved_values = self.evaluate_trees({name: tree}, state_values | {block.name: near})[name]
+            total[rows[in_group]] += np.abs(moved_values - values)[rows[in_group]]
 
     @cached_property
-    def _wholes(self) -> dict[str, Node]:
-        wholes = layout_of(self.model).wholes
-        return {name: wholes[name][1] for name in dict.fromkeys(parted(name)[0] for name in self.names)}
+    def _quantity_trees(self) -> dict[str, Node]:
+        wholes = layout_of(self.model).derived_quantities
+        return {name: wholes[name][1] for name in dict.fromkeys(split_element_name(name)[0] for name in self.names)}
 
     @cached_property
     def all_shapes(self) -> Shapes:
         """The shapes of the model, with the states as one more dimension."""
         shapes, used = self.model.shapes, layout_of(self.model).used.blocks
-        along = {block.name: (*block.dims, AT) for block in used} | dict.fromkeys(("t", REGIME_NUMBER), (AT,))
+        state_dims = {block.name: (*block.dims, AT) for block in used} | dict.fromkeys(("t", REGIME_NUMBER), (AT,))
         extents = {**shapes.extents, AT: Extent(AT, self.count)}
-        return replace(shapes, extents=extents, dims={**shapes.dims, **along})
+        return replace(shapes, extents=extents, dims={**shapes.dims, **state_dims})
 
-    def gathered(self, numbers: Mapping[str, Floats], part: slice) -> dict[str, Floats]:
+    def gather_states(self, numbers: Mapping[str, Floats], part: slice) -> dict[str, Floats]:
         """Return some states, in recorded units, by the names of quantities."""
-        found = {}
+        states_by_block = {}
         for block in layout_of(self.model).used.blocks:
             if block.name in numbers:
-                found[block.name] = np.ascontiguousarray(np.moveaxis(numbers[block.name][part], 0, -1))
+                states_by_block[block.name] = np.ascontiguousarray(np.moveaxis(numbers[block.name][part], 0, -1))
             else:
                 rows = np.stack([numbers[name][part] for name in block.elements()])
-                found[block.name] = rows.reshape(*block.shape, self.count)
-        return found
+                states_by_block[block.name] = rows.reshape(*block.shape, self.count)
+        return states_by_block
 
-    def _factor(self, block: Block) -> float:
+    def _unit_factor(self, block: Block) -> float:
         return float(self.model.units[block.first].factor)
 
     def values_in_si(self, states: Mapping[str, Floats]) -> dict[str, Floats | float]:
         """Return what expressions read, in SI units, of states in recorded ones."""
         blocks = layout_of(self.model).used.blocks
-        return {**self.values, **{block.name: states[block.name] * self._factor(block) for block in blocks}}
+        return {**self.values, **{block.name: states[block.name] * self._unit_factor(block) for block in blocks}}
 
-    def evaluated(self, trees: Mapping[str, Node], states: Mapping[str, Floats]) -> dict[str, Floats]:
+    def evaluate_trees(self, trees: Mapping[str, Node], states: Mapping[str, Floats]) -> dict[str, Floats]:
         """Evaluate quantities, in SI units, of states in recorded ones."""
         values = self.values_in_si(states)
         dims = {name: (*self.model.shapes.dims.get(name, ()), AT) for name in trees}
-        found = {name: evaluate_elements(tree, dims[name], values, self.all_shapes, AT) for name, tree in trees.items()}
-        return {name: numbers.reshape(-1, self.count) for name, numbers in found.items()}
+        quantity_values = {
+            name: evaluate_elements(tree, dims[name], values, self.all_shapes, AT) for name, tree in trees.items()
+        }
+        return {name: numbers.reshape(-1, self.count) for name, numbers in quantity_values.items()}
 
     @cached_property
-    def _places(self) -> list[tuple[str, slice]]:
+    def _requested_slices(self) -> list[tuple[str, slice]]:
         """The quantity of each name, and which of its numbers are asked for: one, or of the quantity itself all."""
         computed = layout_of(self.model).computed
         blocks = [computed.block(name) for name in self.names]
@@ -266,9 +297,9 @@ class ObservedQuantities:
             for block, number in zip(blocks, numbers, strict=True)
         ]
 
-    def chosen(self, values: Mapping[str, Floats]) -> Floats:
+    def requested_numbers(self, values: Mapping[str, Floats]) -> Floats:
         """Return the numbers that were asked for, of whole quantities: shape (numbers, k)."""
-        return np.concatenate([values[name][numbers] for name, numbers in self._places])
+        return np.concatenate([values[name][numbers] for name, numbers in self._requested_slices])
 
 
 def widest(model: Model) -> int:
@@ -281,44 +312,48 @@ def widest(model: Model) -> int:
     return max(1, *of_links, *(block.size for block in layout_of(model).used.blocks))
 
 
-def given_to(model: Model, trees: Iterable[Node], known: Iterable[str] = ()) -> dict[str, Floats | float] | None:
+def parameters_read_by(
+    model: Model, trees: Iterable[Node], known_names: Iterable[str] = ()
+) -> dict[str, Floats | float] | None:
     """Return the parameters and constants that expressions read, in SI units.
 
     None where they read what is neither that, nor of the state, nor known otherwise.
     """
-    given: dict[str, Floats | float] = {}
+    parameter_values: dict[str, Floats | float] = {}
     states = {block.name for block in layout_of(model).used.blocks}
-    for name in set().union(*map(free_names, trees)) - states - {"t", REGIME_NUMBER, *known}:
+    for name in set().union(*map(free_names, trees)) - states - {"t", REGIME_NUMBER, *known_names}:
         if dims := model.shapes.dims.get(name):
-            block = Block.of(name, "parameter", model.shapes)
+            block = Block.from_shapes(name, "parameter", model.shapes)
             if block.first not in model.statement.parameters:
                 return None
-            given[name] = in_si(model.statement.parameters, Blocks([block])).reshape(model.shapes.shape(dims))
+            parameter_values[name] = in_si(model.statement.parameters, Blocks([block])).reshape(
+                model.shapes.shape(dims)
+            )
         elif name not in constants(model):
             return None
         else:
-            given[name] = constants(model)[name]
-    return given
+            parameter_values[name] = constants(model)[name]
+    return parameter_values
 
 
 @lru_cache(maxsize=64)
-def slope_of(model: Model, name: str, by: str) -> Node | None:
+def quantity_slope(model: Model, name: str, block_name: str) -> Node | None:
     """Return the derivative of a quantity without dimensions by a block of the state.
 
     None where no rule gives it, or errors may take it over a kink: where two elements are largest, either moves `max`.
     """
-    tree = layout_of(model).wholes[name][1]
+    tree = layout_of(model).derived_quantities[name][1]
     if any(isinstance(node, Compare) or getattr(node, "function", "") in KINKED for node in every(tree)):
         return None
     try:
-        return gradient(tree, {by}, model.shapes).get(by, ZERO)
+        return gradient(tree, {block_name}, model.shapes).get(block_name, ZERO)
     except InputError:
         return None
 
 
 @lru_cache(maxsize=64)
-def rate_of(model: Model, name: str) -> Node:
+def quantity_rate_tree(model: Model, name: str) -> Node:
     """Return the derivative of a quantity by the time along the motion, with accelerations and rates as names."""
-    rates = rates_of_wholes(model, [(name, *layout_of(model).wholes[name])])
+    rates = rates_of_quantities(model, [(name, *layout_of(model).derived_quantities[name])])
     assert rates is not None  # noqa: S101 - what reads tables is evaluated by elements
     return rates[0][2]

@@ -34,11 +34,11 @@ def operating_point(subject: Any, row: int | None) -> tuple[Model, dict[str, flo
     if not isinstance(subject, xr.Dataset):
         raise InputError(f"modes needs a Model or a run record, got {str(subject)[:60]!r}")
     record.check(subject, values=not is_lazy(subject))
-    model, at = place_in(subject, row)
-    return model, {name: _recorded(subject, name, at) for name in ("t", *variables(model))}
+    model, row_index = model_and_row(subject, row)
+    return model, {name: _recorded_number(subject, name, row_index) for name in ("t", *variables(model))}
 
 
-def place_in(run: xr.Dataset, row: int | None) -> tuple[Model, int]:
+def model_and_row(run: xr.Dataset, row: int | None) -> tuple[Model, int]:
     """Return the model of a record, and which row is asked for, without reading a row.
 
     Raises
@@ -48,15 +48,15 @@ def place_in(run: xr.Dataset, row: int | None) -> tuple[Model, int]:
     """
     record.check_kind(run)
     rows = run.sizes[STEPS]
-    at = 0 if row is None else row
-    if not isinstance(at, int | np.integer) or not -rows <= at < rows:
+    row_index = 0 if row is None else row
+    if not isinstance(row_index, int | np.integer) or not -rows <= row_index < rows:
         raise InputError(
-            f"row {at!r} is not among the run's {rows}; needs 0 to {rows - 1}, or {-rows} to -1 from the end"
+            f"row {row_index!r} is not among the run's {rows}; needs 0 to {rows - 1}, or {-rows} to -1 from the end"
         )
-    return Model.from_record(run["model_toml"].values.item()), int(at)
+    return Model.from_record(run["model_toml"].values.item()), int(row_index)
 
 
-def _recorded(run: xr.Dataset, name: str, row: int) -> float:
+def _recorded_number(run: xr.Dataset, name: str, row: int) -> float:
     """Return one number of a record in SI units."""
     name = "time" if name == "t" else name
     if name not in run.variables:
@@ -68,7 +68,7 @@ def _recorded(run: xr.Dataset, name: str, row: int) -> float:
     return parse_unit(str(variable.attrs["units"])).to_si(float(variable[row].values))
 
 
-def replacements(model: Model, at: Mapping[str, Any] | None) -> dict[str, float]:
+def replacements(model: Model, replaced_values: Mapping[str, Any] | None) -> dict[str, float]:
     """Return the values that replace some of the state's, in SI units.
 
     Raises
@@ -76,5 +76,7 @@ def replacements(model: Model, at: Mapping[str, Any] | None) -> dict[str, float]
     InputError
         If one has a wrong name or unit.
     """
-    replaced = model.replace(initial=at) if at else model
-    return {name: replaced.statement.initial[name].si for name in map(model.shapes.inside, at or ())}
+    replaced = model.replace(initial=replaced_values) if replaced_values else model
+    return {
+        name: replaced.statement.initial[name].si for name in map(model.shapes.internal_name, replaced_values or ())
+    }

@@ -35,17 +35,17 @@ class Memory:
             try:
                 made = make()
                 with self._lock:
-                    self._results[name] = made, _size(made)
-                    self.shrink(most_megabytes() * 1e6)
+                    self._results[name] = made, _result_size(made)
+                    self.shrink(remembered_megabytes() * 1e6)
             finally:  # not before: who asks meanwhile waits for its turn
                 with self._lock:
                     self._under_way.pop(name, None)
             return made
 
-    def shrink(self, most: float) -> None:
+    def shrink(self, byte_limit: float) -> None:
         """Forget the oldest results until no more bytes are left than wanted."""
         with self._lock:
-            while self._results and sum(size for _, size in self._results.values()) > most:
+            while self._results and sum(size for _, size in self._results.values()) > byte_limit:
                 self._results.popitem(last=False)
 
     def names(self) -> Iterator[str]:
@@ -57,15 +57,15 @@ class Memory:
 REMEMBERED = Memory()  # of this process
 
 
-def _size(result: Any) -> int:
+def _result_size(result: Any) -> int:
     """Return the bytes of a result, about; of a dataclass those of its fields, which may be whole runs."""
     from dask.sizeof import sizeof
 
     if is_dataclass(result) and not isinstance(result, type):
-        return sum(_size(getattr(result, entry.name)) for entry in fields(result))
+        return sum(_result_size(getattr(result, entry.name)) for entry in fields(result))
     return int(getattr(result, "nbytes", 0)) or int(sizeof(result))
 
 
-def most_megabytes() -> float:
+def remembered_megabytes() -> float:
     """Return how many MB of results are remembered: $XDYNAMICS_REMEMBERED_LIMIT, or the default if that is no number."""
     return megabytes(LIMIT, MOST_MEGABYTES)

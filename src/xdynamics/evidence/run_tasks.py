@@ -33,14 +33,14 @@ def task_of_runs(
         The further tasks.
     """
     marching = [task_of(run) for run in runs]
-    given = [run if task is None else None for run, task in zip(runs, marching, strict=True)]
+    supplied_runs = [run if task is None else None for run, task in zip(runs, marching, strict=True)]
     needed = (*(task for task in marching if task is not None), *needs)
-    return Task.of(kind, partial(_with_runs, call, given), needed, *map(subject_of, runs), *words)
+    return Task.of(kind, partial(_with_runs, call, supplied_runs), needed, *map(subject_of, runs), *words)
 
 
-def _with_runs(call: Callable[..., Any], given: Sequence[xr.Dataset | None], *results: Any) -> Any:
+def _with_runs(call: Callable[..., Any], supplied_runs: Sequence[xr.Dataset | None], *results: Any) -> Any:
     remaining = iter(results)
-    runs = [next(remaining) if run is None else run for run in given]
+    runs = [next(remaining) if run is None else run for run in supplied_runs]
     return call(*runs, *remaining)
 
 

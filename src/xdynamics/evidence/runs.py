@@ -9,26 +9,26 @@ from typing import TYPE_CHECKING, Any
 from xdynamics import archive, record
 from xdynamics.archive.place import Given, Place
 from xdynamics.archive.stores import store_of
-from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March, Settings
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.model.whole import is_read_whole
+from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.record.folding import model_dimensions
-from xdynamics.record.size import check_room
+from xdynamics.record.size import check_record_room
 from xdynamics.runtime.lazy_imports import load_dask_whole
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-def record_of(
+def record_march(
     march: March,
     path: Given | None,
-    before: Iterable[tuple[str, Any]] = (),
+    rows_before: Iterable[tuple[str, Any]] = (),
     *,
     resume: bool = False,
     memory: str | float | None = None,
@@ -39,7 +39,7 @@ def record_of(
     ----------
     march : March
     path : str or Path, optional
-    before : iterable of (str, ndarray)
+    rows_before : iterable of (str, ndarray)
         Rows that precede those of the march.
     resume : bool
         Whether to go on from segments beside the file.
@@ -47,14 +47,16 @@ def record_of(
         The most that it may take in memory; see `check_growth`.
     """
     if path is not None:
-        return archive.open_run(archive.stream(march, path, before=before, resume=resume), check=False)
-    return archive.marched(record.dataset(march, before, memory))
+        return archive.open_run(archive.stream(march, path, earlier_parts=rows_before, resume=resume), check=False)
+    return archive.marched(record.dataset(march, rows_before, memory))
 
 
-def march(model: Model, path: Place | None = None, memory: str | float | None = None, **asked: Any) -> xr.Dataset:
+def march_model(
+    model: Model, path: Place | None = None, memory: str | float | None = None, **requested_settings: Any
+) -> xr.Dataset:
     """March a model as `simulate` does, in memory or into a file, without its warnings: outcomes stay in the record.
 
-    Quantities with dimensions are one variable each, but where elements alone tell all; see `by_quantities`.
+    Quantities with dimensions are one variable each, but where elements alone tell all; see `prepare_record`.
 
     Raises
     ------
@@ -63,10 +65,10 @@ def march(model: Model, path: Place | None = None, memory: str | float | None = 
     KeyboardInterrupt
         If the march was interrupted: for a single run that is an outcome, for evidence from several it is the end.
     """
-    return marched_by(model, unthinned_settings_for(model, **asked), path, memory)
+    return march_with_settings(model, unthinned_settings_for(model, **requested_settings), path, memory)
 
 
-def _kept(prepared: March, path: Place) -> xr.Dataset | None:
+def _open_kept_run(prepared: March, path: Place) -> xr.Dataset | None:
     """Return the run of a march as it was kept before; None if there is none, or what is there is damaged or another."""
     with suppress(ArchiveError, InputError):
         if store_of(path).kind(path) is None:
@@ -77,10 +79,10 @@ def _kept(prepared: March, path: Place) -> xr.Dataset | None:
     return None
 
 
-def marched_by(
+def march_with_settings(
     model: Model, settings: Settings, path: Place | None = None, memory: str | float | None = None
 ) -> xr.Dataset:
-    """March a model with settings that may leave rows or columns out of the record; see `march`.
+    """March a model with settings that may leave rows or columns out of the record; see `march_model`.
 
     A file that holds the finished run already, and is intact, is opened in place of a march.
 
@@ -91,30 +93,30 @@ def marched_by(
     """
     load_dask_whole()
     prepared = March(model, settings)
-    if path is not None and (kept := _kept(prepared, path)) is not None:
-        return read_whole(kept, model)
-    check_room(prepared, memory, path and store_of(path).written_at(path))
-    run = record_of(prepared, path, resume=path is not None and archive.has_segments(path), memory=memory)
+    if path is not None and (kept_run := _open_kept_run(prepared, path)) is not None:
+        return prepare_marched_record(kept_run, model)
+    check_record_room(prepared, memory, path and store_of(path).written_at(path))
+    run = record_march(prepared, path, resume=path is not None and archive.has_segments(path), memory=memory)
     if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
         raise KeyboardInterrupt
-    return read_whole(run, model)
+    return prepare_marched_record(run, model)
 
 
-def march_elements(model: Model, **asked: Any) -> xr.Dataset:
-    """March a model as `march` does; quantities with dimensions have a variable for each of their elements."""
-    return record.unfold(march(model, **asked))
+def march_elements(model: Model, **requested_settings: Any) -> xr.Dataset:
+    """March a model as `march_model` does; quantities with dimensions have a variable for each of their elements."""
+    return record.unfold(march_model(model, **requested_settings))
 
 
-def read_whole(run: xr.Dataset, model: Model) -> xr.Dataset:
-    """Return the whole record of a model's march as verbs read it; see `by_quantities`."""
-    return run if is_read_whole(model) else record.unfold(run)
+def prepare_marched_record(run: xr.Dataset, model: Model) -> xr.Dataset:
+    """Return the whole record of a model's march as verbs read it; see `prepare_record`."""
+    return run if is_read_by_quantity(model) else record.unfold(run)
 
 
-def by_quantities(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
+def prepare_record(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
     """Return a record as verbs read it: with one variable for each quantity, or where that tells too little for each element.
 
     Elements are told apart where contacts or delays act, masses couple dimensions, or some elements were left out.
     """
-    if not model_dimensions(run) or Inside(run, functions or {}, REINTEGRATE).takes_quantities:
+    if not model_dimensions(run) or StepInterpolator(run, functions or {}, REINTEGRATE).takes_quantities:
         return run
     return record.unfold(run)

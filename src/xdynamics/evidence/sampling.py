@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, record
-from xdynamics.dynamics.shortened_steps import Inside, sampled
+from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.companion import Tighter, companion_of, tighter_of
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
-from xdynamics.evidence.runs import by_quantities
-from xdynamics.evidence.stages import Stage, lazy
+from xdynamics.evidence.runs import prepare_record
+from xdynamics.evidence.stages import Stage, lazy_stage
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
-from xdynamics.record.flag_words import time_unit
+from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.folding import fold, labelled, model_dimensions
 from xdynamics.record.run_dataset import check_dataset
 from xdynamics.schema import AT, AT_TIME
@@ -105,14 +105,14 @@ def sample(
     if not isinstance(compute, bool | None):
         raise InputError(f"compute is {compute!r}, needs true or false")
     if not model_dimensions(run):
-        return _states(run, times, side, rule, functions, companion=companion, compute=compute)
+        return _sample_states(run, times, side, rule, functions, companion=companion, compute=compute)
     record.check_kind(run)
-    read = by_quantities(run, functions)
-    states = _states(read, times, side, rule, functions, companion=companion, compute=compute)
+    read = prepare_record(run, functions)
+    states = _sample_states(read, times, side, rule, functions, companion=companion, compute=compute)
     return labelled(fold(states, record.shapes_of(run)))
 
 
-def _states(
+def _sample_states(
     run: xr.Dataset,
     times: Any,
     side: str,
@@ -123,31 +123,31 @@ def _states(
     compute: bool | None,
 ) -> xr.Dataset:
     """Evaluate a run, of elements or of quantities with dimensions; see `sample`."""
-    wanted = wanted_times(times, time_unit(run))
+    sample_times = wanted_times(times, time_unit_of(run))
     if compute is False:
-        return _described(run, wanted, side, rule, functions, companion=companion)
-    states = sampled(run, wanted, after=side == "after", rule=rule, functions=functions)
-    states = companion_of(run, functions).beside(states) if companion else states
+        return _describe_samples(run, sample_times, side, rule, functions, companion=companion)
+    states = sample_in_steps(run, sample_times, after_event=side == "after", rule=rule, functions=functions)
+    states = companion_of(run, functions).with_global_errors(states) if companion else states
     return states if compute is None else in_memory(states)
 
 
-def _described(
-    run: xr.Dataset, wanted: Floats, side: str, rule: str, functions: Functions | None, *, companion: bool
+def _describe_samples(
+    run: xr.Dataset, sample_times: Floats, side: str, rule: str, functions: Functions | None, *, companion: bool
 ) -> xr.Dataset:
     """Describe states at times; one task evaluates them, after those that march the run and its companion."""
     tighter = tighter_of(run, functions) if companion else None
-    states = Inside.of(run, functions, rule).blank(len(wanted))
-    states = states.assign_coords({AT_TIME: (AT, wanted, states[AT_TIME].attrs)})
-    states = states if tighter is None else tighter.blank_beside(states)
-    call = partial(_in_task, wanted, side == "after", rule, functions, tighter)
+    states = StepInterpolator.of_run(run, functions, rule).blank(len(sample_times))
+    states = states.assign_coords({AT_TIME: (AT, sample_times, states[AT_TIME].attrs)})
+    states = states if tighter is None else tighter.blank_global_errors(states)
+    call = partial(_sample_in_task, sample_times, side == "after", rule, functions, tighter)
     needs = () if tighter is None else (tighter.task,)
-    task = task_of_runs("sample", call, (run,), wanted.tolist(), side, rule, companion, needs=needs)
-    return lazy(Stage(states, task, (AT_TIME,)))
+    task = task_of_runs("sample", call, (run,), sample_times.tolist(), side, rule, companion, needs=needs)
+    return lazy_stage(Stage(states, task, (AT_TIME,)))
 
 
-def _in_task(
-    wanted: Floats,
-    after: bool,  # noqa: FBT001 - bound by position in a task
+def _sample_in_task(
+    sample_times: Floats,
+    after_events: bool,  # noqa: FBT001 - bound by position in a task
     rule: str,
     functions: Functions | None,
     tighter: Tighter | None,
@@ -155,5 +155,5 @@ def _in_task(
     *marched: xr.Dataset,
 ) -> xr.Dataset:
     """Evaluate states in a task; of a run in chunks only those are read that are needed."""
-    states = in_memory(sampled(run, wanted, after=after, rule=rule, functions=functions))
-    return states if tighter is None else tighter.beside(run, marched[0], functions).beside(states)
+    states = in_memory(sample_in_steps(run, sample_times, after_event=after_events, rule=rule, functions=functions))
+    return states if tighter is None else tighter.to_companion(run, marched[0], functions).with_global_errors(states)

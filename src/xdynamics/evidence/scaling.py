@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from xdynamics import schema
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 
 ROLE = "scaled"
 
@@ -25,25 +25,25 @@ def scale_of(expected: Any, computed: Any) -> Any:
     return np.where(largest > 0.0, largest, np.abs(computed).max(axis=0))
 
 
-def over(residual: Any, scale: Any) -> Any:
+def divide_by_scale(residual: Any, scale: Any) -> Any:
     """Return residuals over their scale; 0 where both are 0."""
     return residual / np.where(scale > 0.0, scale, 1.0)
 
 
 def root_mean_square(numbers: Any) -> Any:
     """Return the root of the mean square along the first axis, of each element the same as of it alone."""
-    along = np.ascontiguousarray(np.moveaxis(np.asarray(numbers) ** 2, 0, -1))  # where NumPy sums pairwise
-    return np.sqrt(np.mean(along, axis=-1))
+    contiguous_squares = np.ascontiguousarray(np.moveaxis(np.asarray(numbers) ** 2, 0, -1))  # where NumPy sums pairwise
+    return np.sqrt(np.mean(contiguous_squares, axis=-1))
 
 
-def scaled(
+def scaled_variables(
     kind: str,
     name: str,
     residual: Any,
     scale: Any,
     dims: Sequence[str],
     units: str,
-    said: str,
+    scale_text: str,
     norms: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return a residual over its scale, and the scale, ready for a Dataset.
@@ -61,30 +61,34 @@ def scaled(
         Of the residual; the scale and the norms have all but the first.
     units : str
         Of the scale.
-    said : str
+    scale_text : str
         What the scale is, in words.
     norms : sequence of str
         Norms of the residual to add without a dimension: `rms`, `largest`.
     """
     key = f"{kind}_{name}"
-    rule = {"scale_rule": f"{said}; never its value at one time, which may pass zero"}
+    rule = {"scale_rule": f"{scale_text}; never its value at one time, which may pass zero"}
     variables = {
-        schema.scaled(key): (
+        schema.scaled_name(key): (
             tuple(dims),
-            over(residual, scale),
-            about("1", f"{key} over {schema.scale(kind, name)}", ROLE) | rule,
+            divide_by_scale(residual, scale),
+            variable_attributes("1", f"{key} over {schema.scale_name(kind, name)}", ROLE) | rule,
         ),
-        schema.scale(kind, name): (tuple(dims)[1:], scale, about(units, f"scale of {key}: {said}", "scale") | rule),
+        schema.scale_name(kind, name): (
+            tuple(dims)[1:],
+            scale,
+            variable_attributes(units, f"scale of {key}: {scale_text}", "scale") | rule,
+        ),
     }
     sizes: dict[str, Callable[[Any], Any]] = {
         "rms": root_mean_square,
         "largest": lambda off: np.max(np.abs(off), axis=0),
     }
     return variables | {
-        schema.scaled(f"{norm}_{key}"): (
+        schema.scaled_name(f"{norm}_{key}"): (
             tuple(dims)[1:],
-            over(sizes[norm](residual), scale),
-            about("1", f"{norm}_{key} over {schema.scale(kind, name)}", ROLE) | rule,
+            divide_by_scale(sizes[norm](residual), scale),
+            variable_attributes("1", f"{norm}_{key} over {schema.scale_name(kind, name)}", ROLE) | rule,
         )
         for norm in norms
     }

@@ -13,7 +13,7 @@ import numpy as np
 
 from xdynamics import record
 from xdynamics.evidence.remembered_results import REMEMBERED
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import march_model
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
@@ -59,38 +59,38 @@ class Task:
     def result(self, *needs: Any) -> Any:
         """Call it here; a march that is remembered, for whatever stage, is not begun again."""
         marches = self.lasting and self.name.startswith(f"{MARCH}-")
-        return _result(self.name, self.call, *needs) if marches else self.call(*needs)
+        return _remembered_result(self.name, self.call, *needs) if marches else self.call(*needs)
 
     @property
     def layers(self) -> dict[str, Any]:
         """The task and all that it needs, as layers of dask's graph, one for each."""
-        return {name: layer for task in self._all().values() for name, layer in task.layer.items()}
+        return {name: layer for task in self._tasks_by_name().values() for name, layer in task.layer.items()}
 
     @property
     def dependencies(self) -> dict[str, set[str]]:
         """By the name of each layer, the names of those that it needs."""
-        return {name: {needed.name for needed in task.needs} for name, task in self._all().items()}
+        return {name: {needed.name for needed in task.needs} for name, task in self._tasks_by_name().items()}
 
     @property
     def layer(self) -> dict[str, Any]:
         """The task alone."""
         from dask.highlevelgraph import MaterializedLayer
 
-        call = partial(_result, self.name, self.call) if self.lasting else self.call
+        call = partial(_remembered_result, self.name, self.call) if self.lasting else self.call
         tasks = {self.name: (call, *(task.name for task in self.needs))}
         priority = self.steps or (AT_ONCE if self.needs else 0.0)
         return {self.name: MaterializedLayer(tasks, annotations={"priority": priority} if priority else None)}
 
-    def _all(self) -> dict[str, Task | Gathered]:
+    def _tasks_by_name(self) -> dict[str, Task | Gathered]:
         """Return the task and all that it needs by name, each once, however many need it."""
-        found: dict[str, Task | Gathered] = {}
+        tasks_by_name: dict[str, Task | Gathered] = {}
         waiting: list[Task | Gathered] = [self]
         while waiting:
             task = waiting.pop()
-            if task.name not in found:
-                found[task.name] = task
+            if task.name not in tasks_by_name:
+                tasks_by_name[task.name] = task
                 waiting += task.needs
-        return found
+        return tasks_by_name
 
 
 @dataclass(frozen=True)
@@ -116,11 +116,11 @@ class Gathered:
 
         data = self.variable.data
         finish, extra = data.__dask_postcompute__()
-        whole = {self.name: (partial(_gathered, finish, extra), data.__dask_keys__())}
-        return {self.name: MaterializedLayer(dict(data.__dask_graph__()) | whole)}
+        gathering_task = {self.name: (partial(_gather_blocks, finish, extra), data.__dask_keys__())}
+        return {self.name: MaterializedLayer(dict(data.__dask_graph__()) | gathering_task)}
 
 
-def _gathered(finish: Callable[..., Any], extra: tuple[Any, ...], blocks: Any) -> Any:
+def _gather_blocks(finish: Callable[..., Any], extra: tuple[Any, ...], blocks: Any) -> Any:
     return np.array(finish(blocks, *extra))
 
 
@@ -138,41 +138,43 @@ def results_of(*tasks: Task) -> list[Any]:
     for task in tasks:
         visit(task)
     last = {needed.name: name for name, task in order.items() for needed in task.needs}
-    wanted, results = {task.name for task in tasks}, dict[str, Any]()
+    requested_names, results = {task.name for task in tasks}, dict[str, Any]()
     for name, task in order.items():
         results[name] = task.result(*(results[needed.name] for needed in task.needs))
         for needed in task.needs:
-            if last[needed.name] == name and needed.name not in wanted:
+            if last[needed.name] == name and needed.name not in requested_names:
                 results.pop(needed.name, None)
     return [results[task.name] for task in tasks]
 
 
-def march_task(model: Model, path: Path | None = None, memory: str | float | None = None, **asked: Any) -> Task:
-    """Return the task that marches a model as `evidence.runs.march` does, named by the digest of all inputs of the run.
+def march_task(
+    model: Model, path: Path | None = None, memory: str | float | None = None, **requested_settings: Any
+) -> Task:
+    """Return the task that marches a model as `evidence.runs.march_model` does, named by the digest of all inputs of the run.
 
     Raises
     ------
     InputError
         If a setting is wrong.
     """
-    prepared = March(model, unthinned_settings_for(model, **asked))
+    prepared = March(model, unthinned_settings_for(model, **requested_settings))
     words = [record.input_digest(prepared), *(["compressed"] if prepared.settings.compress else [])]
     name = "-".join([MARCH, *words, *([str(path)] if path is not None else [])])
-    call = partial(march, path=path, memory=memory, **asked)
-    return Task(name, call, (_model_task(model, prepared),), lasting=path is None, steps=_steps(prepared))
+    call = partial(march_model, path=path, memory=memory, **requested_settings)
+    return Task(name, call, (_model_task(model, prepared),), lasting=path is None, steps=_estimated_steps(prepared))
 
 
 def _model_task(model: Model, prepared: March) -> Task:
     """Return the task that is a model: a cluster is sent it once, with its tables, however many marches there are."""
     words = ["model", model.digest, *([force_digest(prepared)] if model.python_functions else [])]
-    return Task("-".join(words), partial(_given, model), lasting=False)
+    return Task("-".join(words), partial(_return_model, model), lasting=False)
 
 
-def _given(model: Model) -> Model:
+def _return_model(model: Model) -> Model:
     return model
 
 
-def _steps(prepared: March) -> float:
+def _estimated_steps(prepared: March) -> float:
     """Return about how many steps a march takes, or a number that grows with it where its tolerances decide."""
     settings, step = prepared.settings, prepared.settings.step
     if isinstance(step, tuple):
@@ -182,7 +184,7 @@ def _steps(prepared: March) -> float:
     return float(settings.tolerances.rtol ** (-1.0 / max(settings.method.order, 1)))
 
 
-def _result(name: str, call: Callable[..., Any], *needs: Any) -> Any:
+def _remembered_result(name: str, call: Callable[..., Any], *needs: Any) -> Any:
     return REMEMBERED.result(name, partial(call, *needs))
 
 
@@ -196,6 +198,6 @@ def remembered(task: Task) -> Any:
     return REMEMBERED.result(task.name, make)
 
 
-def inputs_of(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+def setting_words(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return settings as words, in one order, for the name of a task."""
     return sorted((name, repr(value)) for name, value in settings.items())

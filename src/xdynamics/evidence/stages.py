@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive, record
-from xdynamics.evidence.cluster import Tell, connected, reached, watched
+from xdynamics.evidence.cluster import Tell, connected, progress_reported, reached
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.faults import InputError
 from xdynamics.march import March
@@ -41,7 +41,7 @@ class Stage:
         What it gives, with other values: variables, dimensions, sizes, types, attributes.
     task : Task
         Gives the Dataset.
-    known : collection of str
+    known_variables : collection of str
         Variables whose values the template has.
     foreseen : xarray.Dataset, optional
         Of a run, where the template leaves variables out: all that its record will have, of any size.
@@ -49,26 +49,26 @@ class Stage:
 
     template: xr.Dataset
     task: Task
-    known: Collection[str] = ()
+    known_variables: Collection[str] = ()
     foreseen: xr.Dataset | None = None
 
 
-def lazy(stage: Stage) -> xr.Dataset:
+def lazy_stage(stage: Stage) -> xr.Dataset:
     """Put dask arrays behind the template of a stage; attributes that are variables to be computed are left out."""
     load_dask_whole()
     import dask.array
     from dask.highlevelgraph import HighLevelGraph
 
     da: Any = dask.array  # its functions are not typed
-    template, task, known = stage.template, stage.task, stage.known
+    template, task, known_names = stage.template, stage.task, stage.known_variables
     layers, dependencies = task.layers, task.dependencies
     variables = {}
     for name, variable in template.variables.items():
-        if name in known or name in template.indexes:
+        if name in known_names or name in template.indexes:
             continue
         key = f"{name}-{task.name}"
         call = partial(
-            _values, str(name), variable.dims, variable.shape, blank=np.nan if variable.dtype.kind == "f" else ""
+            _stage_values, str(name), variable.dims, variable.shape, blank=np.nan if variable.dtype.kind == "f" else ""
         )
         graph = {(key, *[0] * variable.ndim): (call, task.name)}
         merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {task.name}})
@@ -106,7 +106,7 @@ class _Described:
 
     def computed(self, dataset: xr.Dataset) -> xr.Dataset | None:
         """Return the stage as it is when it is computed at once; None if the Dataset was changed since."""
-        return None if self.delayed(dataset) is None else computed(dataset)[0]
+        return None if self.delayed(dataset) is None else compute_datasets(dataset)[0]
 
     def delayed(self, dataset: xr.Dataset) -> Any:
         """Return the stage as one delayed Dataset; None if the Dataset was changed since."""
@@ -128,8 +128,8 @@ def _collection(dataset: xr.Dataset) -> Any:
     Not the Dataset itself: it would be sent to a cluster with its origin, whose digests are of its values.
     """
     described = dataset.encoding.get(STAGE)
-    whole = None if described is None else described.delayed(dataset)
-    return dict(_lazy_data(dataset)) if whole is None else whole
+    delayed_stage = None if described is None else described.delayed(dataset)
+    return dict(_lazy_data(dataset)) if delayed_stage is None else delayed_stage
 
 
 def _with_values(dataset: xr.Dataset, values: Any) -> xr.Dataset:
@@ -139,7 +139,7 @@ def _with_values(dataset: xr.Dataset, values: Any) -> xr.Dataset:
     return archive.evaluated(dataset, values)
 
 
-def computed(*datasets: xr.Dataset, tell: Tell | None = None) -> list[xr.Dataset]:
+def compute_datasets(*datasets: xr.Dataset, tell: Tell | None = None) -> list[xr.Dataset]:
     """Compute several Datasets in one graph, each stage as it is when it is computed at once, with all its attributes.
 
     Those without dask arrays are returned as they are. On a cluster `tell` is called with the fraction done, 0 and the
@@ -161,7 +161,7 @@ def computed(*datasets: xr.Dataset, tell: Tell | None = None) -> list[xr.Dataset
     if client is None:
         values = compute(*collections)
     else:
-        with reached(client), watched(client, tell):
+        with reached(client), progress_reported(client, tell):
             values = compute(*collections)
     results = {k: _with_values(datasets[k], value) for k, value in zip(places, values, strict=True)}
     return [results.get(k, dataset) for k, dataset in enumerate(datasets)]
@@ -169,16 +169,16 @@ def computed(*datasets: xr.Dataset, tell: Tell | None = None) -> list[xr.Dataset
 
 def task_of(stage: xr.Dataset) -> Task | None:
     """Return the task that gives a lazy stage; None if the Dataset is none, or was changed since it was made."""
-    whole = record.whole_of(stage)
-    described = whole.encoding.get(STAGE)
-    return described.task if isinstance(described, _Described) and described.delayed(whole) is not None else None
+    full_stage = record.whole_of(stage)
+    described = full_stage.encoding.get(STAGE)
+    return described.task if isinstance(described, _Described) and described.delayed(full_stage) is not None else None
 
 
-def foreseen(run: xr.Dataset) -> xr.Dataset:
+def foreseen_record(run: xr.Dataset) -> xr.Dataset:
     """Return a run, or if it is still to be marched a Dataset with all variables that its record will have."""
     described = record.whole_of(run).encoding.get(STAGE)
-    known = described.foreseen if isinstance(described, _Described) else None
-    return run if known is None else known
+    foreseen_dataset = described.foreseen if isinstance(described, _Described) else None
+    return run if foreseen_dataset is None else foreseen_dataset
 
 
 def subject_of(run: xr.Dataset) -> str:
@@ -195,7 +195,7 @@ def subject_of(run: xr.Dataset) -> str:
     return sha256(repr((words, attributes)).encode()).hexdigest()
 
 
-def _values(
+def _stage_values(
     name: str, dims: tuple[Hashable, ...], shape: tuple[int, ...], stage: xr.Dataset, *, blank: float | str = ""
 ) -> Any:
     """Return what a stage has under a name, as a variable or an attribute, in the size that was stated.
@@ -246,7 +246,7 @@ def blank_run(prepared: March) -> xr.Dataset:
     return run.assign_attrs(solver_method=prepared.settings.method.name, run_outcome="")
 
 
-def counted_number(count: Any, what: str) -> int | None:
+def requested_count(count: Any, label: str) -> int | None:
     """Read how many things to list, which only marching tells; None for all.
 
     Raises
@@ -256,4 +256,4 @@ def counted_number(count: Any, what: str) -> int | None:
     """
     if count is None or (isinstance(count, int) and not isinstance(count, bool) and count >= 0):
         return count
-    raise InputError(f"{what} is {count!r}, needs a non-negative whole number")
+    raise InputError(f"{label} is {count!r}, needs a non-negative whole number")

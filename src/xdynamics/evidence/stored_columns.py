@@ -31,25 +31,25 @@ class RowRange:
     ----------
     first, count : int
         The first row of the part itself, and how many it has.
-    before : int
+    rows_before : int
         How many rows of the columns lie before it: 0 or 1.
-    columns : dict of str to ndarray, shape (before + count + 0 or 1, ...)
+    columns : dict of str to ndarray, shape (rows_before + count + 0 or 1, ...)
     """
 
     first: int
     count: int
-    before: int
+    rows_before: int
     columns: dict[str, Any]
 
-    def own(self, name: str) -> Any:
+    def own_rows(self, name: str) -> Any:
         """Return a column without the neighbours."""
-        return self.columns[name][self.before : self.before + self.count]
+        return self.columns[name][self.rows_before : self.rows_before + self.count]
 
     @property
-    def numbers(self) -> Rows:
+    def row_numbers(self) -> Rows:
         """The numbers of all rows, neighbours included."""
         size = len(next(iter(self.columns.values())))
-        return np.arange(self.first - self.before, self.first - self.before + size)
+        return np.arange(self.first - self.rows_before, self.first - self.rows_before + size)
 
 
 class StoredColumns:
@@ -68,11 +68,11 @@ class StoredColumns:
     """
 
     def __init__(
-        self, run: xr.Dataset, dim: str, *, kept: Collection[str], room: float, lasting: Collection[str] = ()
+        self, run: xr.Dataset, dim: str, *, cached_names: Collection[str], room: float, lasting: Collection[str] = ()
     ) -> None:
         self.run = run
         self.size = int(run.sizes[dim])
-        self._kept, self._room, self._lasting = kept, room, lasting
+        self._cached_names, self._room, self._lasting = cached_names, room, lasting
         self._columns: dict[str, _Column] = {}
 
     def parts(self, *names: str) -> Iterator[RowRange]:
@@ -81,80 +81,86 @@ class StoredColumns:
         borders = np.unique(np.concatenate([column.borders for column in columns]))
         for begin, end in pairwise(borders.tolist()):
             low, high = max(begin - 1, 0), min(end + 1, self.size)
-            self._read(columns, low, high)
-            values = {name: column.stretch(low, high) for name, column in zip(names, columns, strict=True)}
+            self._read_missing_chunks(columns, low, high)
+            values = {name: column.row_stretch(low, high) for name, column in zip(names, columns, strict=True)}
             yield RowRange(begin, end - begin, begin - low, values)
             for column in columns:
-                self._forget(column, end - 1)
+                self._forget_chunks(column, end - 1)
         for column in columns:
-            self._forget(column, self.size)
+            self._forget_chunks(column, self.size)
 
-    def at(self, name: str, rows: Any) -> Any:
+    def values_at(self, name: str, rows: Any) -> Any:
         """Return values of a column in some rows, in any order."""
         column, rows = self._column(name), np.asarray(rows, np.int64)
         values = None
         chunks = np.searchsorted(column.borders, rows, side="right") - 1
         for chunk in np.unique(chunks).tolist():
             begin, end = column.borders[chunk : chunk + 2].tolist()
-            self._read([column], begin, end)
-            part = column.stretch(begin, end)
+            self._read_missing_chunks([column], begin, end)
+            part = column.row_stretch(begin, end)
             values = np.empty((*rows.shape, *part.shape[1:]), part.dtype) if values is None else values
             values[chunks == chunk] = part[rows[chunks == chunk] - begin]
-            self._forget(column, end)
+            self._forget_chunks(column, end)
         return np.zeros((*rows.shape, *column.variable.shape[1:])) if values is None else values
 
     def _column(self, name: str) -> _Column:
         if name not in self._columns:
-            self._columns[name] = _Column(name, named_elements.column(self.run, name))
+            self._columns[name] = _Column(name, named_elements.get_column(self.run, name))
         return self._columns[name]
 
     @cached_property
-    def _sources(self) -> dict[str, list[str]]:
+    def _elements_by_array(self) -> dict[str, list[str]]:
         """The kept variables that are elements of one stored array, by its name."""
         sources: dict[str, list[str]] = {}
-        for name in self._kept:
+        for name in self._cached_names:
             if (source := _source(self.run.variables[name])) is not None:
                 sources.setdefault(source, []).append(name)
         return sources
 
-    def _beside(self, column: _Column, chunk: int) -> Iterator[_Column]:
+    def _chunk_neighbours(self, column: _Column, chunk: int) -> Iterator[_Column]:
         """Yield the kept columns whose values lie in the same chunk of a file and are not read yet."""
-        for name in self._sources.get(_source(column.variable) or "", ()) if self._room > 0 else ():
-            other = self._column(name)
-            if chunk not in other.read and np.array_equal(other.borders, column.borders):
-                yield other
+        for name in self._elements_by_array.get(_source(column.variable) or "", ()) if self._room > 0 else ():
+            neighbour = self._column(name)
+            if chunk not in neighbour.read and np.array_equal(neighbour.borders, column.borders):
+                yield neighbour
 
-    def _read(self, columns: Sequence[_Column], begin: int, end: int) -> None:
+    def _read_missing_chunks(self, columns: Sequence[_Column], begin: int, end: int) -> None:
         """Read what is missing of some rows, all chunks at once."""
-        missing = [(column, chunk) for column in columns for chunk in column.missing(begin, end)]
+        missing = [(column, chunk) for column in columns for chunk in column.missing_chunks(begin, end)]
         if not missing:
             return
         import dask.base
 
-        wanted = {(column.name, chunk) for column, chunk in missing}
+        queued = {(column.name, chunk) for column, chunk in missing}
         for column, chunk in [*missing]:
-            beside = [(other, chunk) for other in self._beside(column, chunk) if (other.name, chunk) not in wanted]
-            wanted |= {(other.name, chunk) for other, _ in beside}
-            missing += beside
+            chunk_neighbours = [
+                (neighbour, chunk)
+                for neighbour in self._chunk_neighbours(column, chunk)
+                if (neighbour.name, chunk) not in queued
+            ]
+            queued |= {(neighbour.name, chunk) for neighbour, _ in chunk_neighbours}
+            missing += chunk_neighbours
         compute: Any = dask.base.compute  # it is not typed
         blocks = compute(*(column.block(chunk) for column, chunk in missing))
         for (column, chunk), values in zip(missing, blocks, strict=True):
             column.read[chunk] = values
         for column, chunk in missing:
             if column not in columns:
-                self._keep(column, chunk)
+                self._keep_chunk(column, chunk)
 
-    def _forget(self, column: _Column, row: int) -> None:
+    def _forget_chunks(self, column: _Column, row: int) -> None:
         """Forget the chunks before a row, but for those that are kept."""
-        for chunk in [chunk for chunk in column.read if column.borders[chunk + 1] <= row and chunk not in column.kept]:
-            self._keep(column, chunk)
+        for chunk in [
+            chunk for chunk in column.read if column.borders[chunk + 1] <= row and chunk not in column.kept_chunks
+        ]:
+            self._keep_chunk(column, chunk)
 
-    def _keep(self, column: _Column, chunk: int) -> None:
+    def _keep_chunk(self, column: _Column, chunk: int) -> None:
         """Keep a chunk that was read, or forget it where there is no room."""
         size = column.read[chunk].nbytes
-        if column.name in self._lasting or (column.name in self._kept and size <= self._room):
+        if column.name in self._lasting or (column.name in self._cached_names and size <= self._room):
             self._room -= size
-            column.kept.add(chunk)
+            column.kept_chunks.add(chunk)
         else:
             del column.read[chunk]
 
@@ -174,7 +180,7 @@ class _Column:
     name: str
     variable: xr.Variable
     read: dict[int, Any] = field(default_factory=dict)
-    kept: set[int] = field(default_factory=set)
+    kept_chunks: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         sizes = self.variable.chunks[0] if self.variable.chunks else self.variable.shape[:1]
@@ -182,26 +188,26 @@ class _Column:
         self._places = [k for k, size in enumerate(sizes) if size]
         if not self.variable.chunks:
             self.read[0] = np.asarray(self.variable)
-            self.kept.add(0)
+            self.kept_chunks.add(0)
 
-    def missing(self, begin: int, end: int) -> list[int]:
+    def missing_chunks(self, begin: int, end: int) -> list[int]:
         """List the chunks of some rows that have to be read."""
-        return [chunk for chunk in self._of(begin, end) if chunk not in self.read]
+        return [chunk for chunk in self._chunks_of_rows(begin, end) if chunk not in self.read]
 
     def block(self, chunk: int) -> Any:
         """Return a chunk as a lazy array."""
         return self.variable.data.blocks[self._places[chunk]]
 
-    def stretch(self, begin: int, end: int) -> Any:
+    def row_stretch(self, begin: int, end: int) -> Any:
         """Return consecutive rows, of chunks that have been read."""
         parts = [
             self.read[chunk][max(begin - low, 0) : end - low]
-            for chunk in self._of(begin, end)
+            for chunk in self._chunks_of_rows(begin, end)
             for low in self.borders[chunk : chunk + 1].tolist()
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
-    def _of(self, begin: int, end: int) -> range:
+    def _chunks_of_rows(self, begin: int, end: int) -> range:
         """Number the chunks in which rows are."""
         first, last = np.searchsorted(self.borders, [begin, end - 1], side="right").tolist()
         return range(first - 1, last)

@@ -25,7 +25,7 @@ from xdynamics.expressions.tree import (
     exponent_of,
     free_names,
     limits_domain,
-    shown,
+    shortened_text,
     size,
     text_of,
 )
@@ -54,7 +54,7 @@ __all__ = [
     "latex",
     "limits_domain",
     "parse",
-    "shown",
+    "shortened_text",
     "size",
     "text_of",
 ]

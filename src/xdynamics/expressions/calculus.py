@@ -43,7 +43,7 @@ def expand(node: Node, definitions: Mapping[str, Node]) -> Node:
     """
     if not definitions:
         return node
-    nodes, levels = _Sizes(definitions).of(node)
+    nodes, levels = _Sizes(definitions).count_nodes(node)
     if levels > MOST_LEVELS:
         raise InputError(f"definitions of '{text_of(node)[:60]}' are nested too deeply; shorten the chain")
     if nodes > MOST_EXPANDED:
@@ -67,8 +67,10 @@ def derivative(node: Node, rates: Rates) -> Node:
     At the kink of ``abs``, ``min``, ``max``, ``where`` the derivative is that of the branch taken; that of ``sign``,
     ``floor``, ``ceil`` and ``round`` is zero everywhere, and ``mod`` is differentiated between its jumps.
     """
-    own = {name: {"": rates[name]} for name in free_names(node) if name in rates}  # there may be a million rates
-    return derivatives(node, own).get("", ZERO)
+    single_rates = {
+        name: {"": rates[name]} for name in free_names(node) if name in rates
+    }  # there may be a million rates
+    return derivatives(node, single_rates).get("", ZERO)
 
 
 def derivatives(node: Node, rates: Mapping[str, Rates]) -> dict[str, Node]:
@@ -95,53 +97,53 @@ def derivatives(node: Node, rates: Mapping[str, Rates]) -> dict[str, Node]:
     """
     match node:
         case Name():
-            return {by: rate for by, rate in rates.get(node.name, {}).items() if rate != ZERO}
+            return {variable: rate for variable, rate in rates.get(node.name, {}).items() if rate != ZERO}
         case Negative():
-            return {by: negative(rate) for by, rate in derivatives(node.operand, rates).items()}
+            return {variable: negative(rate) for variable, rate in derivatives(node.operand, rates).items()}
         case Binary():
             first, links = chain(node)
             gradient = derivatives(first, rates)
             for part in links:
-                gradient = _joined(part, gradient, derivatives(part.right, rates))
+                gradient = _derivatives_of_link(part, gradient, derivatives(part.right, rates))
             return gradient
         case Call():
             inner = [derivatives(part, rates) for part in node.arguments]
-            return _by_each(inner, lambda operand_rates: rate_of(node, operand_rates))
+            return _differentiate_operands(inner, lambda operand_rates: operation_derivative(node, operand_rates))
     return {}
 
 
-def rate_of(node: Negative | Binary | Call, rates: Sequence[Node]) -> Node:
+def operation_derivative(node: Negative | Binary | Call, rates: Sequence[Node]) -> Node:
     """Return the derivative of an operation from those of its operands, in which it is linear."""
     if isinstance(node, Negative):
         return negative(*rates)
     if isinstance(node, Call):
-        return _of_call(node, rates)
+        return _call_derivative(node, rates)
     left, right = rates
     if node.operator in "+-":
         return add(left, right if node.operator == "+" else negative(right))
-    return _of_product(node, left, right)
+    return _product_derivative(node, left, right)
 
 
-def _joined(node: Binary, left: dict[str, Node], right: dict[str, Node]) -> dict[str, Node]:
+def _derivatives_of_link(node: Binary, left: dict[str, Node], right: dict[str, Node]) -> dict[str, Node]:
     """Return the derivatives of a binary node from those of its operands."""
     if node.operator not in "+-":
-        return _by_each([left, right], lambda operand_rates: rate_of(node, operand_rates))
-    for by, rate in right.items():  # derivatives of the preceding terms stay as they are
-        total = add(left.get(by, ZERO), rate if node.operator == "+" else negative(rate))
+        return _differentiate_operands([left, right], lambda operand_rates: operation_derivative(node, operand_rates))
+    for variable, rate in right.items():  # derivatives of the preceding terms stay as they are
+        total = add(left.get(variable, ZERO), rate if node.operator == "+" else negative(rate))
         if total == ZERO:
-            left.pop(by, None)
+            left.pop(variable, None)
         else:
-            left[by] = total
+            left[variable] = total
     return left
 
 
-def _by_each(inner: list[dict[str, Node]], rule: Callable[[list[Node]], Node]) -> dict[str, Node]:
+def _differentiate_operands(inner: list[dict[str, Node]], rule: Callable[[list[Node]], Node]) -> dict[str, Node]:
     """Apply a rule to the derivatives of the operands by each variable that one of them depends on."""
     rates = {
-        by: rule([operand.get(by, ZERO) for operand in inner])
-        for by in dict.fromkeys(by for operand in inner for by in operand)
+        variable: rule([operand.get(variable, ZERO) for operand in inner])
+        for variable in dict.fromkeys(variable for operand in inner for variable in operand)
     }
-    return {by: rate for by, rate in rates.items() if rate != ZERO}
+    return {variable: rate for variable, rate in rates.items() if rate != ZERO}
 
 
 class _Sizes:
@@ -149,9 +151,9 @@ class _Sizes:
 
     def __init__(self, definitions: Mapping[str, Node]) -> None:
         self._definitions = definitions
-        self._known: dict[str, tuple[int, int]] = {}
+        self._definition_sizes: dict[str, tuple[int, int]] = {}
 
-    def of(self, node: Node, above: int = 0) -> tuple[int, int]:
+    def count_nodes(self, node: Node, above: int = 0) -> tuple[int, int]:
         nodes, deepest, waiting = 0, 0, [(node, 0)]
         while waiting:
             current, level = waiting.pop()
@@ -168,9 +170,9 @@ class _Sizes:
     def _of_definition(self, name: str, above: int) -> tuple[int, int]:
         if above > MOST_LEVELS:  # circular definitions end here too
             return 0, 0
-        if name not in self._known:
-            self._known[name] = self.of(self._definitions[name], above)
-        return self._known[name]
+        if name not in self._definition_sizes:
+            self._definition_sizes[name] = self.count_nodes(self._definitions[name], above)
+        return self._definition_sizes[name]
 
 
 def _expand(node: Node, definitions: Mapping[str, Node], expanded: dict[str, Node]) -> Node:
@@ -215,12 +217,12 @@ def add(left: Node, right: Node) -> Node:
     return Binary("-", left, right.operand) if isinstance(right, Negative) else Binary("+", left, right)
 
 
-def total(terms: Sequence[Node]) -> Node:
+def sum_of_terms(terms: Sequence[Node]) -> Node:
     """Return the sum of some terms, in their order."""
-    whole = terms[0]
+    sum_tree = terms[0]
     for term in terms[1:]:
-        whole = add(whole, term)
-    return whole
+        sum_tree = add(sum_tree, term)
+    return sum_tree
 
 
 def multiply(left: Node, right: Node) -> Node:
@@ -245,7 +247,7 @@ def divide(left: Node, right: Node) -> Node:
     return left if right == ONE else Binary("/", left, right)
 
 
-def _of_product(node: Binary, left_rate: Node, right_rate: Node) -> Node:
+def _product_derivative(node: Binary, left_rate: Node, right_rate: Node) -> Node:
     """Differentiate a product, a quotient or a power."""
     left, right = node.left, node.right
     match node.operator:
@@ -257,17 +259,17 @@ def _of_product(node: Binary, left_rate: Node, right_rate: Node) -> Node:
     if exponent is None or exponent == 0:
         return ZERO
     lower = exponent - 1
-    power = left if lower == 1 else ONE if lower == 0 else Binary("**", left, _literal(float(lower)))
-    return multiply(multiply(_literal(float(exponent)), power), left_rate)
+    power = left if lower == 1 else ONE if lower == 0 else Binary("**", left, _signed_number(float(lower)))
+    return multiply(multiply(_signed_number(float(exponent)), power), left_rate)
 
 
-def _literal(value: float) -> Node:
+def _signed_number(value: float) -> Node:
     return Number(value) if value >= 0 else Negative(Number(-value))
 
 
-def _of_call(node: Call, inner_rates: Sequence[Node]) -> Node:
+def _call_derivative(node: Call, inner_rates: Sequence[Node]) -> Node:
     if node.function in ("min", "max"):
-        return _of_choice(node, inner_rates)
+        return _choice_derivative(node, inner_rates)
     if node.function == "where":
         _, yes, no = inner_rates
         return ZERO if yes == no == ZERO else Call("where", (node.arguments[0], yes, no))
@@ -287,22 +289,22 @@ def _of_call(node: Call, inner_rates: Sequence[Node]) -> Node:
 MOST_CHAINED = 16  # arguments of min and max whose derivative is a chain: it is as deep as they are many
 
 
-def _of_choice(node: Call, inner_rates: Sequence[Node]) -> Node:
+def _choice_derivative(node: Call, inner_rates: Sequence[Node]) -> Node:
     """Differentiate min and max as an equivalent chain of `where`; of many arguments as one of either half."""
     operator = "<=" if node.function == "min" else ">="
     if len(node.arguments) > MOST_CHAINED:
         middle = len(node.arguments) // 2
         left, right = Call(node.function, node.arguments[:middle]), Call(node.function, node.arguments[middle:])
-        rates = _of_choice(left, inner_rates[:middle]), _of_choice(right, inner_rates[middle:])
+        rates = _choice_derivative(left, inner_rates[:middle]), _choice_derivative(right, inner_rates[middle:])
         return ZERO if rates == (ZERO, ZERO) else Call("where", (Compare(operator, left, right), *rates))
-    *rest, _ = node.arguments
+    *leading_arguments, _ = node.arguments
     result = inner_rates[-1]
-    for position in range(len(rest) - 1, -1, -1):
-        others = node.arguments[position + 1 :]
-        best = others[0] if len(others) == 1 else Call(node.function, others)
+    for position in range(len(leading_arguments) - 1, -1, -1):
+        later_arguments = node.arguments[position + 1 :]
+        best = later_arguments[0] if len(later_arguments) == 1 else Call(node.function, later_arguments)
         rate = inner_rates[position]
         if not rate == result == ZERO:
-            result = Call("where", (Compare(operator, rest[position], best), rate, result))
+            result = Call("where", (Compare(operator, leading_arguments[position], best), rate, result))
     return result
 
 

@@ -62,14 +62,18 @@ def opposite(node: Node | Junction) -> Condition:
     raise InputError("the function takes ~ of what is no comparison; write ~(a > 0)")
 
 
-def chosen(condition: Node | Junction, yes: Node, no: Node) -> Node:
+def choice_tree(condition: Node | Junction, yes: Node, no: Node) -> Node:
     """Return the tree of a choice."""
     if isinstance(condition, Junction):
-        within = chosen(condition.right, yes, no)
-        return chosen(condition.left, within, no) if condition.word == "and" else chosen(condition.left, yes, within)
+        inner_choice = choice_tree(condition.right, yes, no)
+        return (
+            choice_tree(condition.left, inner_choice, no)
+            if condition.word == "and"
+            else choice_tree(condition.left, yes, inner_choice)
+        )
     return Call("where", (condition, yes, no))
 
 
-def counted(node: Node | Junction) -> Node:
+def truth_as_number(node: Node | Junction) -> Node:
     """Return a number as it is, and for a condition 1 where it holds, else 0, as Python counts truths."""
-    return chosen(node, Number(1.0), Number(0.0)) if isinstance(node, Compare | Junction) else node
+    return choice_tree(node, Number(1.0), Number(0.0)) if isinstance(node, Compare | Junction) else node

@@ -29,25 +29,25 @@ _FACTOR = re.compile(r"(?P<sign>/?) *(?P<name>[A-Za-z]+)(?:\*\*)?(?P<power>[+-]?
 _IMPLIED = re.compile(rf"{_NUMBER} *(?=[A-Za-z_(])|(?<=\)) *(?=[A-Za-z0-9_(])")
 
 
-def correction(source: str, is_readable: Callable[[str], bool]) -> str:
+def likely_correction(source: str, is_readable: Callable[[str], bool]) -> str:
     """Return what to write in the place of a text that cannot be read, as the end of a message; empty if that is not known.
 
     Examples
     --------
-    >>> correction("sin(30 degree)", lambda text: " d" not in text)
+    >>> likely_correction("sin(30 degree)", lambda text: " d" not in text)
     "; write 'sin(30*degree)'"
     """
     if len(source) > LONGEST_CORRECTED:
         return ""
     plain = _MARKED.sub(r"v_\1", _MODULE.sub("", "".join(_SIGNS.get(sign, sign) for sign in source)))
-    with_units, multiplied = _multiplied(_WITH_UNIT.sub(_with_unit, plain)), _multiplied(plain)
-    found = [text for text in dict.fromkeys((with_units, multiplied)) if text != source and is_readable(text)]
-    if not found:
+    with_units, multiplied = _multiplied(_WITH_UNIT.sub(_unit_product, plain)), _multiplied(plain)
+    candidates = [text for text in dict.fromkeys((with_units, multiplied)) if text != source and is_readable(text)]
+    if not candidates:
         return ""
-    if len(found) == 1:
-        return f"; write '{found[0]}'"
+    if len(candidates) == 1:
+        return f"; write '{candidates[0]}'"
     symbol = next(re.finditer("[A-Za-z0-9]+", next(_WITH_UNIT.finditer(plain))["unit"]))[0]
-    return f"; write '{found[0]}', or '{found[1]}' if {symbol} is a name of the model"
+    return f"; write '{candidates[0]}', or '{candidates[1]}' if {symbol} is a name of the model"
 
 
 def with_unit_names(quantity: str) -> str:
@@ -58,10 +58,10 @@ def with_unit_names(quantity: str) -> str:
     >>> with_unit_names("-5 N"), with_unit_names("10 ms")
     ('-5*newton', '0.01*second')
     """
-    return _WITH_UNIT.sub(_with_unit, quantity)
+    return _WITH_UNIT.sub(_unit_product, quantity)
 
 
-def _with_unit(match: re.Match[str]) -> str:
+def _unit_product(match: re.Match[str]) -> str:
     """Write a number and its unit as a product of unit names; one that has no name in SI units."""
     try:
         quantity = parse_quantity(match[0])

@@ -17,7 +17,7 @@ from xdynamics.expressions.tree import (
     Number,
     chain,
     exponent_of,
-    shown,
+    shortened_text,
 )
 from xdynamics.faults import InputError
 from xdynamics.units import NONE, TIME, Dimension, coherent, constant_of, parse_unit
@@ -40,86 +40,88 @@ def dimension_of(node: Node, names: Mapping[str, Dimension]) -> Dimension:
         If a name is unknown, terms that are added or compared differ in dimension, or a function needs a pure number;
         with the column and both units.
     """
-    dimension = _dimension(node, names)
+    dimension = _checked_dimension(node, names)
     return NONE if dimension is None else dimension
 
 
-def _dimension(node: Node, names: Mapping[str, Dimension]) -> Dimension | None:
+def _checked_dimension(node: Node, names: Mapping[str, Dimension]) -> Dimension | None:
     """Return the dimension; None for a literal zero, which has every unit."""
     match node:
         case Number():
             return None if node.value == 0 else NONE
         case Name() | Element():
             if node.name not in names:
-                raise InputError(f"name '{node.name}' (column {node.column}) is not declared{_near(node.name, names)}")
+                raise InputError(
+                    f"name '{node.name}' (column {node.column}) is not declared{_near_names(node.name, names)}"
+                )
             return names[node.name]
         case Negative():
-            return _dimension(node.operand, names)
+            return _checked_dimension(node.operand, names)
         case Binary():
-            return _binary(node, names)
+            return _chain_dimension(node, names)
         case Compare():
             _agreed((node.left, node.right), names, f"'{node.operator}'")
             return NONE
         case Call():
-            return _call(node, names)
+            return _call_dimension(node, names)
         case Along():
-            return _along(node, names)
+            return _reduction_dimension(node, names)
 
 
-def _binary(node: Binary, names: Mapping[str, Dimension]) -> Dimension | None:
+def _chain_dimension(node: Binary, names: Mapping[str, Dimension]) -> Dimension | None:
     first, links = chain(node)
-    dimension = _dimension(first, names)
+    dimension = _checked_dimension(first, names)
     for link in links:
-        dimension = _joined(link, dimension, names)
+        dimension = _link_dimension(link, dimension, names)
     return dimension
 
 
-def _joined(node: Binary, left: Dimension | None, names: Mapping[str, Dimension]) -> Dimension | None:
+def _link_dimension(node: Binary, left: Dimension | None, names: Mapping[str, Dimension]) -> Dimension | None:
     """Return the dimension of a binary node from that of its left operand."""
     if node.operator == "**":
         return None if left is None else left ** (exponent_of(node.right) or 0)
-    right = _dimension(node.right, names)
+    right = _checked_dimension(node.right, names)
     if node.operator in "+-":
-        return _one_of((node.left, left), (node.right, right), f"'{node.operator}'")
+        return _common_dimension((node.left, left), (node.right, right), f"'{node.operator}'")
     pair = left or NONE, right or NONE  # in a product, zero is a pure number like any other
     return pair[0] * pair[1] if node.operator == "*" else pair[0] / pair[1]
 
 
-def _call(node: Call, names: Mapping[str, Dimension]) -> Dimension | None:
+def _call_dimension(node: Call, names: Mapping[str, Dimension]) -> Dimension | None:
     label = f"'{node.function}'"
     if node.function == DELAYED:
-        what, by = node.arguments
-        if (delay := _dimension(by, names)) != names.get("t", TIME):
+        delayed_value, delay_node = node.arguments
+        if (delay := _checked_dimension(delay_node, names)) != names.get("t", TIME):
             raise InputError(
-                f"the delay '{shown(by)}' is in '{delay}', needs '{names.get('t', TIME)}' (column {by.column})"
+                f"the delay '{shortened_text(delay_node)}' is in '{delay}', needs '{names.get('t', TIME)}' (column {delay_node.column})"
             )
-        return _dimension(what, names)
+        return _checked_dimension(delayed_value, names)
     if node.function == "where":
-        _dimension(node.arguments[0], names)
+        _checked_dimension(node.arguments[0], names)
         return _agreed(node.arguments[1:], names, label)
     if node.function in _KEEPS:
         return _agreed(node.arguments, names, label)
     if node.function == "atan2":
         _agreed(node.arguments, names, label)
         return NONE
-    inner = _dimension(node.arguments[0], names)
+    inner = _checked_dimension(node.arguments[0], names)
     if node.function == "sign":
         return NONE
     if node.function == "sqrt":
         return None if inner is None else inner ** (exponent_of(Number(0.5)) or 0)
     if inner not in (None, NONE):
         raise InputError(
-            f"{label} needs a pure number, got '{shown(node.arguments[0])}' in '{inner}' (column {node.column})"
+            f"{label} needs a pure number, got '{shortened_text(node.arguments[0])}' in '{inner}' (column {node.column})"
         )
     return NONE
 
 
-def _along(node: Along, names: Mapping[str, Dimension]) -> Dimension | None:
+def _reduction_dimension(node: Along, names: Mapping[str, Dimension]) -> Dimension | None:
     """Return the dimension of a function along dimensions: that of its value, of a product, or of a number."""
     if node.function in ("index", "size"):
         return NONE
     if node.function in ("dot", "cross"):
-        left, right = (_dimension(argument, names) or NONE for argument in node.arguments)
+        left, right = (_checked_dimension(argument, names) or NONE for argument in node.arguments)
         return left * right
     values = node.arguments[:1] if node.function == "take" else node.arguments
     return _agreed(values, names, f"'{node.function}'")
@@ -127,15 +129,15 @@ def _along(node: Along, names: Mapping[str, Dimension]) -> Dimension | None:
 
 def _agreed(nodes: tuple[Node, ...], names: Mapping[str, Dimension], label: str) -> Dimension | None:
     """Return the dimension that all of `nodes` share."""
-    agreed = nodes[0], _dimension(nodes[0], names)
+    agreed = nodes[0], _checked_dimension(nodes[0], names)
     for node in nodes[1:]:
-        current = node, _dimension(node, names)
-        dimension = _one_of(agreed, current, label)
+        current = node, _checked_dimension(node, names)
+        dimension = _common_dimension(agreed, current, label)
         agreed = agreed if agreed[1] is not None else (node, dimension)
     return agreed[1]
 
 
-def _one_of(
+def _common_dimension(
     first: tuple[Node, Dimension | None], second: tuple[Node, Dimension | None], label: str
 ) -> Dimension | None:
     """Return the dimension that two expressions share."""
@@ -143,21 +145,23 @@ def _one_of(
     if dim_a is None or dim_b is None:
         return dim_b if dim_a is None else dim_a
     if dim_a != dim_b:
-        raise InputError(f"{label} joins '{shown(a)}' in '{dim_a}' with '{shown(b)}' in '{dim_b}' (column {b.column})")
+        raise InputError(
+            f"{label} joins '{shortened_text(a)}' in '{dim_a}' with '{shortened_text(b)}' in '{dim_b}' (column {b.column})"
+        )
     return dim_a
 
 
 MOST_COMPARED = 1_000  # names compared to find the one that was meant
 
 
-def _near(name: str, names: Mapping[str, Dimension]) -> str:
+def _near_names(name: str, names: Mapping[str, Dimension]) -> str:
     from difflib import get_close_matches
 
     near = get_close_matches(name, [*names][:MOST_COMPARED], n=1)
     meant = f"; did you mean '{near[0]}'?" if near else ""
     try:
         unit = parse_unit(name)
-        written = constant_of(name) or f"{float(unit.factor)!r}*{constant_of(coherent(unit).text)}"
+        unit_product = constant_of(name) or f"{float(unit.factor)!r}*{constant_of(coherent(unit).text)}"
     except InputError:  # no unit, or one of a product, as the litre
         return meant
-    return f"{meant}; as a unit it is written {written}"
+    return f"{meant}; as a unit it is written {unit_product}"

@@ -12,9 +12,29 @@ from typing import Any
 import numpy as np
 
 from xdynamics.elementary import FUNCTIONS, NAME
-from xdynamics.elementary.arrays import applied
-from xdynamics.elementary.numbers import ceiling, floor, greatest, least, modulo, nearest, positive, sign
-from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, chain, exponent_of, shown
+from xdynamics.elementary.arrays import apply_elementary
+from xdynamics.elementary.numbers import (
+    ceiling,
+    floor,
+    maximum_of_two,
+    minimum_of_two,
+    modulo,
+    positive_or_nan,
+    round_half_even,
+    sign,
+)
+from xdynamics.expressions.tree import (
+    Binary,
+    Call,
+    Compare,
+    Name,
+    Negative,
+    Node,
+    Number,
+    chain,
+    exponent_of,
+    shortened_text,
+)
 from xdynamics.faults import InputError
 
 
@@ -44,7 +64,7 @@ def evaluate(node: Node, values: Mapping[str, float]) -> float:
     >>> evaluate(parse("where(x > 1, x**-1.5, 1/0)"), {"x": 4.0})
     0.125
     """
-    value: float = walked(node, values, FLOATS)
+    value: float = evaluate_with(node, values, FLOATS)
     return value
 
 
@@ -65,7 +85,7 @@ def evaluate_many(node: Node, values: Mapping[str, Any], math_functions: str = N
     [0.125, inf]
     """
     with np.errstate(all="ignore"):  # 1/0 is inf, as in compiled code
-        return walked(node, values, _of_arrays(math_functions))
+        return evaluate_with(node, values, _array_arithmetic(math_functions))
 
 
 @dataclass(frozen=True)
@@ -78,7 +98,7 @@ class Arithmetic:
     where: Callable[..., Any]
 
 
-def walked(node: Node, values: Mapping[str, Any], by: Arithmetic) -> Any:
+def evaluate_with(node: Node, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
     """Return the value of a tree by the operators and functions of one kind of numbers.
 
     Raises
@@ -94,59 +114,71 @@ def walked(node: Node, values: Mapping[str, Any], by: Arithmetic) -> Any:
                 raise InputError(f"name '{node.name}' has no value; there are {', '.join(values) or 'none'}")
             return values[node.name]
         case Negative():
-            return -walked(node.operand, values, by)
+            return -evaluate_with(node.operand, values, arithmetic)
         case Binary():
             first, links = chain(node)
-            return reduce(lambda left, part: _joined(part, left, values, by), links, walked(first, values, by))
+            return reduce(
+                lambda left, part: _apply_link(part, left, values, arithmetic),
+                links,
+                evaluate_with(first, values, arithmetic),
+            )
         case Compare():
-            return by.operators[node.operator](walked(node.left, values, by), walked(node.right, values, by))
+            return arithmetic.operators[node.operator](
+                evaluate_with(node.left, values, arithmetic), evaluate_with(node.right, values, arithmetic)
+            )
         case Call(function="where"):
             condition, yes, no = node.arguments
-            ways = (lambda: walked(yes, values, by), lambda: walked(no, values, by))
-            return by.where(walked(condition, values, by), *ways)
+            branches = (lambda: evaluate_with(yes, values, arithmetic), lambda: evaluate_with(no, values, arithmetic))
+            return arithmetic.where(evaluate_with(condition, values, arithmetic), *branches)
         case Call(function="min" | "max"):
-            return reduce(by.choices[node.function], (walked(part, values, by) for part in node.arguments))
+            return reduce(
+                arithmetic.choices[node.function], (evaluate_with(part, values, arithmetic) for part in node.arguments)
+            )
         case Call(function="delayed"):
-            raise InputError(f"'{shown(node)}' is known along a march alone; record it as an observable, and read that")
+            raise InputError(
+                f"'{shortened_text(node)}' is known along a march alone; record it as an observable, and read that"
+            )
         case Call():
-            return by.functions[node.function](*(walked(part, values, by) for part in node.arguments))
+            return arithmetic.functions[node.function](
+                *(evaluate_with(part, values, arithmetic) for part in node.arguments)
+            )
 
 
-def _joined(node: Binary, left: Any, values: Mapping[str, Any], by: Arithmetic) -> Any:
+def _apply_link(node: Binary, left: Any, values: Mapping[str, Any], arithmetic: Arithmetic) -> Any:
     if node.operator == "**":
-        return power(left, exponent_of(node.right) or Fraction(0), by)
-    return by.operators[node.operator](left, walked(node.right, values, by))
+        return rational_power(left, exponent_of(node.right) or Fraction(0), arithmetic)
+    return arithmetic.operators[node.operator](left, evaluate_with(node.right, values, arithmetic))
 
 
-def power(base: Any, exponent: Fraction, by: Arithmetic) -> Any:
+def rational_power(base: Any, exponent: Fraction, arithmetic: Arithmetic) -> Any:
     """Raise to a constant power as the language does: by products and square roots where these suffice."""
     if exponent == 0:
         return 1.0
     if exponent < 0:
-        return by.operators["/"](1.0, power(base, -exponent, by))
+        return arithmetic.operators["/"](1.0, rational_power(base, -exponent, arithmetic))
     if exponent.denominator == 1:
-        return _product(base, exponent.numerator)
+        return _repeated_product(base, exponent.numerator)
     integer, fraction = divmod(exponent, 1)
     if fraction == Fraction(1, 2):
-        root = by.functions["sqrt"](base)
-        return _product(base, integer) * root if integer else root
-    return by.functions["power"](base, exponent)
+        root = arithmetic.functions["sqrt"](base)
+        return _repeated_product(base, integer) * root if integer else root
+    return arithmetic.functions["power"](base, exponent)
 
 
-def _product(base: Any, times: int) -> Any:
+def _repeated_product(base: Any, times: int) -> Any:
     if times <= 3:
         return math.prod([base] * times)
-    half = _product(base, times // 2)
+    half = _repeated_product(base, times // 2)
     return half * half * base if times % 2 else half * half
 
 
-def _quotient(numerator: float, denominator: float) -> float:
+def _ieee_quotient(numerator: float, denominator: float) -> float:
     if denominator != 0.0:
         return numerator / denominator
     return math.copysign(1.0, denominator) * numerator * math.inf
 
 
-def _of_floats(function: Callable[..., float]) -> Callable[..., float]:
+def _with_float_arguments(function: Callable[..., float]) -> Callable[..., float]:
     return lambda *arguments: function(*map(float, arguments))
 
 
@@ -154,7 +186,7 @@ _OPERATORS: dict[str, Callable[[float, float], float]] = {
     "+": lambda x, y: x + y,
     "-": lambda x, y: x - y,
     "*": lambda x, y: x * y,
-    "/": _quotient,
+    "/": _ieee_quotient,
     "<": lambda x, y: x < y,
     "<=": lambda x, y: x <= y,
     ">": lambda x, y: x > y,
@@ -166,20 +198,20 @@ NUMERIC: dict[str, Callable[..., float]] = {
     "abs": abs,
     "sign": sign,
     "sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan,
-    "positive": positive,
-    "floor": _of_floats(floor),
-    "ceil": _of_floats(ceiling),
-    "round": _of_floats(nearest),
-    "mod": _of_floats(modulo),
-    **{name: _of_floats(function) for name, function in FUNCTIONS.items()},
+    "positive": positive_or_nan,
+    "floor": _with_float_arguments(floor),
+    "ceil": _with_float_arguments(ceiling),
+    "round": _with_float_arguments(round_half_even),
+    "mod": _with_float_arguments(modulo),
+    **{name: _with_float_arguments(function) for name, function in FUNCTIONS.items()},
 }
 FLOATS = Arithmetic(
-    _OPERATORS, {"min": least, "max": greatest}, NUMERIC, lambda truth, yes, no: yes() if truth else no()
+    _OPERATORS, {"min": minimum_of_two, "max": maximum_of_two}, NUMERIC, lambda truth, yes, no: yes() if truth else no()
 )
 
 
 @lru_cache
-def _of_arrays(math_functions: str) -> Arithmetic:
+def _array_arithmetic(math_functions: str) -> Arithmetic:
     """Return the arithmetic of arrays, with a set of elementary functions."""
     return Arithmetic(
         _OPERATORS | {"/": np.divide},
@@ -196,7 +228,7 @@ def _of_arrays(math_functions: str) -> Arithmetic:
             "ceil": np.ceil,
             "round": np.rint,
             "mod": lambda *values: modulo(*(np.asarray(value, float)[()] for value in values)),
-            **{name: partial(applied, name, math_functions=math_functions) for name in FUNCTIONS},
+            **{name: partial(apply_elementary, name, math_functions=math_functions) for name in FUNCTIONS},
         },
         lambda truth, yes, no: np.where(truth, yes(), no()),
     )

@@ -57,44 +57,44 @@ def latex(node: Node) -> str:
         case Number():
             return text_of(node)
         case Name():
-            return _symbol(node.name)
+            return _symbol_latex(node.name)
         case Negative():
-            return f"-{_wrapped(node.operand)}"
+            return f"-{_parenthesised(node.operand)}"
         case Compare():
             return f"{latex(node.left)} {_SIGNS.get(node.operator, node.operator)} {latex(node.right)}"
         case Binary():
             return _chain(node)
         case Call():
-            return _call(node)
+            return _call_latex(node)
         case Element():
-            return rf"{_symbol(node.name)}\left[{', '.join(map(_entry, node.entries))}\right]"
+            return rf"{_symbol_latex(node.name)}\left[{', '.join(map(_upright_word, node.entries))}\right]"
         case Along():
-            return _along(node)
+            return _reduction_latex(node)
 
 
-def _along(node: Along) -> str:
+def _reduction_latex(node: Along) -> str:
     """Return the LaTeX of a function along dimensions: sums and norms as they are printed, others as they are written."""
-    dims = ", ".join(map(_entry, node.dims))
+    dims = ", ".join(map(_upright_word, node.dims))
     if node.function == "sum":
-        return rf"\sum_{{{dims}}} {_wrapped(node.arguments[0])}"
+        return rf"\sum_{{{dims}}} {_parenthesised(node.arguments[0])}"
     if node.function == "norm":
         return rf"\left\|{latex(node.arguments[0])}\right\|_{{{dims}}}"
-    written = [*map(latex, node.arguments), dims]
+    arguments = [*map(latex, node.arguments), dims]
     if node.function in ("shift", "roll", "take"):
         places = [str(node.places)] if node.function != "take" else []
-        written = [latex(node.arguments[0]), dims, *places, *map(latex, node.arguments[1:])]
-    return rf"\mathrm{{{node.function}}}\left({', '.join(written)}\right)"
+        arguments = [latex(node.arguments[0]), dims, *places, *map(latex, node.arguments[1:])]
+    return rf"\mathrm{{{node.function}}}\left({', '.join(arguments)}\right)"
 
 
 def _chain(node: Binary) -> str:
     first, links = chain(node)
-    text = _closed(first)
+    text = _closed_operand(first)
     for link in links:
-        text = _joined(link, text)
+        text = _link_latex(link, text)
     return text
 
 
-def _joined(node: Binary, left: str) -> str:
+def _link_latex(node: Binary, left: str) -> str:
     """Return the LaTeX of a binary node from that of its left operand."""
     match node.operator:
         case "/":
@@ -103,12 +103,14 @@ def _joined(node: Binary, left: str) -> str:
             base = left if isinstance(node.left, Name | Number) else rf"\left({left}\right)"
             return f"{{{base}}}^{{{latex(node.right)}}}"
         case "*":
-            before = rf"\left({left}\right)" if _is_sum(node.left) else left
-            return rf"{before}\,{_wrapped(node.right)}"
-    return f"{left} {node.operator} {_wrapped(node.right) if node.operator == '-' else _closed(node.right)}"
+            left_factor = rf"\left({left}\right)" if _is_sum(node.left) else left
+            return rf"{left_factor}\,{_parenthesised(node.right)}"
+    return (
+        f"{left} {node.operator} {_parenthesised(node.right) if node.operator == '-' else _closed_operand(node.right)}"
+    )
 
 
-def _call(node: Call) -> str:
+def _call_latex(node: Call) -> str:
     arguments = [latex(argument) for argument in node.arguments]
     if node.function == "abs":
         return rf"\left|{arguments[0]}\right|"
@@ -117,38 +119,44 @@ def _call(node: Call) -> str:
     if node.function in ("floor", "ceil"):
         return rf"\left\l{node.function}{{}}{arguments[0]}\right\r{node.function}"
     if node.function == DELAYED:
-        what, _ = arguments
-        before = rf"\left(t - {_wrapped(node.arguments[1])}\right)"
-        return what + before if isinstance(node.arguments[0], Name) else rf"\left[{what}\right]{before}"
+        delayed_value, _ = arguments
+        delayed_time = rf"\left(t - {_parenthesised(node.arguments[1])}\right)"
+        return (
+            delayed_value + delayed_time
+            if isinstance(node.arguments[0], Name)
+            else rf"\left[{delayed_value}\right]{delayed_time}"
+        )
     name = rf"\{node.function}" if node.function in _PLAIN else rf"\mathrm{{{node.function}}}"
     return rf"{name}\left({', '.join(arguments)}\right)"
 
 
-def _entry(word: str | int) -> str:
+def _upright_word(word: str | int) -> str:
     return rf"\mathrm{{{str(word).replace('_', chr(92) + '_')}}}"
 
 
-def _symbol(name: str) -> str:
+def _symbol_latex(name: str) -> str:
     r"""Set a name: a letter with an index, ``v_y``, as such; a word upright, and whole with what follows it.
 
     Examples
     --------
-    >>> _symbol("v_theta"), _symbol("drag_coefficient")
+    >>> _symbol_latex("v_theta"), _symbol_latex("drag_coefficient")
     ('v_{\\theta}', '\\mathrm{drag\\_coefficient}')
     """
-    head, *rest = name.split("_")
-    if any(rest) and len(head) > 1 and head not in _GREEK:
-        whole = name.replace("_", r"\_")
-        return rf"\mathrm{{{whole}}}"
-    shown = rf"\{head}" if head in _GREEK else head if len(head) == 1 else rf"\mathrm{{{head}}}"
-    return shown + (rf"_{{{','.join(_symbol(part) for part in rest if part)}}}" if any(rest) else "")
+    head, *subscripts = name.split("_")
+    if any(subscripts) and len(head) > 1 and head not in _GREEK:
+        escaped_name = name.replace("_", r"\_")
+        return rf"\mathrm{{{escaped_name}}}"
+    base_symbol = rf"\{head}" if head in _GREEK else head if len(head) == 1 else rf"\mathrm{{{head}}}"
+    return base_symbol + (
+        rf"_{{{','.join(_symbol_latex(part) for part in subscripts if part)}}}" if any(subscripts) else ""
+    )
 
 
-def _wrapped(node: Node) -> str:
+def _parenthesised(node: Node) -> str:
     return rf"\left({latex(node)}\right)" if isinstance(node, Negative) or _is_sum(node) else latex(node)
 
 
-def _closed(node: Node) -> str:
+def _closed_operand(node: Node) -> str:
     """Return the LaTeX of an operand, where a sum along a dimension would not show its end."""
     return rf"\left({latex(node)}\right)" if isinstance(node, Along) and node.function == "sum" else latex(node)
 

@@ -16,7 +16,7 @@ from xdynamics.expressions.tracing import Row, Traced, called, choice, node_of
 from xdynamics.expressions.tree import Along
 
 
-def joined(parts: Iterable[Any], axis: int = 0) -> Any:
+def join_rows(parts: Iterable[Any], axis: int = 0) -> Any:
     """Return rows and numbers one after the other.
 
     Raises
@@ -25,11 +25,11 @@ def joined(parts: Iterable[Any], axis: int = 0) -> Any:
         If there are more elements than in the whole, or along another axis.
     """
     values = [*parts]
-    known = lines_in(values)[0]
+    first_row = lines_in(values)[0]
     sizes = [value.size if isinstance(value, Line) else int(np.size(value)) for value in values]
-    if axis not in (0, -1, None) or any(part.ndim > 1 for part in lines_in(values)) or sum(sizes) > known.grid.size:
+    if axis not in (0, -1, None) or any(part.ndim > 1 for part in lines_in(values)) or sum(sizes) > first_row.grid.size:
         raise IrregularError("the function joins rows to more numbers than it was given")
-    row = known.of(Traced(ZERO), sum(sizes))
+    row = first_row.of(Traced(ZERO), sum(sizes))
     first = 0
     for value, size in zip(values, sizes, strict=True):
         if isinstance(value, Line) or size == 1:
@@ -40,7 +40,7 @@ def joined(parts: Iterable[Any], axis: int = 0) -> Any:
     return row
 
 
-def beside(parts: Iterable[Any], axis: int) -> Any:
+def join_blocks(parts: Iterable[Any], axis: int) -> Any:
     """Return arrays of two axes, or columns, beside one another.
 
     Raises
@@ -49,38 +49,38 @@ def beside(parts: Iterable[Any], axis: int) -> Any:
         If there are more elements than in the whole, or none has two axes.
     """
     values = [*parts]
-    known: Any = next((part for part in lines_in(values) if hasattr(part, "window")), None)
-    if known is None or len(lines_in(values)) < len(values) or axis not in (-2, -1, 0, 1):
+    first_plane: Any = next((part for part in lines_in(values) if hasattr(part, "window")), None)
+    if first_plane is None or len(lines_in(values)) < len(values) or axis not in (-2, -1, 0, 1):
         raise IrregularError("the function puts arrays beside one another")
     axis %= 2
     counts = [value.shape[axis] if value.ndim > 1 else 1 for value in values]
-    size = known.shape[1 - axis] if known.ndim > 1 else known.size
-    whole = known.blank((sum(counts), size) if axis == 0 else (size, sum(counts)))
+    size = first_plane.shape[1 - axis] if first_plane.ndim > 1 else first_plane.size
+    block = first_plane.blank((sum(counts), size) if axis == 0 else (size, sum(counts)))
     first = 0
     for value, count in zip(values, counts, strict=True):
         part = slice(first, first + count) if value.ndim > 1 else first
-        whole[part if axis == 0 else (slice(None), part)] = value
+        block[part if axis == 0 else (slice(None), part)] = value
         first += count
-    return whole
+    return block
 
 
-def _stacked(axis: int) -> Callable[..., Any]:
+def _stack_rule(axis: int) -> Callable[..., Any]:
     """Return the rule for arrays beside one another: rows become one row."""
 
-    def stacked(parts: Iterable[Any]) -> Any:
+    def stack_rows(parts: Iterable[Any]) -> Any:
         values = [*parts]
         is_row = axis == 1 and all(value.ndim == 1 for value in lines_in(values))
-        return joined(values) if is_row else beside(values, axis)
+        return join_rows(values) if is_row else join_blocks(values, axis)
 
-    return stacked
+    return stack_rows
 
 
 def _concatenated(parts: Iterable[Any], axis: int = 0) -> Any:
     values = [*parts]
-    return beside(values, axis) if any(value.ndim > 1 for value in lines_in(values)) else joined(values, axis)
+    return join_blocks(values, axis) if any(value.ndim > 1 for value in lines_in(values)) else join_rows(values, axis)
 
 
-def split(row: Line, count: Any, axis: int = 0) -> list[Line]:
+def split_row(row: Line, count: Any, axis: int = 0) -> list[Line]:
     """Return parts of equal length.
 
     Raises
@@ -94,7 +94,7 @@ def split(row: Line, count: Any, axis: int = 0) -> list[Line]:
     return [row[k * n : (k + 1) * n] for k in range(count)]
 
 
-def rolled(row: Any, places: Any, axis: Any = None) -> Line:
+def roll_array(row: Any, places: Any, axis: Any = None) -> Line:
     """Return the elements some places before, the last ones first; along several axes one after the other.
 
     Raises
@@ -104,14 +104,14 @@ def rolled(row: Any, places: Any, axis: Any = None) -> Line:
     """
     if isinstance(axis, tuple):
         shifts = places if isinstance(places, tuple) else (places,) * len(axis)
-        for k, one in zip(shifts, axis, strict=True):
-            row = rolled(row, k, one)
+        for k, roll_axis in zip(shifts, axis, strict=True):
+            row = roll_array(row, k, roll_axis)
         result: Line = row
         return result
     if not isinstance(row, Line) or not isinstance(places, int | np.integer):
         raise IrregularError("the function rolls an array")
     if axis is None and row.ndim > 1:
-        return rolled(row.ravel(), places).reshape(row.shape)  # type: ignore[attr-defined, no-any-return]
+        return roll_array(row.ravel(), places).reshape(row.shape)  # type: ignore[attr-defined, no-any-return]
     axis = 0 if axis is None else axis % row.ndim
     k = int(places) % row.shape[axis]
     if not k:
@@ -122,21 +122,21 @@ def rolled(row: Any, places: Any, axis: Any = None) -> Line:
     return row.alike(row.displaced(k, axis))
 
 
-def _differences(row: Any, n: int = 1, axis: int = -1) -> Any:
+def _difference_rows(row: Any, n: int = 1, axis: int = -1) -> Any:
     for _ in range(n):
-        whole = (slice(None),) * (axis % row.ndim)
-        row = row[(*whole, slice(1, None))] - row[(*whole, slice(None, -1))]
+        leading_slices = (slice(None),) * (axis % row.ndim)
+        row = row[(*leading_slices, slice(1, None))] - row[(*leading_slices, slice(None, -1))]
     return row
 
 
-def _gradient(array: Line, *spacing: Any, axis: Any = None) -> Any:
+def _row_gradient(array: Line, *spacing: Any, axis: Any = None) -> Any:
     axes = [*range(array.ndim)] if axis is None else [axis % array.ndim]
     steps = spacing if len(spacing) == len(axes) else (*spacing, 1.0)[:1] * len(axes)
     slopes = []
-    for along, h in zip(axes, steps, strict=True):
-        result: Any = _filled(0.0)(array)
+    for gradient_axis, h in zip(axes, steps, strict=True):
+        result: Any = _filled_like(0.0)(array)
         for to, ahead, behind in ((slice(1, -1), slice(2, None), slice(-2)), (0, 1, 0), (-1, -1, -2)):
-            to_key, ahead_key, behind_key = ((*[slice(None)] * along, part) for part in (to, ahead, behind))
+            to_key, ahead_key, behind_key = ((*[slice(None)] * gradient_axis, part) for part in (to, ahead, behind))
             result[to_key] = (array[ahead_key] - array[behind_key]) / (h * (2.0 if isinstance(to, slice) else 1.0))
         slopes.append(result)
     return slopes if len(slopes) > 1 else slopes[0]
@@ -147,61 +147,63 @@ class Padded(Row):
 
     def __init__(self, array: Line, widths: list[tuple[int, int]], mode: str) -> None:
         self.array, self.widths, self.mode, self.ndim = array, widths, mode, array.ndim
-        self.shape = tuple(n + before + after for n, (before, after) in zip(array.shape, widths, strict=True))
+        self.shape = tuple(
+            n + pad_before + pad_after for n, (pad_before, pad_after) in zip(array.shape, widths, strict=True)
+        )
 
     def __getitem__(self, key: Any) -> Any:
         keys, part = key if isinstance(key, tuple) else (key,), self.array
         keys += (slice(None),) * (self.ndim - len(keys))
-        for axis, (one, size, (before, _)) in enumerate(zip(keys, self.shape, self.widths, strict=True)):
-            first, count = slice_of(one, size) if isinstance(one, slice) else (0, 0)
+        for axis, (axis_key, size, (pad_before, _)) in enumerate(zip(keys, self.shape, self.widths, strict=True)):
+            first, count = slice_of(axis_key, size) if isinstance(axis_key, slice) else (0, 0)
             if count != part.shape[axis]:
                 raise IrregularError("the function pads an array and takes another part than one of its old shape")
-            part = self._moved(part, first - before, axis)
+            part = self._shift_elements(part, first - pad_before, axis)
         return part
 
-    def _moved(self, array: Line, places: int, axis: int) -> Line:
+    def _shift_elements(self, array: Line, places: int, axis: int) -> Line:
         """Return the elements some places after along an axis."""
         if not places:
             return array
-        result: Any = rolled(array, -places, axis)
-        before = (slice(None),) * axis
+        result: Any = roll_array(array, -places, axis)
+        leading_slices = (slice(None),) * axis
         beyond, end = (slice(-places, None), -1) if places > 0 else (slice(0, -places), 0)
         if self.mode == "constant":
-            result[(*before, beyond)] = 0.0
+            result[(*leading_slices, beyond)] = 0.0
         elif self.mode == "edge":
             for k in range(abs(places)):
-                result[(*before, end - k if places > 0 else k)] = array[(*before, end)]
+                result[(*leading_slices, end - k if places > 0 else k)] = array[(*leading_slices, end)]
         return result  # type: ignore[no-any-return]
 
 
-def _padded(array: Line, width: Any, mode: str = "constant", **options: Any) -> Any:
+def _pad_array(array: Line, width: Any, mode: str = "constant", **options: Any) -> Any:
     widths = np.broadcast_to(np.asarray(width), (array.ndim, 2)).tolist()
     if mode not in ("constant", "edge", "wrap") or options.get("constant_values", 0) != 0 or len(options) > 1:
         raise IrregularError("the function pads an array otherwise than by zeros, its ends, or all around")
-    before, after = widths[0]
-    if array.ndim == 1 and array.size + before + after <= array.grid.size and max(before, after) <= 1:
+    pad_before, pad_after = widths[0]
+    if array.ndim == 1 and array.size + pad_before + pad_after <= array.grid.size and max(pad_before, pad_after) <= 1:
         row: Any = array
         ends = {"edge": (row[0], row[-1]), "constant": (0.0, 0.0), "wrap": (row[-1], row[0])}[mode]
-        return joined([*[ends[0]] * before, row, *[ends[1]] * after])
+        return join_rows([*[ends[0]] * pad_before, row, *[ends[1]] * pad_after])
     return Padded(array, widths, mode)
 
 
-def _filled(value: float) -> Callable[..., Line]:
+def _filled_like(value: float) -> Callable[..., Line]:
     return lambda row, *_, **__: row.alike(Traced(node_of(value)))
 
 
-def _clipped(row: Any, low: Any = None, high: Any = None) -> Any:
+def _clip_rows(row: Any, low: Any = None, high: Any = None) -> Any:
     row = row if low is None else combined(partial(of_ufunc, "maximum"), row, low)
     return row if high is None else combined(partial(of_ufunc, "minimum"), row, high)
 
 
 def _variance(row: Line, axis: Any = None, *, ddof: int = 0, **options: Any) -> Any:
     """Return the mean square of what elements differ by from their mean."""
-    apart = row - reduced("sum", row, axis, **options) / row.size
-    return reduced("sum", apart * apart, axis, **options) / (row.size - ddof)
+    deviations = row - reduced("sum", row, axis, **options) / row.size
+    return reduced("sum", deviations * deviations, axis, **options) / (row.size - ddof)
 
 
-def _norm(row: Line, ord: Any = None, **options: Any) -> Traced:  # noqa: A002 - numpy's
+def _row_norm(row: Line, ord: Any = None, **options: Any) -> Traced:  # noqa: A002 - numpy's
     if ord not in (None, 2):
         raise IrregularError("the function takes another norm of a row")
     return called("sqrt", reduced("sum", combined(partial(of_ufunc, "multiply"), row, row), **options))
@@ -209,19 +211,19 @@ def _norm(row: Line, ord: Any = None, **options: Any) -> Traced:  # noqa: A002 -
 
 _RULES: dict[Any, Callable[..., Any]] = {
     np.where: lambda condition, yes, no: combined(choice, condition, yes, no),
-    np.clip: _clipped,
-    np.roll: rolled,
-    np.diff: _differences,
-    np.gradient: _gradient,
+    np.clip: _clip_rows,
+    np.roll: roll_array,
+    np.diff: _difference_rows,
+    np.gradient: _row_gradient,
     np.concatenate: _concatenated,
-    np.hstack: _stacked(1),
-    np.vstack: _stacked(0),
-    np.column_stack: lambda parts: beside(parts, 1),
-    np.stack: lambda parts, axis=0: joined([part.ravel() for part in parts], axis),
-    np.append: lambda first, second: joined([first, second]),
-    np.pad: _padded,
-    np.split: split,
-    np.array_split: split,
+    np.hstack: _stack_rule(1),
+    np.vstack: _stack_rule(0),
+    np.column_stack: lambda parts: join_blocks(parts, 1),
+    np.stack: lambda parts, axis=0: join_rows([part.ravel() for part in parts], axis),
+    np.append: lambda first, second: join_rows([first, second]),
+    np.pad: _pad_array,
+    np.split: split_row,
+    np.array_split: split_row,
     np.sum: lambda row, axis=None, **options: reduced("sum", row, axis, **options),
     np.mean: lambda row, axis=None, **options: reduced("sum", row, axis, **options) / row.size,
     np.var: _variance,
@@ -234,10 +236,10 @@ _RULES: dict[Any, Callable[..., Any]] = {
     np.dot: product,
     np.inner: product,
     np.vdot: product,
-    np.linalg.norm: _norm,
-    np.zeros_like: _filled(0.0),
-    np.empty_like: _filled(0.0),
-    np.ones_like: _filled(1.0),
+    np.linalg.norm: _row_norm,
+    np.zeros_like: _filled_like(0.0),
+    np.empty_like: _filled_like(0.0),
+    np.ones_like: _filled_like(1.0),
     np.copy: lambda row: row.copy(),
     np.ravel: lambda row, order="C": row.ravel(order) if order != "C" else row.ravel(),
     np.reshape: lambda row, shape, **options: row.reshape(shape, **options),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from math import isfinite
 
-from xdynamics.expressions.corrections import correction, with_unit_names
+from xdynamics.expressions.corrections import likely_correction, with_unit_names
 from xdynamics.expressions.tokens import Token, Tokens
 from xdynamics.expressions.tree import (
     ALONG,
@@ -27,7 +27,7 @@ from xdynamics.expressions.tree import (
 )
 from xdynamics.faults import InputError
 from xdynamics.units import parse_quantity
-from xdynamics.units.rounded import read
+from xdynamics.units.rounded import read_decimal
 
 LONGEST_WORD = 200
 DEEPEST = 40
@@ -51,7 +51,7 @@ LIST = "list"  # the call that three values in brackets are, for functions of a 
 OwnFunctions = Mapping[str, Callable[[list[Node]], Node]]
 
 
-def parse(text: str, own: OwnFunctions | None = None) -> Node:
+def parse(text: str, model_functions: OwnFunctions | None = None) -> Node:
     """Read one expression of the language.
 
     Parameters
@@ -59,7 +59,7 @@ def parse(text: str, own: OwnFunctions | None = None) -> Node:
     text : str
         ASCII, with at most 40 nested levels of parentheses, functions and signs; sums and products may have any length.
         Exponents are constant and at most 16 in size.
-    own : mapping of str to callable, optional
+    model_functions : mapping of str to callable, optional
         Functions of a model, which return the tree of a call from its arguments; among these there may be lists, as in
         ``point(frame, [x, y, z])``.
 
@@ -82,18 +82,18 @@ def parse(text: str, own: OwnFunctions | None = None) -> Node:
         raise InputError(f"expression {text!r} is no text; write it in quotes, like '2*x', with nothing beside it")
     source = text.strip()
     try:
-        return _read(source, own)
+        return _parse_source(source, model_functions)
     except InputError as error:
-        raise InputError(f"{error}{correction(source, _is_readable)}") from None
+        raise InputError(f"{error}{likely_correction(source, _is_readable)}") from None
 
 
-def _read(source: str, own: OwnFunctions | None = None) -> Node:
-    return _Reader(source, own or {}).whole()
+def _parse_source(source: str, model_functions: OwnFunctions | None = None) -> Node:
+    return _Reader(source, model_functions or {}).read_expression()
 
 
 def _is_readable(source: str) -> bool:
     try:
-        _read(source)
+        _parse_source(source)
     except InputError:
         return False
     return True
@@ -102,12 +102,12 @@ def _is_readable(source: str) -> bool:
 class _Reader(Tokens):
     """Parses by operator precedence (V. R. Pratt, Top down operator precedence, 1973), chains in a loop."""
 
-    def __init__(self, source: str, own: OwnFunctions) -> None:
+    def __init__(self, source: str, model_functions: OwnFunctions) -> None:
         super().__init__(source)
-        self.own = own
+        self.model_functions = model_functions
         self.level = 0
 
-    def whole(self) -> Node:
+    def read_expression(self) -> Node:
         """Parse the text to its end.
 
         Raises
@@ -115,133 +115,141 @@ class _Reader(Tokens):
         InputError
             With the column where reading failed.
         """
-        tree = self._expression(self._compared())
+        tree = self._number_tree(self._read_comparison())
         if self.next.text:
             raise self.unreadable(f"{self.next.text!r} has no operator before it")
         return tree
 
-    def _compared(self) -> Node:
+    def _read_comparison(self) -> Node:
         """Read a sum, or a comparison of two sums."""
-        column, left = self.next.column, self._joined(1)
+        column, left = self.next.column, self._read_operands(1)
         if self.next.text not in _COMPARED:
             return left
-        operator = self.take().text
-        comparison = Compare(operator, left, self._joined(1), column)
+        operator = self.take_token().text
+        comparison = Compare(operator, left, self._read_operands(1), column)
         if self.next.text in _COMPARED:
             raise self.fault(column, "a comparison has two sides")
         return comparison
 
-    def _joined(self, weakest: int) -> Node:
+    def _read_operands(self, weakest: int) -> Node:
         """Read operands joined by operators, all at least as strong as `weakest`."""
-        column, tree = self.next.column, self._signed()
+        column, tree = self.next.column, self._read_signed()
         while (strength := _STRENGTH.get(self.next.text, 0)) >= weakest:
-            operator = self.take().text
-            right = self._joined(strength + 1)
-            tree = Binary(operator, self._expression(tree), self._expression(right), column)
+            operator = self.take_token().text
+            right = self._read_operands(strength + 1)
+            tree = Binary(operator, self._number_tree(tree), self._number_tree(right), column)
         return tree
 
-    def _signed(self) -> Node:
+    def _read_signed(self) -> Node:
         """Read an operand with its signs, and its exponent."""
         column = self.next.column
         if self.next.text not in ("+", "-"):
-            return self._power()
-        sign = self.take().text
-        self._enter(column)
-        operand = self._expression(self._signed())
+            return self._read_power()
+        sign = self.take_token().text
+        self._enter_level(column)
+        operand = self._number_tree(self._read_signed())
         self.level -= 1
         return Negative(operand, column) if sign == "-" else operand
 
-    def _power(self) -> Node:
-        column, base = self.next.column, self._atom()
+    def _read_power(self) -> Node:
+        column, base = self.next.column, self._read_atom()
         if self.next.text != "**":
             return base
-        self.take()
-        self._enter(column)
-        exponent = self._expression(self._signed())
+        self.take_token()
+        self._enter_level(column)
+        exponent = self._number_tree(self._read_signed())
         self.level -= 1
         self._check_exponent(exponent, column)
-        return Binary("**", self._expression(base), exponent, column)
+        return Binary("**", self._number_tree(base), exponent, column)
 
-    def _atom(self) -> Node:
-        token = self.take()
+    def _read_atom(self) -> Node:
+        token = self.take_token()
         if token.kind == "number":
             return Number(self._finite(token), token.column)
         if token.kind == "word":
-            return self._word(token)
-        if token.text == "[" and self.own:
-            return self._list(token)
+            return self._read_word(token)
+        if token.text == "[" and self.model_functions:
+            return self._read_list(token)
         if token.text != "(":
             raise self.unreadable(
                 "the expression ends too early" if not token.text else f"{token.text!r} is out of place", token
             )
-        self._enter(token.column)
-        inner = self._compared()
-        self._close(")")
+        self._enter_level(token.column)
+        inner = self._read_comparison()
+        self._close_level(")")
         return inner
 
-    def _list(self, token: Token) -> Node:
+    def _read_list(self, token: Token) -> Node:
         """Read values in brackets."""
-        self._enter(token.column)
-        values = [self._expression(self._compared())]
+        self._enter_level(token.column)
+        values = [self._number_tree(self._read_comparison())]
         while self.next.text == ",":
-            self.take()
-            values.append(self._expression(self._compared()))
-        self._close("]")
+            self.take_token()
+            values.append(self._number_tree(self._read_comparison()))
+        self._close_level("]")
         return Call(LIST, tuple(values), token.column)
 
-    def _word(self, token: Token) -> Node:
+    def _read_word(self, token: Token) -> Node:
         if len(token.text) > LONGEST_WORD:
             raise self.fault(token.column, f"a word has {len(token.text)} characters, {LONGEST_WORD} at most")
         if keyword.iskeyword(token.text):
             raise self.fault(token.column, f"'{token.text}' is a word of Python and no part of the language")
         if self.next.text == "[":
-            return Element(token.text, self._entries(), token.column)
+            return Element(token.text, self._read_entries(), token.column)
         if self.next.text != "(":
             return Name(token.text, token.column)
-        self._enter(self.take().column)
+        self._enter_level(self.take_token().column)
         if token.text == DELAYED:
-            return self._delayed(token)
+            return self._read_delayed(token)
         arguments: list[Node] = []
         while self.next.text != ")":
-            arguments.append(self._compared())
+            arguments.append(self._read_comparison())
             if self.next.text != ",":
                 break
-            self.take()
-        self._close(")")
-        return self._called(token, arguments)
+            self.take_token()
+        self._close_level(")")
+        return self._call_of(token, arguments)
 
-    def _delayed(self, token: Token) -> Node:
+    def _read_delayed(self, token: Token) -> Node:
         """Read what is delayed and by how much, an expression or a quantity in quotes, after the parenthesis."""
         if self.next.text == ")":
             raise self.fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has 0 arguments")
-        what = self._expression(self._compared())
+        delayed_value = self._number_tree(self._read_comparison())
         if self.next.text != ",":
             raise self.fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has no delay")
-        self.take()
-        by = self._quantity(self.take()) if self.next.kind == "quoted" else self._expression(self._compared())
+        self.take_token()
+        delay = (
+            self._read_quantity(self.take_token())
+            if self.next.kind == "quoted"
+            else self._number_tree(self._read_comparison())
+        )
         if self.next.text == ",":
             raise self.fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has over 2 arguments")
-        self._close(")")
-        if any(isinstance(node, Call) and node.function == DELAYED for part in (what, by) for node in every(part)):
+        self._close_level(")")
+        if any(
+            isinstance(node, Call) and node.function == DELAYED
+            for part in (delayed_value, delay)
+            for node in every(part)
+        ):
             raise self.fault(token.column, f"'{DELAYED}' stands in '{DELAYED}'; write one delay, the sum of both")
-        return Call(DELAYED, (what, by), token.column)
+        return Call(DELAYED, (delayed_value, delay), token.column)
 
-    def _quantity(self, token: Token) -> Node:
+    def _read_quantity(self, token: Token) -> Node:
         """Return a quantity in quotes as an expression."""
         text = token.text[1:-1]
         try:
             parse_quantity(text)
-            return _read(with_unit_names(text.strip()))
+            return _parse_source(with_unit_names(text.strip()))
         except InputError as error:
             raise self.fault(token.column, f"the delay {token.text} is no quantity: {error}") from None
 
-    def _entries(self) -> tuple[str | int, ...]:
+    def _read_entries(self) -> tuple[str | int, ...]:
         """Read the labels and whole numbers in brackets."""
-        self.take()
+        self.take_token()
         entries: list[str | int] = []
         while True:
-            sign = self.take().text if self.next.text == "-" else ""
-            token = self.take()
+            sign = self.take_token().text if self.next.text == "-" else ""
+            token = self.take_token()
             if token.kind == "word" and not sign:
                 entries.append(token.text)
             elif token.kind == "number" and token.text.isdigit():
@@ -252,22 +260,22 @@ class _Reader(Tokens):
                 )
             if self.next.text != ",":
                 break
-            self.take()
+            self.take_token()
         if self.next.text != "]":
             raise self.unreadable("']' is missing")
-        self.take()
+        self.take_token()
         return tuple(entries)
 
-    def _along(self, token: Token, arguments: list[Node]) -> Node:
+    def _reduction_of(self, token: Token, arguments: list[Node]) -> Node:
         """Return a function along dimensions; the last arguments are their names, or whole numbers."""
         function, column = token.text, token.column
-        arity, most, numbers = ALONG[function]
+        arity, max_dims, numbers = ALONG[function]
         extra = 1 if function in ("shift", "take") else 0
         got, needed = len(arguments), arity + numbers + extra
-        if got < needed + 1 or (most is not None and got > needed + most):
-            named = [dim.name for dim in arguments[2:] if isinstance(dim, Name)]
-            several = function == "dot" and len(named) == got - 2 > 1
-            remedy = f"; over several dimensions write sum(a*b, {', '.join(named)})" if several else ""
+        if got < needed + 1 or (max_dims is not None and got > needed + max_dims):
+            dim_names = [dim.name for dim in arguments[2:] if isinstance(dim, Name)]
+            several = function == "dot" and len(dim_names) == got - 2 > 1
+            remedy = f"; over several dimensions write sum(a*b, {', '.join(dim_names)})" if several else ""
             raise self.fault(
                 column, f"'{function}' is written {FORMS[function]}; number of arguments here: {got}{remedy}"
             )
@@ -282,20 +290,20 @@ class _Reader(Tokens):
             )
         values += arguments[end + numbers :]
         names = tuple(dim.name for dim in dims if isinstance(dim, Name))
-        return Along(function, tuple(map(self._expression, values)), names, int(places), column)
+        return Along(function, tuple(map(self._number_tree, values)), names, int(places), column)
 
-    def _called(self, token: Token, arguments: list[Node]) -> Node:
+    def _call_of(self, token: Token, arguments: list[Node]) -> Node:
         function, column = token.text, token.column
-        if function in self.own:
-            return self.own[function](arguments)
+        if function in self.model_functions:
+            return self.model_functions[function](arguments)
         if function in ALONG and function not in FUNCTIONS:
-            return self._along(token, arguments)
+            return self._reduction_of(token, arguments)
         if function not in FUNCTIONS:
-            along = ", ".join(name for name in ALONG if name not in FUNCTIONS)
+            dimension_functions = ", ".join(name for name in ALONG if name not in FUNCTIONS)
             raise self.fault(
                 column,
                 f"function '{function}' is not known; there are {', '.join(FUNCTIONS)}; of quantities with dimensions"
-                f" {along}",
+                f" {dimension_functions}",
             )
         arity, got = FUNCTIONS[function], len(arguments)
         if got != arity and not (function in ("min", "max") and got > arity):
@@ -303,15 +311,15 @@ class _Reader(Tokens):
         conditions = 1 if function == "where" else 0
         if conditions and not isinstance(arguments[0], Compare):
             raise self.fault(column, "the first argument of 'where' must be one comparison, like 'y > 0*metre'")
-        further = (self._expression(argument) for argument in arguments[conditions:])
+        further = (self._number_tree(argument) for argument in arguments[conditions:])
         return Call(function, (*arguments[:conditions], *further), column)
 
-    def _expression(self, node: Node) -> Node:
+    def _number_tree(self, node: Node) -> Node:
         """Refuse a comparison where a number is needed."""
         if isinstance(node, Compare):
             raise self.fault(node.column, "a comparison stands in 'where' alone, like where(y > 0*metre, a, b)")
         if isinstance(node, Call) and node.function == LIST:
-            raise self.fault(node.column, f"a list in brackets stands in {', '.join(self.own)} alone")
+            raise self.fault(node.column, f"a list in brackets stands in {', '.join(self.model_functions)} alone")
         return node
 
     def _check_exponent(self, node: Node, column: int) -> None:
@@ -322,12 +330,12 @@ class _Reader(Tokens):
             raise self.fault(column, f"exponent {exponent} is over {LARGEST_EXPONENT} in size")
 
     def _finite(self, token: Token) -> float:
-        number = read(token.text)
+        number = read_decimal(token.text)
         if not isfinite(number):
             raise self.fault(token.column, "a number is not finite")
         return number
 
-    def _enter(self, column: int) -> None:
+    def _enter_level(self, column: int) -> None:
         self.level += 1
         if self.level > DEEPEST:
             raise self.fault(
@@ -336,8 +344,8 @@ class _Reader(Tokens):
                 " name the inner ones in definitions",
             )
 
-    def _close(self, text: str) -> None:
+    def _close_level(self, text: str) -> None:
         if self.next.text != text:
             raise self.unreadable(f"{text!r} is missing")
-        self.take()
+        self.take_token()
         self.level -= 1

@@ -8,7 +8,7 @@ from xdynamics.expressions.calculus import ONE, ZERO, add, divide, multiply, neg
 from xdynamics.expressions.tree import Binary, Name, Negative, Node, exponent_of, free_names, text_of
 
 
-def coefficients(node: Node, name: str) -> tuple[Node, ...]:
+def polynomial_coefficients(node: Node, name: str) -> tuple[Node, ...]:
     """Return the coefficients of a polynomial in a name, that of its zeroth power first.
 
     Raises
@@ -19,7 +19,7 @@ def coefficients(node: Node, name: str) -> tuple[Node, ...]:
     Examples
     --------
     >>> from xdynamics.expressions import parse, text_of
-    >>> [text_of(part) for part in coefficients(parse("a + s*(b + (1 - s)*c)"), "s")]
+    >>> [text_of(part) for part in polynomial_coefficients(parse("a + s*(b + (1 - s)*c)"), "s")]
     ['a', 'b + c', '-c']
     """
     if name not in free_names(node):
@@ -28,31 +28,31 @@ def coefficients(node: Node, name: str) -> tuple[Node, ...]:
         case Name():
             return ZERO, ONE
         case Negative():
-            return tuple(map(negative, coefficients(node.operand, name)))
+            return tuple(map(negative, polynomial_coefficients(node.operand, name)))
         case Binary(operator="+" | "-" | "*" | "/", left=left, right=right):
-            parts = coefficients(left, name), coefficients(right, name)
+            parts = polynomial_coefficients(left, name), polynomial_coefficients(right, name)
             if node.operator == "/" and len(parts[1]) == 1:
                 return tuple(divide(part, right) for part in parts[0])
             if node.operator == "*":
-                return _product(*parts)
+                return _coefficient_product(*parts)
             if node.operator != "/":
-                return _sum(parts[0], parts[1] if node.operator == "+" else tuple(map(negative, parts[1])))
+                return _coefficient_sum(parts[0], parts[1] if node.operator == "+" else tuple(map(negative, parts[1])))
         case Binary(operator="**", left=left, right=right):
             exponent = exponent_of(right)
             if exponent is not None and exponent.denominator == 1 and exponent > 0:
-                return reduce(_product, [coefficients(left, name)] * int(exponent))
+                return reduce(_coefficient_product, [polynomial_coefficients(left, name)] * int(exponent))
     raise ValueError(f"'{text_of(node)}' is no polynomial in {name}")
 
 
-def _sum(left: tuple[Node, ...], right: tuple[Node, ...]) -> tuple[Node, ...]:
+def _coefficient_sum(left: tuple[Node, ...], right: tuple[Node, ...]) -> tuple[Node, ...]:
     length = max(len(left), len(right))
     padded = ((*part, *[ZERO] * (length - len(part))) for part in (left, right))
     return tuple(map(add, *padded))
 
 
-def _product(left: tuple[Node, ...], right: tuple[Node, ...]) -> tuple[Node, ...]:
+def _coefficient_product(left: tuple[Node, ...], right: tuple[Node, ...]) -> tuple[Node, ...]:
     terms: list[Node] = [ZERO] * (len(left) + len(right) - 1)
     for i, factor in enumerate(left):
-        for j, other in enumerate(right):
-            terms[i + j] = add(terms[i + j], multiply(factor, other))
+        for j, right_factor in enumerate(right):
+            terms[i + j] = add(terms[i + j], multiply(factor, right_factor))
     return tuple(terms)

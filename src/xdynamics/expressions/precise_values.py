@@ -14,7 +14,7 @@ from xdynamics.elementary.double_double import FUNCTIONS, nearest
 from xdynamics.elementary.double_double.constants import PI as PI_OF_SUMS
 from xdynamics.elementary.double_double.operations import CALLED, RULES
 from xdynamics.elementary.double_double.sums import DoubleDouble
-from xdynamics.expressions.evaluation import Arithmetic, walked
+from xdynamics.expressions.evaluation import Arithmetic, evaluate_with
 from xdynamics.expressions.tree import Node
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ class PreciseArray:
     __array_ufunc__ = None  # an array on the left leaves its operators to this class
 
     @classmethod
-    def of(cls, value: Any) -> PreciseArray:
+    def from_value(cls, value: Any) -> PreciseArray:
         """Return a number, or an array, as it is."""
         if isinstance(value, cls):
             return value
@@ -49,49 +49,56 @@ class PreciseArray:
         return PreciseArray(rule(self.high), rule(self.low))
 
     def __neg__(self) -> PreciseArray:
-        return _called(RULES["negative"], self)
+        return _apply_rule(RULES["negative"], self)
 
-    def __add__(self, other: Any) -> PreciseArray:
-        return _called(CALLED["add"], self, other)
+    def __add__(self, addend: Any) -> PreciseArray:
+        return _apply_rule(CALLED["add"], self, addend)
 
-    def __mul__(self, other: Any) -> PreciseArray:
-        return _called(CALLED["multiply"], self, other)
+    def __mul__(self, factor: Any) -> PreciseArray:
+        return _apply_rule(CALLED["multiply"], self, factor)
 
-    def __rmul__(self, other: Any) -> PreciseArray:
-        return _called(CALLED["multiply"], other, self)
+    def __rmul__(self, factor: Any) -> PreciseArray:
+        return _apply_rule(CALLED["multiply"], factor, self)
 
 
-def _called(rule: Callable[..., Any], *values: Any) -> PreciseArray:
+def _apply_rule(rule: Callable[..., Any], *values: Any) -> PreciseArray:
     """Return what a rule of double-double arithmetic makes of values."""
-    found = rule(*(DoubleDouble(part.high, part.low) for part in map(PreciseArray.of, values)))
-    return PreciseArray(*(np.atleast_1d(np.asarray(part, float)) for part in np.broadcast_arrays(*found)))
+    double_doubles = rule(*(DoubleDouble(part.high, part.low) for part in map(PreciseArray.from_value, values)))
+    return PreciseArray(*(np.atleast_1d(np.asarray(part, float)) for part in np.broadcast_arrays(*double_doubles)))
 
 
-def _by(name: str) -> Callable[..., PreciseArray]:
-    return lambda *values: _called(FUNCTIONS.get(name) or RULES[name], *values)
+def _named_rule(name: str) -> Callable[..., PreciseArray]:
+    return lambda *values: _apply_rule(FUNCTIONS.get(name) or RULES[name], *values)
 
 
-def _compared(name: str) -> Callable[..., Any]:
-    return lambda *values: RULES[name](*(DoubleDouble(part.high, part.low) for part in map(PreciseArray.of, values)))
+def _comparison_of_sums(name: str) -> Callable[..., Any]:
+    return lambda *values: RULES[name](
+        *(DoubleDouble(part.high, part.low) for part in map(PreciseArray.from_value, values))
+    )
 
 
-PI = PreciseArray.of(0.0) + PreciseArray(*(np.array([part]) for part in PI_OF_SUMS))
+PI = PreciseArray.from_value(0.0) + PreciseArray(*(np.array([part]) for part in PI_OF_SUMS))
 SUMS = Arithmetic(
     {
-        "+": _by("add"),
-        "-": _by("subtract"),
-        "*": _by("multiply"),
-        "/": _by("divide"),
-        "<": _compared("less"),
-        "<=": _compared("at_most"),
-        ">": _compared("more"),
-        ">=": _compared("at_least"),
-        "==": _compared("equal"),
-        "!=": _compared("unequal"),
+        "+": _named_rule("add"),
+        "-": _named_rule("subtract"),
+        "*": _named_rule("multiply"),
+        "/": _named_rule("divide"),
+        "<": _comparison_of_sums("less"),
+        "<=": _comparison_of_sums("at_most"),
+        ">": _comparison_of_sums("more"),
+        ">=": _comparison_of_sums("at_least"),
+        "==": _comparison_of_sums("equal"),
+        "!=": _comparison_of_sums("unequal"),
     },
-    {"min": _by("least"), "max": _by("greatest")},
-    {name: _by(name) for name in (*FUNCTIONS, "abs", "sign", "sqrt", "positive", "floor", "ceil", "round", "mod")},
-    lambda truth, yes, no: _called(lambda one, other: RULES["choose"](truth, one, other), yes(), no()),
+    {"min": _named_rule("least"), "max": _named_rule("greatest")},
+    {
+        name: _named_rule(name)
+        for name in (*FUNCTIONS, "abs", "sign", "sqrt", "positive", "floor", "ceil", "round", "mod")
+    },
+    lambda truth, yes, no: _apply_rule(
+        lambda chosen_sum, rejected_sum: RULES["choose"](truth, chosen_sum, rejected_sum), yes(), no()
+    ),
 )
 
 
@@ -111,4 +118,4 @@ def evaluate_precisely(node: Node, values: Mapping[str, Any]) -> PreciseArray:
     (1.2246467991473532e-16, True)
     """
     with np.errstate(all="ignore"):
-        return PreciseArray.of(walked(node, values, SUMS))
+        return PreciseArray.from_value(evaluate_with(node, values, SUMS))

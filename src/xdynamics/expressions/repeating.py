@@ -25,7 +25,7 @@ class WrittenArgumentError(InputError):
     """A function writes into the state that it is given."""
 
 
-def check_unwritten(called: str, given: Any, left: Any) -> None:
+def check_unwritten(function_name: str, argument_before: Any, argument_after: Any) -> None:
     """Refuse a function that writes into its argument.
 
     scipy hands over its own arrays: what is written into that of an accepted step stays in the solution, and what is
@@ -33,9 +33,9 @@ def check_unwritten(called: str, given: Any, left: Any) -> None:
 
     Parameters
     ----------
-    called : str
+    function_name : str
         The name of the function in messages.
-    given, left : array or row
+    argument_before, argument_after : array or row
         The argument before the call and after it, traced or of numbers.
 
     Raises
@@ -43,30 +43,34 @@ def check_unwritten(called: str, given: Any, left: Any) -> None:
     WrittenArgumentError
         With the first number that is another, and the remedy.
     """
-    if isinstance(given, np.ndarray):
-        pairs = zip(given.ravel().tolist(), left.ravel().tolist(), strict=True)
-        changed = [i for i, (one, other) in enumerate(pairs) if one is not other and not _is_same(one, other)]
-        place = f"[{changed[0]}]" if changed else ""
+    if isinstance(argument_before, np.ndarray):
+        pairs = zip(argument_before.ravel().tolist(), argument_after.ravel().tolist(), strict=True)
+        changed = [
+            i
+            for i, (element_before, element_after) in enumerate(pairs)
+            if element_before is not element_after and not _are_equal_floats(element_before, element_after)
+        ]
+        index_words = f"[{changed[0]}]" if changed else ""
     else:
-        changed, place = [0] if left.value is not given.value else [], ""
+        changed, index_words = [0] if argument_after.value is not argument_before.value else [], ""
     if changed:
         raise WrittenArgumentError(
-            f"{called} writes into its argument, y{place}; solve_ivp would keep that in the solution where a step ends and"
+            f"{function_name} writes into its argument, y{index_words}; solve_ivp would keep that in the solution where a step ends and"
             " nowhere else; begin it with y = np.array(y), and only the rates have what it writes"
         )
 
 
-def _is_same(one: Any, other: Any) -> bool:
+def _are_equal_floats(first: Any, second: Any) -> bool:
     """Whether two numbers are equal, or none is a number."""
-    return isinstance(one, float) and isinstance(other, float) and (one == other or one != one)
+    return isinstance(first, float) and isinstance(second, float) and (first == second or first != first)
 
 
-def check_repeats(called: str, words: Sequence[str], first: Sequence[Node], second: Sequence[Node]) -> None:
+def check_repeats(function_name: str, words: Sequence[str], first: Sequence[Node], second: Sequence[Node]) -> None:
     """Refuse a function whose two traces with the same names differ.
 
     Parameters
     ----------
-    called : str
+    function_name : str
         The name of the function in messages.
     words : sequence of str
         What each of its values is called.
@@ -79,20 +83,22 @@ def check_repeats(called: str, words: Sequence[str], first: Sequence[Node], seco
         With both expressions, from where they differ.
     """
     if len(first) != len(second):
-        raise InputError(f"{called} returns {len(first)} values and, called again, {len(second)}; {REMEDY}")
+        raise InputError(f"{function_name} returns {len(first)} values and, called again, {len(second)}; {REMEDY}")
     for word, node, repeated in zip(words, first, second, strict=True):
         if node != repeated:
-            texts = _parting(text_of(node), text_of(repeated))
-            raise InputError(f"{called} gives {word} as '{texts[0]}' and, called again, as '{texts[1]}'; {REMEDY}")
+            texts = _excerpts_at_difference(text_of(node), text_of(repeated))
+            raise InputError(
+                f"{function_name} gives {word} as '{texts[0]}' and, called again, as '{texts[1]}'; {REMEDY}"
+            )
 
 
 def check_numbers(
-    called: str,
+    function_name: str,
     words: Sequence[str],
     nodes: Sequence[Node],
     function: Callable[[], Any],
     values: Mapping[str, float],
-    least: float,
+    negligible: float,
 ) -> None:
     """Refuse a function that, called with numbers, gives values other than those of its traced expressions.
 
@@ -100,13 +106,13 @@ def check_numbers(
 
     Parameters
     ----------
-    called, words, nodes
+    function_name, words, nodes
         As for `check_repeats`.
     function : callable
         Calls it with the numbers.
     values : mapping of str to float
         The numbers by name.
-    least : float
+    negligible : float
         A difference that does not count.
 
     Raises
@@ -125,26 +131,28 @@ def check_numbers(
             return
     direct = real(direct)
     if direct.shape != expected.shape:
-        raise InputError(f"{called} returns {len(nodes)} values for names and {direct.size} for numbers; {REMEDY}")
-    with np.errstate(invalid="ignore"):
-        apart = np.abs(direct - expected) > CLOSE * np.maximum(np.abs(direct), np.abs(expected)) + least
-    for i in np.flatnonzero(apart & np.isfinite(direct) & np.isfinite(expected)).tolist():
         raise InputError(
-            f"{called} gives {float(direct[i])!r} for {words[i]} at t = {values['t']:.6g} s, and the expression that it"
-            f" wrote down, '{_parting(text_of(nodes[i]), '')[0]}', gives {float(expected[i])!r} there; {REMEDY}"
+            f"{function_name} returns {len(nodes)} values for names and {direct.size} for numbers; {REMEDY}"
+        )
+    with np.errstate(invalid="ignore"):
+        is_different = np.abs(direct - expected) > CLOSE * np.maximum(np.abs(direct), np.abs(expected)) + negligible
+    for i in np.flatnonzero(is_different & np.isfinite(direct) & np.isfinite(expected)).tolist():
+        raise InputError(
+            f"{function_name} gives {float(direct[i])!r} for {words[i]} at t = {values['t']:.6g} s, and the expression that it"
+            f" wrote down, '{_excerpts_at_difference(text_of(nodes[i]), '')[0]}', gives {float(expected[i])!r} there; {REMEDY}"
         )
 
 
-def _parting(first: str, second: str) -> tuple[str, str]:
+def _excerpts_at_difference(first: str, second: str) -> tuple[str, str]:
     """Return excerpts of two texts around the first difference."""
     same = next(
         (i for i, pair in enumerate(zip(first, second, strict=False)) if pair[0] != pair[1]),
         min(len(first), len(second)),
     )
     start = max(0, same - BEFORE)
-    return _shortened(first, start, same), _shortened(second, start, same)
+    return _excerpt(first, start, same), _excerpt(second, start, same)
 
 
-def _shortened(text: str, start: int, same: int) -> str:
+def _excerpt(text: str, start: int, same: int) -> str:
     end = same + BEHIND
     return f"{'…' if start else ''}{text[start:end]}{'…' if end < len(text) else ''}"

@@ -35,12 +35,12 @@ def scipy_remedy(trace: TracebackType | None) -> str:
     while trace is not None:
         module = str(trace.tb_frame.f_globals.get("__name__", ""))
         if module.partition(".")[0] == SCIPY:
-            return _remedy(module, trace.tb_frame.f_code.co_qualname)
+            return _remedy_of_call(module, trace.tb_frame.f_code.co_qualname)
         trace = trace.tb_next
     return ""
 
 
-def _remedy(module: str, function: str) -> str:
+def _remedy_of_call(module: str, function: str) -> str:
     package = module.split(".")[1] if "." in module else ""
     public = function.removesuffix(".__call__").removesuffix(".__init__").rpartition(".<locals>.")[2]
     name = ".".join([SCIPY, *(part for part in (package, public) if part and not part.startswith("_"))])

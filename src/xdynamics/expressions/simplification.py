@@ -29,7 +29,7 @@ def simplified(node: Node) -> Node:
     """
     match node:
         case Negative() | Binary(operator="*" | "/" | "+" | "-"):
-            return _sum(node)
+            return _write_sum(node)
         case Binary():
             base = simplified(node.left)
             return base if node.right == _ONE else Binary(node.operator, base, node.right)
@@ -43,20 +43,20 @@ def printed_simply(node: Node) -> str:
     return min(text_of(node), text_of(simplified(node)), key=len)
 
 
-def _sum(node: Node) -> Node:
+def _write_sum(node: Node) -> Node:
     """Write a sum of products, without those that are 0."""
     tree: Node = _ZERO
-    for product in _together([_Product.of(sign, term) for sign, term in _terms(node)]):
+    for product in _merge_whole_numbers([_Product.from_term(sign, term) for sign, term in _signed_terms(node)]):
         if tree == _ZERO:
-            tree = product.written()
+            tree = product.as_tree()
         elif product.coefficient != 0:
             operator = "-" if product.coefficient < 0 else "+"
             product.coefficient = abs(product.coefficient)
-            tree = Binary(operator, tree, product.written())
+            tree = Binary(operator, tree, product.as_tree())
     return tree
 
 
-def _together(products: list[_Product]) -> list[_Product]:
+def _merge_whole_numbers(products: list[_Product]) -> list[_Product]:
     """Add up a sum of whole numbers alone."""
     if not all(product.is_whole and not product.above and not product.below for product in products):
         return products
@@ -64,22 +64,22 @@ def _together(products: list[_Product]) -> list[_Product]:
     return [_Product(total)] if max(abs(total.numerator), total.denominator) <= LARGEST_WHOLE else products
 
 
-def _terms(node: Node, sign: int = 1) -> Iterator[tuple[int, Node]]:
+def _signed_terms(node: Node, sign: int = 1) -> Iterator[tuple[int, Node]]:
     """Yield the terms of a sum with their signs, those of sums in it too."""
     if isinstance(node, Binary) and node.operator in "+-":
-        first, rest = _links(node, "+-")
-        yield from _terms(first, sign)
-        for link in rest:
-            yield from _terms(link.right, -sign if link.operator == "-" else sign)
+        first, links = _operator_links(node, "+-")
+        yield from _signed_terms(first, sign)
+        for link in links:
+            yield from _signed_terms(link.right, -sign if link.operator == "-" else sign)
     else:
         yield sign, node
 
 
-def _links(node: Binary, operators: str) -> tuple[Node, list[Binary]]:
+def _operator_links(node: Binary, operators: str) -> tuple[Node, list[Binary]]:
     """Split a chain of some operators into its first operand and its links."""
     first, links = chain(node)
-    others = [i for i, link in enumerate(links) if link.operator not in operators]
-    return (links[others[-1]], links[others[-1] + 1 :]) if others else (first, links)
+    foreign_links = [i for i, link in enumerate(links) if link.operator not in operators]
+    return (links[foreign_links[-1]], links[foreign_links[-1] + 1 :]) if foreign_links else (first, links)
 
 
 @dataclass
@@ -92,32 +92,32 @@ class _Product:
     is_whole: bool = True
 
     @classmethod
-    def of(cls, sign: int, node: Node) -> _Product:
+    def from_term(cls, sign: int, node: Node) -> _Product:
         """Return a term of a sum as a product."""
         product = cls(Fraction(sign))
-        product.take(node)
+        product.multiply_by(node)
         return product
 
-    def take(self, node: Node, *, inverse: bool = False) -> None:
+    def multiply_by(self, node: Node, *, inverse: bool = False) -> None:
         """Multiply by a node, or divide by it."""
         if isinstance(node, Negative):
             self.coefficient = -self.coefficient
-            self.take(node.operand, inverse=inverse)
+            self.multiply_by(node.operand, inverse=inverse)
         elif isinstance(node, Number) and not (inverse and node.value == 0.0):
-            self._scale(Fraction(repr(node.value)), node, inverse=inverse)
+            self._scale_coefficient(Fraction(repr(node.value)), node, inverse=inverse)
         elif isinstance(node, Binary) and node.operator in "*/":
-            first, links = _links(node, "*/")
-            self.take(first, inverse=inverse)
+            first, links = _operator_links(node, "*/")
+            self.multiply_by(first, inverse=inverse)
             for link in links:
-                self.take(link.right, inverse=inverse != (link.operator == "/"))
+                self.multiply_by(link.right, inverse=inverse != (link.operator == "/"))
         else:
             inner = simplified(node)
             if isinstance(inner, Number | Negative) and inner != node:
-                self.take(inner, inverse=inverse)
+                self.multiply_by(inner, inverse=inverse)
             else:
                 (self.below if inverse else self.above).append(inner)
 
-    def _scale(self, number: Fraction, node: Number, *, inverse: bool) -> None:
+    def _scale_coefficient(self, number: Fraction, node: Number, *, inverse: bool) -> None:
         """Multiply the coefficient by a number, or divide it; one that would get too many digits is a factor as it is."""
         scaled = self.coefficient / number if inverse else self.coefficient * number
         is_whole = self.is_whole and number.denominator == 1
@@ -127,18 +127,18 @@ class _Product:
         else:
             (self.below if inverse else self.above).append(node)
 
-    def written(self) -> Node:
+    def as_tree(self) -> Node:
         """Return the product as a tree."""
         size = abs(self.coefficient)
         if size == 0:
             return _ZERO
-        whole = Number(float(size.numerator if self.is_whole else size))
+        numerator = Number(float(size.numerator if self.is_whole else size))
         divisor = Number(float(size.denominator if self.is_whole else 1))
-        factors = [*([whole] if whole != _ONE else []), *_powers(self.above)] or [_ONE]
+        factors = [*([numerator] if numerator != _ONE else []), *_merged_powers(self.above)] or [_ONE]
         if self.coefficient < 0:
             factors[0] = Negative(factors[0])
         tree = reduce(lambda product, factor: Binary("*", product, factor), factors)
-        divisors = [*([divisor] if divisor != _ONE else []), *_powers(self.below)]
+        divisors = [*([divisor] if divisor != _ONE else []), *_merged_powers(self.below)]
         return (
             Binary("/", tree, reduce(lambda product, factor: Binary("*", product, factor), divisors))
             if divisors
@@ -146,7 +146,7 @@ class _Product:
         )
 
 
-def _powers(factors: list[Node]) -> Iterator[Node]:
+def _merged_powers(factors: list[Node]) -> Iterator[Node]:
     """Yield factors, those that follow one another with one base as its power."""
     exponents: list[tuple[Node, int]] = []
     for factor in factors:

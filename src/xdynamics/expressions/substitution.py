@@ -18,7 +18,7 @@ from xdynamics.expressions.traced_arrays import Points, array_of, is_traced, of_
 from xdynamics.expressions.traced_cubes import Cube
 from xdynamics.expressions.traced_grid import Grid
 from xdynamics.expressions.traced_planes import reshaped
-from xdynamics.expressions.tracing import Traced, called, rounded
+from xdynamics.expressions.tracing import Traced, called, trace_rounding
 from xdynamics.expressions.tree import Number
 from xdynamics.expressions.universal_functions import UniversalFunction
 
@@ -54,38 +54,38 @@ class Substitution:
         self._known: dict[int, tuple[Any, Any]] = {}  # with what they are of, which lives as long
         self._builtins = {**vars(builtins), **self._of_python()}
 
-    def of(self, value: Any) -> Any:
+    def substitute(self, value: Any) -> Any:
         """Return a function, or a module, for traced numbers; anything else as it is."""
         if id(value) in self._known:
             return self._known[id(value)][1]
         match value:
             case FunctionType() if str(value.__module__).split(".")[0] not in FOREIGN:
-                return self._function(value)
+                return self._substitute_function(value)
             case MethodType():
-                return MethodType(self.of(value.__func__), value.__self__)
+                return MethodType(self.substitute(value.__func__), value.__self__)
             case partial():
-                return partial(self.of(value.func), *value.args, **value.keywords)
+                return partial(self.substitute(value.func), *value.args, **value.keywords)
             case ModuleType() if value in (np, np.linalg, math):
                 return _Module(self, value)
         if hasattr(value, "py_func"):  # compiled by numba
-            return self.of(value.py_func)
+            return self.substitute(value.py_func)
         if hasattr(value, "toarray"):
             return _Sparse(value)
         return self._of_library(value)
 
-    def _function(self, function: FunctionType) -> FunctionType:
+    def _substitute_function(self, function: FunctionType) -> FunctionType:
         """Return a function with its globals and closure substituted, and those that it calls too."""
         scope: dict[str, Any] = {**function.__globals__, "__builtins__": self._builtins}
         cells = tuple(CellType() for _ in function.__closure__ or ())
         new = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, cells or None)
         new.__kwdefaults__ = function.__kwdefaults__
         self._known[id(function)] = function, new
-        for word in _names(function.__code__):
+        for word in _names_in_code(function.__code__):
             if word in function.__globals__:
-                scope[word] = self.of(function.__globals__[word])
+                scope[word] = self.substitute(function.__globals__[word])
         for cell, old in zip(cells, function.__closure__ or (), strict=True):
             try:
-                cell.cell_contents = self.of(old.cell_contents)
+                cell.cell_contents = self.substitute(old.cell_contents)
             except ValueError:  # it is not yet assigned
                 continue
         return new
@@ -97,7 +97,7 @@ class Substitution:
         if value is np.r_:
             return _JoiningIndex()
         if id(value) in _MAKERS:
-            return partial(self._made, value)
+            return partial(self._make_traced, value)
         if isinstance(value, BuiltinFunctionType) and value.__module__ == "math":
             return self._of_math(value)
         if isinstance(value, BuiltinFunctionType) and value.__module__ == "builtins":
@@ -109,7 +109,7 @@ class Substitution:
             return partial(of_numpy, value)
         return value
 
-    def _made(self, maker: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+    def _make_traced(self, maker: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         """Return a new array: a row, where arrays are traced as a whole and it fits."""
         first, grid = arguments[0] if arguments else options.get("shape", options.get("object")), self._grid
         size = first[0] if isinstance(first, tuple) and len(first) == 1 else first
@@ -141,24 +141,24 @@ class Substitution:
     def _of_python(self) -> dict[str, Any]:
         """Return builtins that would ask for the value of a number."""
 
-        def extreme(function: str, own: Callable[..., Any]) -> Callable[..., Any]:
-            def chosen(*values: Any, **options: Any) -> Any:
+        def extreme(function: str, builtin_function: Callable[..., Any]) -> Callable[..., Any]:
+            def extreme_value(*values: Any, **options: Any) -> Any:
                 row = list(values[0]) if len(values) == 1 else list(values)
                 if options or not any(map(is_traced, row)):
-                    return own(*values, **options)
+                    return builtin_function(*values, **options)
                 return reduce(lambda x, y: called(function, x, y), row)
 
-            return chosen
+            return extreme_value
 
-        def imported(word: str, *rest: Any) -> Any:
-            module = builtins.__import__(word, *rest)
-            return self.of(module) if isinstance(module, ModuleType) else module
+        def imported(word: str, *import_arguments: Any) -> Any:
+            module = builtins.__import__(word, *import_arguments)
+            return self.substitute(module) if isinstance(module, ModuleType) else module
 
         return {
             "max": extreme("max", max),
             "min": extreme("min", min),
             "round": lambda value, *digits: (
-                rounded(value, *digits) if isinstance(value, Traced) else round(value, *digits)
+                trace_rounding(value, *digits) if isinstance(value, Traced) else round(value, *digits)
             ),
             "float": _Float,
             "__import__": imported,
@@ -172,7 +172,7 @@ class _Module:
         self._substitution, self._module = substitution, module
 
     def __getattr__(self, word: str) -> Any:
-        return self._substitution.of(getattr(self._module, word))
+        return self._substitution.substitute(getattr(self._module, word))
 
 
 class _JoiningIndex:
@@ -202,10 +202,14 @@ class _Sparse:
     def __init__(self, matrix: Any) -> None:
         self._matrix = matrix
 
-    def __matmul__(self, other: Any) -> Any:
-        if isinstance(other, Field):
-            return product(self._matrix, other)
-        return self._matrix.toarray().astype(object) @ other if is_traced(other) else self._matrix @ other
+    def __matmul__(self, right_operand: Any) -> Any:
+        if isinstance(right_operand, Field):
+            return product(self._matrix, right_operand)
+        return (
+            self._matrix.toarray().astype(object) @ right_operand
+            if is_traced(right_operand)
+            else self._matrix @ right_operand
+        )
 
     dot = __mul__ = __matmul__
 
@@ -217,8 +221,8 @@ class _OfFloat(type):
     def __instancecheck__(cls, value: Any) -> bool:
         return isinstance(value, float)
 
-    def __subclasscheck__(cls, other: type) -> bool:
-        return issubclass(other, float)
+    def __subclasscheck__(cls, subclass: type) -> bool:
+        return issubclass(subclass, float)
 
 
 class _Float(metaclass=_OfFloat):
@@ -228,8 +232,8 @@ class _Float(metaclass=_OfFloat):
         return value if isinstance(value, Traced) else float(value)
 
 
-def _array(values: Any, *rest: Any, **options: Any) -> Any:
-    return array_of(values).copy() if is_traced(values) else np.array(values, *rest, **options)
+def _make_array(values: Any, *array_arguments: Any, **options: Any) -> Any:
+    return array_of(values).copy() if is_traced(values) else np.array(values, *array_arguments, **options)
 
 
 _MAKERS: dict[int, Callable[..., Any]] = {
@@ -239,7 +243,7 @@ _MAKERS: dict[int, Callable[..., Any]] = {
     },
     id(np.ones): lambda shape, *_, **__: array_of(np.ones(shape).astype(object)),
     id(np.full): lambda shape, value, *_, **__: array_of(np.full(shape, value, object)),
-    **{id(function): _array for function in (np.array, np.asarray)},
+    **{id(function): _make_array for function in (np.array, np.asarray)},
 }
 
 
@@ -264,12 +268,12 @@ def _is_plane(shape: Any) -> TypeGuard[tuple[int, int]]:
     return isinstance(shape, tuple) and len(shape) == 2 and all(isinstance(n, int) and n > 0 for n in shape)
 
 
-def _names(code: CodeType) -> set[str]:
+def _names_in_code(code: CodeType) -> set[str]:
     """Return the names that a function's code, and that of functions inside it, reads."""
     inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    return {*code.co_names}.union(*map(_names, inner))
+    return {*code.co_names}.union(*map(_names_in_code, inner))
 
 
-def values_of(tables: Mapping[str, Points], t: float) -> dict[str, float]:
+def table_values(tables: Mapping[str, Points], t: float) -> dict[str, float]:
     """Return what the tables give at a time."""
     return {word: float(np.interp(t, *points)) for word, points in tables.items()}

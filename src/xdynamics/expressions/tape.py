@@ -11,7 +11,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from xdynamics.expressions.evaluation import FLOATS, power
+from xdynamics.expressions.evaluation import FLOATS, rational_power
 from xdynamics.expressions.tree import Binary, Call, Compare, Name, Negative, Node, Number, exponent_of
 from xdynamics.faults import InputError
 
@@ -30,7 +30,7 @@ class Tape:
     --------
     >>> from xdynamics.expressions import parse
     >>> tape = Tape([("r", parse("sqrt(x**2 + y**2)")), ("f", parse("x/r**3"))])
-    >>> tape.evaluated({"x": 3.0, "y": 4.0})
+    >>> tape.evaluate_tape({"x": 3.0, "y": 4.0})
     {'r': 5.0, 'f': 0.024}
     """
 
@@ -43,14 +43,14 @@ class Tape:
         self._seen: dict[int, tuple[int, Node]] = {}  # places of nodes, which live as long as this
         self._named: dict[str, int] = {}
         for name, tree in expressions:
-            place = self._place(tree)
+            slot = self._slot_of(tree)
             if name in self._inputs or name in self._named:
                 self._seen.clear()  # from here on the name means something else
-            self._named[name] = place
+            self._named[name] = slot
         self._seen.clear()
         self._known.clear()
 
-    def evaluated(self, values: Mapping[str, float]) -> dict[str, float]:
+    def evaluate_tape(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the value of each expression by its name.
 
         Raises
@@ -61,80 +61,84 @@ class Tape:
         if missing := [name for name in self._inputs if name not in values]:
             raise InputError(f"name '{missing[0]}' has no value; there are {', '.join(values) or 'none'}")
         results: list[Any] = [0.0] * self._size
-        for place, number in self._numbers.items():
-            results[place] = number
-        for name, place in self._inputs.items():
-            results[place] = values[name]
-        for operation, place, operands in self._steps:
-            results[place] = operation(*[results[operand] for operand in operands])
-        return {name: results[place] for name, place in self._named.items()}
+        for slot, number in self._numbers.items():
+            results[slot] = number
+        for name, slot in self._inputs.items():
+            results[slot] = values[name]
+        for operation, slot, operands in self._steps:
+            results[slot] = operation(*[results[operand] for operand in operands])
+        return {name: results[slot] for name, slot in self._named.items()}
 
-    def _place(self, node: Node) -> int:
+    def _slot_of(self, node: Node) -> int:
         """Return the place of a node's value, after adding the operations that compute it."""
         links = []
         while isinstance(node, Binary) and id(node) not in self._seen:  # a sum may have any length
             links.append(node)
             node = node.left
-        place = self._seen[id(node)][0] if id(node) in self._seen else self._first(node)
+        slot = self._seen[id(node)][0] if id(node) in self._seen else self._leaf_slot(node)
         for link in reversed(links):
-            place = self._joined(link, place)
-            self._seen[id(link)] = place, link
-        return place
+            slot = self._link_slot(link, slot)
+            self._seen[id(link)] = slot, link
+        return slot
 
-    def _first(self, node: Node) -> int:
+    def _leaf_slot(self, node: Node) -> int:
         """Return the place of the value of a node that is not binary."""
-        place = self._of(node)
-        self._seen[id(node)] = place, node
-        return place
+        slot = self._computed_slot(node)
+        self._seen[id(node)] = slot, node
+        return slot
 
-    def _of(self, node: Node) -> int:
+    def _computed_slot(self, node: Node) -> int:
         match node:
             case Number():
-                return self._number(node.value)
+                return self._number_slot(node.value)
             case Name():
-                return self._named[node.name] if node.name in self._named else self._name(node.name)
+                return self._named[node.name] if node.name in self._named else self._name_slot(node.name)
             case Negative():
-                return self._step("negative", _negative, self._place(node.operand))
+                return self._operation_slot("negative", _negative, self._slot_of(node.operand))
             case Compare():
                 operation = FLOATS.operators[node.operator]
-                return self._step(node.operator, operation, self._place(node.left), self._place(node.right))
+                return self._operation_slot(
+                    node.operator, operation, self._slot_of(node.left), self._slot_of(node.right)
+                )
             case Call(function="where"):
-                return self._step("where", _where, *map(self._place, node.arguments))
+                return self._operation_slot("where", _choose_branch, *map(self._slot_of, node.arguments))
             case Call(function="min" | "max"):
-                first, *others = map(self._place, node.arguments)
-                for other in others:
-                    first = self._step(node.function, FLOATS.choices[node.function], first, other)
+                first, *further_slots = map(self._slot_of, node.arguments)
+                for next_slot in further_slots:
+                    first = self._operation_slot(node.function, FLOATS.choices[node.function], first, next_slot)
                 return first
             case Call():
-                return self._step(node.function, FLOATS.functions[node.function], *map(self._place, node.arguments))
+                return self._operation_slot(
+                    node.function, FLOATS.functions[node.function], *map(self._slot_of, node.arguments)
+                )
         raise InputError(f"'{node}' is no expression")
 
-    def _joined(self, node: Binary, left: int) -> int:
+    def _link_slot(self, node: Binary, left: int) -> int:
         if node.operator == "**":
             exponent = exponent_of(node.right) or Fraction(0)
-            return self._step(exponent, _raised(exponent), left)
-        return self._step(node.operator, FLOATS.operators[node.operator], left, self._place(node.right))
+            return self._operation_slot(exponent, _raised(exponent), left)
+        return self._operation_slot(node.operator, FLOATS.operators[node.operator], left, self._slot_of(node.right))
 
-    def _step(self, key: object, operation: Operation, *operands: int) -> int:
+    def _operation_slot(self, key: object, operation: Operation, *operands: int) -> int:
         signature = (key, *operands)
         if signature not in self._known:
-            self._known[signature] = self._new()
+            self._known[signature] = self._new_slot()
             self._steps.append((operation, self._known[signature], operands))
         return self._known[signature]
 
-    def _number(self, value: float) -> int:
+    def _number_slot(self, value: float) -> int:
         key = ("number", repr(value))  # 0.0 and -0.0 are equal
         if key not in self._known:
-            self._known[key] = self._new()
+            self._known[key] = self._new_slot()
             self._numbers[self._known[key]] = value
         return self._known[key]
 
-    def _name(self, name: str) -> int:
+    def _name_slot(self, name: str) -> int:
         if name not in self._inputs:
-            self._inputs[name] = self._new()
+            self._inputs[name] = self._new_slot()
         return self._inputs[name]
 
-    def _new(self) -> int:
+    def _new_slot(self) -> int:
         self._size += 1
         return self._size - 1
 
@@ -143,7 +147,7 @@ def _negative(value: float) -> float:
     return -value
 
 
-def _where(truth: bool, yes: float, no: float) -> float:  # noqa: FBT001 - an operand like the others
+def _choose_branch(truth: bool, yes: float, no: float) -> float:  # noqa: FBT001 - an operand like the others
     return yes if truth else no
 
 
@@ -162,4 +166,4 @@ def _raised(exponent: Fraction) -> Operation:
         return lambda base: base * root(base)
     if exponent == Fraction(1, 2):
         return FLOATS.functions["sqrt"]
-    return lambda base: power(base, exponent, FLOATS)
+    return lambda base: rational_power(base, exponent, FLOATS)

@@ -27,17 +27,21 @@ def _check_raw(source: str) -> None:
     if not source:
         raise InputError("expression is empty")
     if len(source) > LONGEST_TEXT:
-        raise InputError(f"expression {_shown(source)} has {len(source)} characters, {LONGEST_TEXT} at most")
+        raise InputError(f"expression {_quoted_excerpt(source)} has {len(source)} characters, {LONGEST_TEXT} at most")
     good = _ALLOWED.match(_QUOTED.sub(lambda match: " " * len(match[0]), source))
     end = good.end() if good else 0
     if end < len(source):
         remedy = _REMEDIES.get(source[end], "")
-        raise InputError(f"expression {_shown(source)} has the character {source[end]!r} at column {end + 1}{remedy}")
+        raise InputError(
+            f"expression {_quoted_excerpt(source)} has the character {source[end]!r} at column {end + 1}{remedy}"
+        )
     if match := re.search(r"(?<![A-Za-z0-9_])[0-9.]+_", source):
-        raise InputError(f"expression {_shown(source)} has an underscore in a number at column {match.start() + 1}")
+        raise InputError(
+            f"expression {_quoted_excerpt(source)} has an underscore in a number at column {match.start() + 1}"
+        )
 
 
-def _shown(source: str) -> str:
+def _quoted_excerpt(source: str) -> str:
     return repr(source if len(source) <= 60 else source[:60] + "…")
 
 
@@ -74,7 +78,7 @@ class Tokens:
         self.position = 0
         self.next = self._token()
 
-    def take(self) -> Token:
+    def take_token(self) -> Token:
         """Return the next token, and see the one behind it."""
         token, self.next = self.next, Token("end", "", 0)
         if token.text:
@@ -86,7 +90,7 @@ class Tokens:
         if match is None and self.source[self.position :].strip():
             column = self.position + 1
             raise InputError(
-                f"expression {_shown(self.source)} cannot be read at column {column}: no word, number or sign of the"
+                f"expression {_quoted_excerpt(self.source)} cannot be read at column {column}: no word, number or sign of the"
                 " language"
             )
         if match is None or match.lastgroup is None:
@@ -94,11 +98,11 @@ class Tokens:
         self.position = match.end()
         return Token(match.lastgroup, match[match.lastgroup], match.start(match.lastgroup) + 1)
 
-    def unreadable(self, what: str, token: Token | None = None) -> InputError:
+    def unreadable(self, problem: str, token: Token | None = None) -> InputError:
         """Return the error of a text that ends or goes on otherwise than it may, at a token, or else at the next one."""
         column = (token or self.next).column
-        return InputError(f"expression {_shown(self.source)} cannot be read at column {column}: {what}")
+        return InputError(f"expression {_quoted_excerpt(self.source)} cannot be read at column {column}: {problem}")
 
-    def fault(self, column: int, what: str) -> InputError:
+    def fault(self, column: int, problem: str) -> InputError:
         """Return the error of what is read, and wrong."""
-        return InputError(f"expression {_shown(self.source)}, column {column}: {what}")
+        return InputError(f"expression {_quoted_excerpt(self.source)}, column {column}: {problem}")

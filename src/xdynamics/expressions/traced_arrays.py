@@ -11,7 +11,16 @@ import numpy as np
 from xdynamics.expressions.cube_rules import cubes_in, of_cubes
 from xdynamics.expressions.numpy_rules import of_rows
 from xdynamics.expressions.traced_rows import lines_in
-from xdynamics.expressions.tracing import REMEDY, Traced, WholeNumberError, called, choice, each, name, rounded
+from xdynamics.expressions.tracing import (
+    REMEDY,
+    Traced,
+    WholeNumberError,
+    apply_elementwise,
+    called,
+    choice,
+    trace_rounding,
+    traced_name,
+)
 from xdynamics.expressions.tree import Binary, Name, Negative, Node, Number
 from xdynamics.faults import InputError
 
@@ -24,20 +33,22 @@ Points = tuple[tuple[float, ...], tuple[float, ...]]  # times of a table, and it
 class TracedArray(np.ndarray[Any, Any]):
     """An array of numbers, some of them traced."""
 
-    def __array_ufunc__(self, ufunc: Any, how: str, *given: Any, **options: Any) -> Any:  # type: ignore[override]
+    def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **options: Any) -> Any:  # type: ignore[override]
         """Apply a function of numpy: by elements, along an axis, or as a product of matrices."""
-        if how == "__call__" and (lines_in(given) or cubes_in(given)):
-            return of_numpy(ufunc, *map(_plain, given), **options)
-        plain = [np.asarray(value) if isinstance(value, np.ndarray) else value for value in given]
+        if how == "__call__" and (lines_in(inputs) or cubes_in(inputs)):
+            return of_numpy(ufunc, *map(_plain_objects, inputs), **options)
+        plain = [np.asarray(value) if isinstance(value, np.ndarray) else value for value in inputs]
         if ufunc is np.matmul and how == "__call__":
             return array_of(np.matmul(*(value.astype(object) for value in plain)))
         out = options.pop("out", None)
         if how == "reduce" and ufunc in _JOINED:
-            result = _reduced(_JOINED[ufunc], plain[0], options.get("axis", 0), keepdims=options.get("keepdims", False))
+            result = _reduce_axes(
+                _JOINED[ufunc], plain[0], options.get("axis", 0), keepdims=options.get("keepdims", False)
+            )
         elif how != "__call__":
             result = array_of(getattr(ufunc, how)(*plain, **options))
         else:
-            result = array_of(each(ufunc.__name__, plain))
+            result = array_of(apply_elementwise(ufunc.__name__, plain))
         if out is None:
             return result
         out[0][...] = result
@@ -49,28 +60,28 @@ class TracedArray(np.ndarray[Any, Any]):
 
     def __setitem__(self, key: Any, value: Any) -> None:
         """Set elements; those that a traced condition chooses, all to one number."""
-        chosen = isinstance(key, np.ndarray) and key.shape == self.shape and is_traced(key)
-        if not chosen or np.ndim(value):
+        is_traced_mask = isinstance(key, np.ndarray) and key.shape == self.shape and is_traced(key)
+        if not is_traced_mask or np.ndim(value):
             super().__setitem__(key, value)
             return
-        for place, condition in np.ndenumerate(key):
-            super().__setitem__(place, choice(condition, value, np.asarray(self)[place]))
+        for index, condition in np.ndenumerate(key):
+            super().__setitem__(index, choice(condition, value, np.asarray(self)[index]))
 
     def max(self, axis: Any = None, **options: Any) -> Any:  # type: ignore[override]
         """Return the largest number along an axis."""
-        return _extreme("max", self, axis, **options)
+        return _extreme_along("max", self, axis, **options)
 
     def min(self, axis: Any = None, **options: Any) -> Any:  # type: ignore[override]
         """Return the smallest number along an axis."""
-        return _extreme("min", self, axis, **options)
+        return _extreme_along("min", self, axis, **options)
 
     def clip(self, low: Any = None, high: Any = None, **_: Any) -> Any:  # type: ignore[override]
         """Return the numbers, limited."""
-        return _clipped(self, low, high)
+        return _clip_elements(self, low, high)
 
     def round(self, decimals: int = 0, **_: Any) -> Any:  # type: ignore[override]
         """Return the numbers, rounded."""
-        return _mapped(lambda value: rounded(value, decimals), self)
+        return _map_elements(lambda value: trace_rounding(value, decimals), self)
 
 
 def array_of(values: Any) -> Any:
@@ -107,18 +118,24 @@ def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> A
     if lines_in((*arguments, *options.values())):
         return of_rows(function, *arguments, **options)
     if not any(map(is_traced, (*arguments, *options.values()))):
-        numbers = [_of_floats(value) for value in arguments]
-        return function(*numbers, **{key: _of_floats(value) for key, value in options.items()})
+        numbers = [_untraced_floats(value) for value in arguments]
+        return function(*numbers, **{key: _untraced_floats(value) for key, value in options.items()})
     if isinstance(function, np.ufunc):
-        return array_of(each(function.__name__, arguments))
+        return array_of(apply_elementwise(function.__name__, arguments))
     if function in _RULES:
         return _RULES[function](*arguments, **options)
     label = f"{function.__module__}.{function.__name__}" + (f" with {', '.join(options)}" if options else "")
     try:
-        return array_of(function(*map(_plain, arguments), **{key: _plain(value) for key, value in options.items()}))
+        return array_of(
+            function(*map(_plain_objects, arguments), **{key: _plain_objects(value) for key, value in options.items()})
+        )
     except Exception as error:  # noqa: BLE001 - whatever numpy makes of objects
-        known = isinstance(error, WholeNumberError)
-        kind = WholeNumberError if known or any(isinstance(value, Traced) for value in arguments) else InputError
+        needs_whole_number = isinstance(error, WholeNumberError)
+        kind = (
+            WholeNumberError
+            if needs_whole_number or any(isinstance(value, Traced) for value in arguments)
+            else InputError
+        )
         raise kind(
             f"the function calls {label}, which the language of expressions has not; write it with arithmetic, sums"
             " and numpy's elementary functions"
@@ -129,21 +146,21 @@ def table_reader(tables: dict[str, Points]) -> Callable[..., Any]:
     """Return `numpy.interp` for traced numbers, which notes the tables that are read, by names for their values."""
 
     def interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: Any = None) -> Any:
-        first, second = (np.asarray(_of_floats(value), float).ravel() for value in (xp, fp))
+        first, second = (np.asarray(_untraced_floats(value), float).ravel() for value in (xp, fp))
         if period is not None:
-            x, first, second = _repeated(x, first, second, float(period))
+            x, first, second = _fold_period(x, first, second, float(period))
             left = right = None
         if first.size != second.size or first.size < 2 or (np.diff(first) <= 0).any():
             raise InputError(
                 f"the function calls numpy.interp with {first.size} and {second.size} points, needs as many of both,"
                 " two at least, in ascending order"
             )
-        return _mapped(lambda value: _ended(value, first, second, tables, left, right), x)
+        return _map_elements(lambda value: _held_table_value(value, first, second, tables, left, right), x)
 
     return interp
 
 
-def _repeated(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:
+def _fold_period(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:
     """Return a table over a period, and the argument within it, as `numpy.interp` has them."""
     if not period:
         raise InputError("the function calls numpy.interp with period = 0, needs another number")
@@ -153,10 +170,10 @@ def _repeated(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:
     folded, values = folded[order], fp[order]
     folded = np.concatenate([[folded[-1] - period], folded, [folded[0] + period]])
     values = np.concatenate([[values[-1]], values, [values[0]]])
-    return _mapped(lambda value: value % period, x), folded, values
+    return _map_elements(lambda value: value % period, x), folded, values
 
 
-def _ended(x: Any, xp: Any, fp: Any, tables: dict[str, Points], left: Any, right: Any) -> Any:
+def _held_table_value(x: Any, xp: Any, fp: Any, tables: dict[str, Points], left: Any, right: Any) -> Any:
     """Return a value of a table, with those that are said beyond its ends; else it is held there."""
     value = _interpolated(x, xp, fp, tables)
     if right is not None:
@@ -171,12 +188,15 @@ def _interpolated(x: Any, xp: Any, fp: Any, tables: dict[str, Points]) -> Any:
     if line is None:
         return _by_kinks(x, xp, fp)
     scale, offset = line
-    own = (xp - offset) / scale
+    local_times = (xp - offset) / scale
     order = slice(None, None, 1 if scale > 0 else -1)
-    points: Points = tuple(own[order].tolist()), tuple(fp[order].tolist())
-    label = next((known for known, kept in tables.items() if kept == points), f"interpolated_{len(tables)}")
+    points: Points = tuple(local_times[order].tolist()), tuple(fp[order].tolist())
+    label = next(
+        (table_name for table_name, table_points in tables.items() if table_points == points),
+        f"interpolated_{len(tables)}",
+    )
     tables[label] = points
-    return name(label)
+    return traced_name(label)
 
 
 def _line_of_time(node: Node) -> tuple[float, float] | None:
@@ -205,78 +225,80 @@ def _by_kinks(x: Traced, xp: Any, fp: Any) -> Any:
             f" or give it {MOST_KINKS} points at most"
         )
     slopes = np.diff(fp) / np.diff(xp)
-    inside = _clipped(x, float(xp[0]), float(xp[-1]))
-    result = float(fp[0]) + float(slopes[0]) * (inside - float(xp[0]))
+    clipped_x = _clip_elements(x, float(xp[0]), float(xp[-1]))
+    result = float(fp[0]) + float(slopes[0]) * (clipped_x - float(xp[0]))
     for start, change in zip(xp[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
         if change:
-            result = result + change * called("max", inside - start, 0.0)
+            result = result + change * called("max", clipped_x - start, 0.0)
     return result
 
 
-def _of_floats(value: Any) -> Any:
+def _untraced_floats(value: Any) -> Any:
     """Return an array of objects without traced numbers, also one in a list, as one of floats."""
     if isinstance(value, TracedArray) and not is_traced(value):
         return np.asarray(value, float)
-    return type(value)(map(_of_floats, value)) if type(value) in (list, tuple) else value
+    return type(value)(map(_untraced_floats, value)) if type(value) in (list, tuple) else value
 
 
-def _plain(value: Any) -> Any:
+def _plain_objects(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return np.asarray(value, object) if is_traced(value) else _of_floats(value)
+        return np.asarray(value, object) if is_traced(value) else _untraced_floats(value)
     return (
-        type(value)(map(_plain, value)) if isinstance(value, list | tuple) and is_traced(value) else _of_floats(value)
+        type(value)(map(_plain_objects, value))
+        if isinstance(value, list | tuple) and is_traced(value)
+        else _untraced_floats(value)
     )
 
 
-def _mapped(rule: Callable[[Any], Any], values: Any) -> Any:
+def _map_elements(rule: Callable[[Any], Any], values: Any) -> Any:
     array = np.asarray(values, object)
     results = np.empty(array.shape, object)
-    for place in np.ndindex(array.shape):
-        results[place] = rule(array[place])
+    for index in np.ndindex(array.shape):
+        results[index] = rule(array[index])
     return array_of(results) if array.shape else results[()]
 
 
-def _extreme(function: str, values: Any, axis: Any = None, *, keepdims: bool = False) -> Any:
-    return _reduced(lambda x, y: called(function, x, y), np.asarray(values, object), axis, keepdims=keepdims)
+def _extreme_along(function: str, values: Any, axis: Any = None, *, keepdims: bool = False) -> Any:
+    return _reduce_axes(lambda x, y: called(function, x, y), np.asarray(values, object), axis, keepdims=keepdims)
 
 
-def _reduced(join: Callable[[Any, Any], Any], values: Any, axis: Any, *, keepdims: Any = False) -> Any:
+def _reduce_axes(join: Callable[[Any, Any], Any], values: Any, axis: Any, *, keepdims: Any = False) -> Any:
     """Join the elements along an axis, ascending."""
     axes = [axis] if isinstance(axis, int) else list(range(values.ndim) if axis is None else axis)
-    moved = np.moveaxis(values, axes, range(len(axes)))
-    rows = moved.reshape(-1, *moved.shape[len(axes) :])
+    axes_first = np.moveaxis(values, axes, range(len(axes)))
+    rows = axes_first.reshape(-1, *axes_first.shape[len(axes) :])
     results = np.empty(rows.shape[1:], object)
-    for place in np.ndindex(results.shape):
-        results[place] = reduce(join, [rows[k, *place] for k in range(len(rows))]) if len(rows) else 0.0
+    for index in np.ndindex(results.shape):
+        results[index] = reduce(join, [rows[k, *index] for k in range(len(rows))]) if len(rows) else 0.0
     shape = [1 if k in {axis % values.ndim for axis in axes} else n for k, n in enumerate(values.shape)]
     return array_of(results.reshape(shape) if keepdims else results if results.shape else results[()])
 
 
-def _clipped(values: Any, low: Any = None, high: Any = None, **_: Any) -> Any:
+def _clip_elements(values: Any, low: Any = None, high: Any = None, **_: Any) -> Any:
     if low is not None:
-        values = array_of(each("maximum", [values, low]))
-    return values if high is None else array_of(each("minimum", [values, high]))
+        values = array_of(apply_elementwise("maximum", [values, low]))
+    return values if high is None else array_of(apply_elementwise("minimum", [values, high]))
 
 
-def _chosen(condition: Any, *ways: Any) -> Any:
-    if len(ways) != 2:
+def _choose_elements(condition: Any, *branches: Any) -> Any:
+    if len(branches) != 2:
         raise InputError(f"the function asks by numpy.where which values are true; {REMEDY}")
-    arrays = np.broadcast_arrays(*(np.asarray(value, object) for value in (condition, *ways)))
+    arrays = np.broadcast_arrays(*(np.asarray(value, object) for value in (condition, *branches)))
     results = np.empty(arrays[0].shape, object)
-    for place in np.ndindex(results.shape):
-        results[place] = choice(*(array[place] for array in arrays))
+    for index in np.ndindex(results.shape):
+        results[index] = choice(*(array[index] for array in arrays))
     return array_of(results if results.shape else results[()])
 
 
-def _norm(values: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:  # noqa: A002, FBT001, FBT002
+def _vector_norm(values: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:  # noqa: A002, FBT001, FBT002
     if ord not in (None, 2):
         raise InputError(f"the function calls numpy.linalg.norm with ord = {ord!r}; sums and numpy.abs say it too")
     array = np.asarray(values, object)
-    squares = _reduced(lambda x, y: x + y, array * array, axis, keepdims=keepdims)
-    return array_of(each("sqrt", [squares]))
+    squares = _reduce_axes(lambda x, y: x + y, array * array, axis, keepdims=keepdims)
+    return array_of(apply_elementwise("sqrt", [squares]))
 
 
-def _solved(matrix: Any, right: Any) -> Any:
+def _cramer_solution(matrix: Any, right: Any) -> Any:
     """Solve a linear system by Cramer's rule, which needs no pivots: the numbers are not known."""
     a, b = (np.asarray(value, object) for value in (matrix, right))
     if not is_traced(a):
@@ -288,13 +310,13 @@ def _solved(matrix: Any, right: Any) -> Any:
             " the most with a matrix that changes: for more write the inverse of a constant matrix times the right side"
         )
     columns = b.reshape(n, -1)
-    whole = _determinant(a)
+    determinant = _determinant(a)
     solution = np.empty(columns.shape, object)
     for k in range(columns.shape[1]):
         for i in range(n):
             replaced = a.copy()
             replaced[:, i] = columns[:, k]
-            solution[i, k] = _determinant(replaced) / whole
+            solution[i, k] = _determinant(replaced) / determinant
     return array_of(solution.reshape(b.shape))
 
 
@@ -318,23 +340,23 @@ def _determinant(matrix: Any) -> Any:
 
 
 def _inverse(matrix: Any) -> Any:
-    return _solved(matrix, np.eye(len(matrix)).astype(object))
+    return _cramer_solution(matrix, np.eye(len(matrix)).astype(object))
 
 
-def _gradient(values: Any, *spacing: Any) -> Any:
+def _even_gradient(values: Any, *spacing: Any) -> Any:
     """Return slopes of a row at even spacing, as numpy's of second order inside."""
     f = np.asarray(values, object)
     if f.ndim != 1 or len(spacing) > 1 or (spacing and np.ndim(spacing[0])):
         raise InputError("the function calls numpy.gradient of more than a row of even spacing; write its differences")
     h = spacing[0] if spacing else 1.0
-    inside = (f[2:] - f[:-2]) / (2.0 * h)
-    return array_of(np.concatenate([[(f[1] - f[0]) / h], inside, [(f[-1] - f[-2]) / h]]))
+    interior_slopes = (f[2:] - f[:-2]) / (2.0 * h)
+    return array_of(np.concatenate([[(f[1] - f[0]) / h], interior_slopes, [(f[-1] - f[-2]) / h]]))
 
 
 def _piecewise(conditions: Sequence[Any], values: Sequence[Any], default: Any = 0.0) -> Any:
     result = default
     for condition, value in reversed([*zip(conditions, values, strict=True)]):
-        result = _chosen(condition, value, result)
+        result = _choose_elements(condition, value, result)
     return result
 
 
@@ -345,17 +367,17 @@ _JOINED: dict[Any, Callable[[Any, Any], Any]] = {
     np.minimum: lambda x, y: called("min", x, y),
 }
 _RULES: dict[Any, Callable[..., Any]] = {
-    np.where: _chosen,
+    np.where: _choose_elements,
     np.select: _piecewise,
-    np.clip: _clipped,
-    np.max: lambda values, axis=None, **options: _extreme("max", values, axis, **options),
-    np.min: lambda values, axis=None, **options: _extreme("min", values, axis, **options),
-    np.round: lambda values, decimals=0: _mapped(lambda value: rounded(value, decimals), values),
-    np.linalg.norm: _norm,
-    np.linalg.solve: _solved,
+    np.clip: _clip_elements,
+    np.max: lambda values, axis=None, **options: _extreme_along("max", values, axis, **options),
+    np.min: lambda values, axis=None, **options: _extreme_along("min", values, axis, **options),
+    np.round: lambda values, decimals=0: _map_elements(lambda value: trace_rounding(value, decimals), values),
+    np.linalg.norm: _vector_norm,
+    np.linalg.solve: _cramer_solution,
     np.linalg.inv: _inverse,
     np.linalg.det: _determinant,
-    np.gradient: _gradient,
+    np.gradient: _even_gradient,
     np.zeros_like: lambda values, **_: array_of(np.zeros(np.shape(values)).astype(object)),
     np.empty_like: lambda values, **_: array_of(np.zeros(np.shape(values)).astype(object)),
     np.ones_like: lambda values, **_: array_of(np.ones(np.shape(values)).astype(object)),

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.conditions import Junction, chosen, counted, is_condition, junction, opposite
+from xdynamics.expressions.conditions import Junction, choice_tree, is_condition, junction, opposite, truth_as_number
 from xdynamics.expressions.numpy_names import COMPARED, NAMED
 from xdynamics.expressions.real_numbers import real
 from xdynamics.expressions.scipy_calls import scipy_remedy, special_remedy
@@ -41,41 +41,41 @@ class Traced:
         if nodes > MOST_NODES:
             raise InputError(f"the function writes an expression of over {MOST_NODES} nodes; it is too long for one")
 
-    def __add__(self, other: Any) -> Any:
-        return _joined("+", self, other)
+    def __add__(self, operand: Any) -> Any:
+        return _trace_operation("+", self, operand)
 
-    def __radd__(self, other: Any) -> Any:
-        return _joined("+", other, self)
+    def __radd__(self, operand: Any) -> Any:
+        return _trace_operation("+", operand, self)
 
-    def __sub__(self, other: Any) -> Any:
-        return _joined("-", self, other)
+    def __sub__(self, operand: Any) -> Any:
+        return _trace_operation("-", self, operand)
 
-    def __rsub__(self, other: Any) -> Any:
-        return _joined("-", other, self)
+    def __rsub__(self, operand: Any) -> Any:
+        return _trace_operation("-", operand, self)
 
-    def __mul__(self, other: Any) -> Any:
-        return _joined("*", self, other)
+    def __mul__(self, operand: Any) -> Any:
+        return _trace_operation("*", self, operand)
 
-    def __rmul__(self, other: Any) -> Any:
-        return _joined("*", other, self)
+    def __rmul__(self, operand: Any) -> Any:
+        return _trace_operation("*", operand, self)
 
-    def __truediv__(self, other: Any) -> Any:
-        return _joined("/", self, other)
+    def __truediv__(self, operand: Any) -> Any:
+        return _trace_operation("/", self, operand)
 
-    def __rtruediv__(self, other: Any) -> Any:
-        return _joined("/", other, self)
+    def __rtruediv__(self, operand: Any) -> Any:
+        return _trace_operation("/", operand, self)
 
-    def __mod__(self, other: Any) -> Any:
-        return _remainder(self, other)
+    def __mod__(self, operand: Any) -> Any:
+        return _trace_remainder(self, operand)
 
-    def __rmod__(self, other: Any) -> Any:
-        return _remainder(other, self)
+    def __rmod__(self, operand: Any) -> Any:
+        return _trace_remainder(operand, self)
 
-    def __floordiv__(self, other: Any) -> Any:
-        return _whole_quotient(self, other)
+    def __floordiv__(self, operand: Any) -> Any:
+        return _whole_quotient(self, operand)
 
-    def __rfloordiv__(self, other: Any) -> Any:
-        return _whole_quotient(other, self)
+    def __rfloordiv__(self, operand: Any) -> Any:
+        return _whole_quotient(operand, self)
 
     def __floor__(self) -> Traced:
         return called("floor", self)
@@ -84,19 +84,19 @@ class Traced:
         return called("ceil", self)
 
     def __round__(self, digits: int = 0) -> Traced:
-        return rounded(self, digits)
+        return trace_rounding(self, digits)
 
     def __pow__(self, exponent: Any) -> Any:
-        return _power(self, exponent)
+        return _trace_power(self, exponent)
 
     def __rpow__(self, base: Any) -> Any:
-        return _power(base, self)
+        return _trace_power(base, self)
 
-    def __and__(self, other: Any) -> Any:
-        return _junction("and", self, other)
+    def __and__(self, operand: Any) -> Any:
+        return _junction("and", self, operand)
 
-    def __or__(self, other: Any) -> Any:
-        return _junction("or", self, other)
+    def __or__(self, operand: Any) -> Any:
+        return _junction("or", self, operand)
 
     __rand__, __ror__ = __and__, __or__
 
@@ -104,7 +104,7 @@ class Traced:
         return Traced(opposite(self.node), self.nodes)
 
     def __neg__(self) -> Traced:
-        return Traced(Negative(counted(self.node)), self.nodes + 1)
+        return Traced(Negative(truth_as_number(self.node)), self.nodes + 1)
 
     def __pos__(self) -> Traced:
         return self
@@ -112,25 +112,25 @@ class Traced:
     def __abs__(self) -> Traced:
         return called("abs", self)
 
-    def __lt__(self, other: Any) -> Any:
-        return _compared("<", self, other)
+    def __lt__(self, operand: Any) -> Any:
+        return _trace_comparison("<", self, operand)
 
-    def __le__(self, other: Any) -> Any:
-        return _compared("<=", self, other)
+    def __le__(self, operand: Any) -> Any:
+        return _trace_comparison("<=", self, operand)
 
-    def __gt__(self, other: Any) -> Any:
-        return _compared(">", self, other)
+    def __gt__(self, operand: Any) -> Any:
+        return _trace_comparison(">", self, operand)
 
-    def __ge__(self, other: Any) -> Any:
-        return _compared(">=", self, other)
+    def __ge__(self, operand: Any) -> Any:
+        return _trace_comparison(">=", self, operand)
 
     __hash__ = None  # type: ignore[assignment]
 
-    def __eq__(self, other: object) -> Any:
-        return _compared("==", self, other)
+    def __eq__(self, operand: object) -> Any:
+        return _trace_comparison("==", self, operand)
 
-    def __ne__(self, other: object) -> Any:
-        return _compared("!=", self, other)
+    def __ne__(self, operand: object) -> Any:
+        return _trace_comparison("!=", self, operand)
 
     def __bool__(self) -> bool:
         raise InputError(f"the function decides by a value that is not known yet; {REMEDY}")
@@ -149,17 +149,17 @@ class Traced:
 
     conj = conjugate
 
-    def __array_ufunc__(self, ufunc: Any, how: str, *given: Any, **_: Any) -> Any:
+    def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **_: Any) -> Any:
         """Apply a function of numpy element by element."""
-        if how != "__call__" or any(isinstance(value, Row) for value in given):
+        if how != "__call__" or any(isinstance(value, Row) for value in inputs):
             return NotImplemented
-        return each(ufunc.__name__, given)
+        return apply_elementwise(ufunc.__name__, inputs)
 
 
 _ARRAYS = (np.ndarray, Row)
 
 
-def traced(function: Callable[..., Any], *given: Any) -> Any:
+def traced(function: Callable[..., Any], *arguments: Any) -> Any:
     """Call a function with names in place of numbers.
 
     Raises
@@ -168,7 +168,7 @@ def traced(function: Callable[..., Any], *given: Any) -> Any:
         If it does something that cannot be traced, or ends with an error of its own.
     """
     try:
-        return function(*given)
+        return function(*arguments)
     except InputError as error:
         if remedy := scipy_remedy(error.__traceback__):
             raise InputError(remedy) from None
@@ -182,12 +182,12 @@ def traced(function: Callable[..., Any], *given: Any) -> Any:
         raise InputError(f"the function ends with {type(error).__name__}: {error}{hint}") from None
 
 
-def name(word: str) -> Traced:
+def traced_name(word: str) -> Traced:
     """Return an unknown number by its name."""
     return Traced(Name(word))
 
 
-def node_of(one: Any) -> Node:
+def node_of(value: Any) -> Node:
     """Return the tree of a traced number or of a plain one.
 
     Raises
@@ -195,10 +195,10 @@ def node_of(one: Any) -> Node:
     InputError
         If it is neither, or not finite.
     """
-    return counted(_as(one).node)
+    return truth_as_number(_traced_value(value).node)
 
 
-def called(function: str, *given: Any) -> Traced:
+def called(function: str, *values: Any) -> Traced:
     """Trace the call of a function of the language.
 
     Raises
@@ -206,18 +206,18 @@ def called(function: str, *given: Any) -> Traced:
     InputError
         If an argument is not a finite number.
     """
-    arguments = [_as(argument) for argument in given]
+    arguments = [_traced_value(argument) for argument in values]
     return Traced(
-        Call(function, tuple(counted(argument.node) for argument in arguments)),
+        Call(function, tuple(truth_as_number(argument.node) for argument in arguments)),
         1 + sum(argument.nodes for argument in arguments),
     )
 
 
-def _as(value: Any) -> Traced:
+def _traced_value(value: Any) -> Traced:
     if isinstance(value, Traced):
         return value
     if isinstance(value, np.ndarray) and value.shape == ():
-        return _as(value.item())
+        return _traced_value(value.item())
     value = real(value)
     try:
         number = float(value)
@@ -228,9 +228,9 @@ def _as(value: Any) -> Traced:
     return Traced(Negative(Number(-number)) if number < 0 else Number(number))
 
 
-def _number(value: Any) -> Traced:
-    number = _as(value)
-    return Traced(counted(number.node), number.nodes + 3) if is_condition(number.node) else number
+def _traced_number(value: Any) -> Traced:
+    number = _traced_value(value)
+    return Traced(truth_as_number(number.node), number.nodes + 3) if is_condition(number.node) else number
 
 
 def _junction(word: str, left: Any, right: Any) -> Any:
@@ -238,14 +238,14 @@ def _junction(word: str, left: Any, right: Any) -> Any:
         return NotImplemented
     if isinstance(right, bool | np.bool_):
         return left if bool(right) is (word == "and") else bool(right)
-    first, second = _as(left), _as(right)
+    first, second = _traced_value(left), _traced_value(right)
     return Traced(junction(word, first.node, second.node), first.nodes + second.nodes + 6)
 
 
-def _joined(operator: str, left: Any, right: Any) -> Any:
+def _trace_operation(operator: str, left: Any, right: Any) -> Any:
     if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
-    first, second = _number(left), _number(right)
+    first, second = _traced_number(left), _traced_number(right)
     if operator == "*" and Number(0.0) in (first.node, second.node):  # a sparse matrix times a vector
         return Traced(Number(0.0))
     if (operator == "+" and first.node == Number(0.0)) or (operator == "*" and first.node == Number(1.0)):
@@ -255,7 +255,7 @@ def _joined(operator: str, left: Any, right: Any) -> Any:
     return Traced(Binary(operator, first.node, second.node), first.nodes + second.nodes + 1)
 
 
-def _constant(exponent: Any) -> float | None:
+def _constant_exponent(exponent: Any) -> float | None:
     """Return an exponent that is a number, traced or not; None of an expression."""
     if not isinstance(exponent, Traced):
         return float(exponent)
@@ -263,21 +263,21 @@ def _constant(exponent: Any) -> float | None:
     return sign * node.value if isinstance(node, Number) else None
 
 
-def _power(base: Any, exponent: Any) -> Any:
+def _trace_power(base: Any, exponent: Any) -> Any:
     if isinstance(base, _ARRAYS) or isinstance(exponent, _ARRAYS):
         return NotImplemented
-    number = _constant(exponent)
+    number = _constant_exponent(exponent)
     if number is None or abs(number) > LARGEST_EXPONENT:
         if number is None or not number.is_integer():
-            return called("exp", _joined("*", exponent, called("log", base)))
+            return called("exp", _trace_operation("*", exponent, called("log", base)))
         even = number - number % 2.0  # of a negative number too
-        power = called("exp", _joined("*", even, called("log", called("abs", base))))
-        return power if number == even else _joined("*", base, power)
-    traced_base = _number(base)
-    return Traced(Binary("**", traced_base.node, _as(exponent).node), traced_base.nodes + 2)
+        power = called("exp", _trace_operation("*", even, called("log", called("abs", base))))
+        return power if number == even else _trace_operation("*", base, power)
+    traced_base = _traced_number(base)
+    return Traced(Binary("**", traced_base.node, _traced_value(exponent).node), traced_base.nodes + 2)
 
 
-def _remainder(left: Any, right: Any) -> Any:
+def _trace_remainder(left: Any, right: Any) -> Any:
     if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
     return called("mod", left, right)
@@ -286,43 +286,49 @@ def _remainder(left: Any, right: Any) -> Any:
 def _whole_quotient(left: Any, right: Any) -> Any:
     if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
-    return called("floor", _joined("/", left, right))
+    return called("floor", _trace_operation("/", left, right))
 
 
-def rounded(value: Any, digits: int = 0) -> Traced:
+def trace_rounding(value: Any, digits: int = 0) -> Traced:
     """Round to a number of decimals."""
     scale = 10.0**digits
-    return called("round", value) if digits == 0 else _joined("/", called("round", _joined("*", value, scale)), scale)
+    return (
+        called("round", value)
+        if digits == 0
+        else _trace_operation("/", called("round", _trace_operation("*", value, scale)), scale)
+    )
 
 
 def heaviside(x: Any, at_zero: Any) -> Traced:
     """Trace a step."""
     if not isinstance(at_zero, Traced) and float(at_zero) in (0.0, 1.0):
-        return choice(_compared(">=" if at_zero else ">", x, 0.0), 1.0, 0.0)
-    return choice(_compared(">", x, 0.0), 1.0, choice(_compared("<", x, 0.0), 0.0, at_zero))
+        return choice(_trace_comparison(">=" if at_zero else ">", x, 0.0), 1.0, 0.0)
+    return choice(_trace_comparison(">", x, 0.0), 1.0, choice(_trace_comparison("<", x, 0.0), 0.0, at_zero))
 
 
-def _compared(operator: str, left: Any, right: Any) -> Any:
+def _trace_comparison(operator: str, left: Any, right: Any) -> Any:
     if isinstance(right, _ARRAYS):
         return NotImplemented
-    first, second = _as(left), _as(right)
+    first, second = _traced_value(left), _traced_value(right)
     return Traced(Compare(operator, first.node, second.node), first.nodes + second.nodes + 1)
 
 
 def choice(condition: Any, yes: Any, no: Any) -> Traced:
     """Trace a choice by a condition, or make it where the condition is known."""
     if not isinstance(condition, Traced):
-        return _as(yes if condition else no)
-    first, second = _number(yes), _number(no)
-    return Traced(chosen(condition.node, first.node, second.node), condition.nodes + first.nodes + second.nodes + 1)
+        return _traced_value(yes if condition else no)
+    first, second = _traced_number(yes), _traced_number(no)
+    return Traced(
+        choice_tree(condition.node, first.node, second.node), condition.nodes + first.nodes + second.nodes + 1
+    )
 
 
-def each(ufunc: str, given: Sequence[Any]) -> Any:
+def apply_elementwise(ufunc: str, inputs: Sequence[Any]) -> Any:
     """Apply a function of numpy, by its name, to numbers or to the elements of arrays."""
-    arrays = np.broadcast_arrays(*map(_boxed, given))
+    arrays = np.broadcast_arrays(*map(_boxed, inputs))
     results = np.empty(arrays[0].shape, object)
-    for place in np.ndindex(results.shape):
-        results[place] = applied(ufunc, [array[place] for array in arrays])
+    for index in np.ndindex(results.shape):
+        results[index] = applied(ufunc, [array[index] for array in arrays])
     return results if results.shape else results[()]
 
 
@@ -336,36 +342,36 @@ def _boxed(value: Any) -> Any:
 
 
 def _towards_zero(x: Any) -> Traced:
-    return choice(_compared(">=", x, 0.0), called("floor", x), called("ceil", x))
+    return choice(_trace_comparison(">=", x, 0.0), called("floor", x), called("ceil", x))
 
 
 _OPERATORS: dict[str, Callable[..., Any]] = {
-    "add": lambda x, y: _joined("+", x, y),
-    "subtract": lambda x, y: _joined("-", x, y),
-    "multiply": lambda x, y: _joined("*", x, y),
-    "divide": lambda x, y: _joined("/", x, y),
-    "negative": lambda x: -_as(x),
+    "add": lambda x, y: _trace_operation("+", x, y),
+    "subtract": lambda x, y: _trace_operation("-", x, y),
+    "multiply": lambda x, y: _trace_operation("*", x, y),
+    "divide": lambda x, y: _trace_operation("/", x, y),
+    "negative": lambda x: -_traced_value(x),
     "positive": lambda x: x,
-    "square": lambda x: _joined("*", x, x),
-    "power": _power,
-    "float_power": _power,
+    "square": lambda x: _trace_operation("*", x, x),
+    "power": _trace_power,
+    "float_power": _trace_power,
     **{f"{head}_and": lambda x, y: _junction("and", x, y) for head in ("bitwise", "logical")},
     **{f"{head}_or": lambda x, y: _junction("or", x, y) for head in ("bitwise", "logical")},
-    **{word: lambda x: ~_as(x) for word in ("invert", "logical_not")},
-    "reciprocal": lambda x: _joined("/", 1.0, x),
-    "cbrt": lambda x: called("sign", x) * abs(_as(x)) ** (1 / 3),
+    **{word: lambda x: ~_traced_value(x) for word in ("invert", "logical_not")},
+    "reciprocal": lambda x: _trace_operation("/", 1.0, x),
+    "cbrt": lambda x: called("sign", x) * abs(_traced_value(x)) ** (1 / 3),
     "floor_divide": _whole_quotient,
-    "fmod": lambda x, y: _joined("-", x, _joined("*", y, _towards_zero(_joined("/", x, y)))),
+    "fmod": lambda x, y: _trace_operation("-", x, _trace_operation("*", y, _towards_zero(_trace_operation("/", x, y)))),
     "trunc": _towards_zero,
     "heaviside": heaviside,
-    "log10": lambda x: _joined("/", called("log", x), float(np.log(10.0))),
-    "log2": lambda x: _joined("/", called("log", x), float(np.log(2.0))),
-    "exp2": lambda x: called("exp", _joined("*", x, float(np.log(2.0)))),
-    **dict.fromkeys(("rad2deg", "degrees"), lambda x: _joined("*", x, 180 / np.pi)),
-    **dict.fromkeys(("deg2rad", "radians"), lambda x: _joined("*", x, np.pi / 180)),
+    "log10": lambda x: _trace_operation("/", called("log", x), float(np.log(10.0))),
+    "log2": lambda x: _trace_operation("/", called("log", x), float(np.log(2.0))),
+    "exp2": lambda x: called("exp", _trace_operation("*", x, float(np.log(2.0)))),
+    **dict.fromkeys(("rad2deg", "degrees"), lambda x: _trace_operation("*", x, 180 / np.pi)),
+    **dict.fromkeys(("deg2rad", "radians"), lambda x: _trace_operation("*", x, np.pi / 180)),
     "conjugate": lambda x: x,
     "expm1": lambda x: called("exp", x) - 1.0,
-    "log1p": lambda x: called("log", _joined("+", 1.0, x)),
+    "log1p": lambda x: called("log", _trace_operation("+", 1.0, x)),
 }
 
 
@@ -380,7 +386,7 @@ def applied(ufunc: str, arguments: Sequence[Any]) -> Any:
     if ufunc in _OPERATORS:
         return _OPERATORS[ufunc](*arguments)
     if ufunc in COMPARED:
-        return _compared(COMPARED[ufunc], *arguments)
+        return _trace_comparison(COMPARED[ufunc], *arguments)
     if ufunc not in NAMED and not hasattr(np, ufunc):
         raise InputError(special_remedy(ufunc))
     if ufunc not in NAMED:
@@ -391,10 +397,10 @@ def applied(ufunc: str, arguments: Sequence[Any]) -> Any:
     return called(NAMED[ufunc], *arguments)
 
 
-def _methods() -> None:
+def _add_numpy_methods() -> None:
     """Give traced numbers the methods that numpy calls on elements of object arrays."""
     for word, ours in NAMED.items():
-        setattr(Traced, word, lambda self, *others, ours=ours: called(ours, self, *others))
+        setattr(Traced, word, lambda self, *operands, ours=ours: called(ours, self, *operands))
 
 
-_methods()
+_add_numpy_methods()

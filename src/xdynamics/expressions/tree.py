@@ -98,12 +98,12 @@ class Binary:
     right: Node
     column: int = field(default=0, compare=False)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Binary):
+    def __eq__(self, node: object) -> bool:
+        if not isinstance(node, Binary):
             return NotImplemented
-        if self is other:
+        if self is node:
             return True
-        (first, links), (other_first, other_links) = chain(self), chain(other)
+        (first, links), (other_first, other_links) = chain(self), chain(node)
         return (
             len(links) == len(other_links)
             and first == other_first
@@ -259,7 +259,7 @@ def text_of(node: Node) -> str:
         case Name():
             return node.name
         case Negative():
-            return f"-{_wrapped(node.operand, 3)}"
+            return f"-{_parenthesise(node.operand, 3)}"
         case Call():
             return f"{node.function}({', '.join(text_of(argument) for argument in node.arguments)})"
         case Compare():
@@ -272,7 +272,7 @@ def text_of(node: Node) -> str:
             return _text_of_chain(node)
 
 
-def shown(node: Node) -> str:
+def shortened_text(node: Node) -> str:
     """Print an expression for a message; a long one is shortened to its beginning and end."""
     text = text_of(node)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:60]} … {text[-60:]}"
@@ -287,18 +287,18 @@ def exponent_of(node: Node) -> Fraction | None:
     """Return the exact value of a constant exponent (``2``, ``-1``, ``0.5``, ``3/2``); None if it is not one."""
     match node:
         case Number():
-            return _exact(node.value)
+            return _exact_literal(node.value)
         case Negative():
             inner = exponent_of(node.operand)
             return None if inner is None else -inner
         case Binary(operator="/", left=Number() | Negative(), right=Number(value=value)) if value:
             numerator = exponent_of(node.left)
-            return None if numerator is None else numerator / _exact(value)
+            return None if numerator is None else numerator / _exact_literal(value)
     return None
 
 
 @lru_cache(maxsize=256)
-def _exact(value: float) -> Fraction:
+def _exact_literal(value: float) -> Fraction:
     """Return a literal as the decimal number that it is written as."""
     return Fraction(repr(value))
 
@@ -334,13 +334,13 @@ def _text_of_chain(node: Binary) -> str:
             opened += 1
         gap = " " if strength_of_link == 1 else ""
         parts.append(
-            f"{gap}{link.operator}{gap}{_wrapped(link.right, 3 if link.operator == '**' else strength_of_link + 1)}"
+            f"{gap}{link.operator}{gap}{_parenthesise(link.right, 3 if link.operator == '**' else strength_of_link + 1)}"
         )
         strength = strength_of_link
     return "(" * opened + "".join(parts)
 
 
-def _wrapped(node: Node, needed: int) -> str:
+def _parenthesise(node: Node, needed: int) -> str:
     """Print with parentheses where the node binds less tightly than its place needs."""
     text = text_of(node)
     return f"({text})" if _strength(node) < needed else text

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.archive import check_states
-from xdynamics.archive.place import Given, Place, placed
+from xdynamics.archive.place import Given, Place, location_of
 from xdynamics.faults import InputError
-from xdynamics.figures.film import FORMATS, HTML, Film, check_writer, drawn, written
+from xdynamics.figures.film import FORMATS, HTML, Film, check_writer, drawn_frames, encoded_film
 from xdynamics.figures.frame_sizes import LABELS
-from xdynamics.figures.marks import at_time, words
+from xdynamics.figures.marks import at_time, escaped_text
 from xdynamics.figures.powers import fold_power
 from xdynamics.figures.scenes import Scene, scene_of
-from xdynamics.figures.sheet import check_path, kept, lit
+from xdynamics.figures.sheet import background_style, check_path, temporary_file
 from xdynamics.record import of_elements
 from xdynamics.record.run_dataset import check_dataset
 
@@ -81,50 +81,52 @@ def animate(
     check_states(run)
     if "time" in run.variables and not run.variables["time"].size:
         raise InputError("there is nothing to draw: the record has no rows")
-    target, scene = placed(path) if path is not None else None, scene_of(run.copy(deep=False), trail)
-    _check(target, seconds, rate, dpi)
+    target, scene = location_of(path) if path is not None else None, scene_of(run.copy(deep=False), trail)
+    _check_film_options(target, seconds, rate, dpi)
     if scene is None:
         raise InputError(NO_SCENE)
     if trail is not None and not (isinstance(trail, int | float) and 0.0 <= trail < float("inf")):
         raise InputError(f"trail is {trail!r}, needs a non-negative time of the run")
     begin, end = float(scene.times[0]), float(scene.times[-1])
     span = end - begin
-    lasting = seconds if seconds is not None else span if 3.0 <= span <= 20.0 else 10.0
+    duration = seconds if seconds is not None else span if 3.0 <= span <= 20.0 else 10.0
     ending = HTML if target is None else target.suffix.lower()
-    with lit(dark=dark):
-        times = np.linspace(begin, end, max(2, round(lasting * rate)))
-        figure, frame_at = drawing(run, scene, times, dpi)
-        content = written(drawn(figure, frame_at, len(times)), ending, rate, escape(str(run.attrs.get("title", "run"))))
+    with background_style(dark=dark):
+        times = np.linspace(begin, end, max(2, round(duration * rate)))
+        figure, frame_at = scene_figure(run, scene, times, dpi)
+        content = encoded_film(
+            drawn_frames(figure, frame_at, len(times)), ending, rate, escape(str(run.attrs.get("title", "run")))
+        )
     if target is not None:
-        with kept("film", target) as place:
-            place.write_bytes(content)
+        with temporary_file("film", target) as temporary_path:
+            temporary_path.write_bytes(content)
     return Film(content, ending, target)
 
 
-def drawing(run: xr.Dataset, scene: Scene, times: Any, dpi: int) -> tuple[Any, Callable[[int], list[Any]]]:
+def scene_figure(run: xr.Dataset, scene: Scene, times: Any, dpi: int) -> tuple[Any, Callable[[int], list[Any]]]:
     """Return the figure of a scene, and what draws one frame on it, with its time, and returns what moved."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=scene.size, dpi=dpi, layout="constrained")
     axes = figure.subplots()
     axes.grid(linewidth=0.6)
-    beside = scene.start(axes)
-    for each in figure.axes:
-        fold_power(each.xaxis)
-        fold_power(each.yaxis)
-    title = words(f"{run.attrs.get('title', 'run')}{beside}")
+    scene_note = scene.start(axes)
+    for panel_axes in figure.axes:
+        fold_power(panel_axes.xaxis)
+        fold_power(panel_axes.yaxis)
+    title = escaped_text(f"{run.attrs.get('title', 'run')}{scene_note}")
     axes.set_title("\n".join(wrap(title, round((scene.size[0] - LABELS) * LETTERS))), loc="left", fontsize=10)
     paper = {"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.7, "pad": 2.0}  # over a map as well
     clock = axes.text(0.98, 0.98, "", transform=axes.transAxes, ha="right", va="top", family="monospace", bbox=paper)
 
-    def at(frame: int) -> list[Any]:
+    def draw_frame(frame: int) -> list[Any]:
         clock.set_text(at_time(run["time"], times[frame], 4))
-        return [*scene.at(float(times[frame])), clock]
+        return [*scene.move_to(float(times[frame])), clock]
 
-    return figure, at
+    return figure, draw_frame
 
 
-def _check(target: Place | None, seconds: Any, rate: Any, dpi: Any) -> None:
+def _check_film_options(target: Place | None, seconds: Any, rate: Any, dpi: Any) -> None:
     if target is not None:
         check_path(target, FORMATS, "film")
         check_writer(target.suffix.lower())
@@ -135,6 +137,6 @@ def _check(target: Place | None, seconds: Any, rate: Any, dpi: Any) -> None:
             f"{seconds:g} seconds at a rate of {rate} are {seconds * rate:.0f} frames, at most {MOST_FRAMES} are drawn;"
             " ask for fewer"
         )
-    for name, value, least, most in (("rate", rate, 1, 100), ("dpi", dpi, 20, 600)):
-        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-            raise InputError(f"{name} is {value!r}, needs a whole number from {least} to {most}")
+    for name, value, minimum, maximum in (("rate", rate, 1, 100), ("dpi", dpi, 20, 600)):
+        if isinstance(value, bool) or not isinstance(value, int) or not minimum <= value <= maximum:
+            raise InputError(f"{name} is {value!r}, needs a whole number from {minimum} to {maximum}")

@@ -9,7 +9,7 @@ import numpy as np
 from xdynamics.figures.body_paths import NUMBERED, BodyPath
 from xdynamics.figures.contrast import LETTERS, legible
 from xdynamics.figures.line_panels import GREY, MOST_NAMED
-from xdynamics.figures.marks import COLOURS, shortened, words
+from xdynamics.figures.marks import COLOURS, escaped_text, shortened_names
 from xdynamics.figures.placing import EVENT
 
 if TYPE_CHECKING:
@@ -26,29 +26,29 @@ SMALL = 6.5  # points of a name at its body
 def colours_of(view: list[BodyPath]) -> list[str]:
     """Return a colour for each body that is drawn, grey for those that never move."""
     view = view[:MOST_BODIES]
-    moving = [body for body in view if not body.is_fixed]
-    shades = [COLOURS[k % len(COLOURS)] for k in range(len(moving))]
-    if len(moving) > len(COLOURS) and all(body.dims for body in view):  # no colour twice
-        shades = _shades(len(moving))
-    left = iter(shades)
-    return [GREY if body.is_fixed else next(left) for body in view]
+    moving_bodies = [body for body in view if not body.is_fixed]
+    shades = [COLOURS[k % len(COLOURS)] for k in range(len(moving_bodies))]
+    if len(moving_bodies) > len(COLOURS) and all(body.dims for body in view):  # no colour twice
+        shades = _body_shades(len(moving_bodies))
+    remaining_shades = iter(shades)
+    return [GREY if body.is_fixed else next(remaining_shades) for body in view]
 
 
-def _shades(count: int) -> list[str]:
+def _body_shades(count: int) -> list[str]:
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
     return [legible(to_hex(shade)) for shade in colormaps[MANY](np.linspace(LEAST, MOST, count))]
 
 
-def left_out(view: list[BodyPath]) -> str:
+def omitted_bodies_note(view: list[BodyPath]) -> str:
     """Note how many bodies of a view are not drawn, if there are any."""
     return f", the first {MOST_BODIES} of {len(view)} bodies" if len(view) > MOST_BODIES else ""
 
 
 def brief_names(view: list[BodyPath]) -> list[str]:
     """Return the names of bodies as they stand at their places: labels or numbers without their dimension; none if unknown."""
-    return shortened([words(body.body) for body in view]) if all(body.dims for body in view) else []
+    return shortened_names([escaped_text(body.body) for body in view]) if all(body.dims for body in view) else []
 
 
 def names_at_bodies(view: list[BodyPath]) -> list[str]:
@@ -59,13 +59,13 @@ def names_at_bodies(view: list[BodyPath]) -> list[str]:
 def name_ends(view: list[BodyPath], places: list[tuple[float, float]], axes: Axes) -> str:
     """Put the names of bodies at the ends of their paths, where there is room, and return what the title says of them."""
     names = names_at_bodies(view)
-    for place, name, colour in zip(places, names, colours_of(view), strict=False):
+    for path_end, name, colour in zip(places, names, colours_of(view), strict=False):
         style: dict[str, Any] = {"textcoords": "offset points", "fontsize": SMALL, "gid": EVENT}
-        axes.annotate(name, place, (2, 2), color=legible(colour, LETTERS), **style)
+        axes.annotate(name, path_end, (2, 2), color=legible(colour, LETTERS), **style)
     if not names:
         return ""
-    what = f"{view[0].dims} numbers" if NUMBERED.fullmatch(view[0].body) else "names"
-    return f"; {what} at the ends, left out where crowded"
+    kind_of_names = f"{view[0].dims} numbers" if NUMBERED.fullmatch(view[0].body) else "names"
+    return f"; {kind_of_names} at the ends, left out where crowded"
 
 
 def colour_key(view: list[BodyPath], axes: Any) -> None:
@@ -79,7 +79,9 @@ def colour_key(view: list[BodyPath], axes: Any) -> None:
 
     scale = ScalarMappable(NoNorm(0, len(names) - 1), ListedColormap(colours_of(view)))
     ticks = np.unique(np.linspace(0, len(names) - 1, MOST_TICKS).round().astype(int))
-    place: Any = {"ax": axes, "shrink": 0.7, "pad": 0.15} if solid else {"cax": axes.inset_axes((1.02, 0.0, 0.03, 1.0))}
-    bar = axes.figure.colorbar(scale, ticks=ticks, **place)
+    bar_placement: Any = (
+        {"ax": axes, "shrink": 0.7, "pad": 0.15} if solid else {"cax": axes.inset_axes((1.02, 0.0, 0.03, 1.0))}
+    )
+    bar = axes.figure.colorbar(scale, ticks=ticks, **bar_placement)
     bar.ax.set_yticks(ticks, [names[k] for k in ticks], fontsize=7)
-    bar.set_label(words(view[0].dims), fontsize=8)
+    bar.set_label(escaped_text(view[0].dims), fontsize=8)

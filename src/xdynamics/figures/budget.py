@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from xdynamics.budgeting.budget_summary import contributed, doubt_of
-from xdynamics.evidence.evidence_dataset import stated
+from xdynamics.budgeting.budget_summary import contribution_text, drawn_doubt
+from xdynamics.evidence.evidence_dataset import stated_value
 from xdynamics.figures.line_panels import GREY
-from xdynamics.figures.marks import COLOURS, words
+from xdynamics.figures.marks import COLOURS, escaped_text
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,34 +26,41 @@ COLOUR = {"numerical": COLOURS[0], "physical": COLOURS[1]}
 
 def panels_of(budget: xr.Dataset) -> list[Panel]:
     """Return the panel of the terms and, if random draws were made, that of their intervals beside the linear one."""
-    return [partial(_terms, budget), *([partial(_intervals, budget)] if "monte_carlo_shortest" in budget else [])]
+    return [
+        partial(_draw_budget_terms, budget),
+        *([partial(_draw_intervals, budget)] if "monte_carlo_shortest" in budget else []),
+    ]
 
 
 def foot_of(budget: xr.Dataset) -> str:
     """Describe the number that the budget is for."""
-    return f"{budget.attrs['of']} = {stated(budget, 'result')}; method {budget.attrs['solver_method']}"
+    return f"{budget.attrs['of']} = {stated_value(budget, 'result')}; method {budget.attrs['solver_method']}"
 
 
-def _terms(budget: xr.Dataset, axes: Axes) -> None:
+def _draw_budget_terms(budget: xr.Dataset, axes: Axes) -> None:
     """Draw the standard uncertainty of each term, the largest on top, of many terms that of the smaller ones together; and totals."""
-    kinds, units = words_of(budget["term_kind"]), str(budget["value"].attrs["units"])
+    kinds, units = words_of_flag(budget["term_kind"]), str(budget["value"].attrs["units"])
     sizes, names = budget["standard_uncertainty"].values, budget["term_name"].values.astype(str)
     order = np.argsort(-sizes, kind="stable")
     totals = {"numerical": float(budget["numerical_rss"]), "physical": float(budget["physical_rss"])}
-    least = max([size for size in (*sizes, *totals.values()) if np.isfinite(size)], default=0.0) / SPAN
-    if not least > 0.0:
-        why = "its uncertainty is unknown" if np.isinf(sizes).any() else "nothing is uncertain"
-        axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", fontsize=9, color="#555555")
+    smallest_size = max([size for size in (*sizes, *totals.values()) if np.isfinite(size)], default=0.0) / SPAN
+    if not smallest_size > 0.0:
+        explanation = "its uncertainty is unknown" if np.isinf(sizes).any() else "nothing is uncertain"
+        axes.text(0.5, 0.5, explanation, transform=axes.transAxes, ha="center", fontsize=9, color="#555555")
         axes.set_axis_off()
         return
-    order, rest = (order, order[:0]) if len(order) <= MOST_TERMS + 1 else (order[:MOST_TERMS], order[MOST_TERMS:])
-    lines = {kind: total for kind, total in totals.items() if np.inf > total >= least}
-    bars = [(words(names[i]), float(sizes[i]), doubt_of(budget, i), COLOUR[kinds[i]]) for i in order.tolist()]
-    if rest.size:
-        bars.append((f"{rest.size} others together", float(np.linalg.norm(sizes[rest])), 0.0, GREY))
+    order, remaining_terms = (
+        (order, order[:0]) if len(order) <= MOST_TERMS + 1 else (order[:MOST_TERMS], order[MOST_TERMS:])
+    )
+    lines = {kind: total for kind, total in totals.items() if np.inf > total >= smallest_size}
+    bars = [(escaped_text(names[i]), float(sizes[i]), drawn_doubt(budget, i), COLOUR[kinds[i]]) for i in order.tolist()]
+    if remaining_terms.size:
+        bars.append(
+            (f"{remaining_terms.size} others together", float(np.linalg.norm(sizes[remaining_terms])), 0.0, GREY)
+        )
     for row, (_, size, doubt, colour) in enumerate(bars):
-        _bar(axes, row, size, doubt, least, colour)
-        _label(axes, row, size, doubt, least, [*lines.values()])
+        _draw_term_bar(axes, row, size, doubt, smallest_size, colour)
+        _label_term(axes, row, size, doubt, smallest_size, [*lines.values()])
     for kind, total in lines.items():
         axes.axvline(total, color=COLOUR[kind], linewidth=1.2, linestyle="--", label=f"{kind} together")
     axes.set_axisbelow(True)
@@ -61,30 +68,30 @@ def _terms(budget: xr.Dataset, axes: Axes) -> None:
     axes.set(
         xscale="log",
         ylim=(len(bars) - 0.4, -0.6),
-        xlim=(least / 2.0, least * SPAN * 5.0),
-        xlabel=words(f"standard uncertainty ({units})"),
+        xlim=(smallest_size / 2.0, smallest_size * SPAN * 5.0),
+        xlabel=escaped_text(f"standard uncertainty ({units})"),
     )
     axes.set_title("standard uncertainty from each source", loc="left", fontsize=10)
     if lines:
         axes.legend(fontsize=7, framealpha=0.85, edgecolor="none", loc="lower right")
 
 
-def _bar(axes: Axes, row: int, size: float, doubt: float, least: float, colour: str) -> None:
+def _draw_term_bar(axes: Axes, row: int, size: float, doubt: float, smallest_size: float, colour: str) -> None:
     """Draw one term, with its own uncertainty; one that is unknown, or too small for the axis, has no bar."""
-    if np.inf > size >= least:  # on a logarithmic axis 0 has no place
+    if np.inf > size >= smallest_size:  # on a logarithmic axis 0 has no place
         axes.barh(row, size, color=colour, height=0.7)
         if doubt > 0.0:
             axes.errorbar(size, row, xerr=doubt, color="#333333", linewidth=1.0, capsize=3.0)
 
 
-def _label(axes: Axes, row: int, size: float, doubt: float, least: float, lines: list[float]) -> None:
+def _label_term(axes: Axes, row: int, size: float, doubt: float, smallest_size: float, lines: list[float]) -> None:
     """Write the number of a term behind its bar, or behind a line of what is together that would cross the number."""
-    place = size + doubt if np.inf > size >= least else least / 2.0
+    label_x = size + doubt if np.inf > size >= smallest_size else smallest_size / 2.0
     for line in sorted(lines):
-        place = line if place < line < place * REACH else place
+        label_x = line if label_x < line < label_x * REACH else label_x
     axes.annotate(
-        contributed(size, doubt) + (" (too small for the axis)" if 0.0 < size < least else ""),
-        (place, row),
+        contribution_text(size, doubt) + (" (too small for the axis)" if 0.0 < size < smallest_size else ""),
+        (label_x, row),
         (4.0, 0.0),
         textcoords="offset points",
         va="center",
@@ -93,7 +100,7 @@ def _label(axes: Axes, row: int, size: float, doubt: float, least: float, lines:
     )
 
 
-def _intervals(budget: xr.Dataset, axes: Axes) -> None:
+def _draw_intervals(budget: xr.Dataset, axes: Axes) -> None:
     """Draw the intervals of the draws, and the linear budget's with the same coverage."""
     from xdynamics.model.uncertainty import normal_quantile
 
@@ -115,9 +122,9 @@ def _intervals(budget: xr.Dataset, axes: Axes) -> None:
             axes.errorbar(ends, [row, row], xerr=doubt, fmt="none", color="#333333", linewidth=1.0, capsize=3.0)
     axes.axvline(value, color=COLOURS[0], linewidth=1.0, label="the run's own value")
     axes.set_yticks(range(len(rows)), [*rows], fontsize=8)
-    axes.set(xlabel=words(f"{budget.attrs['of']} ({units})"), ylim=(len(rows) - 0.5, -0.5))
+    axes.set(xlabel=escaped_text(f"{budget.attrs['of']} ({units})"), ylim=(len(rows) - 0.5, -0.5))
     axes.locator_params(axis="x", nbins=4)  # numbers that differ in their last digits are long
-    verdict = words_of(budget["linear_verdict"])[0].replace("_", " ")
+    verdict = words_of_flag(budget["linear_verdict"])[0].replace("_", " ")
     axes.set_title(f"{coverage:.0%} intervals; the linear budget is {verdict}", loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 

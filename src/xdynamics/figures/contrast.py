@@ -16,19 +16,19 @@ def luminance(colour: str) -> float:
     return float(WEIGHTS @ _light(colour))
 
 
-def contrast(colour: str, paper: str) -> float:
+def contrast_ratio(colour: str, paper: str) -> float:
     """Return the ratio of the luminances of a colour and of the paper, the larger one over the smaller: from 1 to 21."""
     low, high = sorted((luminance(colour), luminance(paper)))
     return (high + FLARE) / (low + FLARE)
 
 
-def legible(colour: str, least: float = LINES, paper: str = "") -> str:
+def legible(colour: str, min_contrast: float = LINES, paper: str = "") -> str:
     """Return a colour, darker or lighter as far as its contrast with the paper needs.
 
     Parameters
     ----------
     colour : str
-    least : float
+    min_contrast : float
         Contrast.
     paper : str
         By default that of the sheet.
@@ -42,19 +42,21 @@ def legible(colour: str, least: float = LINES, paper: str = "") -> str:
     from matplotlib.colors import to_hex
 
     paper = paper or str(rcParams["axes.facecolor"])
-    if contrast(colour, paper) >= least:
+    if contrast_ratio(colour, paper) >= min_contrast:
         return to_hex(colour)
     light, brightness = _light(colour), luminance(paper) + FLARE
     if brightness > FLARE + 0.5:
-        light = light * max(0.0, brightness / least - FLARE) / float(WEIGHTS @ light)
+        light = light * max(0.0, brightness / min_contrast - FLARE) / float(WEIGHTS @ light)
     else:
-        own = float(WEIGHTS @ light)
-        light = light + (1.0 - light) * (min(1.0, brightness * least - FLARE) - own) / (1.0 - own)
+        light_luminance = float(WEIGHTS @ light)
+        light = light + (1.0 - light) * (min(1.0, brightness * min_contrast - FLARE) - light_luminance) / (
+            1.0 - light_luminance
+        )
     edge, slope = LINEAR
     coded = np.where(light <= edge / slope, slope * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
     # whole numbers of 255 on the far side of the contrast
-    away = np.floor if brightness > FLARE + 0.5 else np.ceil
-    red, green, blue = (np.clip(away(255.0 * coded), 0.0, 255.0) / 255.0).tolist()
+    rounding = np.floor if brightness > FLARE + 0.5 else np.ceil
+    red, green, blue = (np.clip(rounding(255.0 * coded), 0.0, 255.0) / 255.0).tolist()
     return to_hex((red, green, blue))
 
 

@@ -14,11 +14,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.left_out_rows import slack
-from xdynamics.dynamics.shortened_steps import sampled
-from xdynamics.evidence.observables import evaluated_whole, rate_on
+from xdynamics.dynamics.shortened_steps import sample_in_steps
+from xdynamics.evidence.observables import evaluate_quantity, rate_on
 from xdynamics.evidence.observed_quantities import widest
 from xdynamics.faults import InputError
-from xdynamics.figures.hermite import StatePolynomials, chain_of, derivatives
+from xdynamics.figures.hermite import StatePolynomials, derivative_chain, state_derivatives
 from xdynamics.figures.level_lines import REACTION, is_mean, known_model, means, stairs
 from xdynamics.figures.roles import with_role
 from xdynamics.methods.scheme import REINTEGRATE
@@ -48,7 +48,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Inner:
+class InnerStates:
     """States of a run inside its steps.
 
     Attributes
@@ -58,41 +58,41 @@ class Inner:
         Of `step`, from which each step goes.
     states : mapping of str to ndarray, shape (k,)
         In recorded units.
-    again : bool
+    is_repeated : bool
         Whether from repeated steps of the run's own method; else from Hermite polynomials through the values at both ends.
     """
 
     times: Floats
     rows: Rows
     states: Mapping[str, Floats]
-    again: bool
+    is_repeated: bool
     computed: dict[str, Floats | None] = field(default_factory=dict)  # from the states, as far as they were asked for
-    joined: list[tuple[Rows, Floats]] = field(
+    merged_orders: list[tuple[Rows, Floats]] = field(
         default_factory=list
     )  # order and times of rows and points, once for all lines
 
 
-def thinned(values: NDArray[Any], most: int = DRAWN, times: Floats | None = None) -> Rows:
+def thinned_rows(values: NDArray[Any], max_points: int = DRAWN, times: Floats | None = None) -> Rows:
     """Return rows to draw: all, or the least and the greatest of each stretch, in order, with both ends.
 
     Stretches have equal numbers of rows; where times are given, half of them have equal durations instead, so that both
     many short steps and a few long ones are kept.
     """
     n = len(values)
-    if n <= most:
+    if n <= max_points:
         return np.arange(n)
-    stretches = [np.linspace(0, n, most // 2 + 1).astype(np.int64)]
+    stretches = [np.linspace(0, n, max_points // 2 + 1).astype(np.int64)]
     if times is not None:
-        stretches[0] = np.linspace(0, n, most // 4 + 1).astype(np.int64)
-        stretches.append(np.searchsorted(times, np.linspace(times[0], times[-1], most // 4 + 1)[1:-1]))
+        stretches[0] = np.linspace(0, n, max_points // 4 + 1).astype(np.int64)
+        stretches.append(np.searchsorted(times, np.linspace(times[0], times[-1], max_points // 4 + 1)[1:-1]))
         stretches[1] = np.concatenate([[0], stretches[1], [n]]).astype(np.int64)
-    return np.unique(np.concatenate([[0, n - 1], *(extremes(values, edges) for edges in stretches)]))
+    return np.unique(np.concatenate([[0, n - 1], *(stretch_extremes(values, edges) for edges in stretches)]))
 
 
-def extremes(values: NDArray[Any], edges: Rows) -> Rows:
+def stretch_extremes(values: NDArray[Any], edges: Rows) -> Rows:
     """Return the rows of the least and of the greatest value of each stretch between edges; nan is neither."""
-    missing = np.isnan(values)
-    low, high = (np.where(missing, filled, values) if missing.any() else values for filled in (np.inf, -np.inf))
+    is_missing = np.isnan(values)
+    low, high = (np.where(is_missing, filler, values) if is_missing.any() else values for filler in (np.inf, -np.inf))
     return np.array(
         [
             begin + row
@@ -104,7 +104,7 @@ def extremes(values: NDArray[Any], edges: Rows) -> Rows:
     )
 
 
-def spread(n: int) -> Rows:
+def spread_rows(n: int) -> Rows:
     """Return rows all over a long run, at distances that follow no period of it."""
     count = min(DRAWN, n // 10)
     return np.unique((np.arange(count) + np.arange(count) * GOLDEN % 1.0) * (n / max(count, 1))).astype(np.int64)
@@ -115,24 +115,24 @@ def is_long(run: xr.Dataset) -> bool:
     return run.sizes[STEPS] > DRAWN or STEPS in run.coords
 
 
-def unjoined(x: Floats, y: Floats, times: Floats) -> tuple[Floats, Floats]:
+def broken_curve(x: Floats, y: Floats, times: Floats) -> tuple[Floats, Floats]:
     """Return a curve in a plane of a long run, broken where it leaps between rows that are left out: no chord is its own."""
-    chosen = [thinned(x, times=times), thinned(y, times=times), spread(len(x))]
-    rows = np.unique(np.concatenate(chosen)) if len(x) > 5 * DRAWN else np.arange(len(x))
+    row_sets = [thinned_rows(x, times=times), thinned_rows(y, times=times), spread_rows(len(x))]
+    rows = np.unique(np.concatenate(row_sets)) if len(x) > 5 * DRAWN else np.arange(len(x))
     x, y = x[rows], y[rows]
     leaps = [np.abs(np.diff(values)) / (np.nanmax(values) - np.nanmin(values) or 1.0) for values in (x, y)]
     breaks = 1 + np.flatnonzero(np.hypot(*leaps) > LEAP)
     return np.insert(x, breaks, np.nan), np.insert(y, breaks, np.nan)
 
 
-def alone(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def isolated_points(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return the points of a broken curve that no line joins, since their neighbours are left out."""
-    missing = np.concatenate([[True], np.isnan(x) | np.isnan(y), [True]])
-    single = ~missing[1:-1] & missing[:-2] & missing[2:]
-    return x[single], y[single]
+    is_missing = np.concatenate([[True], np.isnan(x) | np.isnan(y), [True]])
+    is_isolated = ~is_missing[1:-1] & is_missing[:-2] & is_missing[2:]
+    return x[is_isolated], y[is_isolated]
 
 
-def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, list[Floats]]:
+def plotted_lines(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, list[Floats]]:
     """Return times and values of the lines of some variables, all at the same times.
 
     Parameters
@@ -142,7 +142,7 @@ def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, li
     exact : bool
         Whether to leave out values from polynomials between rows, for quantities that hardly change.
     """
-    curves = [None if exact and not _is_again(run) else between(run, name) for name in names]
+    curves = [None if exact and not _is_from_repeated_steps(run) else refined_line(run, name) for name in names]
     available = [curve for curve in curves if curve is not None]
     if len(available) < len(curves):
         times, values = run.variables["time"].values, [run.variables[name].values for name in names]
@@ -150,7 +150,7 @@ def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, li
         times, values = available[0][0], [curve[1] for curve in available]
     if times.size <= DRAWN:
         return times, values
-    rows = np.unique(np.concatenate([thinned(curve, times=times) for curve in values]))
+    rows = np.unique(np.concatenate([thinned_rows(curve, times=times) for curve in values]))
     if "event_time" in run.variables and run.sizes["event"] <= DRAWN:  # no line passes by a state at an event
         rows = np.union1d(rows, np.flatnonzero(np.isin(times, run.variables["event_time"].values)))
     return times[rows], [curve[rows] for curve in values]
@@ -158,11 +158,11 @@ def drawn(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, li
 
 def has_chords(run: xr.Dataset, *names: str, exact: bool = False) -> bool:
     """Whether lines go straight from row to row across steps that are long in a picture."""
-    straight = (exact and not _is_again(run)) or any(between(run, name) is None for name in names)
-    return straight and _places(run)[0].size > 0
+    is_straight = (exact and not _is_from_repeated_steps(run)) or any(refined_line(run, name) is None for name in names)
+    return is_straight and _inner_times(run)[0].size > 0
 
 
-def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
+def refined_line(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     """Return times and values of a line through all rows and through states inside long steps.
 
     States come from the run's own method, by repeating its steps up to those times; quantities computed from states are
@@ -181,104 +181,106 @@ def between(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     values = inner.states.get(name)
     if values is None:
         if name not in inner.computed:
-            inner.computed[name] = _evaluated(run, name, inner)
+            inner.computed[name] = _evaluate_quantity(run, name, inner)
         values = inner.computed[name]
     if values is None:
         return None
-    if not inner.joined:
+    if not inner.merged_orders:
         order = np.argsort(np.concatenate([np.arange(run.sizes[STEPS]), inner.rows + 0.5]), kind="stable")
-        inner.joined.append((order, np.concatenate([run.variables["time"].values, inner.times])[order]))
-    ((order, times),) = inner.joined
+        inner.merged_orders.append((order, np.concatenate([run.variables["time"].values, inner.times])[order]))
+    ((order, times),) = inner.merged_orders
     line = np.concatenate([run.variables[name].values, values])[order]
     if not np.isfinite(values).all():  # a step's equations could not be solved again
-        lost = ~np.isfinite(line) & np.concatenate([np.zeros(run.sizes[STEPS], bool), ~np.isfinite(values)])[order]
-        line[lost] = np.interp(times[lost], times[~lost], line[~lost])
+        is_lost = ~np.isfinite(line) & np.concatenate([np.zeros(run.sizes[STEPS], bool), ~np.isfinite(values)])[order]
+        line[is_lost] = np.interp(times[is_lost], times[~is_lost], line[~is_lost])
     return times, line
 
 
-def moments(run: xr.Dataset) -> Floats:
+def line_times(run: xr.Dataset) -> Floats:
     """Return the times of rows and of points inside long steps."""
-    times: Floats = np.union1d(run.variables["time"].values, _places(run)[0])
+    times: Floats = np.union1d(run.variables["time"].values, _inner_times(run)[0])
     return times
 
 
-_KNOWN: dict[int, tuple[weakref.ref[xr.Dataset], Inner | None]] = {}  # of records that are being drawn
+_KNOWN: dict[int, tuple[weakref.ref[xr.Dataset], InnerStates | None]] = {}  # of records that are being drawn
 
 
-def inner_states(run: xr.Dataset) -> Inner | None:
+def inner_states(run: xr.Dataset) -> InnerStates | None:
     """Return the states inside steps, computed once per record; None if rows are many, or some were left out."""
-    kept = _KNOWN.get(id(run))
-    if kept is None or kept[0]() is not run:
+    cached_states = _KNOWN.get(id(run))
+    if cached_states is None or cached_states[0]() is not run:
         key = id(run)
-        kept = _KNOWN[key] = weakref.ref(run, partial(_KNOWN.pop, key)), _inner_points(run)
-    return kept[1]
+        cached_states = _KNOWN[key] = weakref.ref(run, partial(_KNOWN.pop, key)), _inner_points(run)
+    return cached_states[1]
 
 
-def _is_again(run: xr.Dataset) -> bool:
+def _is_from_repeated_steps(run: xr.Dataset) -> bool:
     inner = inner_states(run)
-    return inner is not None and inner.again
+    return inner is not None and inner.is_repeated
 
 
-def _inner_points(run: xr.Dataset) -> Inner | None:
-    times, rows = _places(run)
-    if not times.size or is_torn(run):
+def _inner_points(run: xr.Dataset) -> InnerStates | None:
+    times, rows = _inner_times(run)
+    if not times.size or has_missing_rows(run):
         return None
-    if (states := _again(run, times, rows)) is not None:
-        return Inner(times, rows, states, again=True)
-    named = [name for name in with_role(run, *STATES) if run.variables[name].dims == (STEPS,)]
-    model, work = known_model(run), _width(run) * run.sizes[STEPS]
-    derived = {} if model is None or work > RATES_WORK else derivatives(run, model)
-    known = {*map(str, run.variables), *derived}
-    chained = dict.fromkeys(name for name in named if chain_of(known, name))
+    if (states := _repeat_steps(run, times, rows)) is not None:
+        return InnerStates(times, rows, states, is_repeated=True)
+    state_names = [name for name in with_role(run, *STATES) if run.variables[name].dims == (STEPS,)]
+    model, work = known_model(run), _numbers_per_energy(run) * run.sizes[STEPS]
+    derived = {} if model is None or work > RATES_WORK else state_derivatives(run, model)
+    column_names = {*map(str, run.variables), *derived}
+    chained = dict.fromkeys(name for name in state_names if derivative_chain(column_names, name))
     available = StatePolynomials(run, times, rows, chained, derived)
-    return Inner(times, rows, available, again=False) if available else None
+    return InnerStates(times, rows, available, is_repeated=False) if available else None
 
 
-def _places(run: xr.Dataset) -> tuple[Floats, Rows]:
+def _inner_times(run: xr.Dataset) -> tuple[Floats, Rows]:
     """Distribute points over steps: an equal number for each while rows are few, or more in proportion to its duration."""
     time, n = run.variables["time"].values, run.sizes[STEPS]
     h, span = np.diff(time), float(time[-1] - time[0])
     if not span > 0.0:
         return np.zeros(0), np.zeros(0, np.int64)
-    points = min(DRAWN // 2, max(n, WORK // _width(run)), max(n, STATES_WORK // _numbers(run)))
+    points = min(DRAWN // 2, max(n, WORK // _numbers_per_energy(run)), max(n, STATES_WORK // _numbers_per_state(run)))
     fewest = min(points // n, MOST_BETWEEN)
-    counts = np.where((h > 0.0) & follows(run), np.maximum(fewest, h / span * points), 0.0).astype(np.int64)
+    counts = np.where((h > 0.0) & follows_previous_row(run), np.maximum(fewest, h / span * points), 0.0).astype(
+        np.int64
+    )
     rows = np.repeat(np.arange(n - 1), counts)
-    place = np.arange(rows.size) - (np.cumsum(counts) - counts)[rows] + 1
-    times = time[rows] + h[rows] * (place / (counts[rows] + 1))
-    inside = (times > time[rows]) & (times < time[rows + 1])  # a step of a few spacings of t has no room
-    return times[inside], rows[inside]
+    point_number = np.arange(rows.size) - (np.cumsum(counts) - counts)[rows] + 1
+    times = time[rows] + h[rows] * (point_number / (counts[rows] + 1))
+    is_in_step = (times > time[rows]) & (times < time[rows + 1])  # a step of a few spacings of t has no room
+    return times[is_in_step], rows[is_in_step]
 
 
-def _width(run: xr.Dataset) -> int:
+def _numbers_per_energy(run: xr.Dataset) -> int:
     """Count the numbers that an energy is made of at each state: of all links, where bodies attract each other."""
     model = known_model(run)
     return 1 if model is None or not model.shapes.dims else widest(model)
 
 
-def _numbers(run: xr.Dataset) -> int:
+def _numbers_per_state(run: xr.Dataset) -> int:
     """Count the numbers of a state."""
     model = known_model(run)
     return 1 if model is None else max(1, len(model.units))
 
 
-def is_torn(run: xr.Dataset) -> bool:
+def has_missing_rows(run: xr.Dataset) -> bool:
     """Whether rows were left out, so that the states between the remaining ones are not recorded."""
     time = run.variables["time"].values
     if "step_size" not in run.variables:
         return True
-    off = np.abs(np.diff(time) - run.variables["step_size"].values[1:])
+    step_mismatch = np.abs(np.diff(time) - run.variables["step_size"].values[1:])
     size = np.maximum(np.abs(time[1:]), np.abs(time[:-1]))
-    return bool(((off > slack(run) * size) & follows(run)).any())
+    return bool(((step_mismatch > slack(run) * size) & follows_previous_row(run)).any())
 
 
-def follows(run: xr.Dataset) -> NDArray[np.bool_]:
+def follows_previous_row(run: xr.Dataset) -> NDArray[np.bool_]:
     """Whether each row but the first is the one after the row before it: of an excerpt `step` has the numbers of rows."""
     following: NDArray[np.bool_] = np.diff(run[STEPS].values) == 1
     return following
 
 
-def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | None:
+def _repeat_steps(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | None:
     """Repeat steps, shortened to end at the times; None if the record lacks what this needs, or they miss its rows."""
     if (model := known_model(run)) is None:
         return None
@@ -287,26 +289,28 @@ def _again(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Floats] | No
     time, starts = run.variables["time"].values, np.unique(rows)
     ends = np.nextafter(time[starts + 1], time[starts])
     try:
-        samples = sampled(run, np.concatenate([times, ends]), after=True, rule=REINTEGRATE, functions=None)
+        samples = sample_in_steps(
+            run, np.concatenate([times, ends]), after_event=True, rule=REINTEGRATE, functions=None
+        )
     except InputError:
         return None
     for name in model.units:
         recorded = run.variables[name].values
         deviation = np.abs(samples.variables[name].values[times.size :] - recorded[starts + 1])
-        near = max(MET * np.ptp(recorded), ROUNDING * _added(run, name))
-        if not np.nanmax(deviation, initial=0.0) <= near:  # an edited record
+        tolerance = max(MET * np.ptp(recorded), ROUNDING * _largest_increment(run, name))
+        if not np.nanmax(deviation, initial=0.0) <= tolerance:  # an edited record
             return None
     return {name: samples.variables[name].values[: times.size] for name in model.units}
 
 
-def _added(run: xr.Dataset, name: str) -> float:
+def _largest_increment(run: xr.Dataset, name: str) -> float:
     """Return the most that a step adds to a state by any of its recorded derivatives alone, in the state's unit."""
     h = np.diff(run.variables["time"].values).max(initial=0.0)
-    derived = enumerate(chain_of({*map(str, run.variables)}, name)[1:], start=1)
-    return max((float(np.abs(run.variables[each].values).max() * h**k) for k, each in derived), default=0.0)
+    derived = enumerate(derivative_chain({*map(str, run.variables)}, name)[1:], start=1)
+    return max((float(np.abs(run.variables[derivative].values).max() * h**k) for k, derivative in derived), default=0.0)
 
 
-def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:
+def _evaluate_quantity(run: xr.Dataset, name: str, inner: InnerStates) -> Floats | None:
     """Evaluate a quantity that is computed from states; None if it disagrees with the recorded rows."""
     model, columns, attributes = known_model(run), run.variables, run.variables[name].attrs
     if model is None or attributes.get("role") not in EVALUATED or not {*model.units} <= {*inner.states}:
@@ -318,8 +322,8 @@ def _evaluated(run: xr.Dataset, name: str, inner: Inner) -> Floats | None:
     starts = np.unique(inner.rows)
     recorded, states = columns[name].values[starts], {state: columns[state].values[starts] for state in model.units}
     try:
-        evaluated = evaluated_whole(run, model, name, states, columns["time"].values[starts], starts) / units
-        values = evaluated_whole(run, model, name, inner.states, inner.times, inner.rows) / units
+        evaluated = evaluate_quantity(run, model, name, states, columns["time"].values[starts], starts) / units
+        values = evaluate_quantity(run, model, name, inner.states, inner.times, inner.rows) / units
     except (InputError, KeyError):
         return None
     # rows where something jumps have the value of either side: if most rows disagree, something else was recorded
@@ -334,19 +338,19 @@ def energy_changes(run: xr.Dataset) -> dict[str, float] | None:
     rest. None without a model, or with too few rows.
     """
     if ENERGY_CHANGES in run.encoding:
-        known: dict[str, float] | None = run.encoding[ENERGY_CHANGES]
-        return known
+        recorded_changes: dict[str, float] | None = run.encoding[ENERGY_CHANGES]
+        return recorded_changes
     inner, model = inner_states(run), known_model(run)
     if model is None or has_chords(run, "total_energy") or not {*model.units} <= set(run.variables):
         return None
     if inner is not None and not {*model.units} <= {*inner.states}:
         return None
-    accumulated = Accumulated(model)
-    return accumulated.largest if accumulated.add(run, inner) else None
+    accumulated = EnergyAccumulator(model)
+    return accumulated.largest_changes if accumulated.add_rows(run, inner) else None
 
 
 @dataclass
-class Accumulated:
+class EnergyAccumulator:
     """Changes of the total energy along a run, whose rows are added in order.
 
     Attributes
@@ -354,30 +358,35 @@ class Accumulated:
     model : Model
     last : tuple of float
         Work of the forces and changes at instants, up to the last row.
-    least, greatest : ndarray, shape (3,)
+    minima, maxima : ndarray, shape (3,)
         Of the work, of the changes at instants, and of the rest.
     """
 
     model: Model
     last: tuple[float, float] = (0.0, 0.0)
-    least: Floats = field(default_factory=lambda: np.full(3, np.inf))
-    greatest: Floats = field(default_factory=lambda: np.full(3, -np.inf))
+    minima: Floats = field(default_factory=lambda: np.full(3, np.inf))
+    maxima: Floats = field(default_factory=lambda: np.full(3, -np.inf))
 
     @property
-    def largest(self) -> dict[str, float]:
+    def largest_changes(self) -> dict[str, float]:
         """The largest change by each cause."""
-        return dict(zip(("forces", "events", "the method's error"), self.greatest - self.least, strict=True))
+        return dict(zip(("forces", "events", "the method's error"), self.maxima - self.minima, strict=True))
 
-    def add(self, run: xr.Dataset, inner: Inner | None = None) -> bool:
+    def add_rows(self, run: xr.Dataset, inner: InnerStates | None = None) -> bool:
         """Add rows, the first of which is the last of those before; return whether their rates could be evaluated."""
         model = self.model
         time, energy = run.variables["time"].values, run.variables["total_energy"].values
         rows = np.arange(run.sizes[STEPS])
-        inside = inner if inner is not None else Inner(np.zeros(0), np.zeros(0, np.int64), {}, again=True)
-        order = np.argsort(np.concatenate([rows, inside.rows + 0.5]), kind="stable")
-        times, all_rows = np.concatenate([time, inside.times])[order], np.concatenate([rows, inside.rows])[order]
+        points_in_steps = (
+            inner if inner is not None else InnerStates(np.zeros(0), np.zeros(0, np.int64), {}, is_repeated=True)
+        )
+        order = np.argsort(np.concatenate([rows, points_in_steps.rows + 0.5]), kind="stable")
+        times, all_rows = (
+            np.concatenate([time, points_in_steps.times])[order],
+            np.concatenate([rows, points_in_steps.rows])[order],
+        )
         states = {
-            state: np.concatenate([run.variables[state].values, inside.states.get(state, time[:0])])[order]
+            state: np.concatenate([run.variables[state].values, points_in_steps.states.get(state, time[:0])])[order]
             for state in model.units
         }
         try:
@@ -389,6 +398,6 @@ class Accumulated:
         work = self.last[0] + gained
         jumps = self.last[1] + np.concatenate([[0.0], np.cumsum(np.where(np.diff(time) > 0.0, 0.0, np.diff(energy)))])
         causes = np.stack([work, jumps, energy - work - jumps])
-        self.least, self.greatest = np.minimum(self.least, causes.min(1)), np.maximum(self.greatest, causes.max(1))
+        self.minima, self.maxima = np.minimum(self.minima, causes.min(1)), np.maximum(self.maxima, causes.max(1))
         self.last = float(work[-1]), float(jumps[-1])
         return True

@@ -12,7 +12,7 @@ from xdynamics.figures.element_maps import colour_bar, colours
 from xdynamics.figures.fields import name_axis
 from xdynamics.figures.frame_sizes import MARGIN, PROFILE, frame_size
 from xdynamics.figures.lattice import name_elements
-from xdynamics.figures.marks import COLOURS, in_unit, typeset, words
+from xdynamics.figures.marks import COLOURS, escaped_text, label_with_unit, typeset
 from xdynamics.shapes import Extent, Shapes
 
 if TYPE_CHECKING:
@@ -59,12 +59,12 @@ class Profile:
         self._line = axes.plot([], [], ".-", color=COLOURS[0], markersize=3, linewidth=1.2)[0]
         axes.set(ylim=(low - margin, high + margin))
         name_elements(axes, self.dim, self.extent)
-        axes.set_ylabel(words(f"{self.name} ({self.units})"))
+        axes.set_ylabel(escaped_text(f"{self.name} ({self.units})"))
         return " (grey: at the start)"
 
-    def at(self, now: float) -> list[Any]:
+    def move_to(self, time: float) -> list[Any]:
         """Draw the quantity at a time."""
-        values = _at(self.times, self.values, now)
+        values = _values_at_time(self.times, self.values, time)
         self._line.set_data(np.arange(len(values)), values)
         return [self._line]
 
@@ -105,19 +105,19 @@ class Plate:
         axes.grid(visible=False)
         for axis, dim in zip((axes.xaxis, axes.yaxis), self.dims, strict=True):
             name_axis(axis, self.shapes.extent(dim), dim, is_named=True)
-        colour_bar(self._mesh, in_unit(words(self.name), typeset(self.units)), axes)
-        return f", {words(self.name)} over {self.dims[0]} and {self.dims[1]}"
+        colour_bar(self._mesh, label_with_unit(escaped_text(self.name), typeset(self.units)), axes)
+        return f", {escaped_text(self.name)} over {self.dims[0]} and {self.dims[1]}"
 
-    def at(self, now: float) -> list[Any]:
+    def move_to(self, time: float) -> list[Any]:
         """Draw the quantity at a time."""
-        self._mesh.set_array(_at(self.times, self.values, now).T)
+        self._mesh.set_array(_values_at_time(self.times, self.values, time).T)
         return [self._mesh]
 
 
-def _at(times: Floats, values: Floats, now: float) -> Floats:
+def _values_at_time(times: Floats, values: Floats, time: float) -> Floats:
     """Return values at a time, straight between rows; behind an event those after it."""
-    row = int(np.clip(np.searchsorted(times, now, side="right"), 1, max(1, len(times) - 1)))
+    row = int(np.clip(np.searchsorted(times, time, side="right"), 1, max(1, len(times) - 1)))
     begin, end = float(times[row - 1]), float(times[min(row, len(times) - 1)])
-    part = (now - begin) / (end - begin) if end > begin else 1.0
+    part = (time - begin) / (end - begin) if end > begin else 1.0
     between: Floats = values[row - 1] + part * (values[min(row, len(times) - 1)] - values[row - 1])
     return between

@@ -10,11 +10,11 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.archive import open_run
-from xdynamics.evidence.enclosing.enclosure_dataset import bounded
-from xdynamics.evidence.evidence_dataset import stated
+from xdynamics.evidence.enclosing.enclosure_dataset import bounded_names
+from xdynamics.evidence.evidence_dataset import stated_value
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
-from xdynamics.figures.marks import COLOURS, in_unit, label_time, typeset, words
+from xdynamics.figures.marks import COLOURS, escaped_text, label_time, label_with_unit, typeset
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT, AT_TIME, ENCLOSURE, EVIDENCE, STEPS, bounds_of
 from xdynamics.units import unit_suffix
@@ -33,52 +33,52 @@ def panels_of(tube: xr.Dataset, beside: Sequence[Any] = ()) -> list[Panel]:
     InputError
         If what is to be drawn inside the tube is no run, or no time has bounds.
     """
-    runs = [each if isinstance(each, xr.Dataset) else open_run(each) for each in beside]
+    runs = [source if isinstance(source, xr.Dataset) else open_run(source) for source in beside]
     for run in runs:
         if run.attrs.get(EVIDENCE) or "time" not in run:
             raise InputError("what is drawn inside proven bounds is a run; leave out what is none")
-    along, time = (AT, AT_TIME) if AT_TIME in tube.variables else (STEPS, "time")
-    reached = tube.isel({along: np.flatnonzero(tube[time].values <= float(stated(tube, "proven_until")))})
-    if not reached.sizes[along]:
-        raise InputError(f"there is nothing to draw: {stated(tube, 'outcome_text')}")
-    ordered = reached.sortby(time)
-    names = [name for name in bounded(tube, along) if ordered[bounds_of(name)[0]].ndim == 1]
-    inside = [_sampled(run, ordered[time].values) for run in runs]
-    return [partial(_tube, ordered, name, time, inside) for name in names]
+    time_dim, time = (AT, AT_TIME) if AT_TIME in tube.variables else (STEPS, "time")
+    proven_part = tube.isel({time_dim: np.flatnonzero(tube[time].values <= float(stated_value(tube, "proven_until")))})
+    if not proven_part.sizes[time_dim]:
+        raise InputError(f"there is nothing to draw: {stated_value(tube, 'outcome_text')}")
+    sorted_tube = proven_part.sortby(time)
+    names = [name for name in bounded_names(tube, time_dim) if sorted_tube[bounds_of(name)[0]].ndim == 1]
+    sampled_runs = [_sampled_run(run, sorted_tube[time].values) for run in runs]
+    return [partial(_draw_tube, sorted_tube, name, time, sampled_runs) for name in names]
 
 
 def foot_of(tube: xr.Dataset) -> str:
     """Say what is proven."""
-    return f"{stated(tube, 'summary')} Bounds hold at the dots of a run, and wherever lines have corners."
+    return f"{stated_value(tube, 'summary')} Bounds hold at the dots of a run, and wherever lines have corners."
 
 
-def _sampled(run: xr.Dataset, times: np.ndarray[Any, Any]) -> xr.Dataset:
+def _sampled_run(run: xr.Dataset, times: np.ndarray[Any, Any]) -> xr.Dataset:
     """Return the states of a run at those times of a tube that it has."""
     ends = run.variables["time"].values[[0, -1]]
     return sample(run, times[(times >= ends[0]) & (times <= ends[1])])
 
 
-def _tube(tube: xr.Dataset, name: str, time: str, inside: list[xr.Dataset], axes: Axes) -> None:
+def _draw_tube(tube: xr.Dataset, name: str, time: str, sampled_runs: list[xr.Dataset], axes: Axes) -> None:
     """Draw one tube; of a narrow one how far its bounds and the runs are from its middle."""
     times, (low, high) = tube[time].values, (tube[bound].values for bound in bounds_of(name))
     width, unit = float((high - low).max()), str(tube[bounds_of(name)[0]].attrs["units"])
     middle = low + 0.5 * (high - low)
-    narrow = width < NARROW * float(np.ptp(middle))
-    about = middle if narrow else np.zeros_like(middle)
-    axes.fill_between(times, low - about, high - about, color=COLOURS[0], alpha=0.3, linewidth=0.0)
+    is_narrow = width < NARROW * float(np.ptp(middle))
+    reference = middle if is_narrow else np.zeros_like(middle)
+    axes.fill_between(times, low - reference, high - reference, color=COLOURS[0], alpha=0.3, linewidth=0.0)
     for bound in (low, high):
-        axes.plot(times, bound - about, color=COLOURS[0], linewidth=0.8)
-    for k, run in enumerate(inside):
+        axes.plot(times, bound - reference, color=COLOURS[0], linewidth=0.8)
+    for k, run in enumerate(sampled_runs):
         if name in run:
-            at = run.variables[AT_TIME].values
-            shown = run.variables[name].values - np.interp(at, times, about)
-            label = words(f"run by {run.attrs['solver_method']}")
-            axes.plot(at, shown, ".-", color=COLOURS[1 + k], linewidth=1.0, markersize=3, label=label)
+            run_times = run.variables[AT_TIME].values
+            deviation = run.variables[name].values - np.interp(run_times, times, reference)
+            label = escaped_text(f"run by {run.attrs['solver_method']}")
+            axes.plot(run_times, deviation, ".-", color=COLOURS[1 + k], linewidth=1.0, markersize=3, label=label)
             axes.legend(fontsize=8, loc="upper left", framealpha=0.6)
     label_time(axes, tube[time])
-    axes.set(ylabel=words(in_unit(f"{name} less the middle" if narrow else name, unit)))
+    axes.set(ylabel=escaped_text(label_with_unit(f"{name} less the middle" if is_narrow else name, unit)))
     last = f"{high[-1] - low[-1]:.2g}{unit_suffix(typeset(unit))} wide at the end"
-    axes.set_title(words(f"{name}, {last}"), loc="left", fontsize=10, pad=14)
+    axes.set_title(escaped_text(f"{name}, {last}"), loc="left", fontsize=10, pad=14)
 
 
 PAGE = Page((ENCLOSURE,), panels_of, foot_of, 6)

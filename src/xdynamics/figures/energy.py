@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.dynamics.path import steps_over_impacts
-from xdynamics.figures.companions import Beside
-from xdynamics.figures.curves import drawn, energy_changes, has_chords
+from xdynamics.figures.companions import Overlay
+from xdynamics.figures.curves import energy_changes, has_chords, plotted_lines
 from xdynamics.figures.element_maps import STEADY
 from xdynamics.figures.level_lines import known_model
-from xdynamics.figures.line_panels import DASHES, FEW_ROWS, over_the_run
-from xdynamics.figures.marks import COLOURS, label_time, shade_regimes, words
+from xdynamics.figures.line_panels import DASHES, FEW_ROWS, set_run_time_axis
+from xdynamics.figures.marks import COLOURS, escaped_text, label_time, shade_regimes
 from xdynamics.schema import ENERGIES, STEPS
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import known_part, short_number
@@ -43,48 +43,67 @@ def _departure(run: xr.Dataset) -> float:
     return float(np.ptp(run.variables["total_energy"].values)) / largest if largest else 0.0
 
 
-def draw(run: xr.Dataset, beside: Beside, axes: Axes) -> None:
+def draw_energy(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
     """Draw kinetic, potential and total energy if energy is exchanged, or kept to rounding, else how the total departs from its start.
 
     Of several runs the total is drawn alone.
     """
     units, energy = run.variables["total_energy"].attrs["units"], run.variables["total_energy"].values
-    others = [other for other in beside.others if "total_energy" in other.columns]
+    companions = [companion for companion in overlay.companions if "total_energy" in companion.columns]
     label_time(axes, run["time"])
-    kept = is_at_rounding(run)
-    if (is_exchanged(run) or kept) and not others:
+    is_conserved = is_at_rounding(run)
+    if (is_exchanged(run) or is_conserved) and not companions:
         names = [name for name in ENERGIES if name in run and run.variables[name].attrs["units"] == units]
-        lines = {name: drawn(run, name) for name in names}
+        lines = {name: plotted_lines(run, name) for name in names}
         sizes = [(float(np.abs(values).max()), float(np.ptp(values))) for _, (values,) in lines.values()]
-        flat = STEADY * max(size for size, _ in sizes) > max(change for _, change in sizes) > 0.0
+        is_flat = STEADY * max(size for size, _ in sizes) > max(change for _, change in sizes) > 0.0
         for colour, (name, (times, (values,))) in zip(COLOURS, lines.items(), strict=False):
-            axes.plot(times, values - flat * values[0], color=colour, label=name.split("_")[0], **_style(run, *names))
-        axes.set(ylabel=words(f"energy ({units})"))
-        about = f", total constant to {_departure(run):.0e} (relative)" if kept else _changed(run)
-        axes.set_title(f"energy{', each less its start' * flat}{about}{_at_rows(run, *names)}", loc="left", fontsize=10)
+            axes.plot(
+                times,
+                values - is_flat * values[0],
+                color=colour,
+                label=name.split("_")[0],
+                **_energy_line_style(run, *names),
+            )
+        axes.set(ylabel=escaped_text(f"energy ({units})"))
+        change_note = (
+            f", total constant to {_departure(run):.0e} (relative)" if is_conserved else _energy_change_note(run)
+        )
+        axes.set_title(
+            f"energy{', each less its start' * is_flat}{change_note}{_at_rows(run, *names)}", loc="left", fontsize=10
+        )
         axes.legend(fontsize=8, frameon=False)
         shade_regimes(run, axes)
         return
-    less = not is_exchanged(run)
-    times, (values,) = drawn(run, "total_energy", exact=True)
-    label = words(beside.own) if others else None
-    style = _style(run, "total_energy", exact=True)
-    axes.plot(times, values - less * energy[0], color=COLOURS[0 if others else 1], label=label, **style)
-    for k, other in enumerate(others):
-        times, values, _ = other.columns["total_energy"]
+    is_relative = not is_exchanged(run)
+    times, (values,) = plotted_lines(run, "total_energy", exact=True)
+    label = escaped_text(overlay.run_label) if companions else None
+    style = _energy_line_style(run, "total_energy", exact=True)
+    axes.plot(times, values - is_relative * energy[0], color=COLOURS[0 if companions else 1], label=label, **style)
+    for k, companion in enumerate(companions):
+        times, values, _ = companion.columns["total_energy"]
         colour, dashes = COLOURS[(k + 1) % len(COLOURS)], DASHES[k % len(DASHES)]
-        axes.plot(times, values - less * values[0], dashes, color=colour, linewidth=1.2, label=words(other.label))
-    if others:
+        axes.plot(
+            times,
+            values - is_relative * values[0],
+            dashes,
+            color=colour,
+            linewidth=1.2,
+            label=escaped_text(companion.label),
+        )
+    if companions:
         axes.legend(fontsize=8, frameon=False)
-    axes.set(ylabel=words(f"{'E - E(0)' if less else 'E'} ({units})"))
+    axes.set(ylabel=escaped_text(f"{'E - E(0)' if is_relative else 'E'} ({units})"))
     note = _at_rows(run, "total_energy", exact=True)
-    known = known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, [])
-    start = f" less its start, {short_number(float(energy[0]), known)}{unit_suffix(units)}" if less else ""
-    axes.set_title(words(f"total energy{start}{note}"), loc="left", fontsize=10)
-    over_the_run(run, axes)
+    known_digits = known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, [])
+    start = (
+        f" less its start, {short_number(float(energy[0]), known_digits)}{unit_suffix(units)}" if is_relative else ""
+    )
+    axes.set_title(escaped_text(f"total energy{start}{note}"), loc="left", fontsize=10)
+    set_run_time_axis(run, axes)
 
 
-def _style(run: xr.Dataset, *names: str, exact: bool = False) -> dict[str, Any]:
+def _energy_line_style(run: xr.Dataset, *names: str, exact: bool = False) -> dict[str, Any]:
     """Return the style of lines, or of points where energies between rows are unknown: chords would miss their swings."""
     if not has_chords(run, *names, exact=exact):
         return {"linewidth": 1.0}
@@ -95,13 +114,13 @@ def _at_rows(run: xr.Dataset, *names: str, exact: bool = False) -> str:
     return "; at recorded states" if has_chords(run, *names, exact=exact) else ""
 
 
-def _changed(run: xr.Dataset) -> str:
+def _energy_change_note(run: xr.Dataset) -> str:
     """Name what changes the total energy appreciably: forces, events or the method's error."""
     changes = energy_changes(run)
     if changes is None:
         return ""
     share = MATTERS * float(np.ptp(run.variables["total_energy"].values))
-    causes = [what for what, change in changes.items() if change > share]
+    causes = [cause for cause, change in changes.items() if change > share]
     model = known_model(run)
     if causes[-1:] == ["the method's error"] and model is not None and steps_over_impacts(run, model):
         causes[-1:] = ["contacts", "the method's error"]

@@ -11,15 +11,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.figures.lattice import shapes_of
-from xdynamics.figures.marks import INK, words
+from xdynamics.figures.lattice import model_shapes
+from xdynamics.figures.marks import INK, escaped_text
 from xdynamics.figures.placing import EVENT
 from xdynamics.reaction_names import contact_force, friction_force
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.partial_records import is_run
 from xdynamics.schema import at_event
-from xdynamics.shapes import parted
+from xdynamics.shapes import split_element_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,30 +75,30 @@ class EventKind:
         return {"color": INK(), "markerfacecolor": "none", "zorder": 3, "linestyle": "none", "marker": marker}
 
     @property
-    def drawn(self) -> Rows:
+    def marked_events(self) -> Rows:
         """The events that are marked."""
         return self.events if self.is_drawn else self.events[:0]
 
 
-def counted(what: str, count: int, *, is_drawn: bool = True) -> str:
+def counted_name(event_name: str, count: int, *, is_drawn: bool = True) -> str:
     """Name what happens once, and count what happens more often.
 
     Examples
     --------
-    >>> counted("floor impact", 23)
+    >>> counted_name("floor impact", 23)
     'floor impact ×23'
-    >>> counted("floor impact", 2300, is_drawn=False)
+    >>> counted_name("floor impact", 2300, is_drawn=False)
     'floor impact ×2300, not marked'
     """
-    return (what if count == 1 else f"{what} ×{count}") + ("" if is_drawn else ", not marked")
+    return (event_name if count == 1 else f"{event_name} ×{count}") + ("" if is_drawn else ", not marked")
 
 
 def event_kinds(run: xr.Dataset) -> list[EventKind]:
     """Return the events of a run by name and kind, in the order in which they first happen."""
-    detectors, kinds = words_of(run["event_detector"]), words_of(run["event_kind"])
+    detectors, kinds = words_of_flag(run["event_detector"]), words_of_flag(run["event_kind"])
     pairs = [*zip(detectors, kinds, strict=True)]
     if len({*pairs}) > MOST_NAMED:  # elements of one event together
-        pairs = [(parted(name)[0], kind) for name, kind in pairs]
+        pairs = [(split_element_name(name)[0], kind) for name, kind in pairs]
     counts = Counter(pairs)
     numbers: dict[tuple[str, str], list[int]] = {pair: [] for pair in counts}
     for number, pair in enumerate(pairs):
@@ -106,7 +106,7 @@ def event_kinds(run: xr.Dataset) -> list[EventKind]:
     are_many = len(pairs) > MOST_DRAWN
     return [
         EventKind(
-            counted(name if kind in PLAIN else f"{name} {kind}", count, is_drawn=not are_many or count <= SELDOM),
+            counted_name(name if kind in PLAIN else f"{name} {kind}", count, is_drawn=not are_many or count <= SELDOM),
             name,
             MARKERS.get(kind, OTHER_MARKERS[n % len(OTHER_MARKERS)]),
             np.array(numbers[name, kind]),
@@ -124,10 +124,10 @@ def are_in_legend(kinds: list[EventKind]) -> bool:
 
 def legend_label(kinds: list[EventKind], n: int, axes: Axes) -> str:
     """Return the name of a kind in the legend; nothing where another panel of the sheet has named all of them."""
-    if n > MOST_IN_LEGEND or any(_has_legend(other) for other in axes.figure.axes if other is not axes):
+    if n > MOST_IN_LEGEND or any(_has_legend(panel_axes) for panel_axes in axes.figure.axes if panel_axes is not axes):
         return ""
-    more = f"and {len(kinds) - n} more kinds"
-    return words(more if n == MOST_IN_LEGEND and len(kinds) > n + 1 else kinds[n].name)
+    further_kinds = f"and {len(kinds) - n} more kinds"
+    return escaped_text(further_kinds if n == MOST_IN_LEGEND and len(kinds) > n + 1 else kinds[n].name)
 
 
 def _has_legend(axes: Axes) -> bool:
@@ -149,10 +149,10 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> bool:
     heights = EventHeights(run, names)
     if are_in_legend(kinds):
         for n, kind in enumerate(kinds):
-            label, shown = legend_label(kinds, n, axes), kind.drawn
+            label, marked_events = legend_label(kinds, n, axes), kind.marked_events
             axes.plot(
-                run.variables["event_time"].values[shown],
-                heights.at(kind, shown),
+                run.variables["event_time"].values[marked_events],
+                heights.heights_of(kind, marked_events),
                 label=label,
                 gid=IN_LEGEND,
                 **kind.style,
@@ -167,14 +167,14 @@ def _name_at_marks(run: xr.Dataset, kinds: list[EventKind], heights: EventHeight
     labels: dict[tuple[int, float], list[str]] = {}
     rows, times = rows_named(run, "event_row_before"), run.variables["time"].values
     for n, kind in enumerate(kinds):
-        height = heights.at(kind, kind.events)
+        height = heights.heights_of(kind, kind.events)
         axes.plot(times[rows[kind.events]], height, markersize=4.5, **kind.style)
         if n <= MOST_NAMED:
-            place = int(rows[kind.events[0]]), float(height[0])
-            more = f"and {len(kinds) - n} more kinds"
-            labels.setdefault(place, []).append(kind.name if n < MOST_NAMED else more)
+            mark_point = int(rows[kind.events[0]]), float(height[0])
+            further_kinds = f"and {len(kinds) - n} more kinds"
+            labels.setdefault(mark_point, []).append(kind.name if n < MOST_NAMED else further_kinds)
     for (row, first), texts in labels.items():
-        text = words(", ".join(texts))
+        text = escaped_text(", ".join(texts))
         axes.annotate(text, (times[row], first), (5, 5), textcoords="offset points", fontsize=7.5, gid=EVENT)
 
 
@@ -194,20 +194,22 @@ class EventHeights:
         self.run, self.names = run, names
         self.concerned = concerned_elements(run)
 
-    def at(self, kind: EventKind, events: Rows) -> NDArray[np.float64]:
+    def heights_of(self, kind: EventKind, events: Rows) -> NDArray[np.float64]:
         """Return the heights of some events."""
-        lines, rows = self._lines_of(kind.detector), rows_named(self.run, "event_row_before")
-        own = [self._own(lines, int(event)) for event in events]
-        return np.array([float(self.run[name].values[rows[event]]) for name, event in zip(own, events, strict=True)])
+        lines, rows = self._concerned_lines(kind.detector), rows_named(self.run, "event_row_before")
+        own_lines = [self._own_line(lines, int(event)) for event in events]
+        return np.array(
+            [float(self.run[name].values[rows[event]]) for name, event in zip(own_lines, events, strict=True)]
+        )
 
-    def _own(self, lines: list[str], event: int) -> str:
+    def _own_line(self, lines: list[str], event: int) -> str:
         """Return, of the lines of elements, that with the most labels of an event's own elements."""
-        return max(lines, key=lambda name: len(self.concerned[event] & {*parted(name)[1]}))
+        return max(lines, key=lambda name: len(self.concerned[event] & {*split_element_name(name)[1]}))
 
-    def _lines_of(self, detector: str) -> list[str]:
+    def _concerned_lines(self, detector: str) -> list[str]:
         """Return the lines that an event may concern: its contact's own force, or those that its function, gap or slip names."""
         variables, forces = self.run.variables, (contact_force(detector), friction_force(detector))
-        if own_forces := [name for name in self.names if parted(name)[0] in forces]:
+        if own_forces := [name for name in self.names if split_element_name(name)[0] in forces]:
             return own_forces
         texts = [
             variables[entry].attrs.get(key, "")
@@ -219,20 +221,21 @@ class EventHeights:
         texts += [entry.partition(": ")[2] for entry in described if entry.startswith(f"{detector}: ")]
         symbols = {*re.findall(r"[A-Za-z_]\w*", " ".join(map(str, texts)))}
         # a gap that reads a coordinate concerns its velocity too, and a slip that reads a velocity its coordinate
-        whole = {name: parted(name)[0] for name in self.names}
+        quantity_by_name = {name: split_element_name(name)[0] for name in self.names}
         matches = [
             name
             for name in self.names
-            if {name, whole[name], whole[name].removeprefix("v_"), f"v_{whole[name]}"} & symbols
+            if {name, quantity_by_name[name], quantity_by_name[name].removeprefix("v_"), f"v_{quantity_by_name[name]}"}
+            & symbols
         ]
         return matches or self.names[:1]
 
 
 def concerned_elements(run: xr.Dataset) -> list[frozenset[str]]:
     """Return the labels of the elements that each event concerns; none of an event of single coordinates."""
-    shapes = shapes_of(run)
+    shapes = model_shapes(run)
     columns = [
-        words_of(run[name])
+        words_of_flag(run[name])
         if run.variables[name].attrs.get("role") == "flag"
         else [str(number) for number in run.variables[name].values]
         for name in map(at_event, (*shapes.extents, *ENDS))

@@ -1,6 +1,6 @@
 """Of a long run in chunks, the rows that a figure shows: each chunk is read once, and few of its rows are kept.
 
-What is kept of every column are the least and the greatest of each stretch of rows and of time, as `curves.thinned` keeps
+What is kept of every column are the least and the greatest of each stretch of rows and of time, as `curves.thinned_rows` keeps
 them; what happens at events, at changes of the regime, in steps that are long in a picture, and at the times of profiles and
 sections. `step` then has the numbers of the rows: between rows that do not follow each other nothing is recomputed.
 """
@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.evidence.stages import computed
+from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.evidence.stages import compute_datasets
 from xdynamics.evidence.stored_columns import RowRange, StoredColumns
-from xdynamics.figures.curves import DRAWN, ENERGY_CHANGES, Accumulated, extremes, spread
-from xdynamics.figures.lattice import moments_of
-from xdynamics.figures.line_panels import strobes
+from xdynamics.figures.curves import DRAWN, ENERGY_CHANGES, EnergyAccumulator, spread_rows, stretch_extremes
+from xdynamics.figures.lattice import profile_times
+from xdynamics.figures.line_panels import section_times
 from xdynamics.figures.marks import MOST_BANDS
-from xdynamics.figures.plane import positions, read_by
+from xdynamics.figures.plane import plane_positions, plane_variables
 from xdynamics.model import Model
 from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import EVENTS, SAMPLES, STEP_NUMBER, STEPS, TRIALS
@@ -43,14 +43,14 @@ BESIDE = {STEPS: STEP_NUMBER.name, **KINDS}  # read with what is drawn
 EVENT_ROWS = ("event_row_before", "event_row_after")
 
 
-def drawn_of(run: xr.Dataset, wanted: Sequence[str] | None = None) -> xr.Dataset:
+def excerpt_of(run: xr.Dataset, requested_columns: Sequence[str] | None = None) -> xr.Dataset:
     """Return what a figure draws of a run, in memory: all rows of a short one, an excerpt of a long one.
 
     Parameters
     ----------
     run : xarray.Dataset
         In chunks; one in memory is returned as it is.
-    wanted : sequence of str, optional
+    requested_columns : sequence of str, optional
         Columns that are drawn because they are named; what is drawn of no figure stays in chunks.
     """
     names = [
@@ -58,50 +58,59 @@ def drawn_of(run: xr.Dataset, wanted: Sequence[str] | None = None) -> xr.Dataset
         for name, variable in run.variables.items()
         if is_chunked(variable)
         and variable.dims[:1] != (SAMPLES,)
-        and (variable.attrs.get("role") not in ON_REQUEST or name in (wanted or ()))
+        and (variable.attrs.get("role") not in ON_REQUEST or name in (requested_columns or ()))
     ]
     if not names:
         return run
     if sum(run.variables[name].size for name in names) <= MOST_NUMBERS or "time" not in run.variables:
-        return run.assign(computed(run[names])[0].variables)
-    along = {dim: [name for name in names if run.variables[name].dims[:1] == (dim,)] for dim in CLOCKS}
-    short = [name for name in names if not any(name in listed for listed in along.values())]
-    excerpt = run.assign(computed(run[short])[0].variables) if short else run
+        return run.assign(compute_datasets(run[names])[0].variables)
+    columns_by_dim = {dim: [name for name in names if run.variables[name].dims[:1] == (dim,)] for dim in CLOCKS}
+    short = [name for name in names if not any(name in dim_columns for dim_columns in columns_by_dim.values())]
+    excerpt = run.assign(compute_datasets(run[short])[0].variables) if short else run
     for dim in (TRIALS, EVENTS):
-        if along[dim]:
-            most = _most(len(along[dim]) * len(along[STEPS]))
-            excerpt = _kept(_columns(excerpt, dim), dim, along[dim], most, lambda _: iter(()))
-    if not along[STEPS]:
+        if columns_by_dim[dim]:
+            max_rows = _max_rows_per_column(len(columns_by_dim[dim]) * len(columns_by_dim[STEPS]))
+            excerpt = _read_excerpt(
+                _stored_columns(excerpt, dim), dim, columns_by_dim[dim], max_rows, lambda _: iter(())
+            )
+    if not columns_by_dim[STEPS]:
         return excerpt
-    columns = _columns(excerpt, STEPS)
-    shown = _Shown.of(columns)
-    excerpt = _kept(columns, STEPS, along[STEPS], _most(len(along[STEPS]) ** 2), shown.rows_of, shown.functions)
-    excerpt.encoding[ENERGY_CHANGES] = shown.changes_of_energy
+    columns = _stored_columns(excerpt, STEPS)
+    shown_rows = _ShownRows.from_columns(columns)
+    excerpt = _read_excerpt(
+        columns,
+        STEPS,
+        columns_by_dim[STEPS],
+        _max_rows_per_column(len(columns_by_dim[STEPS]) ** 2),
+        shown_rows.rows_of,
+        shown_rows.plane_coordinates,
+    )
+    excerpt.encoding[ENERGY_CHANGES] = shown_rows.changes_of_energy
     return excerpt
 
 
-def _most(columns: int) -> int:
+def _max_rows_per_column(columns: int) -> int:
     """Return how many rows are kept of each column, so that not too many are kept of all."""
     return min(DRAWN, max(FEWEST, MOST_NUMBERS // max(1, columns)))
 
 
-def _columns(run: xr.Dataset, dim: str) -> StoredColumns:
-    return StoredColumns(run, dim, kept=(CLOCKS[dim],), room=ROOM)
+def _stored_columns(run: xr.Dataset, dim: str) -> StoredColumns:
+    return StoredColumns(run, dim, cached_names=(CLOCKS[dim],), room=ROOM)
 
 
-def _kept(
+def _read_excerpt(
     columns: StoredColumns,
     dim: str,
     names: list[str],
-    most: int,
-    others: Callable[[RowRange], Iterator[Any]],
+    max_rows: int,
+    further_rows: Callable[[RowRange], Iterator[Any]],
     functions: Callable[[RowRange], Iterator[Any]] | None = None,
 ) -> xr.Dataset:
     """Read columns along a dimension chunk by chunk; keep extremes of each stretch of them, and other rows.
 
     Parameters
     ----------
-    others : callable
+    further_rows : callable
         Yields further rows of a part that are shown, by their places in it.
     functions : callable, optional
         Yields what is computed from a part's columns and has extremes, too.
@@ -110,33 +119,40 @@ def _kept(
 
     run, clock, kind = columns.run, CLOCKS[dim], KINDS.get(dim)
     if not columns.size:
-        return run.assign(computed(run[names])[0].variables)
-    start, end = columns.at(clock, [0, columns.size - 1]).tolist()
-    by_row = np.linspace(0, columns.size, most // 4 + 1).astype(np.int64)
-    by_time = np.linspace(start, end, most // 4 + 1)[1:-1]
+        return run.assign(compute_datasets(run[names])[0].variables)
+    start, end = columns.values_at(clock, [0, columns.size - 1]).tolist()
+    by_row = np.linspace(0, columns.size, max_rows // 4 + 1).astype(np.int64)
+    by_time = np.linspace(start, end, max_rows // 4 + 1)[1:-1]
     numeric = [
         name for name in names if run[name].dtype.kind == "f" and run.variables[name].dims == (dim,) and name != clock
     ]
-    kept: dict[str, list[Any]] = {name: [] for name in (*names, dim)}
-    read = list(dict.fromkeys([clock, *names, BESIDE[dim]]))
-    for part in columns.parts(*read):
-        values = [_positive(part.own(name)) if name in LOGARITHMIC else part.own(name) for name in numeric]
+    column_parts: dict[str, list[Any]] = {name: [] for name in (*names, dim)}
+    columns_read = list(dict.fromkeys([clock, *names, BESIDE[dim]]))
+    for part in columns.parts(*columns_read):
+        values = [
+            _positive_or_nan(part.own_rows(name)) if name in LOGARITHMIC else part.own_rows(name) for name in numeric
+        ]
         values += functions(part) if functions else ()
-        rows = [row - part.before for row in map(np.asarray, others(part)) if row.size]
-        of_kinds = [np.flatnonzero(part.own(kind) == code) for code in np.unique(part.own(kind))] if kind else []
+        rows = [row - part.rows_before for row in map(np.asarray, further_rows(part)) if row.size]
+        of_kinds = (
+            [np.flatnonzero(part.own_rows(kind) == code) for code in np.unique(part.own_rows(kind))] if kind else []
+        )
         for group in of_kinds or [np.arange(part.count)]:
-            borders = [by_row - part.first, np.searchsorted(part.own(clock), by_time)]
+            borders = [by_row - part.first, np.searchsorted(part.own_rows(clock), by_time)]
             edges = np.searchsorted(group, np.clip(np.concatenate([[0, part.count], *borders]), 0, part.count))
-            rows += [group[extremes(column[group], np.unique(edges))] for column in values] + [group[:1], group[-1:]]
-        chosen = np.unique(np.concatenate(rows))
-        chosen = chosen[(chosen >= 0) & (chosen < part.count)]
+            rows += [group[stretch_extremes(column[group], np.unique(edges))] for column in values] + [
+                group[:1],
+                group[-1:],
+            ]
+        selected_rows = np.unique(np.concatenate(rows))
+        selected_rows = selected_rows[(selected_rows >= 0) & (selected_rows < part.count)]
         for name in names:
-            kept[name].append(part.own(name)[chosen])
-        kept[dim].append(part.first + chosen)
-    numbers = np.concatenate(kept.pop(dim))
+            column_parts[name].append(part.own_rows(name)[selected_rows])
+        column_parts[dim].append(part.first + selected_rows)
+    numbers = np.concatenate(column_parts.pop(dim))
     read_columns = {
         name: xr.Variable(run.variables[name].dims, np.concatenate(parts), run.variables[name].attrs)
-        for name, parts in kept.items()
+        for name, parts in column_parts.items()
     }
     index = {"units": "1", "long_name": f"number along {dim}", "role": "index"}
     return (
@@ -147,12 +163,12 @@ def _kept(
     )
 
 
-def _positive(values: Any) -> Any:
+def _positive_or_nan(values: Any) -> Any:
     return np.where(values > 0, values, np.nan)
 
 
 @dataclass
-class _Shown:
+class _ShownRows:
     """What is shown of the rows of a run beside the extremes of its columns.
 
     Attributes
@@ -182,50 +198,50 @@ class _Shown:
     moments: Floats
     nearest: float = field(default=np.inf)
     changes: int = 0
-    energy: Accumulated | None = None
+    energy: EnergyAccumulator | None = None
 
     @classmethod
-    def of(cls, columns: StoredColumns) -> _Shown:
+    def from_columns(cls, columns: StoredColumns) -> _ShownRows:
         """Read from a run what is known before its rows are read."""
         run = columns.run
-        model = model_of(run, None) if "model_toml" in run else None
-        start, end = columns.at("time", [0, columns.size - 1]).tolist()
-        moments = [moments_of(start, end)]
+        model = model_of_record(run, None) if "model_toml" in run else None
+        start, end = columns.values_at("time", [0, columns.size - 1]).tolist()
+        moments = [profile_times(start, end)]
         if model is not None and model.pictured.section is not None:
-            moments.append(strobes(model, start, end))
+            moments.append(section_times(model, start, end))
         events = [run.variables[name].values for name in EVENT_ROWS if name in run.variables]
         numbers = np.unique(np.concatenate([np.zeros(0, np.int64), *events]))
-        shown = cls(run, model, numbers, run.sizes[STEPS], end - start, np.sort(np.concatenate(moments)))
+        shown_rows = cls(run, model, numbers, run.sizes[STEPS], end - start, np.sort(np.concatenate(moments)))
         if model is not None and not model.python_functions and {"total_energy", *model.units} <= {*run.variables}:
-            shown.energy = Accumulated(model)
-        return shown
+            shown_rows.energy = EnergyAccumulator(model)
+        return shown_rows
 
     @property
     def changes_of_energy(self) -> dict[str, float] | None:
         """The largest changes of the total energy by what causes them, where they are known."""
-        return None if self.energy is None else self.energy.largest
+        return None if self.energy is None else self.energy.largest_changes
 
     def rows_of(self, part: RowRange) -> Iterator[Any]:
         """Yield rows of a part, by their places in its columns."""
-        time, numbers = part.columns["time"], part.numbers
+        time, numbers = part.columns["time"], part.row_numbers
         middle = np.array([0, (self.size - 1) // 2, self.size // 2, self.size - 1])  # the median of the times, too
-        yield np.flatnonzero(np.isin(numbers, np.concatenate([middle, spread(self.size)])))
+        yield np.flatnonzero(np.isin(numbers, np.concatenate([middle, spread_rows(self.size)])))
         yield np.flatnonzero(np.isin(part.columns[STEP_NUMBER.name], self.events))
-        apart = np.diff(time)
-        long = np.flatnonzero(apart * (DRAWN // 2) >= self.span)
-        yield from (long, long + 1)
-        if self.energy is not None and (long.size or not self.energy.add(self._columns_of(part))):
+        intervals = np.diff(time)
+        long_steps = np.flatnonzero(intervals * (DRAWN // 2) >= self.span)
+        yield from (long_steps, long_steps + 1)
+        if self.energy is not None and (long_steps.size or not self.energy.add_rows(self._columns_of(part))):
             self.energy = None  # states inside long steps would matter
-        positive = np.where(apart > 0.0, apart, np.inf)
+        positive = np.where(intervals > 0.0, intervals, np.inf)
         if positive.size and positive.min() < self.nearest:
             self.nearest = float(positive.min())
             yield int(positive.argmin()) + np.arange(2)
-        inside = self.moments[(self.moments >= time[0]) & (self.moments <= time[-1])]
-        before = np.searchsorted(time, inside, side="right") - 1
-        yield from (before, np.minimum(before + 1, time.size - 1))
+        inner_moments = self.moments[(self.moments >= time[0]) & (self.moments <= time[-1])]
+        rows_before = np.searchsorted(time, inner_moments, side="right") - 1
+        yield from (rows_before, np.minimum(rows_before + 1, time.size - 1))
         if "regime" in part.columns and self.changes <= MOST_BANDS:
             changed = 1 + np.flatnonzero(np.diff(part.columns["regime"]))
-            changed = changed[(changed >= part.before) & (changed < part.before + part.count)]
+            changed = changed[(changed >= part.rows_before) & (changed < part.rows_before + part.count)]
             self.changes += changed.size
             yield from (changed, changed - 1)
 
@@ -233,7 +249,7 @@ class _Shown:
         """Return a part with the row before it as a record in memory."""
         import xarray as xr
 
-        end = part.before + part.count
+        end = part.rows_before + part.count
         columns = {
             name: (STEPS, values[:end], self.run[name].attrs)
             for name, values in part.columns.items()
@@ -241,10 +257,10 @@ class _Shown:
         }
         return xr.Dataset(columns, attrs=self.run.attrs)
 
-    def functions(self, part: RowRange) -> Iterator[Any]:
+    def plane_coordinates(self, part: RowRange) -> Iterator[Any]:
         """Yield where the model's plane has its bodies."""
-        if self.model is None or not {*(names := read_by(self.model))} <= {*part.columns}:
+        if self.model is None or not {*(names := plane_variables(self.model))} <= {*part.columns}:
             return
-        states = {name: part.own(name) for name in names}
-        for x, y in positions(self.model, part.own("time"), states):
+        states = {name: part.own_rows(name) for name in names}
+        for x, y in plane_positions(self.model, part.own_rows("time"), states):
             yield from (x, y)

@@ -79,26 +79,26 @@ class Film:
         return f'<video controls loop style="max-width:100%" src="data:video/mp4;base64,{data}"></video>'
 
 
-def drawn(figure: Figure, at: Callable[[int], list[Any]], count: int) -> Iterator[Image]:
-    """Yield frames: what stands still is drawn once, what `at` moves is drawn over a copy of it."""
+def drawn_frames(figure: Figure, draw_frame: Callable[[int], list[Any]], count: int) -> Iterator[Image]:
+    """Yield frames: what stands still is drawn once, what `draw_frame` moves is drawn over a copy of it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
     canvas: Any = FigureCanvasAgg(figure)
-    moving = at(0)
-    for artist in moving:
+    moving_artists = draw_frame(0)
+    for artist in moving_artists:
         artist.set_animated(True)
     canvas.draw()
-    still = canvas.copy_from_bbox(figure.bbox)
+    background = canvas.copy_from_bbox(figure.bbox)
     size = canvas.get_width_height(physical=True)
     for frame in range(count):
-        canvas.restore_region(still)
-        for artist in at(frame):
+        canvas.restore_region(background)
+        for artist in draw_frame(frame):
             artist.axes.draw_artist(artist)
         yield Image.frombytes("RGBA", size, bytes(canvas.buffer_rgba())).convert("RGB")
 
 
-def written(frames: Iterator[Image], ending: str, rate: int, title: str) -> bytes:
+def encoded_film(frames: Iterator[Image], ending: str, rate: int, title: str) -> bytes:
     """Return the content of a film's file.
 
     Raises
@@ -108,7 +108,7 @@ def written(frames: Iterator[Image], ending: str, rate: int, title: str) -> byte
     """
     if ending == MP4:
         return _mp4(frames, rate)
-    reduced = _reduced([*frames])
+    reduced = _reduce_colours([*frames])
     if ending == GIF:
         stored = BytesIO()
         reduced[0].save(
@@ -119,16 +119,16 @@ def written(frames: Iterator[Image], ending: str, rate: int, title: str) -> byte
     return PAGE.format(title=title, last=len(reduced) - 1, frames=pictures, wait=round(1000 / rate)).encode()
 
 
-def _reduced(frames: list[Image]) -> list[Image]:
+def _reduce_colours(frames: list[Image]) -> list[Image]:
     """Return frames with few colours, the same in all, so that what stands still does not flicker."""
     from PIL import Image
 
-    chosen = frames[:: max(1, len(frames) // MEASURED)][:MEASURED]
+    measured_frames = frames[:: max(1, len(frames) // MEASURED)][:MEASURED]
     width, height = frames[0].size
-    together = Image.new("RGB", (width, height * len(chosen)))
-    for k, frame in enumerate(chosen):
-        together.paste(frame, (0, k * height))
-    palette = together.quantize(SHADES, method=Image.Quantize.FASTOCTREE)
+    sample_image = Image.new("RGB", (width, height * len(measured_frames)))
+    for k, frame in enumerate(measured_frames):
+        sample_image.paste(frame, (0, k * height))
+    palette = sample_image.quantize(SHADES, method=Image.Quantize.FASTOCTREE)
     return [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
 
 
@@ -161,8 +161,10 @@ def _mp4(frames: Iterator[Image], rate: int) -> bytes:
         size = f"{first.width}x{first.height}"
         command = ["ffmpeg", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(rate)]
         command += ["-i", "-", "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-pix_fmt", "yuv420p", "-y", str(part)]
-        given = b"".join(frame.tobytes() for frame in (first, *frames))
-        done = subprocess.run(command, input=given, capture_output=True, check=False)  # noqa: S603 - no shell, own words
-        if done.returncode:
-            raise InputError(f"ffmpeg could not write the film: {done.stderr.decode(errors='replace').strip()[:200]}")
+        raw_frames = b"".join(frame.tobytes() for frame in (first, *frames))
+        process = subprocess.run(command, input=raw_frames, capture_output=True, check=False)  # noqa: S603 - no shell, own words
+        if process.returncode:
+            raise InputError(
+                f"ffmpeg could not write the film: {process.stderr.decode(errors='replace').strip()[:200]}"
+            )
         return part.read_bytes()

@@ -27,7 +27,7 @@ def frame_size(limits: NDArray[np.float64], names: Sequence[str]) -> tuple[float
     """
     width, height = np.ptp(limits, axis=-1)
     longer = max(width, height)
-    return max(LEAST, SIDE * width / longer) + _beside(names), max(LEAST, SIDE * height / longer) + LABELS
+    return max(LEAST, SIDE * width / longer) + _room_beside_axes(names), max(LEAST, SIDE * height / longer) + LABELS
 
 
 def double_frame_size(
@@ -44,12 +44,12 @@ def double_frame_size(
     is_stacked : bool
         Whether one is over the other.
     """
-    sides = np.array([np.ptp(each, axis=-1) for each in limits])
+    sides = np.array([np.ptp(view_limits, axis=-1) for view_limits in limits])
     width, height = (sides[0, 0], sides[:, 1].sum()) if is_stacked else (sides[:, 0].sum(), sides[0, 1])
     scale = DOUBLE / max(width, height)
-    return max(LEAST, scale * width) + LABELS + _beside(names), max(LEAST, scale * height) + 2.0 * LABELS
+    return max(LEAST, scale * width) + LABELS + _room_beside_axes(names), max(LEAST, scale * height) + 2.0 * LABELS
 
 
-def _beside(names: Sequence[str]) -> float:
+def _room_beside_axes(names: Sequence[str]) -> float:
     """Return the room that stands beside the axes."""
     return LABELS + (KEY + LETTER * max(map(len, names)) if names else 0.0)

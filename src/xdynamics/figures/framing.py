@@ -39,11 +39,11 @@ class Frame:
         lengths: Floats = np.ptp(self.limits, axis=-1)
         return lengths
 
-    def inside(self, points: Floats) -> Floats:
+    def points_inside(self, points: Floats) -> Floats:
         """Return points, shape (dimensions, n), with nan for those that lie outside."""
-        within = ((points >= self.limits[:, :1]) & (points <= self.limits[:, 1:])).all(axis=0)
-        kept: Floats = np.where(within, points, np.nan)
-        return kept
+        is_inside = ((points >= self.limits[:, :1]) & (points <= self.limits[:, 1:])).all(axis=0)
+        visible_points: Floats = np.where(is_inside, points, np.nan)
+        return visible_points
 
 
 def frame_of(paths: Sequence[Floats], times: Sequence[Floats]) -> Frame:
@@ -58,52 +58,59 @@ def frame_of(paths: Sequence[Floats], times: Sequence[Floats]) -> Frame:
     times : sequence of ndarray, shape (n,)
     """
     boxes = np.stack([np.stack([path.min(axis=1), path.max(axis=1)], axis=-1) for path in paths])
-    whole, starts = _around(boxes), np.stack([path[:, :1] for path in paths])
+    full_box, starts = _bounding_box(boxes), np.stack([path[:, :1] for path in paths])
     middle = np.median(starts[..., 0], axis=0)
     reach = np.abs(boxes - middle[:, None]).max(axis=(1, 2))
     order = np.argsort(-reach, kind="stable")
     for count in range(1, len(paths) // MOST_LEAVING + 1 if len(paths) >= FEWEST_BODIES else 0):
-        held = np.concatenate([np.delete(boxes, order[:count], axis=0), np.repeat(starts[order[:count]], 2, axis=-1)])
-        rest = _around(held)
-        side = float(np.ptp(rest, axis=-1).max())
-        if not 0.0 < GAIN * side <= float(np.ptp(whole, axis=-1).max()):
+        kept_boxes = np.concatenate(
+            [np.delete(boxes, order[:count], axis=0), np.repeat(starts[order[:count]], 2, axis=-1)]
+        )
+        kept_box = _bounding_box(kept_boxes)
+        side = float(np.ptp(kept_box, axis=-1).max())
+        if not 0.0 < GAIN * side <= float(np.ptp(full_box, axis=-1).max()):
             continue
-        limits = rest + EDGE * side * np.array([-1.0, 1.0])
-        left = [(int(body), _leaves(paths[body], times[body], limits)) for body in order[:count]]
+        limits = kept_box + EDGE * side * np.array([-1.0, 1.0])
+        left = [(int(body), _leaving_time(paths[body], times[body], limits)) for body in order[:count]]
         if any(time is None for _, time in left):
             break
-        said = sorted(((body, time) for body, time in left if time is not None), key=lambda each: (each[1], each[0]))
-        return Frame(limits, tuple(said))
+        leaving_bodies = sorted(
+            ((body, time) for body, time in left if time is not None),
+            key=lambda body_and_time: (body_and_time[1], body_and_time[0]),
+        )
+        return Frame(limits, tuple(leaving_bodies))
     return whole_frame(paths)
 
 
 def whole_frame(paths: Sequence[Floats]) -> Frame:
     """Return the frame of all paths, each of shape (dimensions, n)."""
-    return Frame(_around(np.stack([np.stack([path.min(axis=1), path.max(axis=1)], axis=-1) for path in paths])))
+    return Frame(_bounding_box(np.stack([np.stack([path.min(axis=1), path.max(axis=1)], axis=-1) for path in paths])))
 
 
-def leaving_note(frame: Frame, names: Sequence[str], unit: str, size: float = 1.0, of: str = "the frame") -> str:
+def leaving_note(
+    frame: Frame, names: Sequence[str], unit: str, size: float = 1.0, frame_name: str = "the frame"
+) -> str:
     """Say which bodies leave a frame, or what else it is of, at what times, given in a unit of some size; empty if none does."""
-    at = [f"at t = {time / size:.3g}{unit}" for _, time in frame.leaving]
-    called = [names[body] for body, _ in frame.leaving]
-    if not at:
+    leaving_times = [f"at t = {time / size:.3g}{unit}" for _, time in frame.leaving]
+    leaving_names = [names[body] for body, _ in frame.leaving]
+    if not leaving_times:
         return ""
-    if len(at) == 1:
-        return f"{called[0]} leaves {of} {at[0]}"
-    if len(at) <= MOST_SAID:
-        return f"these leave {of}: {', '.join(map(' '.join, zip(called, at, strict=True)))}"
-    return f"{len(at)} of {len(names)} leave {of}, {called[0]} first {at[0]}, {called[-1]} last {at[-1]}"
+    if len(leaving_times) == 1:
+        return f"{leaving_names[0]} leaves {frame_name} {leaving_times[0]}"
+    if len(leaving_times) <= MOST_SAID:
+        return f"these leave {frame_name}: {', '.join(map(' '.join, zip(leaving_names, leaving_times, strict=True)))}"
+    return f"{len(leaving_times)} of {len(names)} leave {frame_name}, {leaving_names[0]} first {leaving_times[0]}, {leaving_names[-1]} last {leaving_times[-1]}"
 
 
-def _around(boxes: Floats) -> Floats:
+def _bounding_box(boxes: Floats) -> Floats:
     return np.stack([boxes[..., 0].min(axis=0), boxes[..., 1].max(axis=0)], axis=-1)
 
 
-def _leaves(path: Floats, times: Floats, limits: Floats) -> float | None:
+def _leaving_time(path: Floats, times: Floats, limits: Floats) -> float | None:
     """Return when a body that starts within limits leaves them for good; None if it is inside at the end, or turns back."""
-    beyond = np.maximum(limits[:, :1] - path, path - limits[:, 1:]).max(axis=0)  # 0 at the edge
-    if beyond[-1] <= 0.0 or beyond[-1] < FARTHEST * beyond.max():
+    overshoot = np.maximum(limits[:, :1] - path, path - limits[:, 1:]).max(axis=0)  # 0 at the edge
+    if overshoot[-1] <= 0.0 or overshoot[-1] < FARTHEST * overshoot.max():
         return None
-    last = int(np.flatnonzero(beyond <= 0.0)[-1])
-    part = beyond[last] / (beyond[last] - beyond[last + 1]) if beyond[last] < beyond[last + 1] else 0.0
+    last = int(np.flatnonzero(overshoot <= 0.0)[-1])
+    part = overshoot[last] / (overshoot[last] - overshoot[last + 1]) if overshoot[last] < overshoot[last + 1] else 0.0
     return float(times[last] + part * (times[last + 1] - times[last]))

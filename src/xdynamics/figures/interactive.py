@@ -53,7 +53,7 @@ class Interactive:
         return str(self.figure.to_html(full_html=whole, include_plotlyjs=True, include_mathjax=False))
 
 
-def interactive(drawn: Figure) -> Interactive:
+def interactive_figure(figure: Figure) -> Interactive:
     """Return a figure that has been drawn as one that is interactive: the same panels, lines, points, maps, names and legends.
 
     Raises
@@ -67,8 +67,8 @@ def interactive(drawn: Figure) -> Interactive:
         raise InputError(
             "an interactive figure needs the package plotly: pip install 'xdynamics[interactive]'"
         ) from None
-    width, height = (round(inches * PIXELS) for inches in drawn.get_size_inches())
-    title, foot = (_plain(text) for text in (drawn.get_suptitle(), drawn.get_supxlabel()))
+    width, height = (round(inches * PIXELS) for inches in figure.get_size_inches())
+    title, foot = (_html_text(text) for text in (figure.get_suptitle(), figure.get_supxlabel()))
     page = go.Figure(
         layout={
             "width": width,
@@ -78,8 +78,8 @@ def interactive(drawn: Figure) -> Interactive:
             "hovermode": "closest",
             "title": {"text": title, "x": 0.01, "y": 0.995, "yanchor": "top", "font_size": 15},
             "margin": {"l": 0, "r": 0, "t": 10, "b": 0},
-            "paper_bgcolor": _colour(drawn.get_facecolor()),
-            "font_color": _ink(drawn),
+            "paper_bgcolor": _colour(figure.get_facecolor()),
+            "font_color": _ink(figure),
         }
     )
     page.add_annotation(
@@ -95,14 +95,16 @@ def interactive(drawn: Figure) -> Interactive:
         font_size=9,
         opacity=0.7,
     )
-    shown: list[Any] = [axes for axes in drawn.axes if axes.get_visible()]
-    scales = [inset for axes in shown for inset in axes.child_axes]  # of colours, beside their maps
-    for number, axes in enumerate([*shown, *scales], start=1):
-        (_solid if hasattr(axes, "zaxis") else _flat)(page, axes, "" if number == 1 else str(number))
+    visible_axes: list[Any] = [axes for axes in figure.axes if axes.get_visible()]
+    scales = [inset for axes in visible_axes for inset in axes.child_axes]  # of colours, beside their maps
+    for number, axes in enumerate([*visible_axes, *scales], start=1):
+        (_add_space_panel if hasattr(axes, "zaxis") else _add_flat_panel)(
+            page, axes, "" if number == 1 else str(number)
+        )
     return Interactive(page)
 
 
-def _flat(page: Any, axes: Axes, n: str) -> None:
+def _add_flat_panel(page: Any, axes: Axes, n: str) -> None:
     """Add a panel of two axes."""
     box = axes.get_position()
     for letter, axis, across in (("x", axes.xaxis, (box.x0, box.x1)), ("y", axes.yaxis, (box.y0, box.y1))):
@@ -113,21 +115,21 @@ def _flat(page: Any, axes: Axes, n: str) -> None:
             "anchor": f"{'y' if letter == 'x' else 'x'}{n}",
             "type": "log" if logarithmic else "linear",
             "range": [float(end) for end in (np.log10([low, high]) if logarithmic else (low, high))],
-            "title": {"text": _plain(without_power(axis.get_label_text())), "standoff": 4},
+            "title": {"text": _html_text(without_power(axis.get_label_text())), "standoff": 4},
             "zeroline": False,
             "exponentformat": "power",
             "showticklabels": len(axis.get_ticklocs()) > 0,
         }
         if type(axis.get_major_locator()).__name__ in ("FixedLocator", "RoundTimes"):
-            labels = [_plain(label.get_text()) for label in axis.get_ticklabels()]
+            labels = [_html_text(label.get_text()) for label in axis.get_ticklabels()]
             settings |= {"tickvals": axis.get_ticklocs().tolist(), "ticktext": labels}
         if axis.get_ticks_position() in ("right", "top"):
             settings["side"] = axis.get_ticks_position()
         if letter == "y" and axes.get_aspect() != "auto":
             settings |= {"scaleanchor": f"x{n}", "scaleratio": float(axes.get_aspect()), "constrain": "domain"}
         page.update_layout({f"{letter}axis{n}": settings})
-    _titled(page, axes)
-    legend, place = axes.get_legend(), f"legend{n}"
+    _add_panel_title(page, axes)
+    legend, legend_key = axes.get_legend(), f"legend{n}"
     if legend is not None:
         corner = legend.get_window_extent().transformed(axes.figure.transFigure.inverted())
         sides = {
@@ -136,21 +138,24 @@ def _flat(page: Any, axes: Axes, n: str) -> None:
             "yanchor": "top",
             "font_size": 9,
         }
-        page.update_layout({place: {**sides, "bgcolor": "rgba(255,255,255,0)", "tracegroupgap": 0}})
+        page.update_layout({legend_key: {**sides, "bgcolor": "rgba(255,255,255,0)", "tracegroupgap": 0}})
     for trace in _traces(axes):
-        named = {"showlegend": legend is not None and bool(trace.get("name")), "legend": place if legend else "legend"}
+        legend_settings = {
+            "showlegend": legend is not None and bool(trace.get("name")),
+            "legend": legend_key if legend else "legend",
+        }
         kind = {"type": "scatter", "hovertemplate": "%{x:.6g}, %{y:.6g}"} if trace.get("type") != "heatmap" else {}
-        page.add_trace(kind | (named if kind else {}) | trace | {"xaxis": f"x{n}", "yaxis": f"y{n}"})
+        page.add_trace(kind | (legend_settings if kind else {}) | trace | {"xaxis": f"x{n}", "yaxis": f"y{n}"})
     for text in axes.texts:
         if text.get_visible() and text.get_text():
-            _annotate(page, axes, text, n)
+            _add_annotation(page, axes, text, n)
 
 
-def _titled(page: Any, axes: Axes) -> None:
+def _add_panel_title(page: Any, axes: Axes) -> None:
     """Add the title of a panel, above its left corner."""
     box = axes.get_position()
     page.add_annotation(
-        text=_plain(axes.get_title(loc="left")).replace("\n", "<br>"),
+        text=_html_text(axes.get_title(loc="left")).replace("\n", "<br>"),
         xref="paper",
         yref="paper",
         x=box.x0,
@@ -165,29 +170,29 @@ def _titled(page: Any, axes: Axes) -> None:
 def _traces(axes: Axes) -> Iterator[dict[str, Any]]:
     """Yield what is drawn in a panel as plotly takes it, what lies lowest first."""
     artists: list[Any] = [*axes.collections, *axes.patches, *axes.lines]
-    for artist in sorted(artists, key=lambda each: each.get_zorder()):
+    for artist in sorted(artists, key=lambda drawable: drawable.get_zorder()):
         if not artist.get_visible():
             continue
         if artist in axes.lines:
-            yield from _line(axes, artist)
+            yield from _line_traces(axes, artist)
         elif hasattr(artist, "get_coordinates"):
-            yield _map(artist)
+            yield _heatmap_trace(artist)
         elif hasattr(artist, "get_sizes") and len(artist.get_offsets()):
-            yield _points(artist)
+            yield _point_trace(artist)
         else:
-            yield from _shapes(axes, artist)
+            yield from _shape_traces(axes, artist)
 
 
-def _line(axes: Axes, line: Any) -> Iterator[dict[str, Any]]:
-    points = _of_data(axes, line, np.column_stack(line.get_data(orig=False)).astype(float))
+def _line_traces(axes: Axes, line: Any) -> Iterator[dict[str, Any]]:
+    points = _in_data_units(axes, line, np.column_stack(line.get_data(orig=False)).astype(float))
     marker, style = str(line.get_marker()), str(line.get_linestyle())
-    dotted, ruled = marker not in ("", "None", "none", " "), style in DASHES
+    has_markers, has_line = marker not in ("", "None", "none", " "), style in DASHES
     colour = _colour(line.get_color(), line.get_alpha())
-    if len(points) and (dotted or ruled):
-        yield _named(line) | {
+    if len(points) and (has_markers or has_line):
+        yield _legend_name(line) | {
             "x": points[:, 0],
             "y": points[:, 1],
-            "mode": "+".join(["lines"] * ruled + ["markers"] * dotted),
+            "mode": "+".join(["lines"] * has_line + ["markers"] * has_markers),
             "line": {
                 "color": colour,
                 "width": line.get_linewidth() * 1.2,
@@ -206,10 +211,10 @@ def _line(axes: Axes, line: Any) -> Iterator[dict[str, Any]]:
         }
 
 
-def _points(collection: Any) -> dict[str, Any]:
+def _point_trace(collection: Any) -> dict[str, Any]:
     places = np.asarray(collection.get_offsets(), float)
-    colours = [_colour(each) for each in collection.get_facecolor()] or ["black"]
-    return _named(collection) | {
+    colours = [_colour(face_colour) for face_colour in collection.get_facecolor()] or ["black"]
+    return _legend_name(collection) | {
         "x": places[:, 0],
         "y": places[:, 1],
         "mode": "markers",
@@ -220,7 +225,7 @@ def _points(collection: Any) -> dict[str, Any]:
     }
 
 
-def _map(mesh: Any) -> dict[str, Any]:
+def _heatmap_trace(mesh: Any) -> dict[str, Any]:
     """Return a coloured map with the values of its cells and the scale of its colours."""
     corners, values = np.asarray(mesh.get_coordinates()), np.ma.filled(mesh.get_array(), np.nan)
     x, y = ((edges[1:] + edges[:-1]) / 2 for edges in (corners[0, :, 0], corners[:, 0, 1]))
@@ -238,38 +243,40 @@ def _map(mesh: Any) -> dict[str, Any]:
     }
 
 
-def _shapes(axes: Axes, artist: Any) -> Iterator[dict[str, Any]]:
+def _shape_traces(axes: Axes, artist: Any) -> Iterator[dict[str, Any]]:
     """Yield areas and lines that are drawn as paths: bars, bands, springs, contour lines, error bars."""
     paths = artist.get_paths() if hasattr(artist, "get_paths") else [artist.get_path()]
     face, edge = (
         np.atleast_2d(colour() if len(colour()) else (0, 0, 0, 0))
         for colour in (artist.get_facecolor, artist.get_edgecolor)
     )
-    filled = not hasattr(artist, "get_segments") and face[0][-1] > 0.0 if np.size(face) else False
+    is_filled = not hasattr(artist, "get_segments") and face[0][-1] > 0.0 if np.size(face) else False
     for k, path in enumerate(paths):
-        rings = [_of_data(axes, artist, ring) for ring in path.to_polygons(closed_only=False)] if len(path) else []
+        rings = (
+            [_in_data_units(axes, artist, ring) for ring in path.to_polygons(closed_only=False)] if len(path) else []
+        )
         if not rings:
             continue
         points = np.concatenate([np.vstack([ring, [np.nan, np.nan]]) for ring in rings])
         width = float(np.atleast_1d(artist.get_linewidth())[0])
-        yield (_named(artist) if k == 0 else {}) | {
+        yield (_legend_name(artist) if k == 0 else {}) | {
             "x": points[:, 0],
             "y": points[:, 1],
             "mode": "lines",
             "hoverinfo": "skip",
             "hovertemplate": None,
-            "fill": "toself" if filled else "none",
+            "fill": "toself" if is_filled else "none",
             "fillcolor": _colour(face[k % len(face)]),
             "line": {"color": _colour(edge[k % len(edge)]), "width": width},
         }
 
 
-def _solid(page: Any, axes: Any, n: str) -> None:
+def _add_space_panel(page: Any, axes: Any, n: str) -> None:
     """Add a panel in space: its lines, which can be turned."""
     box, scene = axes.get_position(), f"scene{n}"
     labels: dict[str, Any] = {
         f"{letter}axis": {
-            "title": {"text": _plain(getattr(axes, f"get_{letter}label")())},
+            "title": {"text": _html_text(getattr(axes, f"get_{letter}label")())},
             "range": [float(end) for end in getattr(axes, f"get_{letter}lim")()],
         }
         for letter in "xyz"
@@ -278,9 +285,9 @@ def _solid(page: Any, axes: Any, n: str) -> None:
     page.update_layout({scene: {"domain": {"x": [box.x0, box.x1], "y": [box.y0, box.y1]}, **aspect, **labels}})
     for line in axes.lines:
         x, y, z = line.get_data_3d()
-        marked = str(line.get_marker()) not in ("", "None", "none")
+        has_markers = str(line.get_marker()) not in ("", "None", "none")
         page.add_trace(
-            _named(line)
+            _legend_name(line)
             | {
                 "type": "scatter3d",
                 "showlegend": False,
@@ -288,22 +295,25 @@ def _solid(page: Any, axes: Any, n: str) -> None:
                 "y": y,
                 "z": z,
                 "scene": scene,
-                "mode": "markers" if marked else "lines",
+                "mode": "markers" if has_markers else "lines",
                 "line": {"color": _colour(line.get_color()), "width": 3},
                 "marker": {"color": _colour(line.get_color()), "size": 3},
             }
         )
 
 
-def _annotate(page: Any, axes: Axes, text: Any, n: str) -> None:
+def _add_annotation(page: Any, axes: Axes, text: Any, n: str) -> None:
     """Add a text where it stands, as long as it stands in the panel."""
     box = text.get_window_extent().transformed(axes.transAxes.inverted())
     across, up = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
     if -LOOSE <= across <= 1 + LOOSE and -LOOSE <= up <= 1 + LOOSE:
         x, y = axes.transData.inverted().transform(axes.transAxes.transform((across, up)))
-        x, y = (np.log10(at) if axis.get_scale() == "log" else at for at, axis in ((x, axes.xaxis), (y, axes.yaxis)))
+        x, y = (
+            np.log10(coordinate) if axis.get_scale() == "log" else coordinate
+            for coordinate, axis in ((x, axes.xaxis), (y, axes.yaxis))
+        )
         page.add_annotation(
-            text=_plain(text.get_text()).replace("\n", "<br>"),
+            text=_html_text(text.get_text()).replace("\n", "<br>"),
             x=float(x),
             y=float(y),
             xref=f"x{n}",
@@ -313,16 +323,16 @@ def _annotate(page: Any, axes: Axes, text: Any, n: str) -> None:
         )
 
 
-def _of_data(axes: Axes, artist: Any, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _in_data_units(axes: Axes, artist: Any, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points of an artist in the units of the panel's axes, whichever it was given in."""
-    moved = artist.get_transform() - axes.transData
-    return np.asarray(moved.transform(points)) if len(points) else points
+    transform = artist.get_transform() - axes.transData
+    return np.asarray(transform.transform(points)) if len(points) else points
 
 
-def _named(artist: Any) -> dict[str, Any]:
+def _legend_name(artist: Any) -> dict[str, Any]:
     """Return the name that a legend has for an artist, which stands beside its values too."""
     label = str(artist.get_label())
-    return {} if label.startswith("_") or label == "None" else {"name": _plain(label)}
+    return {} if label.startswith("_") or label == "None" else {"name": _html_text(label)}
 
 
 def _colour(colour: Any, alpha: float | None = None, otherwise: str = "rgba(0,0,0,0)") -> str:
@@ -334,14 +344,14 @@ def _colour(colour: Any, alpha: float | None = None, otherwise: str = "rgba(0,0,
     return f"rgba({round(red * 255)},{round(green * 255)},{round(blue * 255)},{opacity:.3g})"
 
 
-def _ink(drawn: Figure) -> str:
+def _ink(figure: Figure) -> str:
     """Return the colour of text on the figure's background."""
     from matplotlib.colors import to_rgba
 
-    return "#222222" if sum(to_rgba(drawn.get_facecolor())[:3]) > HALF_LIT else "#e8e8e8"
+    return "#222222" if sum(to_rgba(figure.get_facecolor())[:3]) > HALF_LIT else "#e8e8e8"
 
 
-def _plain(text: str) -> str:
+def _html_text(text: str) -> str:
     """Return a text of matplotlib as HTML has it."""
     from html import escape
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.dynamics.recorded_models import model_of_record
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 
@@ -19,7 +19,7 @@ def known_model(run: xr.Dataset) -> Model | None:
     """Return the record's model, if it has one that needs no Python functions."""
     if "model_toml" not in run.variables:
         return None
-    model = model_of(run, None)
+    model = model_of_record(run, None)
     return None if model.python_functions else model
 
 

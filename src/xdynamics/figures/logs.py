@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.figures.marks import COLOURS, in_unit, label_time, words
+from xdynamics.figures.marks import COLOURS, escaped_text, label_time, label_with_unit
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.schema import AT, AT_TIME
 
@@ -25,43 +25,43 @@ BAND = "#dbe6f3"
 
 def panels_of(logs: xr.Dataset) -> list[Panel]:
     """Return the panel of each coordinate, velocity and state."""
-    return [partial(_members, logs, name) for name in _names(logs)]
+    return [partial(_draw_members, logs, name) for name in _series_names(logs)]
 
 
 def foot_of(logs: xr.Dataset) -> str:
     """Count the members and say what is drawn of them."""
-    names = _names(logs)
-    size = _rows(logs, names[0]).shape[0] if names else 0
+    names = _series_names(logs)
+    size = _member_rows(logs, names[0]).shape[0] if names else 0
     lines = f"{size} members, a line each" if size <= MOST_LINES else f"{size} members, {MOST_LINES} of them as lines"
     band = "; shaded: 95 % of those that are not over at a time; dark: their median" if size >= FEWEST else ""
     return f"{lines}{band}"
 
 
-def _names(logs: xr.Dataset) -> list[str]:
+def _series_names(logs: xr.Dataset) -> list[str]:
     return [str(name) for name, variable in logs.data_vars.items() if AT in variable.dims and len(variable.dims) > 1]
 
 
-def _rows(logs: xr.Dataset, name: str) -> NDArray[np.float64]:
+def _member_rows(logs: xr.Dataset, name: str) -> NDArray[np.float64]:
     """Return a row of values at all times for each member that was marched."""
     rows = logs[name].transpose(..., AT).values.reshape(-1, logs.sizes[AT])
     return np.asarray(rows[np.isfinite(rows).any(axis=1)], dtype=float)
 
 
-def _members(logs: xr.Dataset, name: str, axes: Axes) -> None:
-    times, rows = logs[AT_TIME].values, _rows(logs, name)
-    chosen = np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), MOST_LINES)).astype(int))
+def _draw_members(logs: xr.Dataset, name: str, axes: Axes) -> None:
+    times, rows = logs[AT_TIME].values, _member_rows(logs, name)
+    drawn_members = np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), MOST_LINES)).astype(int))
     if len(rows) >= FEWEST:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # times at which every member is over
             low, middle, high = np.nanquantile(rows, QUANTILES, axis=0)
         axes.fill_between(times, low, high, color=BAND, linewidth=0.0)
         axes.plot(times, middle, color=COLOURS[0], linewidth=1.6, zorder=3)
-    for row in rows[chosen]:
+    for row in rows[drawn_members]:
         axes.plot(times, row, color=COLOURS[0], linewidth=0.5, alpha=0.35 if len(rows) >= FEWEST else 0.9)
     units = str(logs[name].attrs["units"])
     label_time(axes, logs[AT_TIME])
-    axes.set(ylabel=words(in_unit(name, units)))
-    axes.set_title(words(name), loc="left", fontsize=10)
+    axes.set(ylabel=escaped_text(label_with_unit(name, units)))
+    axes.set_title(escaped_text(name), loc="left", fontsize=10)
 
 
 PAGE = Page(("logs of a sweep",), panels_of, foot_of, most_panels=6)

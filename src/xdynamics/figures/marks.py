@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.faults import escaped
-from xdynamics.shapes import spoken
+from xdynamics.shapes import display_text
 from xdynamics.units import SECONDS, unit_suffix
 
 if TYPE_CHECKING:
@@ -56,12 +56,12 @@ def superscript(power: int) -> str:
     return str(power).translate(_POWERS)
 
 
-def timed(time: xr.DataArray, what: str = "time") -> str:
+def time_axis_label(time: xr.DataArray, label: str = "time") -> str:
     """Label times with their unit; without one if the model's time is dimensionless."""
-    return in_unit(what, str(time.attrs.get("units", SECONDS.text)))
+    return label_with_unit(label, str(time.attrs.get("units", SECONDS.text)))
 
 
-def label_time(axes: Axes, time: xr.DataArray, what: str = "time") -> None:
+def label_time(axes: Axes, time: xr.DataArray, label: str = "time") -> None:
     """Label the time axis of a panel: in the unit recorded, or in days or years where seconds would be a great many.
 
     What is drawn stays in the unit recorded; ticks stand at whole days or years, and the label says how long these are.
@@ -70,11 +70,11 @@ def label_time(axes: Axes, time: xr.DataArray, what: str = "time") -> None:
 
     name, size = long_unit(time)
     if size == 1.0:
-        axes.set_xlabel(timed(time, what))
+        axes.set_xlabel(time_axis_label(time, label))
         return
     axes.xaxis.set_major_locator(_locator_of(size))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / size:g}"))
-    axes.set_xlabel(f"{what} ({name} of {size:,.0f} {SECONDS.text})".replace(",", "\u2009"))
+    axes.set_xlabel(f"{label} ({name} of {size:,.0f} {SECONDS.text})".replace(",", "\u2009"))
 
 
 def _locator_of(size: float) -> Any:
@@ -108,9 +108,9 @@ def long_unit(time: xr.DataArray) -> tuple[str, float]:
     return units, 1.0
 
 
-def in_unit(what: str, units: str) -> str:
+def label_with_unit(label: str, units: str) -> str:
     """Write what an axis or a line is, with its unit; without one for pure numbers."""
-    return what if units == "1" else f"{what} ({units})"
+    return label if units == "1" else f"{label} ({units})"
 
 
 def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
@@ -119,23 +119,23 @@ def at_time(time: xr.DataArray, value: float, digits: int = 6) -> str:
     return f"t = {value / size:.{digits}g}{unit_suffix(units)}"
 
 
-def shortened(names: list[str]) -> list[str]:
+def shortened_names(names: list[str]) -> list[str]:
     """Return names with their middle left out where they are long; numbers from 0 before them where that confuses some.
 
     Examples
     --------
-    >>> shortened(["Sun", "a_body_with_a_long_label_no_007"])
+    >>> shortened_names(["Sun", "a_body_with_a_long_label_no_007"])
     ['Sun', 'a_body_w…l_no_007']
     """
     half = LONGEST_NAME // 2
-    brief = [name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}" for name in names]
-    confused = len({*brief}) < len({*names})
-    return [f"{k}: {name}" for k, name in enumerate(brief)] if confused else brief
+    short_names = [name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}" for name in names]
+    has_duplicates = len({*short_names}) < len({*names})
+    return [f"{k}: {name}" for k, name in enumerate(short_names)] if has_duplicates else short_names
 
 
-def words(text: Any) -> str:
+def escaped_text(text: Any) -> str:
     """Escape a record's text for a figure, so that it has no formula and no invisible characters."""
-    return escaped(spoken(str(text))).replace("$", r"\$")
+    return escaped(display_text(str(text))).replace("$", r"\$")
 
 
 def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
@@ -146,12 +146,12 @@ def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
     flags = np.atleast_1d(run.variables["regime"].attrs["flag_values"]).tolist()
     edges = np.concatenate([[0], np.flatnonzero(np.diff(regime)) + 1, [len(regime)]])
     for first, last in list(pairwise(edges))[:MOST_BANDS]:
-        place = flags.index(int(regime[first]))
+        regime_index = flags.index(int(regime[first]))
         end = time[min(last, len(time) - 1)]
-        axes.axvspan(time[first], end, color=COLOURS[place % len(COLOURS)], alpha=0.07, linewidth=0)
+        axes.axvspan(time[first], end, color=COLOURS[regime_index % len(COLOURS)], alpha=0.07, linewidth=0)
         if len(edges) <= MOST_BORDERS and end - time[first] > SHORTEST_NAMED * (time[-1] - time[0]):
             axes.annotate(
-                words(names[place]),
+                escaped_text(names[regime_index]),
                 ((time[first] + end) / 2, 1.0),
                 xycoords=("data", "axes fraction"),
                 xytext=(0, -9),

@@ -11,9 +11,9 @@ import xarray as xr
 
 from xdynamics.faults import InputError
 from xdynamics.figures import diagnosis, refinement
-from xdynamics.figures.marks import COLOURS, label_time, timed, words
+from xdynamics.figures.marks import COLOURS, escaped_text, label_time, time_axis_label
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.record.flag_words import in_prose, words_of
+from xdynamics.record.flag_words import in_prose, words_of_flag
 from xdynamics.schema import CYCLE, EVIDENCE, LEVEL
 
 if TYPE_CHECKING:
@@ -46,15 +46,15 @@ def panels_of(records: Several) -> list[Panel]:
             for name in diagnosis.SHOWN
             if all(name in record and record[name].notnull().any() for record in records.values())
         ]
-        panels: list[Panel] = [partial(_along_cycles, records, name) for name in names]
+        panels: list[Panel] = [partial(_draw_cycles_of_records, records, name) for name in names]
     else:
         names = [
             str(name) for name in first.data_vars if all(f"difference_{name}" in record for record in records.values())
         ]
         names = [
-            name for name in names if any(refinement.telling(record, name) for record in records.values())
+            name for name in names if any(refinement.is_informative(record, name) for record in records.values())
         ] or names
-        panels = [partial(_differences, records, name) for name in names]
+        panels = [partial(_draw_study_differences, records, name) for name in names]
     if not panels:
         raise InputError("there is nothing to draw together: no number is in all of the records")
     return panels
@@ -73,37 +73,37 @@ def foot_of(records: Several) -> str:
     return f"energy bands: {', '.join(energies)}"
 
 
-def _differences(records: Several, name: str, axes: Axes) -> None:
+def _draw_study_differences(records: Several, name: str, axes: Axes) -> None:
     units = varied = ""
     for k, (label, study) in enumerate(records.items()):
         varied = str(study.attrs["varied"])
-        place = next((dim for dim in study[name].dims if dim != LEVEL), None)
-        selection = {place: 0} if place else {}
+        place_dim = next((dim for dim in study[name].dims if dim != LEVEL), None)
+        selection = {place_dim: 0} if place_dim else {}
         difference = study[f"difference_{name}"].isel(selection)
         change, units = np.abs(difference.values), str(difference.attrs["units"])
-        shown = change > 0.0
+        is_nonzero = change > 0.0
         if f"order_{name}" in study and study.sizes[LEVEL] > 2:
             order = float(study[f"order_{name}"].isel(selection)[-2])
-            verdict = in_prose(words_of(study[f"verdict_{name}"].isel(selection))[0])
+            verdict = in_prose(words_of_flag(study[f"verdict_{name}"].isel(selection))[0])
             label = f"{label} ({order:.2f}, {verdict})" if np.isfinite(order) else f"{label} ({verdict})"  # noqa: PLW2901
         axes.plot(
-            study[varied].values[shown],
-            change[shown],
+            study[varied].values[is_nonzero],
+            change[is_nonzero],
             f"{MARKERS[k % len(MARKERS)]}-",
             color=COLOURS[k % len(COLOURS)],
             markersize=4,
             linewidth=1.0,
-            label=words(label),
+            label=escaped_text(label),
         )
-        axes.set(xlabel=words(timed(study[varied], varied)))
+        axes.set(xlabel=escaped_text(time_axis_label(study[varied], varied)))
     axes.set_yscale("log")
     refinement.log_steps(axes, np.unique(np.concatenate([record[varied].values for record in records.values()])))
-    axes.set(ylabel=words(f"|difference| ({units})"))
-    axes.set_title(words(name), loc="left", fontsize=10)
+    axes.set(ylabel=escaped_text(f"|difference| ({units})"))
+    axes.set_title(escaped_text(name), loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.8, edgecolor="none")
 
 
-def _along_cycles(records: Several, name: str, axes: Axes) -> None:
+def _draw_cycles_of_records(records: Several, name: str, axes: Axes) -> None:
     units = ""
     for k, (label, record) in enumerate(records.items()):
         units = str(record[name].attrs["units"])
@@ -114,7 +114,7 @@ def _along_cycles(records: Several, name: str, axes: Axes) -> None:
             color=COLOURS[k % len(COLOURS)],
             markersize=3.5,
             linewidth=1.0,
-            label=words(label),
+            label=escaped_text(label),
         )
     low, high = axes.get_ylim()
     size = max(abs(low), abs(high))
@@ -123,8 +123,8 @@ def _along_cycles(records: Several, name: str, axes: Axes) -> None:
         axes.ticklabel_format(axis="y", useOffset=False)
     first = next(iter(records.values()))
     label_time(axes, first["cycle_time"], f"time at the end of the {CYCLE}")
-    axes.set(ylabel=words(f"{name} ({units})"))
-    axes.set_title(words(name.replace("_", " ")), loc="left", fontsize=10)
+    axes.set(ylabel=escaped_text(f"{name} ({units})"))
+    axes.set_title(escaped_text(name.replace("_", " ")), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 
 

@@ -14,21 +14,21 @@ from matplotlib.figure import Figure
 if TYPE_CHECKING:
     from xdynamics.figures.interactive import Interactive
 
-DPI = 100  # of a picture in a notebook
+NOTEBOOK_DPI = 100  # of a picture in a notebook
 
 
 class Picture(Figure):
     """A figure of matplotlib that shows itself as the last line of a cell."""
 
-    def __init__(self, *given: Any, **named: Any) -> None:
-        super().__init__(*given, **named)
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
         FigureCanvasAgg(self)  # a canvas without a kind looks for a renderer anew for the size of every text
 
     def _repr_png_(self) -> bytes:
-        drawn = BytesIO()
+        png_buffer = BytesIO()
         with self.as_laid_out():
-            self.savefig(drawn, format="png", dpi=DPI)
-        return drawn.getvalue()
+            self.savefig(png_buffer, format="png", dpi=NOTEBOOK_DPI)
+        return png_buffer.getvalue()
 
     @contextmanager
     def as_laid_out(self) -> Iterator[None]:
@@ -50,8 +50,8 @@ class Picture(Figure):
 
     def interactive(self) -> Interactive:
         """Return the figure as one that can be zoomed and asked for values, in a notebook or as a page; it needs plotly."""
-        from xdynamics.figures.interactive import interactive
+        from xdynamics.figures.interactive import interactive_figure
 
         with self.as_laid_out():
             self.draw_without_rendering()
-        return interactive(self)
+        return interactive_figure(self)

@@ -30,41 +30,41 @@ FEWEST_LETTERS = 12  # of a line of a title
 FAR = 1e4  # pixels, from where on nothing is seen
 
 
-def settle(figure: Figure) -> None:
+def place_legends_and_names(figure: Figure) -> None:
     """Move legends and the names of events into free places; a legend without one stands beside its axes.
 
     Names that nobody could read, since others lie there, are hidden: their marks stay.
     """
-    shown = [axes for axes in figure.axes if axes.get_visible() and (axes.get_legend() or _names(axes))]
-    for axes in shown:
-        for text in _names(axes):
+    panels = [axes for axes in figure.axes if axes.get_visible() and (axes.get_legend() or _event_texts(axes))]
+    for axes in panels:
+        for text in _event_texts(axes):
             text.set_in_layout(False)  # they find their places in the axes
-    _lay_out(figure)
-    for _ in range(MOST_ROUNDS if shown else 0):
-        moved = [_is_beside(axes) for axes in shown]
-        if not any(moved):
+    _compute_layout(figure)
+    for _ in range(MOST_ROUNDS if panels else 0):
+        moved_legends = [_is_beside(axes) for axes in panels]
+        if not any(moved_legends):
             break
-        _lay_out(figure)  # the axes are smaller now, and legends inside of them lie elsewhere
+        _compute_layout(figure)  # the axes are smaller now, and legends inside of them lie elsewhere
     for _ in range(MOST_ROUNDS):
         folded = [_is_folded(axes) for axes in figure.axes if axes.get_visible()]  # each of them
         if not any(folded):
             break
-        _lay_out(figure)
-    for axes in shown:
-        if names := _names(axes):
+        _compute_layout(figure)
+    for axes in panels:
+        if names := _event_texts(axes):
             _place_names(axes, names)
 
 
 def _is_folded(axes: Axes) -> bool:
     """Break a title that would go beyond its part of the sheet into lines; return whether it did."""
-    place = axes.get_subplotspec()
-    if (text := _title(axes)) is None or place is None:
+    subplot_spec = axes.get_subplotspec()
+    if (text := _title(axes)) is None or subplot_spec is None:
         return False
-    place = place.get_topmost_subplotspec()  # of which these axes may be a part
+    subplot_spec = subplot_spec.get_topmost_subplotspec()  # of which these axes may be a part
     lines, left = text.get_text(), text.get_window_extent().x0
     title = lines.rstrip("\n").replace("\n", " ")
     below = "\n" * (len(lines) - len(lines.rstrip("\n")))  # room for what else is there
-    room = axes.figure.bbox.width * place.colspan.stop / place.get_gridspec().ncols - CELL - left
+    room = axes.figure.bbox.width * subplot_spec.colspan.stop / subplot_spec.get_gridspec().ncols - CELL - left
     letters = len(title)
     while WIDER * text.get_window_extent().width > room and letters > FEWEST_LETTERS:
         letters = max(FEWEST_LETTERS, letters * 9 // 10)
@@ -74,11 +74,11 @@ def _is_folded(axes: Axes) -> bool:
 
 def named_elsewhere(axes: Axes) -> set[str]:
     """Return what legends of other axes of a sheet name."""
-    legends = [other.get_legend() for other in axes.figure.axes if other is not axes]
+    legends = [panel_axes.get_legend() for panel_axes in axes.figure.axes if panel_axes is not axes]
     return {text.get_text() for legend in legends if legend is not None for text in legend.get_texts()}
 
 
-def _lay_out(figure: Figure) -> None:
+def _compute_layout(figure: Figure) -> None:
     """Give all axes their places, without the cost of drawing them."""
     if (engine := figure.get_layout_engine()) is not None:
         engine.execute(figure)
@@ -86,27 +86,27 @@ def _lay_out(figure: Figure) -> None:
         axes.apply_aspect()
 
 
-def _names(axes: Axes) -> list[Any]:
+def _event_texts(axes: Axes) -> list[Any]:
     return [text for text in axes.texts if text.get_gid() == EVENT]
 
 
 @dataclass
-class _Ground:
+class _OccupiedCells:
     """Which cells of some axes are taken.
 
     Attributes
     ----------
     x, y : float
         Pixels of its lower left corner.
-    taken : ndarray of bool, shape (rows, columns)
+    occupied : ndarray of bool, shape (rows, columns)
     """
 
     x: float
     y: float
-    taken: NDArray[np.bool_]
+    occupied: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, axes: Axes) -> _Ground:
+    def of_axes(cls, axes: Axes) -> _OccupiedCells:
         """Return the ground of some axes with all that is drawn on it but their legend and names of events."""
         box = axes.bbox
         size = max(1, int(box.height / CELL)), max(1, int(box.width / CELL))
@@ -114,66 +114,68 @@ class _Ground:
         for line in axes.lines:
             points = line.get_transform().transform(np.asarray(line.get_xydata(), float))
             if line.get_linestyle() not in ("None", " ", ""):
-                ground.take(dense(points))
+                ground.mark_points(dense(points))
             for shift in MARK if line.get_marker() not in ("None", None, "", " ") else ():
-                ground.take(points + shift)
+                ground.mark_points(points + shift)
         for collection in axes.collections:
-            ground.take_collection(collection)
+            ground.mark_collection(collection)
         for patch in axes.patches:
             if (patch.get_alpha() or 1.0) > FAINT:
-                ground.take_box(patch.get_window_extent())
+                ground.mark_box(patch.get_window_extent())
         for text in axes.texts:
             if text.get_gid() != EVENT and text.get_visible():
-                ground.take_box(text.get_window_extent())
+                ground.mark_box(text.get_window_extent())
         if axes.images:
-            ground.taken[:] = True
+            ground.occupied[:] = True
         return ground
 
-    def take(self, points: Points) -> None:
+    def mark_points(self, points: Points) -> None:
         """Take the cells of points."""
         points = points[np.isfinite(points).all(axis=-1)]
         columns, rows = ((points - (self.x, self.y)) / CELL).astype(int).T if len(points) else np.zeros((2, 0), int)
-        inside = (rows >= 0) & (columns >= 0) & (rows < self.taken.shape[0]) & (columns < self.taken.shape[1])
-        self.taken[rows[inside], columns[inside]] = True
+        is_inside = (rows >= 0) & (columns >= 0) & (rows < self.occupied.shape[0]) & (columns < self.occupied.shape[1])
+        self.occupied[rows[is_inside], columns[is_inside]] = True
 
-    def take_box(self, box: Any) -> None:
+    def mark_box(self, box: Any) -> None:
         """Take the cells of a box in pixels."""
         left, right = (int(max(0.0, (edge - self.x) / CELL)) for edge in (box.x0, box.x1))
         low, high = (int(max(0.0, (edge - self.y) / CELL)) for edge in (box.y0, box.y1))
-        self.taken[low : high + 1, left : right + 1] = True
+        self.occupied[low : high + 1, left : right + 1] = True
 
-    def take_collection(self, collection: Any) -> None:
+    def mark_collection(self, collection: Any) -> None:
         """Take what a collection draws: a mesh everything, an area its columns, needles and points themselves."""
         kind = type(collection).__name__
         if kind == "QuadMesh":
-            self.taken[:] = True
+            self.occupied[:] = True
             return
         if kind == "PathCollection":
-            self.take(collection.get_offset_transform().transform(np.ma.filled(collection.get_offsets(), np.nan)))
+            self.mark_points(
+                collection.get_offset_transform().transform(np.ma.filled(collection.get_offsets(), np.nan))
+            )
             return
         for path in collection.get_paths():
             if not len(path.vertices):
                 continue
             points = dense(collection.get_transform().transform(path.vertices))
-            self.take(points)
+            self.mark_points(points)
             if kind in ("PolyCollection", "FillBetweenPolyCollection"):
                 column = ((points[:, 0] - self.x) / CELL).astype(int)
-                for place in np.unique(column):
-                    edges = points[column == place, 1]
-                    middle = self.x + (place + 0.5) * CELL
+                for cell_column in np.unique(column):
+                    edges = points[column == cell_column, 1]
+                    middle = self.x + (cell_column + 0.5) * CELL
                     heights = np.arange(edges.min(), edges.max(), CELL)
-                    self.take(np.stack([np.full(heights.size, middle), heights], axis=-1))
+                    self.mark_points(np.stack([np.full(heights.size, middle), heights], axis=-1))
 
-    def counts(self, width: float, height: float) -> Counts:
+    def occupied_counts(self, width: float, height: float) -> Counts:
         """Return how many cells are taken under a box in pixels, for each place of its lower left cell."""
         rows, columns = int(np.ceil(height / CELL)) + 1, int(np.ceil(width / CELL)) + 1
-        if rows > self.taken.shape[0] or columns > self.taken.shape[1]:
+        if rows > self.occupied.shape[0] or columns > self.occupied.shape[1]:
             return np.zeros((0, 0), np.int64)
-        sums = np.pad(self.taken.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-        found: Counts = (
+        sums = np.pad(self.occupied.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+        box_counts: Counts = (
             sums[rows:, columns:] - sums[:-rows, columns:] - sums[rows:, :-columns] + sums[:-rows, :-columns]
         )
-        return found
+        return box_counts
 
 
 def dense(points: Points) -> Points:
@@ -198,8 +200,8 @@ def _is_beside(axes: Axes) -> bool:
         if box.x0 < _end_of_title(axes):
             _stand_beside(axes, _in_columns(axes, legend, 1))
         return bool(box.x0 < _end_of_title(axes))
-    ground = _Ground.of(axes)
-    free = np.argwhere(ground.counts(box.width + CELL, box.height + CELL) == 0)
+    ground = _OccupiedCells.of_axes(axes)
+    free = np.argwhere(ground.occupied_counts(box.width + CELL, box.height + CELL) == 0)
     legend.borderaxespad = 0.0
     if not len(free):
         if not _is_above(axes, legend):
@@ -259,30 +261,30 @@ def _title(axes: Axes) -> Any:
 
 def _place_names(axes: Axes, names: list[Any]) -> None:
     """Put each name into the free place nearest to its mark; across as few lines as possible if there is none."""
-    ground = _Ground.of(axes)
-    others = _Ground(ground.x, ground.y, np.zeros_like(ground.taken))
+    ground = _OccupiedCells.of_axes(axes)
+    text_cells = _OccupiedCells(ground.x, ground.y, np.zeros_like(ground.occupied))
     for text in axes.texts:
         if text.get_gid() != EVENT and text.get_visible():
-            others.take_box(text.get_window_extent())
+            text_cells.mark_box(text.get_window_extent())
     if (legend := axes.get_legend()) is not None:
-        for each in (ground, others):
-            each.take_box(legend.get_window_extent())
+        for cells in (ground, text_cells):
+            cells.mark_box(legend.get_window_extent())
     scale = axes.figure.dpi / 72.0
     for name in sorted(names, key=lambda text: axes.transData.transform(text.xy)[0]):
         box, mark = name.get_window_extent(), axes.transData.transform(name.xy)
         width = WIDER * box.width
-        crossed, hidden = (each.counts(width, box.height) for each in (ground, others))
+        crossed, hidden = (cells.occupied_counts(width, box.height) for cells in (ground, text_cells))
         left = ground.x + CELL * np.arange(crossed.shape[1])
         low = ground.y + CELL * np.arange(crossed.shape[0])
         across = np.maximum(0.0, np.maximum(left - mark[0], mark[0] - left - width))
         up = np.maximum(0.0, np.maximum(low - mark[1], mark[1] - low - box.height))
-        away = np.hypot(across[None, :], up[:, None])
-        costs = np.where((hidden == 0) & (away < REACH), away + CROSSED * crossed, np.inf)
+        distances = np.hypot(across[None, :], up[:, None])
+        costs = np.where((hidden == 0) & (distances < REACH), distances + CROSSED * crossed, np.inf)
         if not costs.size or not np.isfinite(costs.min()):
             name.set_visible(False)
             continue
         row, column = np.unravel_index(int(np.argmin(costs)), costs.shape)
         x, y = float(left[column]) + CELL / 2, float(low[row]) + CELL / 2
         name.set(ha="left", va="bottom", position=((x - mark[0]) / scale, (y - mark[1]) / scale))
-        for each in (ground, others):
-            each.take_box(name.get_window_extent().expanded(2.0 * WIDER - 1.0, 1.0))
+        for cells in (ground, text_cells):
+            cells.mark_box(name.get_window_extent().expanded(2.0 * WIDER - 1.0, 1.0))

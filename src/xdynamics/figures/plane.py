@@ -11,19 +11,19 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.dynamics.recorded_models import model_of_record
 from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name
-from xdynamics.figures.body_names import MOST_BODIES, MOST_ENDS, colour_key, colours_of, left_out, name_ends
+from xdynamics.figures.body_names import MOST_BODIES, MOST_ENDS, colour_key, colours_of, name_ends, omitted_bodies_note
 from xdynamics.figures.body_paths import BodyPath, is_length
-from xdynamics.figures.companions import Beside
-from xdynamics.figures.curves import DOTS, alone, between, is_long, unjoined
+from xdynamics.figures.companions import Overlay
+from xdynamics.figures.curves import DOTS, broken_curve, is_long, isolated_points, refined_line
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
 from xdynamics.figures.framing import Frame, frame_of, leaving_note, whole_frame
 from xdynamics.figures.line_panels import DASHES, GREY, MOST_NAMED
-from xdynamics.figures.marks import COLOURS, long_unit, words
-from xdynamics.figures.panel_words import straight
+from xdynamics.figures.marks import COLOURS, escaped_text, long_unit
+from xdynamics.figures.panel_words import straight_lines_note
 from xdynamics.figures.placing import named_elsewhere
 from xdynamics.figures.roles import with_role
 from xdynamics.model import Model
@@ -50,11 +50,11 @@ THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
 def views(run: xr.Dataset) -> list[list[BodyPath]]:
     """Return the paths in each view of the plane: all bodies together, or two coordinates per view."""
-    model = _model(run)
+    model = _recorded_model(run)
     if model is not None and model.pictured.plane:
-        return [_named(run, model)]
+        return [_model_paths(run, model)]
     if model is not None and model.shapes.dims:
-        return _of_bodies(run, model)
+        return _body_views(run, model)
     groups: dict[str, list[str]] = {}
     for name in with_role(run, "coordinate"):
         units = str(run.variables[name].attrs.get("units"))
@@ -62,15 +62,15 @@ def views(run: xr.Dataset) -> list[list[BodyPath]]:
             groups.setdefault(units, []).append(name)
     pairs = []
     for units, names in groups.items():
-        if 2 <= len(names) <= SEEN and not of_one_kind(names):
+        if 2 <= len(names) <= SEEN and not are_of_one_kind(names):
             for across, up in combinations(names, 2):
-                (times, x), (_, y) = _line(run, across), _line(run, up)
+                (times, x), (_, y) = _path_line(run, across), _path_line(run, up)
                 if min(np.ptp(x), np.ptp(y)) > THIN * max(np.ptp(x), np.ptp(y)):
                     pairs.append([BodyPath(across, up, units, times, x, y, names=(across, up))])
     return pairs
 
 
-def of_states(run: xr.Dataset) -> list[list[BodyPath]]:
+def state_planes(run: xr.Dataset) -> list[list[BodyPath]]:
     """Return the planes of two or three first-order states of a run without coordinates, taken by twos.
 
     One that the model names is not among them.
@@ -78,32 +78,33 @@ def of_states(run: xr.Dataset) -> list[list[BodyPath]]:
     names = [name for name in with_role(run, "state") if run.variables[name].dims == ("step",)]
     if with_role(run, "coordinate") or not 2 <= len(names) <= SEEN:
         return []
-    model = _model(run)
-    named = [] if model is None else [{*map(text_of, pair)} for pair in model.pictured.plane]
-    times, lines = _lines(run, names)
+    model = _recorded_model(run)
+    model_pairs = [] if model is None else [{*map(text_of, pair)} for pair in model.pictured.plane]
+    times, lines = _path_lines(run, names)
     units = [str(run.variables[name].attrs["units"]) for name in names]
     return [
         [BodyPath(names[i], names[j], units[i], times, lines[i], lines[j], up_units=units[j])]
         for i, j in combinations(range(len(names)), 2)
-        if {names[i], names[j]} not in named
+        if {names[i], names[j]} not in model_pairs
     ]
 
 
-def of_one_kind(names: list[str]) -> bool:
+def are_of_one_kind(names: list[str]) -> bool:
     """Tell whether coordinates are one and the same of several bodies, and no axes: `x1` and `x2`, `x_left` and `x_right`.
 
     Examples
     --------
-    >>> of_one_kind(["x1", "x2"]), of_one_kind(["y_cart", "y_bob"]), of_one_kind(["r_x", "r_y"]), of_one_kind(["x", "y"])
-    (True, True, False, False)
+    >>> pairs = ["x1", "x2"], ["y_cart", "y_bob"], ["r_x", "r_y"], ["x", "y"]
+    >>> [*map(are_of_one_kind, pairs)]
+    [True, True, False, False]
     """
-    found = [_STEM.fullmatch(name) for name in names]
-    stems = {match[1] for match in found if match}
-    axes = {match[2] for match in found if match} <= {*AXES}
-    return all(found) and len(stems) == 1 and not axes
+    matches = [_STEM.fullmatch(name) for name in names]
+    stems = {match[1] for match in matches if match}
+    axes = {match[2] for match in matches if match} <= {*AXES}
+    return all(matches) and len(stems) == 1 and not axes
 
 
-def along_a_line(run: xr.Dataset) -> list[list[BodyPath]]:
+def line_views(run: xr.Dataset) -> list[list[BodyPath]]:
     """Return the view of bodies on one line, each with a single coordinate that is a length: upright if called like a height."""
     names = with_role(run, "coordinate")
     units = {str(run.variables[name].attrs["units"]) for name in names if run.variables[name].dims == ("step",)}
@@ -113,13 +114,13 @@ def along_a_line(run: xr.Dataset) -> list[list[BodyPath]]:
         or not is_length(unit := units.pop())
     ):
         return []
-    if len(names) > 1 and not of_one_kind(names):
+    if len(names) > 1 and not are_of_one_kind(names):
         return []
-    times, lines = _lines(run, names)
-    zero, view, several = np.zeros(times.size), [], len(names) > 1
-    axis = _STEM.fullmatch(names[0])[1] if several else names[0]  # type: ignore[index]
+    times, lines = _path_lines(run, names)
+    zero, view, is_several = np.zeros(times.size), [], len(names) > 1
+    axis = _STEM.fullmatch(names[0])[1] if is_several else names[0]  # type: ignore[index]
     for name, values in zip(names, lines, strict=True):
-        body = name if several else ""
+        body = name if is_several else ""
         if axis in UPRIGHT:
             view.append(BodyPath("", axis, unit, times, zero, values, body, names=("", name)))
         else:
@@ -127,18 +128,21 @@ def along_a_line(run: xr.Dataset) -> list[list[BodyPath]]:
     return [view]
 
 
-def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
+def _body_views(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
     """Return the views of positions along two or three axes: all bodies together."""
     shapes, pairs = model.shapes, []
-    for dims, units, axes in _positions(model):
+    for dims, units, axes in _body_axes(model):
         for (across, on_x), (up, on_y) in combinations(axes, 2):
             view = []
-            for place in shapes.places(dims):
-                ends = shapes.element(on_x[0], {**place, **on_x[1]}), shapes.element(on_y[0], {**place, **on_y[1]})
+            for indices in shapes.index_combinations(dims):
+                ends = (
+                    shapes.element_at(on_x[0], {**indices, **on_x[1]}),
+                    shapes.element_at(on_y[0], {**indices, **on_y[1]}),
+                )
                 if any(end not in run for end in ends):
                     return []
-                (times, x), (_, y) = (_line(run, end) for end in ends)
-                labels = ", ".join(shapes.extent(dim).label(place[dim]) for dim in dims)
+                (times, x), (_, y) = (_path_line(run, end) for end in ends)
+                labels = ", ".join(shapes.extent(dim).label(indices[dim]) for dim in dims)
                 view.append(BodyPath(across, up, units, times, x, y, labels, "", ends, ", ".join(dims)))
             sides = whole_frame([np.stack([path.x, path.y]) for path in view]).sides
             if min(sides) > THIN * max(sides):
@@ -146,47 +150,47 @@ def _of_bodies(run: xr.Dataset, model: Model) -> list[list[BodyPath]]:
     return pairs
 
 
-def _positions(model: Model) -> Iterator[tuple[tuple[str, ...], str, list[Axis]]]:
+def _body_axes(model: Model) -> Iterator[tuple[tuple[str, ...], str, list[Axis]]]:
     """Yield the positions of bodies with their dimensions, their unit, and the quantity and place of each axis.
 
     They are the last dimension of a coordinate, `r(disc, axis)`, or coordinates called as axes are: `x(disc)` and `y(disc)`.
     """
-    apart: dict[tuple[str, tuple[str, ...], str], list[Axis]] = {}
+    separate_axes: dict[tuple[str, tuple[str, ...], str], list[Axis]] = {}
     for name, part in model.shaped.coordinates.items():
         dims, axis = part.dims, _AXIS.fullmatch(name)
         if not dims or not is_length(part.unit.text):
             continue
         extent = model.shapes.extent(dims[-1])
         if axis:
-            apart.setdefault((axis[1] or "", dims, part.unit.text), []).append((name, (name, {})))
+            separate_axes.setdefault((axis[1] or "", dims, part.unit.text), []).append((name, (name, {})))
         elif len(dims) > 1 and extent.size in (2, SEEN):
-            each = [(f"{name}[{extent.label(i)}]", (name, {dims[-1]: i})) for i in range(extent.size)]
-            yield dims[:-1], part.unit.text, each
-    yield from ((dims, units, axes) for (_, dims, units), axes in apart.items() if len(axes) > 1)
+            component_axes = [(f"{name}[{extent.label(i)}]", (name, {dims[-1]: i})) for i in range(extent.size)]
+            yield dims[:-1], part.unit.text, component_axes
+    yield from ((dims, units, axes) for (_, dims, units), axes in separate_axes.items() if len(axes) > 1)
 
 
-def draw(
-    run: xr.Dataset, view: list[BodyPath], beside: Beside, axes: Axes, *, joined: bool = False, discs: bool = False
+def draw_plane(
+    run: xr.Dataset, view: list[BodyPath], overlay: Overlay, axes: Axes, *, has_links: bool = False, discs: bool = False
 ) -> None:
     """Draw the paths of a view with one scale for both axes, and a dot at the start of each, where grey lines may join them.
 
     Bodies that have been drawn as discs have no dots.
     """
-    every, view = view, view[:MOST_BODIES]
+    all_bodies, view = view, view[:MOST_BODIES]
     for body, colour in zip(view, colours_of(view), strict=True):
         if body.is_fixed:
             axes.plot(body.x[:1], body.y[:1], "s", color=colour, markersize=4)
             continue
-        x, y = unjoined(body.x, body.y, body.times) if is_long(run) else (body.x, body.y)
-        label = words(body.label) if body.body and len(view) <= MOST_NAMED else None
-        label = words(beside.own) if beside.own and len(view) == 1 else label
+        x, y = broken_curve(body.x, body.y, body.times) if is_long(run) else (body.x, body.y)
+        label = escaped_text(body.label) if body.body and len(view) <= MOST_NAMED else None
+        label = escaped_text(overlay.run_label) if overlay.run_label and len(view) == 1 else label
         axes.plot(x, y, "-", color=colour, linewidth=1.1, label=label)
         if is_long(run):
-            axes.plot(*alone(x, y), color=colour, **DOTS)
+            axes.plot(*isolated_points(x, y), color=colour, **DOTS)
         if not discs:
             axes.plot(body.x[:1], body.y[:1], "o", color=colour, markersize=5)
-    _overlay(view, beside, axes)
-    _mark(run, view, axes)
+    _draw_companion_paths(view, overlay, axes)
+    _mark_path_events(run, view, axes)
     first, frame, note = view[0], frame_of_view(view), ""
     if frame.leaving:
         axes.set(xlim=frame.limits[0], ylim=frame.limits[1])
@@ -198,42 +202,46 @@ def draw(
         axes.locator_params(axis="x", nbins=2 if high > SLENDER * wide else "auto")
         axes.tick_params(axis="x", rotation=90 if high > SLIM * wide else 0)
     is_one = all(body.across == first.across and body.up == first.up for body in view)
-    across, up = (short(first.across, "across"), short(first.up, "up")) if is_one else ("across", "up")
-    axes.set(xlabel=words(f"{across} ({first.units})"), ylabel=words(f"{up} ({first.up_units or first.units})"))
-    named = with_role(run, *POSITIONS)
-    what = "the plane" if first.is_space else "phase plane"
-    start = "rings: start, discs: end" if discs else f"{'dots and grey lines' if joined else 'dot'}: start"
-    ends = name_ends(view, _ends(view, frame), axes)
+    across, up = (axis_text(first.across, "across"), axis_text(first.up, "up")) if is_one else ("across", "up")
+    axes.set(
+        xlabel=escaped_text(f"{across} ({first.units})"), ylabel=escaped_text(f"{up} ({first.up_units or first.units})")
+    )
+    position_names = with_role(run, *POSITIONS)
+    subject = "the plane" if first.is_space else "phase plane"
+    start = "rings: start, discs: end" if discs else f"{'dots and grey lines' if has_links else 'dot'}: start"
+    ends = name_ends(view, _path_ends(view, frame), axes)
     if len(view) > MOST_ENDS:
         colour_key(view, axes)
-    gone = leaving(frame, view, run["time"])
+    leaving_text = leaving_bodies_note(frame, view, run["time"])
     axes.set_title(
-        f"{what} ({start}{note}{words(ends)}){left_out(every)}{gone}{straight(run, *named)}", loc="left", fontsize=10
+        f"{subject} ({start}{note}{escaped_text(ends)}){omitted_bodies_note(all_bodies)}{leaving_text}{straight_lines_note(run, *position_names)}",
+        loc="left",
+        fontsize=10,
     )
 
 
 def frame_of_view(view: list[BodyPath]) -> Frame:
     """Return what a picture of a plane holds: the bodies that are drawn, but for those that fly off."""
-    shown = view[:MOST_BODIES]
-    paths = [np.stack([path.x, path.y]) for path in shown]
+    drawn_bodies = view[:MOST_BODIES]
+    paths = [np.stack([path.x, path.y]) for path in drawn_bodies]
     if not view[0].is_space:
         return whole_frame(paths)
-    return frame_of(paths, [path.times for path in shown])
+    return frame_of(paths, [path.times for path in drawn_bodies])
 
 
-def leaving(frame: Frame, view: list[BodyPath], time: xr.DataArray) -> str:
+def leaving_bodies_note(frame: Frame, view: list[BodyPath], time: xr.DataArray) -> str:
     """Say, behind other words of a title, which bodies leave its frame at what times."""
     unit, size = long_unit(time)
-    names = [words(path.label) or f"body {k}" for k, path in enumerate(view[:MOST_BODIES])]
+    names = [escaped_text(path.label) or f"body {k}" for k, path in enumerate(view[:MOST_BODIES])]
     note = leaving_note(frame, names, unit_suffix(unit), size)
     return note and f"; {note}"
 
 
-def _ends(view: list[BodyPath], frame: Frame) -> list[tuple[float, float]]:
+def _path_ends(view: list[BodyPath], frame: Frame) -> list[tuple[float, float]]:
     """Return where each path ends, or leaves the frame."""
-    ends, gone = [], {body for body, _ in frame.leaving}
+    ends, leaving_bodies = [], {body for body, _ in frame.leaving}
     for k, path in enumerate(view):
-        points = frame.inside(np.stack([path.x, path.y])) if k in gone else np.stack([path.x, path.y])
+        points = frame.points_inside(np.stack([path.x, path.y])) if k in leaving_bodies else np.stack([path.x, path.y])
         rows = np.flatnonzero(np.isfinite(points[0]))
         last = int(rows[-1]) if rows.size else -1
         ends.append((float(path.x[last]), float(path.y[last])))
@@ -251,102 +259,116 @@ def _is_flat(wide: float, high: float) -> bool:
     return bool(max(wide, high) > 0.0 and max(wide, high) > FLATTEST * min(wide, high))
 
 
-def _overlay(view: list[BodyPath], beside: Beside, axes: Axes) -> None:
+def _draw_companion_paths(view: list[BodyPath], overlay: Overlay, axes: Axes) -> None:
     """Draw where other runs have the same bodies, and measurements of their coordinates.
 
     Of one body each run has a colour; of several each body keeps its own, and runs differ by their dashes.
     """
-    several, shades = len(view) > 1, colours_of(view)
-    if several and beside.others:
-        axes.plot([], [], "-", color=GREY, linewidth=1.1, label=words(beside.own))
-    for k, other in enumerate(beside.others, 1):
-        if other.record is None:
-            found = [other.together(body.across, body.up) for body in view]
+    is_several, shades = len(view) > 1, colours_of(view)
+    if is_several and overlay.companions:
+        axes.plot([], [], "-", color=GREY, linewidth=1.1, label=escaped_text(overlay.run_label))
+    for k, companion in enumerate(overlay.companions, 1):
+        if companion.record is None:
+            companion_lines = [companion.values_at_common_times(body.across, body.up) for body in view]
         else:
             first = view[0]
-            ways = [
-                each
-                for each in (*views(other.record), *of_states(other.record))
-                if (each[0].across, each[0].up) == (first.across, first.up)
+            matching_views = [
+                companion_view
+                for companion_view in (*views(companion.record), *state_planes(companion.record))
+                if (companion_view[0].across, companion_view[0].up) == (first.across, first.up)
             ]
-            found = [[path.x, path.y] for path in ways[0][: len(view)]] if ways else []
-        style = "+" if other.record is None else DASHES[(k - 1) % len(DASHES)]
-        for j, pair in enumerate(line for line in found if line is not None):
-            colour = shades[j] if several and view[0].dims else COLOURS[(j if several else k) % len(COLOURS)]
+            companion_lines = [[path.x, path.y] for path in matching_views[0][: len(view)]] if matching_views else []
+        style = "+" if companion.record is None else DASHES[(k - 1) % len(DASHES)]
+        for j, pair in enumerate(line for line in companion_lines if line is not None):
+            colour = shades[j] if is_several and view[0].dims else COLOURS[(j if is_several else k) % len(COLOURS)]
             axes.plot(*pair, style, color=colour, linewidth=1.2, alpha=0.8)
-        if any(line is not None for line in found):
-            colour = GREY if several else COLOURS[k % len(COLOURS)]
-            axes.plot([], [], style, color=colour, linewidth=1.2, alpha=0.8, label=words(other.label))
+        if any(line is not None for line in companion_lines):
+            colour = GREY if is_several else COLOURS[k % len(COLOURS)]
+            axes.plot([], [], style, color=colour, linewidth=1.2, alpha=0.8, label=escaped_text(companion.label))
 
 
-def _mark(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
+def _mark_path_events(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
     """Mark where the bodies that an event concerns are then."""
     if not run.sizes.get("event", 0) or not {"event_time", "event_detector", "event_kind"} <= {*run.variables}:
-        _legend(view, axes)
+        _add_plane_legend(view, axes)
         return
     kinds, concerned, times = event_kinds(run), concerned_elements(run), run.variables["event_time"].values
     for n, kind in enumerate(kinds):
         label = legend_label(kinds, n, axes)
         for body in view:
-            own = {*body.body.split(", ")}
-            events = [event for event in kind.drawn if not concerned[event] or concerned[event] & own]
-            at = times[events] if events else times[:0]
-            inside = at[(at >= body.times[0]) & (at <= body.times[-1]) & (not body.is_fixed)]
+            body_labels = {*body.body.split(", ")}
+            events = [event for event in kind.marked_events if not concerned[event] or concerned[event] & body_labels]
+            event_times = times[events] if events else times[:0]
+            times_in_path = event_times[
+                (event_times >= body.times[0]) & (event_times <= body.times[-1]) & (not body.is_fixed)
+            ]
             axes.plot(
-                np.interp(inside, body.times, body.x),
-                np.interp(inside, body.times, body.y),
+                np.interp(times_in_path, body.times, body.x),
+                np.interp(times_in_path, body.times, body.y),
                 markersize=3.5,
                 markeredgewidth=0.7,
                 label=label if body is view[0] else None,
                 gid=IN_LEGEND,
                 **kind.style,
             )
-    _legend(view, axes)
+    _add_plane_legend(view, axes)
 
 
-def _legend(view: list[BodyPath], axes: Axes) -> None:
+def _add_plane_legend(view: list[BodyPath], axes: Axes) -> None:
     """Name what is drawn; where there are several bodies, beside the axes."""
     names = {*axes.get_legend_handles_labels()[1]}
     if names <= named_elsewhere(axes):  # the same bodies seen from another side
         return
-    beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if view[0].body else {}
-    axes.legend(fontsize=8, frameon=False, **beside)
+    legend_placement: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if view[0].body else {}
+    axes.legend(fontsize=8, frameon=False, **legend_placement)
 
 
-def _model(run: xr.Dataset) -> Model | None:
-    return model_of(run, None) if "model_toml" in run else None
+def _recorded_model(run: xr.Dataset) -> Model | None:
+    return model_of_record(run, None) if "model_toml" in run else None
 
 
-def _named(run: xr.Dataset, model: Model) -> list[BodyPath]:
+def _model_paths(run: xr.Dataset, model: Model) -> list[BodyPath]:
     """Evaluate the pairs that a model names along the run."""
-    names = read_by(model)
+    names = plane_variables(model)
     if not {*names} <= {*run.variables}:
         return []
-    times, lines = _lines(run, names)
+    times, lines = _path_lines(run, names)
     bodies = []
-    places = positions(model, times, dict(zip(names, lines, strict=True)))
-    called = model.pictured.bodies if len(model.pictured.bodies) == len(places) else ("",) * len(places)
-    for pair, (x, y), body in zip(model.pictured.plane, places, called, strict=True):
-        across, up = (spell(dimension_of(model.expanded(each), model.dimensions)).text for each in pair)
-        other = up if up != across else ""
-        own = [
+    places = plane_positions(model, times, dict(zip(names, lines, strict=True)))
+    body_names = model.pictured.bodies if len(model.pictured.bodies) == len(places) else ("",) * len(places)
+    for pair, (x, y), body in zip(model.pictured.plane, places, body_names, strict=True):
+        across, up = (spell(dimension_of(model.expanded(component), model.dimensions)).text for component in pair)
+        up_units = up if up != across else ""
+        coordinate_names = [
             part.name if isinstance(part, Name) and part.name in model.statement.coordinates else "" for part in pair
         ]
         bodies.append(
-            BodyPath(text_of(pair[0]), text_of(pair[1]), across, times, x, y, body, other, names=(own[0], own[1]))
+            BodyPath(
+                text_of(pair[0]),
+                text_of(pair[1]),
+                across,
+                times,
+                x,
+                y,
+                body,
+                up_units,
+                names=(coordinate_names[0], coordinate_names[1]),
+            )
         )
     return bodies
 
 
-def read_by(model: Model) -> list[str]:
+def plane_variables(model: Model) -> list[str]:
     """Return the coordinates, velocities and states that a model's plane reads."""
-    read = set().union(*(free_names(model.expanded(each)) for pair in model.pictured.plane for each in pair))
-    return [name for name in model.units if name in read]
+    names_read = set().union(
+        *(free_names(model.expanded(component)) for pair in model.pictured.plane for component in pair)
+    )
+    return [name for name in model.units if name in names_read]
 
 
-def positions(model: Model, times: Floats, states: Mapping[str, Floats]) -> list[tuple[Floats, Floats]]:
+def plane_positions(model: Model, times: Floats, states: Mapping[str, Floats]) -> list[tuple[Floats, Floats]]:
     """Evaluate the pairs that a model names at states, given in recorded units."""
-    state = {name: states[name] * float(model.units[name].factor) for name in read_by(model)}
+    state = {name: states[name] * float(model.units[name].factor) for name in plane_variables(model)}
     namespace = dict(constants(model)) | state | {"t": times}
     pairs = [
         [evaluate_many(model.expanded(component), namespace) for component in pair] for pair in model.pictured.plane
@@ -354,20 +376,20 @@ def positions(model: Model, times: Floats, states: Mapping[str, Floats]) -> list
     return [(np.broadcast_to(x, times.shape), np.broadcast_to(y, times.shape)) for x, y in pairs]
 
 
-def _line(run: xr.Dataset, name: str) -> tuple[Floats, Floats]:
+def _path_line(run: xr.Dataset, name: str) -> tuple[Floats, Floats]:
     """Return times and values of a line, bent where states are few."""
-    times, (values,) = _lines(run, [name])
+    times, (values,) = _path_lines(run, [name])
     return times, values
 
 
-def _lines(run: xr.Dataset, names: list[str]) -> tuple[Floats, list[Floats]]:
+def _path_lines(run: xr.Dataset, names: list[str]) -> tuple[Floats, list[Floats]]:
     """Return times and values of lines, all at the same times, bent where states are few."""
-    curves = [curve for name in names if (curve := between(run, name)) is not None]
+    curves = [curve for name in names if (curve := refined_line(run, name)) is not None]
     if len(curves) < len(names) or not curves:
         return run.variables["time"].values, [run.variables[name].values for name in names]
     return curves[0][0], [values for _, values in curves]
 
 
-def short(text: str, otherwise: str) -> str:
+def axis_text(text: str, otherwise: str) -> str:
     """Return an expression if an axis has room for it, else what the axis is."""
     return text if text and len(text) <= LONGEST else otherwise

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 from xdynamics.archive import check_states, without_stale_units
-from xdynamics.archive.place import GIVEN, Given, placed
+from xdynamics.archive.place import GIVEN, Given, location_of
 from xdynamics.evidence.grid_axes import is_sweep, sweep_of
-from xdynamics.evidence.stages import computed
+from xdynamics.evidence.stages import compute_datasets
 from xdynamics.faults import InputError
 from xdynamics.figures import (
     budget,
@@ -27,8 +27,8 @@ from xdynamics.figures import (
     run,
     sweep,
 )
-from xdynamics.figures.excerpt import drawn_of
-from xdynamics.figures.sheet import DPI, Panel, check_path, lit, on_axes, sheet, write
+from xdynamics.figures.excerpt import excerpt_of
+from xdynamics.figures.sheet import DPI, Panel, background_style, check_path, on_axes, sheet, write_figure
 from xdynamics.figures.transients import Transient
 from xdynamics.record import of_elements
 from xdynamics.record.folding import model_dimensions
@@ -118,47 +118,51 @@ def plot(
     """
     _check_axes(ax, path, size)
     if path is not None:
-        check_path(placed(path))
-    wanted = [only] if isinstance(only, str) else only
-    others = (
+        check_path(location_of(path))
+    requested_names = [only] if isinstance(only, str) else only
+    companions = (
         [beside] if isinstance(beside, GIVEN) or hasattr(beside, "attrs") or hasattr(beside, "columns") else [*beside]
     )
-    given, others, names = _first_of(record, others)
-    given, *others = [_as_drawn(each) if hasattr(each, "attrs") else each for each in (given, *others)]
-    given = _computed(given, wanted)
-    if hasattr(given, "attrs"):
-        kind = str(given.attrs.get(EVIDENCE, ""))
+    subject, companions, names = _split_first_record(record, companions)
+    subject, *companions = [
+        _record_to_draw(source) if hasattr(source, "attrs") else source for source in (subject, *companions)
+    ]
+    subject = _computed_record(subject, requested_names)
+    if hasattr(subject, "attrs"):
+        kind = str(subject.attrs.get(EVIDENCE, ""))
         if kind and kind not in PAGES:
             raise InputError(f"there is no figure of {with_article(kind)}; `xdynamics show` prints what it found")
-        page, title = PAGES.get(kind, run.PAGE), str(given.attrs.get("title", "run"))
-        if page is run.PAGE and others:
-            title = title.removesuffix(f", by {given.attrs.get('solver_method')}")
+        page, title = PAGES.get(kind, run.PAGE), str(subject.attrs.get("title", "run"))
+        if page is run.PAGE and companions:
+            title = title.removesuffix(f", by {subject.attrs.get('solver_method')}")
     else:
-        page, title = overlay.PAGE, f"{', '.join(given)}, side by side"
-    if page is not run.PAGE and (only is not None or panels != run.FEW or (others and page is not enclosure.PAGE)):
+        page, title = overlay.PAGE, f"{', '.join(subject)}, side by side"
+    if page is not run.PAGE and (only is not None or panels != run.FEW or (companions and page is not enclosure.PAGE)):
         raise InputError("only, panels and beside are for figures of a run, beside for those of proven bounds too")
     if panels not in run.AMOUNTS:
         raise InputError(f"panels is {panels!r}; there are {', '.join(run.AMOUNTS)}")
-    _check(size, dpi)
-    drawn, rest = _panels(page, given, transient, others, {"only": wanted, "amount": panels, "names": names})
-    foot = "; ".join(filter(None, (page.foot_of(given), rest)))
-    if not drawn:
+    _check_size_and_dpi(size, dpi)
+    drawn_panels, omission_note = _panels_of_page(
+        page, subject, transient, companions, {"only": requested_names, "amount": panels, "names": names}
+    )
+    foot = "; ".join(filter(None, (page.foot_of(subject), omission_note)))
+    if not drawn_panels:
         raise InputError(f"'{title}' has nothing that is drawn of it; give it whole, as it was made")
     if ax is not None:
-        with lit(dark=dark):
-            on_axes(ax, drawn[0])
+        with background_style(dark=dark):
+            on_axes(ax, drawn_panels[0])
         return cast("Picture", ax.figure)
-    if len(drawn) > page.most_panels:
-        foot = f"the first {page.most_panels} of {len(drawn)} panels; {foot}"
-        drawn = drawn[: page.most_panels]
-    with lit(dark=dark):
-        figure = sheet(drawn, title, foot, page.height_of(len(drawn)), size)
+    if len(drawn_panels) > page.most_panels:
+        foot = f"the first {page.most_panels} of {len(drawn_panels)} panels; {foot}"
+        drawn_panels = drawn_panels[: page.most_panels]
+    with background_style(dark=dark):
+        figure = sheet(drawn_panels, title, foot, page.panel_height(len(drawn_panels)), size)
         if path is not None:
-            write(figure, placed(path), dpi)
+            write_figure(figure, location_of(path), dpi)
     return figure
 
 
-def _as_drawn(record: xr.Dataset) -> xr.Dataset:
+def _record_to_draw(record: xr.Dataset) -> xr.Dataset:
     """Return a record by its elements, without units that edits made wrong; a run whose motion was edited is refused."""
     if is_sweep(record):
         record = sweep_of(record)
@@ -168,48 +172,50 @@ def _as_drawn(record: xr.Dataset) -> xr.Dataset:
     return unfold(record) if model_dimensions(record) else record
 
 
-def _left_out(page: Any, transient: int | str) -> dict[str, Any]:
+def _transient_option(page: Any, transient: int | str) -> dict[str, Any]:
     if page not in (run.PAGE, sweep.PAGE):
         raise InputError("transient is for figures of sweeps that keep occurrences of events, and of sections of runs")
-    return {"transient": Transient.of(transient)}
+    return {"transient": Transient.from_argument(transient)}
 
 
-def _first_of(record: Any, beside: list[Any]) -> tuple[Any, list[Any], list[str]]:
+def _split_first_record(record: Any, companions: list[Any]) -> tuple[Any, list[Any], list[str]]:
     """Part several runs into the first one and those beside it, with the names that they were given."""
     if hasattr(record, "attrs"):
-        return record, beside, []
+        return record, companions, []
     if isinstance(record, str) or not isinstance(record, Sequence | Mapping):
         check_dataset(record)
     names = [str(name) for name in record] if isinstance(record, Mapping) else []
-    several = [*record.values()] if isinstance(record, Mapping) else [*record]
-    if not several:
+    records = [*record.values()] if isinstance(record, Mapping) else [*record]
+    if not records:
         raise InputError("plot got no record, needs one at least")
-    if any(not hasattr(each, "attrs") for each in several):
-        raise InputError(f"plot got {', '.join(type(each).__name__ for each in several)}, needs Datasets")
-    if any(each.attrs.get(EVIDENCE) for each in several):
-        kinds = dict.fromkeys(str(each.attrs.get(EVIDENCE, "run")) for each in several)
+    if any(not hasattr(entry, "attrs") for entry in records):
+        raise InputError(f"plot got {', '.join(type(entry).__name__ for entry in records)}, needs Datasets")
+    if any(entry.attrs.get(EVIDENCE) for entry in records):
+        kinds = dict.fromkeys(str(entry.attrs.get(EVIDENCE, "run")) for entry in records)
         if not names:
             raise InputError(f"several of {', '.join(kinds)} are drawn together by names, {{'name': record, …}}")
-        return record, beside, []
-    return several[0], [*several[1:], *beside], names if len(several) > 1 and not beside else []
+        return record, companions, []
+    return records[0], [*records[1:], *companions], names if len(records) > 1 and not companions else []
 
 
-def _computed(record: Any, wanted: Sequence[str] | None) -> Any:
+def _computed_record(record: Any, requested_names: Sequence[str] | None) -> Any:
     """Compute lazy evidence, once for all panels; of a run in chunks what is drawn, so that no chunk is read twice."""
     if not hasattr(record, "attrs"):
-        return dict(zip(record, computed(*record.values()), strict=True))
+        return dict(zip(record, compute_datasets(*record.values()), strict=True))
     if record.attrs.get(EVIDENCE):
-        return computed(record)[0]
-    return drawn_of(record, wanted)
+        return compute_datasets(record)[0]
+    return excerpt_of(record, requested_names)
 
 
-def _panels(page: Any, given: Any, transient: Any, others: Any, of_runs: dict[str, Any]) -> tuple[list[Panel], str]:
+def _panels_of_page(
+    page: Any, record: Any, transient: Any, companions: Any, of_runs: dict[str, Any]
+) -> tuple[list[Panel], str]:
     """Return the panels of what is drawn, and what is said of those that are not."""
-    left_out = {} if transient is None else _left_out(page, transient)
+    left_out = {} if transient is None else _transient_option(page, transient)
     if page is run.PAGE:
-        return run.panels_and_rest(given, **of_runs, beside=others, **left_out)
-    beside = {"beside": others} if page is enclosure.PAGE else {}
-    return page.panels_of(given, **beside, **left_out), ""
+        return run.panels_and_omissions(record, **of_runs, beside=companions, **left_out)
+    enclosed_runs = {"beside": companions} if page is enclosure.PAGE else {}
+    return page.panels_of(record, **enclosed_runs, **left_out), ""
 
 
 def _check_axes(ax: Any, path: Any, size: Any) -> None:
@@ -220,7 +226,7 @@ def _check_axes(ax: Any, path: Any, size: Any) -> None:
         raise InputError("path and size are of a figure that is made here, and ax is of one that is there; give one")
 
 
-def _check(size: Any, dpi: Any) -> None:
+def _check_size_and_dpi(size: Any, dpi: Any) -> None:
     pair = (
         isinstance(size, tuple | list)
         and len(size) == 2

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.refining.defects import DEFECT
-from xdynamics.faults import few
-from xdynamics.figures.marks import COLOURS, at_time, timed, words
+from xdynamics.faults import first_names
+from xdynamics.figures.marks import COLOURS, at_time, escaped_text, time_axis_label
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.record.flag_words import in_prose, words_of
+from xdynamics.record.flag_words import in_prose, words_of_flag
 from xdynamics.schema import AT, AT_TIME, LEVEL
-from xdynamics.shapes import parted
+from xdynamics.shapes import split_element_name
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import short_number, with_uncertainty
 
@@ -37,36 +37,38 @@ FAR_BELOW = 1e-3  # of the smallest difference: what is less than this is not dr
 def panels_of(study: xr.Dataset) -> list[Panel]:
     """Return the panel of each number of a refinement; one for many elements of a quantity."""
     differences = [
-        partial(_of_elements, study, names) if len(names) > 1 else partial(_differences, study, names[0])
-        for names in _parted(study)[0]
+        partial(_draw_element_levels, study, names) if len(names) > 1 else partial(_draw_number_levels, study, names[0])
+        for names in _differing_groups(study)[0]
     ]
     defects = dict[str, list[str]]()
     for name in (str(name) for name in study.data_vars if str(name).startswith(DEFECT)):
         if bool((abs(study[name]) > 0.0).any()):
             defects.setdefault(str(study[name].attrs["units"]), []).append(name)
-    shown = MOST_PANELS - len(defects)
-    drawn = [partial(_defects, study, names) for names in defects.values()]
-    return [*differences[:shown], *drawn, *differences[shown:]]
+    leading_count = MOST_PANELS - len(defects)
+    defect_panels = [partial(_draw_step_defects, study, names) for names in defects.values()]
+    return [*differences[:leading_count], *defect_panels, *differences[leading_count:]]
 
 
-def _parted(study: xr.Dataset) -> tuple[list[list[str]], list[list[str]]]:
+def _differing_groups(study: xr.Dataset) -> tuple[list[list[str]], list[list[str]]]:
     """Return the groups that have a panel, and those that have none as no level differs; all have one if none differs."""
-    groups = _groups(study, _numbers(study))
-    differing = [group for group in groups if any(_changes(study, name).any() for name in group)]
-    return differing or groups, [group for group in groups if group not in differing] if differing else []
+    groups = _element_groups(study, _informative_numbers(study))
+    groups_that_differ = [group for group in groups if any(_differs_at_places(study, name).any() for name in group)]
+    return groups_that_differ or groups, [
+        group for group in groups if group not in groups_that_differ
+    ] if groups_that_differ else []
 
 
-def _changes(study: xr.Dataset, name: str) -> NDArray[np.bool_]:
+def _differs_at_places(study: xr.Dataset, name: str) -> NDArray[np.bool_]:
     """Return at each place of a number whether levels differ there at all."""
     return np.asarray((abs(study[f"difference_{name}"]) > 0.0).any(LEVEL).values).ravel()
 
 
-def _groups(study: xr.Dataset, names: list[str]) -> list[list[str]]:
+def _element_groups(study: xr.Dataset, names: list[str]) -> list[list[str]]:
     """Group elements of a quantity that has many; all else, and numbers without levels in a row, stand alone."""
     groups, is_number = dict[str, list[str]](), study[str(study.attrs["varied"])].dtype.kind == "f"
     for name in names:
-        whole, labels = parted(name)
-        groups.setdefault(whole if labels and is_number else name, []).append(name)
+        quantity, labels = split_element_name(name)
+        groups.setdefault(quantity if labels and is_number else name, []).append(name)
     return [
         part
         for group in groups.values()
@@ -76,23 +78,23 @@ def _groups(study: xr.Dataset, names: list[str]) -> list[list[str]]:
 
 def foot_of(study: xr.Dataset) -> str:
     """Describe what is drawn, and what is left out."""
-    omitted = sum(f"difference_{name}" in study for name in study.data_vars) - len(_numbers(study))
-    further = "1 further number, at roundoff or limited by interpolation, is"
+    omitted = sum(f"difference_{name}" in study for name in study.data_vars) - len(_informative_numbers(study))
+    omitted_text = "1 further number, at roundoff or limited by interpolation, is"
     if omitted > 1:
-        further = f"{omitted} further numbers, at roundoff or limited by interpolation, are"
-    note = f"; {further} in the record" if omitted else ""
-    same = _parted(study)[1]
-    valued = [group for group in same if any(bool(study[name].notnull().any()) for name in group)]
-    for told, groups in (
-        ("not drawn, as levels do not differ", valued),
-        ("without a value", [group for group in same if group not in valued]),
+        omitted_text = f"{omitted} further numbers, at roundoff or limited by interpolation, are"
+    note = f"; {omitted_text} in the record" if omitted else ""
+    equal_groups = _differing_groups(study)[1]
+    groups_with_values = [group for group in equal_groups if any(bool(study[name].notnull().any()) for name in group)]
+    for reason, groups in (
+        ("not drawn, as levels do not differ", groups_with_values),
+        ("without a value", [group for group in equal_groups if group not in groups_with_values]),
     ):
-        note += f"; {told}: {few(map(_said, groups))}" if groups else ""
+        note += f"; {reason}: {first_names(map(_group_name, groups))}" if groups else ""
     order = float(study.attrs["formal_order"])  # nan where no number that an error could be a power of is refined
     dashed = f"; dashed: order {order:g}" if np.isfinite(order) else ""
     grey = (
         f"; grey: elements that differ less than the {MOST_NAMED} named"
-        if any(map(_has_grey, _parted(study)[0]))
+        if any(map(_has_grey, _differing_groups(study)[0]))
         else ""
     )
     return (
@@ -106,48 +108,48 @@ def _has_grey(group: list[str]) -> bool:
     return len(group) > max(MOST_ALONE, MOST_NAMED)
 
 
-def _said(group: list[str]) -> str:
+def _group_name(group: list[str]) -> str:
     """Name what one panel is of."""
-    return group[0] if len(group) == 1 else parted(group[0])[0]
+    return group[0] if len(group) == 1 else split_element_name(group[0])[0]
 
 
-def _numbers(study: xr.Dataset) -> list[str]:
+def _informative_numbers(study: xr.Dataset) -> list[str]:
     """Name the numbers on which the levels are informative; all, if there are none."""
     names = [str(name) for name in study.data_vars if f"difference_{name}" in study]
     # what the model names, in the order that was asked for, and known; switches hidden in forces, like 'drag.abs', last
-    shown = [name for name in names if telling(study, name)] or names
-    return sorted(shown, key=lambda name: ("." in name, not _is_known(study, name)))
+    informative = [name for name in names if is_informative(study, name)] or names
+    return sorted(informative, key=lambda name: ("." in name, not _has_known_uncertainty(study, name)))
 
 
-def _is_known(study: xr.Dataset, name: str) -> bool:
+def _has_known_uncertainty(study: xr.Dataset, name: str) -> bool:
     """Whether an uncertainty of a number is known at one place at least; where none is ever told, all are."""
     doubt = study.get(f"uncertainty_{name}")
     return doubt is None or bool(np.isfinite(doubt.values).any())
 
 
-def _called(study: xr.Dataset, name: str) -> str:
+def _number_title(study: xr.Dataset, name: str) -> str:
     """Name a number as one says it: the time of an event, a state after it."""
     if name.startswith("event_time_"):
         return f"time of {name.removeprefix('event_time_')}"
     return str(study[name].attrs["long_name"]) if name.startswith(("after_", "all_after_")) else name
 
 
-def telling(study: xr.Dataset, name: str) -> bool:
+def is_informative(study: xr.Dataset, name: str) -> bool:
     """Whether levels differ by more than rounding and interpolation explain, in at least one place."""
-    if _is_rounding(study, name):
+    if _is_rounding_only(study, name):
         return False
     if f"verdict_{name}" not in study:
         return bool((np.abs(study[f"difference_{name}"]) > study[f"interpolation_error_{name}"]).any())
-    return bool({*words_of(study[f"verdict_{name}"])} - {"roundoff", "interpolation_limited"})
+    return bool({*words_of_flag(study[f"verdict_{name}"])} - {"roundoff", "interpolation_limited"})
 
 
-def _is_rounding(study: xr.Dataset, name: str) -> bool:
+def _is_rounding_only(study: xr.Dataset, name: str) -> bool:
     """Whether levels differ by no more than rounding of the size that the number has along a run."""
-    size = study.get(schema.scale("difference", name))
+    size = study.get(schema.scale_name("difference", name))
     if size is None:
         return False
-    most = float(np.nanmax(np.abs(study[f"difference_{name}"].values), initial=0.0))
-    return bool(most <= ROUNDINGS * EPS * float(np.nanmax(np.asarray(size), initial=0.0)))
+    largest_difference = float(np.nanmax(np.abs(study[f"difference_{name}"].values), initial=0.0))
+    return bool(largest_difference <= ROUNDINGS * EPS * float(np.nanmax(np.asarray(size), initial=0.0)))
 
 
 def log_steps(axes: Axes, steps: NDArray[Any]) -> None:
@@ -161,7 +163,7 @@ def log_steps(axes: Axes, steps: NDArray[Any]) -> None:
     axes.autoscale_view(scaley=False)
 
 
-def _scale(axes: Axes) -> None:
+def _set_difference_scale(axes: Axes) -> None:
     """Give differences a logarithmic axis; where there are none, say so."""
     if any(np.size(line.get_xdata()) for line in axes.lines):
         axes.set_yscale("log")
@@ -170,121 +172,143 @@ def _scale(axes: Axes) -> None:
         axes.text(0.5, 0.5, "no difference between levels", transform=axes.transAxes, ha="center", fontsize=9)
 
 
-def _differences(study: xr.Dataset, name: str, axes: Axes) -> None:
+def _draw_number_levels(study: xr.Dataset, name: str, axes: Axes) -> None:
     """Draw the differences of one number over its levels."""
     varied, variable = study[str(study.attrs["varied"])], study[name]
     number = varied.dtype.kind == "f"
     steps = varied.values if number else np.arange(varied.size, dtype=float)
-    place = next((dim for dim in variable.dims if dim != LEVEL), None)
-    for k in range(min(MOST_PLACES, study.sizes[place]) if place else 1):
-        selection = {place: k} if place else {}
+    place_dim = next((dim for dim in variable.dims if dim != LEVEL), None)
+    for k in range(min(MOST_PLACES, study.sizes[place_dim]) if place_dim else 1):
+        selection = {place_dim: k} if place_dim else {}
         change, doubt = (
             np.abs(study[f"{kind}_{name}"].isel(selection).values) for kind in ("difference", "interpolation_error")
         )
-        where = (
+        place_text = (
             ""
-            if not place
+            if not place_dim
             else at_time(study[AT_TIME], float(study[AT_TIME][k]))
-            if place == AT
+            if place_dim == AT
             else f"occurrence {k + 1}"
         )
-        verdict = in_prose(words_of(study[f"verdict_{name}"].isel(selection))[0]) if number else ""
-        shown = change > 0.0
-        uncertain = doubt > (FAR_BELOW * float(change[shown].min()) if shown.any() else 0.0)
-        colour, label = COLOURS[k % len(COLOURS)], ", ".join(filter(None, (where, verdict)))
-        axes.plot(steps[shown], change[shown], "o-", color=colour, markersize=4, linewidth=1.0, label=words(label))
+        verdict = in_prose(words_of_flag(study[f"verdict_{name}"].isel(selection))[0]) if number else ""
+        is_nonzero = change > 0.0
+        uncertain = doubt > (FAR_BELOW * float(change[is_nonzero].min()) if is_nonzero.any() else 0.0)
+        colour, label = COLOURS[k % len(COLOURS)], ", ".join(filter(None, (place_text, verdict)))
+        axes.plot(
+            steps[is_nonzero],
+            change[is_nonzero],
+            "o-",
+            color=colour,
+            markersize=4,
+            linewidth=1.0,
+            label=escaped_text(label),
+        )
         axes.plot(steps[uncertain], doubt[uncertain], "x", color=colour, markersize=4)
-        if k == 0 and number and shown.any():
-            first = np.flatnonzero(shown)[0]
-            slope = change[first] * (steps[shown] / steps[first]) ** float(study.attrs["formal_order"])
-            axes.plot(steps[shown], slope, "--", color="#999999", linewidth=0.9, zorder=0)
-    _scale(axes)
+        if k == 0 and number and is_nonzero.any():
+            first = np.flatnonzero(is_nonzero)[0]
+            slope = change[first] * (steps[is_nonzero] / steps[first]) ** float(study.attrs["formal_order"])
+            axes.plot(steps[is_nonzero], slope, "--", color="#999999", linewidth=0.9, zorder=0)
+    _set_difference_scale(axes)
     if number:
         log_steps(axes, steps)
-        axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
+        axes.set(xlabel=escaped_text(time_axis_label(varied, str(study.attrs["varied"]))))
     else:
-        axes.set_xticks(steps, [words(str(level)) for level in varied.values])
-    axes.set(ylabel=words(f"|difference| ({study[f'difference_{name}'].attrs['units']})"))
-    first = f" at {at_time(study[AT_TIME], float(study[AT_TIME][0]))}" if place == AT else ""
-    omitted = f", {MOST_PLACES} of {study.sizes[place]} drawn" if place and study.sizes[place] > MOST_PLACES else ""
+        axes.set_xticks(steps, [escaped_text(str(level)) for level in varied.values])
+    axes.set(ylabel=escaped_text(f"|difference| ({study[f'difference_{name}'].attrs['units']})"))
+    first = f" at {at_time(study[AT_TIME], float(study[AT_TIME][0]))}" if place_dim == AT else ""
+    omitted = (
+        f", {MOST_PLACES} of {study.sizes[place_dim]} drawn"
+        if place_dim and study.sizes[place_dim] > MOST_PLACES
+        else ""
+    )
     axes.set_title(
-        words(f"{_called(study, name)}{first} = {_known(study, name)}{unit_suffix(variable.attrs['units'])}{omitted}"),
+        escaped_text(
+            f"{_number_title(study, name)}{first} = {_known_value_text(study, name)}{unit_suffix(variable.attrs['units'])}{omitted}"
+        ),
         loc="left",
         fontsize=10,
     )
     axes.legend(fontsize=8, frameon=False)
 
 
-def _defects(study: xr.Dataset, names: list[str], axes: Axes) -> None:
+def _draw_step_defects(study: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw the largest errors of single steps, of all numbers of one unit, over the levels."""
     varied = study[str(study.attrs["varied"])]
     steps = varied.values.astype(float)
     sizes = {name: abs(study[name].values) for name in names}
     order = sorted(names, key=lambda name: -float(np.nanmax(sizes[name], initial=0.0)))
     for rank, name in reversed([*enumerate(order)]):
-        shown, size = sizes[name] > 0.0, sizes[name]
+        is_nonzero, size = sizes[name] > 0.0, sizes[name]
         style: dict[str, Any] = {"color": "0.75", "linewidth": 0.6, "markersize": 2}
         if rank < len(COLOURS) and rank < MOST_DEFECTS:
-            label = words(name.removeprefix(DEFECT))
+            label = escaped_text(name.removeprefix(DEFECT))
             style = {"color": COLOURS[rank], "linewidth": 1.0, "markersize": 4, "label": label}
-        axes.plot(steps[shown], size[shown], "o-", **style)
-        if rank == 0 and shown.any() and np.isfinite(float(study.attrs["formal_order"])):
-            first = np.flatnonzero(shown)[0]
-            slope = size[first] * (steps[shown] / steps[first]) ** (float(study.attrs["formal_order"]) + 1.0)
+        axes.plot(steps[is_nonzero], size[is_nonzero], "o-", **style)
+        if rank == 0 and is_nonzero.any() and np.isfinite(float(study.attrs["formal_order"])):
+            first = np.flatnonzero(is_nonzero)[0]
+            slope = size[first] * (steps[is_nonzero] / steps[first]) ** (float(study.attrs["formal_order"]) + 1.0)
             label = f"order {float(study.attrs['formal_order']) + 1.0:g}"
-            axes.plot(steps[shown], slope, "--", color="#999999", linewidth=0.9, zorder=0, label=label)
-    _scale(axes)
+            axes.plot(steps[is_nonzero], slope, "--", color="#999999", linewidth=0.9, zorder=0, label=label)
+    _set_difference_scale(axes)
     log_steps(axes, steps)
-    axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
-    axes.set(ylabel=words(f"|error of one step| ({study[names[0]].attrs['units']})"))
-    axes.set_title(words("largest error of a single step"), loc="left", fontsize=10)
+    axes.set(xlabel=escaped_text(time_axis_label(varied, str(study.attrs["varied"]))))
+    axes.set(ylabel=escaped_text(f"|error of one step| ({study[names[0]].attrs['units']})"))
+    axes.set_title(escaped_text("largest error of a single step"), loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 
 
-def _of_elements(study: xr.Dataset, names: list[str], axes: Axes) -> None:
+def _draw_element_levels(study: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw the differences of all elements of a quantity over its levels, at the last place with any; name the largest."""
     varied = study[str(study.attrs["varied"])]
-    steps, place = varied.values, next((dim for dim in study[names[0]].dims if dim != LEVEL), None)
-    differing = np.flatnonzero(np.any([_changes(study, name) for name in names], axis=0)) if place else np.zeros(0)
-    k = int(differing[-1]) if differing.size else -1
-    last = {place: k} if place else {}
+    steps, place_dim = varied.values, next((dim for dim in study[names[0]].dims if dim != LEVEL), None)
+    differing_places = (
+        np.flatnonzero(np.any([_differs_at_places(study, name) for name in names], axis=0))
+        if place_dim
+        else np.zeros(0)
+    )
+    k = int(differing_places[-1]) if differing_places.size else -1
+    last = {place_dim: k} if place_dim else {}
     changes = {name: np.abs(study[f"difference_{name}"].isel(last).values) for name in names}
-    verdicts = {name: in_prose(words_of(study[f"verdict_{name}"].isel(last))[0]) for name in names}
+    verdicts = {name: in_prose(words_of_flag(study[f"verdict_{name}"].isel(last))[0]) for name in names}
     order = sorted(names, key=lambda name: -float(np.nanmax(changes[name], initial=0.0)))
     for name in reversed(order):
-        rank, shown = order.index(name), changes[name] > 0.0
+        rank, is_nonzero = order.index(name), changes[name] > 0.0
         style: dict[str, Any] = {"color": "0.75", "linewidth": 0.6, "markersize": 2}
         if rank < MOST_NAMED:
             style = {
                 "color": COLOURS[rank],
                 "linewidth": 1.0,
                 "markersize": 4,
-                "label": words(f"{name}, {verdicts[name]}"),
+                "label": escaped_text(f"{name}, {verdicts[name]}"),
             }
-        axes.plot(steps[shown], changes[name][shown], "o-", **style)
-        if rank == 0 and shown.any():
-            first = np.flatnonzero(shown)[0]
-            slope = changes[name][first] * (steps[shown] / steps[first]) ** float(study.attrs["formal_order"])
-            axes.plot(steps[shown], slope, "--", color="#999999", linewidth=0.9, zorder=0)
-    _scale(axes)
+        axes.plot(steps[is_nonzero], changes[name][is_nonzero], "o-", **style)
+        if rank == 0 and is_nonzero.any():
+            first = np.flatnonzero(is_nonzero)[0]
+            slope = changes[name][first] * (steps[is_nonzero] / steps[first]) ** float(study.attrs["formal_order"])
+            axes.plot(steps[is_nonzero], slope, "--", color="#999999", linewidth=0.9, zorder=0)
+    _set_difference_scale(axes)
     log_steps(axes, steps)
-    axes.set(xlabel=words(timed(varied, str(study.attrs["varied"]))))
-    axes.set(ylabel=words(f"|difference| ({study[f'difference_{names[0]}'].attrs['units']})"))
-    where = f" at {at_time(study[AT_TIME], float(study[AT_TIME][k]))}" if place == AT else ""
+    axes.set(xlabel=escaped_text(time_axis_label(varied, str(study.attrs["varied"]))))
+    axes.set(ylabel=escaped_text(f"|difference| ({study[f'difference_{names[0]}'].attrs['units']})"))
+    place_text = f" at {at_time(study[AT_TIME], float(study[AT_TIME][k]))}" if place_dim == AT else ""
     counts = Counter(verdicts.values()).most_common()
-    said = ", ".join(f"{count} {word}" for word, count in counts)
-    axes.set_title(words(f"{parted(names[0])[0]}{where}, {len(names)} elements: {said}"), loc="left", fontsize=10)
+    verdict_counts = ", ".join(f"{count} {word}" for word, count in counts)
+    axes.set_title(
+        escaped_text(f"{split_element_name(names[0])[0]}{place_text}, {len(names)} elements: {verdict_counts}"),
+        loc="left",
+        fontsize=10,
+    )
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(handles[::-1], labels[::-1], fontsize=8, frameon=False)
 
 
-def _known(study: xr.Dataset, name: str) -> str:
+def _known_value_text(study: xr.Dataset, name: str) -> str:
     """Write the finest level's value at the first place with the digits that are known; alone if none is known to be."""
     value = float(study[name].values.reshape(study.sizes[LEVEL], -1)[-1, 0])
     doubt = float(study[f"uncertainty_{name}"].values.ravel()[0]) if f"uncertainty_{name}" in study else np.nan
     if 0.0 < doubt < np.inf:
         return with_uncertainty(value, doubt)
-    size = float(np.nanmax(np.asarray(study.get(schema.scale("difference", name), np.nan)), initial=0.0))
+    size = float(np.nanmax(np.asarray(study.get(schema.scale_name("difference", name), np.nan)), initial=0.0))
     return short_number(value if abs(value) > ROUNDINGS * EPS * size else 0.0)
 
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from xdynamics.archive.place import Place
 from xdynamics.archive.stores import check_target, taking_name
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.figures.marks import typeset, words
-from xdynamics.figures.placing import settle
+from xdynamics.figures.marks import escaped_text, typeset
+from xdynamics.figures.placing import place_legends_and_names
 from xdynamics.figures.powers import fold_power
 from xdynamics.units import NUMBERS
 
@@ -59,7 +59,7 @@ class Page:
         The panels of a record, and the text below them.
     most_panels : int
         More are left out.
-    height, alone : float
+    height, single_height : float
         Inches of a panel, and of one that is alone on its sheet, if that has more.
     """
 
@@ -68,11 +68,11 @@ class Page:
     foot_of: Callable[..., str]
     most_panels: int = 1 << 10
     height: float = HEIGHT
-    alone: float = 0.0
+    single_height: float = 0.0
 
-    def height_of(self, panels: int) -> float:
+    def panel_height(self, panels: int) -> float:
         """Return the height of each of so many panels."""
-        return max(self.height, self.alone) if panels == 1 else self.height
+        return max(self.height, self.single_height) if panels == 1 else self.height
 
 
 def sheet(
@@ -99,46 +99,46 @@ def sheet(
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     for axes, draw in zip(grid.flat, panels, strict=False):
-        _dressed(axes)
+        _style_axes(axes)
         draw(axes)
-    _typeset(figure.axes)
-    figure.suptitle(words(title), x=0.01, ha="left", fontsize=13)
-    lines = textwrap.wrap(words(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
+    _typeset_labels(figure.axes)
+    figure.suptitle(escaped_text(title), x=0.01, ha="left", fontsize=13)
+    lines = textwrap.wrap(escaped_text(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
     figure.supxlabel("\n".join(lines), fontsize=8, alpha=0.7, x=0.01, ha="left")
-    settle(figure)
+    place_legends_and_names(figure)
     figure.stale = False  # until somebody changes it
     return figure
 
 
 def on_axes(axes: Axes, draw: Panel) -> None:
     """Draw a panel on axes of a figure that is another's."""
-    _dressed(axes)
+    _style_axes(axes)
     draw(axes)
-    _typeset([axes])
+    _typeset_labels([axes])
 
 
-def _dressed(axes: Axes) -> None:
+def _style_axes(axes: Axes) -> None:
     from matplotlib import rcParams
 
     axes.grid(color=rcParams["grid.color"], linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _typeset(row: Sequence[Axes]) -> None:
+def _typeset_labels(row: Sequence[Axes]) -> None:
     """Typeset the units of labels, and put powers of ten beside them."""
-    every: list[Any] = [part for axes in row for part in (axes, *axes.child_axes) if part.name != "3d"]
-    for axis in (axis for part in every for axis in (part.xaxis, part.yaxis)):
-        axis.set_label_text(_BEHIND.sub(_unit, axis.get_label_text()))
+    panels: list[Any] = [part for axes in row for part in (axes, *axes.child_axes) if part.name != "3d"]
+    for axis in (axis for part in panels for axis in (part.xaxis, part.yaxis)):
+        axis.set_label_text(_BEHIND.sub(_typeset_unit, axis.get_label_text()))
         fold_power(axis)
 
 
-def _unit(match: re.Match[str]) -> str:
+def _typeset_unit(match: re.Match[str]) -> str:
     """Return the unit after a label as it is typeset; nothing for a pure number."""
     return "" if match[1] == NUMBERS.text else f" ({typeset(match[1])})"
 
 
 @contextmanager
-def lit(*, dark: bool) -> Iterator[None]:
+def background_style(*, dark: bool) -> Iterator[None]:
     """Draw on a white or on a dark background."""
     from matplotlib import rc_context
 
@@ -146,23 +146,23 @@ def lit(*, dark: bool) -> Iterator[None]:
         yield
 
 
-def write(figure: Picture, path: Place, dpi: int = DPI) -> None:
+def write_figure(figure: Picture, path: Place, dpi: int = DPI) -> None:
     """Write a figure whole, or not at all."""
     ending = path.suffix.lower()
     if ending == PAGE:
         page = figure.interactive().html()
-        with kept("figure", path) as part:
+        with temporary_file("figure", path) as part:
             part.write_text(page, encoding="utf-8")
         return
-    drawn = BytesIO()
+    image_buffer = BytesIO()
     with figure.as_laid_out():
-        figure.savefig(drawn, format=ending[1:], dpi=dpi, metadata={"Date": None} if ending == ".svg" else None)
-    with kept("figure", path) as part:
-        part.write_bytes(drawn.getvalue())
+        figure.savefig(image_buffer, format=ending[1:], dpi=dpi, metadata={"Date": None} if ending == ".svg" else None)
+    with temporary_file("figure", path) as part:
+        part.write_bytes(image_buffer.getvalue())
 
 
 @contextmanager
-def kept(what: str, path: Place) -> Iterator[Path]:
+def temporary_file(file_kind: str, path: Place) -> Iterator[Path]:
     """Lend a temporary path to write to; the file then takes its final name whole, or not at all.
 
     Raises
@@ -171,13 +171,13 @@ def kept(what: str, path: Place) -> Iterator[Path]:
         If the file cannot be written there.
     """
     try:
-        with taking_name(path) as new:
-            yield new.part
+        with taking_name(path) as target:
+            yield target.part
     except ArchiveError as error:
-        raise ArchiveError(f"{what} {error}") from None
+        raise ArchiveError(f"{file_kind} {error}") from None
 
 
-def check_path(path: Place, formats: Sequence[str] = FORMATS, what: str = "figure") -> None:
+def check_path(path: Place, formats: Sequence[str] = FORMATS, file_kind: str = "figure") -> None:
     """Check before drawing that a file can be written.
 
     Raises
@@ -186,8 +186,8 @@ def check_path(path: Place, formats: Sequence[str] = FORMATS, what: str = "figur
         If the file's ending is unknown, or its path cannot be written.
     """
     if path.suffix.lower() not in formats:
-        raise InputError(f"{what} '{path}' has the ending '{path.suffix}'; there are {', '.join(formats)}")
+        raise InputError(f"{file_kind} '{path}' has the ending '{path.suffix}'; there are {', '.join(formats)}")
     try:
         check_target(path)
     except InputError as error:
-        raise InputError(f"{what} {error}") from None
+        raise InputError(f"{file_kind} {error}") from None

@@ -9,12 +9,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.figures.curves import thinned
-from xdynamics.figures.marks import COLOURS, at_time, in_unit, words
-from xdynamics.figures.sweep_labels import labelled, other_axes
+from xdynamics.figures.curves import thinned_rows
+from xdynamics.figures.marks import COLOURS, at_time, escaped_text, label_with_unit
+from xdynamics.figures.sweep_labels import number_label, other_settings_note
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
-from xdynamics.shapes import parted
+from xdynamics.shapes import split_element_name
 from xdynamics.sweeping.collection import NUMBER
 from xdynamics.sweeping.kept_quantities import EVENT_TIME, OUTCOME
 
@@ -31,47 +31,50 @@ LARGE = 20_000  # members from which on points are small
 FEW_POINTS = 3000  # up to which points of a diagram are large
 
 
-def elements_over(sweep: xr.Dataset, names: list[str], dim: str, axes: Axes) -> None:
+def draw_elements_over_axis(sweep: xr.Dataset, names: list[str], dim: str, axes: Axes) -> None:
     """Draw the elements of a quantity over one axis, all on one scale."""
-    shown = [names[k] for k in np.unique(np.linspace(0, len(names) - 1, min(len(names), MOST_LINES)).astype(int))]
-    x, whole = sweep[dim].values.astype(float), parted(names[0])[0]
-    for k, name in enumerate(shown):
+    drawn_names = [names[k] for k in np.unique(np.linspace(0, len(names) - 1, min(len(names), MOST_LINES)).astype(int))]
+    x, quantity = sweep[dim].values.astype(float), split_element_name(names[0])[0]
+    for k, name in enumerate(drawn_names):
         axes.plot(
             x,
             sweep[name].values.astype(float),
             marker="" if len(x) > 40 else ".",
             linestyle=DASHES[k // len(COLOURS) % len(DASHES)],
             color=COLOURS[k % len(COLOURS)],
-            label=words(name),
+            label=escaped_text(name),
             **LINE,
         )
         _mark_bad(axes, sweep, name, x)
-    axes.set(xlabel=labelled(sweep, dim), ylabel=words(in_unit(whole, str(sweep[names[0]].attrs["units"]))))
+    axes.set(
+        xlabel=number_label(sweep, dim),
+        ylabel=escaped_text(label_with_unit(quantity, str(sweep[names[0]].attrs["units"]))),
+    )
     axes.ticklabel_format(axis="y", useOffset=False)
-    left_out = f", {len(shown)} of {len(names)} elements" if len(shown) < len(names) else ""
-    axes.set_title(words(f"{whole}{left_out}"), loc="left", fontsize=10)
+    left_out = f", {len(drawn_names)} of {len(names)} elements" if len(drawn_names) < len(names) else ""
+    axes.set_title(escaped_text(f"{quantity}{left_out}"), loc="left", fontsize=10)
     axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
 
-def over_one(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
+def draw_over_axis(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
     """Draw a number over one axis, a line for each word; of occurrences points, one below the other."""
-    others = [other for other in sweep[OUTCOME].dims if other != dim]
+    other_dims = [other_dim for other_dim in sweep[OUTCOME].dims if other_dim != dim]
     x = sweep[dim].values.astype(float)
-    combinations = list(product(*(range(sweep.sizes[other]) for other in others)))
+    combinations = list(product(*(range(sweep.sizes[other_dim]) for other_dim in other_dims)))
     choices, times = combinations[:MOST_LINES], sweep[name].sizes.get(AT, 1)
     omitted = f", {MOST_LINES} of {len(combinations)} lines" if len(combinations) > MOST_LINES else ""
     omitted += f", {MOST_LINES} of {times} times" if times > MOST_LINES else ""
     for k, indices in enumerate(choices):
-        part = sweep.isel(dict(zip(others, indices, strict=True)))
-        number, label = part[name], other_axes(part, [dim]).removeprefix(", ")
+        part = sweep.isel(dict(zip(other_dims, indices, strict=True)))
+        number, label = part[name], other_settings_note(part, [dim]).removeprefix(", ")
         colour, dashes = COLOURS[k % len(COLOURS)], DASHES[k % len(DASHES)]
         if OCCURRENCE in number.dims:
-            _occurrences(axes, x, number.transpose(dim, OCCURRENCE).values, colour, label)
+            _draw_occurrences(axes, x, number.transpose(dim, OCCURRENCE).values, colour, label)
         elif AT in number.dims:
-            _times(axes, x, number, sweep[AT_TIME], dashes, label)
+            _draw_lines_at_times(axes, x, number, sweep[AT_TIME], dashes, label)
         else:
             values = number.values.astype(float)
-            rows = thinned(values)
+            rows = thinned_rows(values)
             axes.plot(
                 x[rows],
                 values[rows],
@@ -82,18 +85,18 @@ def over_one(sweep: xr.Dataset, name: str, dim: str, axes: Axes) -> None:
                 **LINE,
             )
         _mark_bad(axes, part, name, x)
-    axes.set(xlabel=labelled(sweep, dim), ylabel=labelled(sweep, name))
+    axes.set(xlabel=number_label(sweep, dim), ylabel=number_label(sweep, name))
     if OCCURRENCE in sweep[name].dims and not name.startswith(EVENT_TIME):
         first = int(sweep[NUMBER][0])
         title = f"bifurcation diagram: {name}{f' after the first {first - 1}' if first > 1 else ''}"
     else:
         title = name
-    axes.set_title(words(f"{title}{omitted}"), loc="left", fontsize=10)
+    axes.set_title(escaped_text(f"{title}{omitted}"), loc="left", fontsize=10)
     if axes.get_legend_handles_labels()[1] and (len(choices) > 1 or AT in sweep[name].dims):
         axes.legend(fontsize=7, framealpha=0.85, edgecolor="none")
 
 
-def _occurrences(axes: Axes, x: Values, values: Values, colour: str, label: str) -> None:
+def _draw_occurrences(axes: Axes, x: Values, values: Values, colour: str, label: str) -> None:
     """Draw every occurrence of an event as a point, those of a member one above the other."""
     axes.plot(
         np.repeat(x, values.shape[1]),
@@ -108,10 +111,12 @@ def _occurrences(axes: Axes, x: Values, values: Values, colour: str, label: str)
     )
 
 
-def _times(axes: Axes, x: Values, number: xr.DataArray, times: xr.DataArray, dashes: Any, label: str) -> None:
+def _draw_lines_at_times(
+    axes: Axes, x: Values, number: xr.DataArray, times: xr.DataArray, dashes: Any, label: str
+) -> None:
     """Draw a number at several times, a line for each."""
-    chosen = np.unique(np.linspace(0, number.sizes[AT] - 1, min(MOST_LINES, number.sizes[AT])).astype(int))
-    for j, i in enumerate(chosen.tolist()):
+    time_indices = np.unique(np.linspace(0, number.sizes[AT] - 1, min(MOST_LINES, number.sizes[AT])).astype(int))
+    for j, i in enumerate(time_indices.tolist()):
         axes.plot(
             x,
             number.isel({AT: i}).values,

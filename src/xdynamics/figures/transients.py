@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
-from xdynamics.record.flag_words import time_unit
+from xdynamics.record.flag_words import time_unit_of
 from xdynamics.schema import OCCURRENCE
 from xdynamics.sweeping.collection import NUMBER
 from xdynamics.sweeping.kept_quantities import AFTER, BEFORE, EVENT_TIME
@@ -41,7 +41,7 @@ class Transient:
     time: str = ""
 
     @classmethod
-    def of(cls, written: Any) -> Transient:
+    def from_argument(cls, argument: Any) -> Transient:
         """Read a number of occurrences, or a time.
 
         Raises
@@ -49,21 +49,21 @@ class Transient:
         InputError
             If it is neither.
         """
-        if isinstance(written, str) and not _WHOLE.fullmatch(written):
-            return cls(time=written)
-        if isinstance(written, bool) or not isinstance(written, str | int | np.integer) or int(written) < 0:
+        if isinstance(argument, str) and not _WHOLE.fullmatch(argument):
+            return cls(time=argument)
+        if isinstance(argument, bool) or not isinstance(argument, str | int | np.integer) or int(argument) < 0:
             raise InputError(
-                f"transient is {written!r}, needs a whole number of occurrences or periods, like 100, or a time, like"
+                f"transient is {argument!r}, needs a whole number of occurrences or periods, like 100, or a time, like"
                 " '200 s'"
             )
-        return cls(int(written))
+        return cls(int(argument))
 
-    def end(self, unit: Unit) -> float:
+    def end_time(self, unit: Unit) -> float:
         """Return the time at which it ends, in the unit of a run's time."""
         return time_in(unit, self.time, "transient") / float(unit.factor)
 
 
-def settled(run: xr.Dataset, times: Floats, transient: Transient | None) -> Floats:
+def times_after_transient(run: xr.Dataset, times: Floats, transient: Transient | None) -> Floats:
     """Return the times of a run's section that are behind its transient: its first fifth, where nothing is said.
 
     Raises
@@ -73,9 +73,9 @@ def settled(run: xr.Dataset, times: Floats, transient: Transient | None) -> Floa
     """
     if transient is None:
         return times[times.size // SHARE :] if times.size >= FEWEST_PERIODS else times
-    left = times[times >= transient.end(time_unit(run))] if transient.time else times[transient.count :]
+    left = times[times >= transient.end_time(time_unit_of(run))] if transient.time else times[transient.count :]
     if times.size and not left.size:
-        suffix = unit_suffix(time_unit(run))
+        suffix = unit_suffix(time_unit_of(run))
         raise InputError(
             f"transient is {transient.time or transient.count}, and the section has {times.size} periods, the last at"
             f" t = {times[-1]:.6g}{suffix}: nothing is left"
@@ -83,7 +83,7 @@ def settled(run: xr.Dataset, times: Floats, transient: Transient | None) -> Floa
     return left
 
 
-def without(sweep: xr.Dataset, transient: Transient) -> xr.Dataset:
+def without_transient(sweep: xr.Dataset, transient: Transient) -> xr.Dataset:
     """Leave occurrences of the transient out of a sweep.
 
     Raises
@@ -91,8 +91,10 @@ def without(sweep: xr.Dataset, transient: Transient) -> xr.Dataset:
     InputError
         If the sweep keeps no occurrences, or none after the transient, or no times of theirs where a time is given.
     """
-    kept = [str(name) for name, variable in sweep.data_vars.items() if OCCURRENCE in variable.dims and name != NUMBER]
-    if not kept:
+    occurrence_names = [
+        str(name) for name, variable in sweep.data_vars.items() if OCCURRENCE in variable.dims and name != NUMBER
+    ]
+    if not occurrence_names:
         raise InputError(
             "transient leaves out occurrences of events, and the sweep keeps none but the first: keep more, like"
             " keep=['after_section_x'], occurrences=160"
@@ -105,14 +107,17 @@ def without(sweep: xr.Dataset, transient: Transient) -> xr.Dataset:
                 " is left; keep more occurrences"
             )
         return sweep.isel({OCCURRENCE: numbers > transient.count})
-    later = {name: sweep[name].where(_times_of(sweep, name) >= _end(sweep, name, transient)) for name in kept}
+    later = {
+        name: sweep[name].where(_times_of(sweep, name) >= _transient_end(sweep, name, transient))
+        for name in occurrence_names
+    }
     if not any(bool(values.notnull().any()) for values in later.values()):
         raise InputError(f"transient is {transient.time}, and the sweep keeps no occurrence after it")
     return sweep.assign({name: values.assign_attrs(sweep[name].attrs) for name, values in later.items()})
 
 
-def _end(sweep: xr.Dataset, name: str, transient: Transient) -> float:
-    return transient.end(parse_unit(str(_times_of(sweep, name).attrs["units"])))
+def _transient_end(sweep: xr.Dataset, name: str, transient: Transient) -> float:
+    return transient.end_time(parse_unit(str(_times_of(sweep, name).attrs["units"])))
 
 
 def _times_of(sweep: xr.Dataset, name: str) -> xr.DataArray:

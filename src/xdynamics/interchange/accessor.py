@@ -9,7 +9,7 @@ import numpy as np
 from xdynamics.archive import digest_of_run, without_stale_units
 from xdynamics.documenting.summary import summary
 from xdynamics.dynamics.wanted_times import wanted_times
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.interchange.pages import page, show_pages
@@ -18,9 +18,9 @@ from xdynamics.interchange.tables import frame, table
 from xdynamics.interchange.time_notes import show_time_notes
 from xdynamics.interchange.tree import states_on_side, tree
 from xdynamics.record import check_kind
-from xdynamics.record.flag_words import time_unit, words_of
+from xdynamics.record.flag_words import time_unit_of, words_of_flag
 from xdynamics.record.named_rows import rows_of_events
-from xdynamics.record.pint_records import is_quantified, plain, quantified, teach
+from xdynamics.record.pint_records import is_quantified, quantified, teach, without_pint_units
 from xdynamics.record.variable_attributes import without_bounds
 from xdynamics.schema import AT, AT_TIME, EVENTS, KINEMATIC, STEPS
 from xdynamics.simulation.recorded_runs import model_of_run
@@ -59,7 +59,7 @@ class Dynamics:
     def __init__(self, run: xr.Dataset) -> None:
         teach()
         self._received = run
-        self._run = plain(run) if is_quantified(run) else run
+        self._run = without_pint_units(run) if is_quantified(run) else run
 
     def _in_kind(self, result: xr.Dataset) -> xr.Dataset:
         """Return a result with units in its arrays, if the record has them there."""
@@ -83,26 +83,28 @@ class Dynamics:
             If a time lies outside the run, or is none of those that the Dataset has.
         """
         values = (
-            self._common(times, how) if {AT, STEPS} & {*self._run.sizes} == {AT} else sample(self._run, times, **how)
+            self._rows_at_common_times(times, how)
+            if {AT, STEPS} & {*self._run.sizes} == {AT}
+            else sample(self._run, times, **how)
         )
         states = self._in_kind(values)
         is_one = np.ndim(times) == 0 and not {":", ","} & {*str(times)}
         return states.isel({AT: 0}) if is_one else states
 
-    def _common(self, times: Any, how: Mapping[str, Any]) -> xr.Dataset:
+    def _rows_at_common_times(self, times: Any, how: Mapping[str, Any]) -> xr.Dataset:
         """Return the rows of a Dataset at some of its common times."""
         if how:
             raise InputError(
                 f"{', '.join(how)} says how a run is sampled; this Dataset has its values at `at_time` alone"
             )
-        there = np.asarray(self._run[AT_TIME].values)
-        if there.ndim != 1:
+        common_times = np.asarray(self._run[AT_TIME].values)
+        if common_times.ndim != 1:
             raise InputError("the times of this Dataset are of each member its own; select a member first")
-        wanted = wanted_times(times, time_unit(self._run))
-        rows = [np.flatnonzero(there == time) for time in wanted.tolist()]
-        if missing := [repr(time) for time, row in zip(wanted.tolist(), rows, strict=True) if not row.size]:
-            known = ", ".join(map(repr, there[:10].tolist())) + (" …" if there.size > 10 else "")
-            raise InputError(f"there is no time {', '.join(missing)} here; at_time has {known}")
+        requested_times = wanted_times(times, time_unit_of(self._run))
+        rows = [np.flatnonzero(common_times == time) for time in requested_times.tolist()]
+        if missing := [repr(time) for time, row in zip(requested_times.tolist(), rows, strict=True) if not row.size]:
+            known_times = ", ".join(map(repr, common_times[:10].tolist())) + (" …" if common_times.size > 10 else "")
+            raise InputError(f"there is no time {', '.join(missing)} here; at_time has {known_times}")
         return self._run.isel({AT: [int(row[0]) for row in rows]})
 
     def events(self, name: str | None = None) -> xr.Dataset:
@@ -128,23 +130,29 @@ class Dynamics:
             raise InputError(f"the run knows no event {name!r}; there are {', '.join(event_names) or 'none'}")
         rows = np.flatnonzero(names == name) if name is not None else np.arange(len(names))
         left_out = ("event_row_before", "event_row_after", "event_detector")
-        wanted = [
+        event_variables = [
             variable
             for variable in map(str, run.data_vars)
             if run[variable].dims == (EVENTS,) and variable not in left_out
         ]
         variables: dict[str, Any] = {
-            "event_name": ((EVENTS,), names[rows], about("1", "event, contact or friction element", "name"))
+            "event_name": (
+                (EVENTS,),
+                names[rows],
+                variable_attributes("1", "event, contact or friction element", "name"),
+            )
         }
         variables |= {
             variable: ((EVENTS,), run[variable].values[rows], without_bounds(run[variable].attrs))
-            for variable in ("event_time", *wanted)
+            for variable in ("event_time", *event_variables)
         }
         for side in ("before", "after"):
             states = states_on_side(run, side, rows_of_events(run, side, rows), KINEMATIC)
-            variables |= {word: (own.dims, own.data, own.attrs) for word, own in states.items() if own.ndim == 1}
+            variables |= {
+                word: (state.dims, state.data, state.attrs) for word, state in states.items() if state.ndim == 1
+            }
         title = f"{run.attrs.get('title', 'run')}: {name or 'events'}"
-        return self._in_kind(exhibit("events", title, [digest_of_run(self._run)], variables, {}))
+        return self._in_kind(evidence_dataset("events", title, [digest_of_run(self._run)], variables, {}))
 
     def frame(self, dim: str = STEPS) -> pd.DataFrame:
         """Return everything along one dimension as a pandas table, one row for each entry; flags as their words.
@@ -215,4 +223,4 @@ class Dynamics:
         return animate(self._run, path, **how)
 
     def _names(self) -> Any:
-        return np.array(words_of(self._run["event_detector"]) if self._run.sizes.get(EVENTS, 0) else [], dtype=str)
+        return np.array(words_of_flag(self._run["event_detector"]) if self._run.sizes.get(EVENTS, 0) else [], dtype=str)

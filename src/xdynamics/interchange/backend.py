@@ -32,9 +32,9 @@ class ArchiveBackend(BackendEntrypoint):
         from xdynamics.archive import open_run
 
         if group is not None and group.strip("/"):
-            from xdynamics.interchange.tree import node_of
+            from xdynamics.interchange.tree import tree_node
 
-            return node_of(self.open_datatree(filename_or_obj, drop_variables=drop_variables), group)
+            return tree_node(self.open_datatree(filename_or_obj, drop_variables=drop_variables), group)
         run = open_run(filename_or_obj)
         left_out = [drop_variables] if isinstance(drop_variables, str) else [*(drop_variables or ())]
         return run.drop_vars(left_out, errors="ignore") if left_out else run

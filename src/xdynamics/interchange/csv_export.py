@@ -14,7 +14,7 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.interchange import tables
 from xdynamics.record import of_elements
 from xdynamics.schema import AT, AT_TIME, error
-from xdynamics.shapes.naming import spoken
+from xdynamics.shapes.naming import display_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,17 +24,17 @@ Floats = NDArray[np.float64]
 ENDINGS = (".csv", ".txt")
 
 
-def check_target(path: Place) -> Place:
+def check_text_target(path: Place) -> Place:
     """Check that a table of text can be written to a path; see `tables.check_target`."""
-    return tables.check_target(path, ENDINGS)
+    return tables.check_table_target(path, ENDINGS)
 
 
 @of_elements
-def text_of(states: xr.Dataset) -> str:
+def states_as_csv(states: xr.Dataset) -> str:
     """Return states at some times, as `sample` gives them: CSV with units in its header, numbers to the last bit."""
     names = [str(name) for name in states.data_vars if states[name].dims == (AT,) and error(str(name)) in states]
     columns = {f"time [{states[AT_TIME].attrs['units']}]": states[AT_TIME].values}
-    columns |= {f"{spoken(name)} [{states[name].attrs['units']}]": states[name].values for name in names}
+    columns |= {f"{display_text(name)} [{states[name].attrs['units']}]": states[name].values for name in names}
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(columns)
@@ -43,15 +43,15 @@ def text_of(states: xr.Dataset) -> str:
 
 
 @of_elements
-def tabled(run: xr.Dataset, wanted: Floats, path: Place) -> str:
+def write_states_table(run: xr.Dataset, requested_times: Floats, path: Place) -> str:
     """Write a table into a file, as far as the run came; return a line that describes it."""
-    reached = wanted[wanted <= float(run["time"][-1])]
+    reached = requested_times[requested_times <= float(run["time"][-1])]
     if not reached.size:
         return "table     none: the run ended before the first of the times"
-    return write(text_of(sample(run, reached)), path)
+    return write_text_table(states_as_csv(sample(run, reached)), path)
 
 
-def write(text: str, path: Place) -> str:
+def write_text_table(text: str, path: Place) -> str:
     """Write a table into a file; return a line that describes it."""
-    tables.put(text.encode(), path)
+    tables.write_content(text.encode(), path)
     return f"table     {path}: {text.count(chr(10)) - 1} rows"

@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics.documenting.summary import summary
 from xdynamics.faults import InputError
-from xdynamics.record.pint_records import is_quantified, plain
+from xdynamics.record.pint_records import is_quantified, without_pint_units
 
 LARGEST = 20_000  # characters of a page
 LONGEST = 500  # of a line of the summary
@@ -33,21 +33,27 @@ def page(record: xr.Dataset) -> str:
     roles: dict[str, list[str]] = {}
     for name, variable in record.variables.items():
         roles.setdefault(str(variable.attrs.get("role", "other")).replace("_", " "), []).append(str(name))
-    head = f"<pre>{escape(chr(10).join(_shortened(summary(record))))}</pre>"
-    tables = "".join(_folded(role, names, _table(record, names)) for role, names in roles.items())
+    head = f"<pre>{escape(chr(10).join(_summary_lines(summary(record))))}</pre>"
+    tables = "".join(_folded(role, names, _html_table(record, names)) for role, names in roles.items())
     if len(head) + len(tables) <= LARGEST:
         return head + tables
-    names = "".join(_folded(role, names, f"<p>{escape(_cut(', '.join(names)))}</p>") for role, names in roles.items())
+    names = "".join(
+        _folded(role, names, f"<p>{escape(_cut_names(', '.join(names)))}</p>") for role, names in roles.items()
+    )
     return (head + names)[:LARGEST]
 
 
-def _shortened(lines: list[str]) -> list[str]:
-    kept = [line if len(line) <= LONGEST else f"{line[:LONGEST]} … ({len(line)} characters)" for line in lines]
-    more = [f"… and {len(kept) - MOST_LINES} lines more: run.dynamics prints them"] if len(kept) > MOST_LINES else []
-    return [*kept[:MOST_LINES], *more]
+def _summary_lines(lines: list[str]) -> list[str]:
+    short_lines = [line if len(line) <= LONGEST else f"{line[:LONGEST]} … ({len(line)} characters)" for line in lines]
+    more = (
+        [f"… and {len(short_lines) - MOST_LINES} lines more: run.dynamics prints them"]
+        if len(short_lines) > MOST_LINES
+        else []
+    )
+    return [*short_lines[:MOST_LINES], *more]
 
 
-def _cut(text: str) -> str:
+def _cut_names(text: str) -> str:
     return text if len(text) <= MOST_NAMED else f"{text[:MOST_NAMED].rpartition(',')[0]}, …"
 
 
@@ -55,12 +61,12 @@ def _folded(role: str, names: list[str], body: str) -> str:
     return f"<details><summary>{escape(role)}: {len(names)}</summary>{body}</details>"
 
 
-def _table(record: xr.Dataset, names: list[str]) -> str:
-    rows = "".join(_row(name, record.variables[name].dims, record.variables[name].attrs) for name in names)
+def _html_table(record: xr.Dataset, names: list[str]) -> str:
+    rows = "".join(_html_row(name, record.variables[name].dims, record.variables[name].attrs) for name in names)
     return f"<table>{rows}</table>"
 
 
-def _row(name: str, dims: Any, attributes: Mapping[Any, Any]) -> str:
+def _html_row(name: str, dims: Any, attributes: Mapping[Any, Any]) -> str:
     cells = name, ", ".join(map(str, dims)), str(attributes.get("units", "")), str(attributes.get("long_name", ""))
     return f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
 
@@ -68,12 +74,12 @@ def _row(name: str, dims: Any, attributes: Mapping[Any, Any]) -> str:
 def show_pages() -> None:
     """Let notebooks show records by `page`; other Datasets, and those that lack parts of a record, as xarray does."""
 
-    def shown(self: xr.Dataset) -> str:
+    def html_page(self: xr.Dataset) -> str:
         if "xdynamics" not in str(self.attrs.get("Conventions", "")):
             return _pages_of_xarray(self)
         try:
-            return page(plain(self) if is_quantified(self) else self)
+            return page(without_pint_units(self) if is_quantified(self) else self)
         except (InputError, KeyError, ValueError):
             return _pages_of_xarray(self)
 
-    xr.Dataset._repr_html_ = shown  # type: ignore[method-assign]
+    xr.Dataset._repr_html_ = html_page  # type: ignore[method-assign]

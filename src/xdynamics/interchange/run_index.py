@@ -11,20 +11,28 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 
 from xdynamics.archive import open_run
-from xdynamics.archive.place import GIVEN, Given, placed
+from xdynamics.archive.place import GIVEN, Given, location_of
 from xdynamics.archive.stores import is_folder
-from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.faults import ArchiveError, InputError, few
+from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.faults import ArchiveError, InputError, first_names
 from xdynamics.march.configuration import THINNING, unthinned_settings_for
-from xdynamics.record.arguments import asked_of
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.arguments import recorded_arguments
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.partial_records import is_evidence, kind_description
 from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import EVENTS, ROOT_DIGEST, STEPS
-from xdynamics.sweeping.kept_quantities import AFTER, BEFORE, COUNTS, END, EVENT_COUNT, EVENT_TIME, misspelt
-from xdynamics.sweeping.run_quantities import RunQuantity, run_quantities, values_of
+from xdynamics.sweeping.kept_quantities import (
+    AFTER,
+    BEFORE,
+    COUNT_FUNCTIONS,
+    END,
+    EVENT_COUNT,
+    EVENT_TIME,
+    misspelling_text,
+)
+from xdynamics.sweeping.run_quantities import RunQuantity, run_quantities, run_values
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -100,25 +108,33 @@ def open_runs(
     paths, is_chosen = _paths(runs)
     heads, left_out = _heads(paths, is_chosen=is_chosen)
     if not heads:
-        raise InputError(f"there is no archived run in '{runs}'; {few(left_out) if left_out else 'it has no .nc file'}")
-    words = _words(keep, [*heads.values()], functions)
+        raise InputError(
+            f"there is no archived run in '{runs}'; {first_names(left_out) if left_out else 'it has no .nc file'}"
+        )
+    words = _requested_words(keep, [*heads.values()], functions)
     da: Any = dask.array
-    variables: dict[str, Any] = _described(heads)
+    variables: dict[str, Any] = _describe_runs(heads)
     tasks = []
     for path, head in heads.items():
         digest = str(head.attrs[ROOT_DIGEST])
-        call = delayed(_numbers, pure=True)
+        call = delayed(_read_numbers, pure=True)
         tasks.append(call(path, digest, [*words], functions, dask_key_name=f"numbers-{digest}-{'-'.join(words)}"))
     for word, (units, long_name, factors) in words.items():
         cells = [
             da.from_delayed(task[word], (), dtype=float) * factor for task, factor in zip(tasks, factors, strict=True)
         ]
-        variables[word] = (MEMBER,), da.stack(cells), about(units, f"{long_name}; nan of a run that has none", "number")
+        variables[word] = (
+            (MEMBER,),
+            da.stack(cells),
+            variable_attributes(units, f"{long_name}; nan of a run that has none", "number"),
+        )
     digests = [str(head.attrs[ROOT_DIGEST]) for head in heads.values()]
-    found = exhibit(
+    runs_index = evidence_dataset(
         KIND, f"{len(heads)} archived runs", digests, variables, {"left_out": "\n".join(left_out)} if left_out else {}
     )
-    return found.assign_coords({MEMBER: (MEMBER, np.array(_names([*heads])), about("1", "file of the run", "axis"))})
+    return runs_index.assign_coords(
+        {MEMBER: (MEMBER, np.array(_run_names([*heads])), variable_attributes("1", "file of the run", "axis"))}
+    )
 
 
 def _paths(runs: Any) -> tuple[list[str], bool]:
@@ -127,7 +143,7 @@ def _paths(runs: Any) -> tuple[list[str], bool]:
         text = str(runs)
         if has_magic(text):
             return sorted(glob(text)), False  # noqa: PTH207 - of a text, which may be absolute
-        if is_folder(placed(runs)):
+        if is_folder(location_of(runs)):
             return sorted(str(path) for path in Path(text).glob("*.nc")), False
         return [text], True
     if not isinstance(runs, Sequence) or not runs or not all(isinstance(run, GIVEN) for run in runs):
@@ -140,7 +156,7 @@ def _heads(paths: Sequence[str], *, is_chosen: bool) -> tuple[dict[str, xr.Datas
     heads, left_out = {}, []
     for path in paths:
         try:
-            heads[path] = _head(path)
+            heads[path] = _open_head(path)
         except (InputError, ArchiveError) as error:
             if is_chosen:
                 raise
@@ -148,7 +164,7 @@ def _heads(paths: Sequence[str], *, is_chosen: bool) -> tuple[dict[str, xr.Datas
     return heads, left_out
 
 
-def _head(path: str) -> xr.Dataset:
+def _open_head(path: str) -> xr.Dataset:
     """Open a run without reading it.
 
     Raises
@@ -158,39 +174,55 @@ def _head(path: str) -> xr.Dataset:
     """
     head = open_run(path, check=False)
     if is_evidence(head.attrs) or STEPS not in head.dims or ROOT_DIGEST not in head.attrs:
-        said = kind_description(head.attrs) if is_evidence(head.attrs) else "no run"
+        kind_text = kind_description(head.attrs) if is_evidence(head.attrs) else "no run"
         head.close()
-        raise InputError(f"'{path}' is {said}; an index is of runs")
+        raise InputError(f"'{path}' is {kind_text}; an index is of runs")
     return head
 
 
-def _names(paths: list[str]) -> list[str]:
+def _run_names(paths: list[str]) -> list[str]:
     """Call runs by their files' names, or by their paths where names repeat."""
     names = [Path(path).name for path in paths]
     return names if len({*names}) == len(names) else paths
 
 
-def _described(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
+def _describe_runs(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
     """Return what records say of themselves, as variables along `member`."""
     runs = [*heads.values()]
     texts = {"title": "title of the run", "run_outcome": "how the run ended", "model_digest": "sha256 of the model"}
     texts |= {ROOT_DIGEST: "content digest of the run"}
-    found: dict[str, Any] = {
-        name: ((MEMBER,), np.array([str(run.attrs.get(name, "")) for run in runs]), about("1", said, "text"))
-        for name, said in texts.items()
+    described_variables: dict[str, Any] = {
+        name: (
+            (MEMBER,),
+            np.array([str(run.attrs.get(name, "")) for run in runs]),
+            variable_attributes("1", description, "text"),
+        )
+        for name, description in texts.items()
     }
-    for word, said in SETTINGS.items():
+    for word, description in SETTINGS.items():
         name = f"solver_{word}"
         if word == "method":
-            found[name] = (MEMBER,), np.array([str(run.attrs[name]) for run in runs]), about("1", said, "setting")
+            described_variables[name] = (
+                (MEMBER,),
+                np.array([str(run.attrs[name]) for run in runs]),
+                variable_attributes("1", description, "setting"),
+            )
             continue
-        values = np.array([_number(run.attrs.get(name)) for run in runs])
+        values = np.array([_scalar_number(run.attrs.get(name)) for run in runs])
         units = next((str(run.attrs[f"{name}_units"]) for run in runs if f"{name}_units" in run.attrs), "1")
         if np.isfinite(values).any():
-            found[name] = (MEMBER,), values, about(units, f"{said}; nan of runs without one", "setting")
-    for name in COUNTS:
+            described_variables[name] = (
+                (MEMBER,),
+                values,
+                variable_attributes(units, f"{description}; nan of runs without one", "setting"),
+            )
+    for name in COUNT_FUNCTIONS:
         values = np.array([int(run.attrs.get(name, -1)) for run in runs])
-        found[name] = (MEMBER,), values, about("1", name.removeprefix("run_").replace("_", " "), "effort")
+        described_variables[name] = (
+            (MEMBER,),
+            values,
+            variable_attributes("1", name.removeprefix("run_").replace("_", " "), "effort"),
+        )
     parameters = {
         str(name): variable
         for run in reversed(runs)
@@ -198,31 +230,37 @@ def _described(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
         if variable.attrs.get("role") == "parameter" and not variable.dims
     }
     for name, variable in parameters.items():
-        if name not in found:
+        if name not in described_variables:
             unit = str(variable.attrs["units"])
             values = np.array(
                 [
-                    _number(run[name].values) * _factor(name, run[name].attrs, unit) if name in run else np.nan
+                    _scalar_number(run[name].values) * _unit_factor(name, run[name].attrs, unit)
+                    if name in run
+                    else np.nan
                     for run in runs
                 ]
             )
-            found[name] = (MEMBER,), values, about(unit, str(variable.attrs["long_name"]), "parameter")
-    return found
+            described_variables[name] = (
+                (MEMBER,),
+                values,
+                variable_attributes(unit, str(variable.attrs["long_name"]), "parameter"),
+            )
+    return described_variables
 
 
-def _number(value: Any) -> float:
+def _scalar_number(value: Any) -> float:
     return float(value) if value is not None and np.ndim(value) == 0 else np.nan
 
 
-def _factor(name: str, attributes: Mapping[Any, Any], units: str) -> float:
+def _unit_factor(name: str, attributes: Mapping[Any, Any], units: str) -> float:
     """Return what brings numbers to a unit."""
-    own, wanted = parse_unit(str(attributes["units"])), parse_unit(units)
-    if own.dimension != wanted.dimension:
-        raise InputError(f"'{name}' is in '{units}' in one run and in '{own.text}' in another; open them apart")
-    return float(own.factor / wanted.factor)
+    given_unit, common_unit = parse_unit(str(attributes["units"])), parse_unit(units)
+    if given_unit.dimension != common_unit.dimension:
+        raise InputError(f"'{name}' is in '{units}' in one run and in '{given_unit.text}' in another; open them apart")
+    return float(given_unit.factor / common_unit.factor)
 
 
-def _words(
+def _requested_words(
     keep: Any, heads: Sequence[xr.Dataset], functions: Functions | None
 ) -> dict[str, tuple[str, str, list[float]]]:
     """Return the unit of every wanted number, what it is, and what brings each run's to that unit."""
@@ -230,30 +268,34 @@ def _words(
     if not all(isinstance(word, str) for word in row):
         raise InputError(f"keep is {str(keep)[:60]}, needs words like 'end'")
     of_runs: dict[Any, Any] = {}
-    known = [_Known(unfold(head), functions, of_runs) for head in heads]
+    numbers_of_runs = [_RunNumbers(unfold(head), functions, of_runs) for head in heads]
     if END in row:
-        at = row.index(END)
-        ends = dict.fromkeys(word for each in known for word in each.ends)
-        row = [*row[:at], *ends, *row[at + 1 :]]
-    found: dict[str, tuple[str, str, list[float]]] = {}
+        end_position = row.index(END)
+        ends = dict.fromkeys(word for run_numbers in numbers_of_runs for word in run_numbers.ends)
+        row = [*row[:end_position], *ends, *row[end_position + 1 :]]
+    requested_numbers: dict[str, tuple[str, str, list[float]]] = {}
     for word in dict.fromkeys(row):
-        numbers = [each.number(word) for each in known]
+        numbers = [run_numbers.number(word) for run_numbers in numbers_of_runs]
         first = next((number for number in numbers if number is not None), None)
         if first is None:
-            every = list(dict.fromkeys(name for each in known for name in each.names))
-            raise InputError(f"keep has {misspelt(word, every)}")
-        factors = [1.0 if number is None else _factor(word, {"units": number.units}, first.units) for number in numbers]
-        found[word] = first.units, first.long_name, factors
-    return found
+            every = list(dict.fromkeys(name for run_numbers in numbers_of_runs for name in run_numbers.names))
+            raise InputError(f"keep has {misspelling_text(word, every)}")
+        factors = [
+            1.0 if number is None else _unit_factor(word, {"units": number.units}, first.units) for number in numbers
+        ]
+        requested_numbers[word] = first.units, first.long_name, factors
+    return requested_numbers
 
 
-class _Known:
+class _RunNumbers:
     """The numbers that a run has, by name, told from its header."""
 
     def __init__(self, run: xr.Dataset, functions: Functions | None, of_runs: dict[Any, Any]) -> None:
         self.run, self.functions, self.of_runs = run, functions, of_runs
         self.along = [
-            str(name) for name, one in run.variables.items() if one.dims == (STEPS,) and one.dtype.kind == "f"
+            str(name)
+            for name, variable in run.variables.items()
+            if variable.dims == (STEPS,) and variable.dtype.kind == "f"
         ]
         meanings = str(run["event_detector"].attrs.get("flag_meanings", "")) if "event_detector" in run else ""
         self.detectors = meanings.replace(":", ".").split() if run.sizes.get(EVENTS) else []
@@ -269,7 +311,7 @@ class _Known:
         """All words."""
         ends = [f"end_{name}" for name in self.along]
         events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
-        return [*ends, *events, *self._of_run()]
+        return [*ends, *events, *self._run_quantities()]
 
     def number(self, word: str) -> _Number | None:
         """Return a number by its word; None if the run has none of that name."""
@@ -277,53 +319,61 @@ class _Known:
         if (name := word.removeprefix("end_")) in ("time", *self.along) and name != word:
             return _Number(str(run[name].attrs["units"]), f"{name} in the last row", lambda run: float(run[name][-1]))
         for detector in self.detectors:
-            if (found := self._of_event(word, detector)) is not None:
-                return found
-        of_run = self._of_run().get(word)
+            if (event_number := self._number_of_event(word, detector)) is not None:
+                return event_number
+        of_run = self._run_quantities().get(word)
         if of_run is None or of_run.dims:
             return None
         return _Number(str(of_run.attributes["units"]), str(of_run.attributes["long_name"]))
 
-    def _of_event(self, word: str, detector: str) -> _Number | None:
+    def _number_of_event(self, word: str, detector: str) -> _Number | None:
         run = self.run
         if word == f"{EVENT_COUNT}{detector}":
-            return _Number("1", f"how often '{detector}' was met", lambda run: float(len(_met(run, detector))))
+            return _Number(
+                "1", f"how often '{detector}' was met", lambda run: float(len(_event_indices(run, detector)))
+            )
         for head, side in ((AFTER, "event_row_after"), (BEFORE, "event_row_before")):
             name = word.removeprefix(f"{head}{detector}_")
             if name != word and name in self.along:
-                said = f"{name}, {head.removesuffix('_')} '{detector}' was met, first"
-                return _Number(str(run[name].attrs["units"]), said, partial(_beside, name, side, detector))
+                long_name = f"{name}, {head.removesuffix('_')} '{detector}' was met, first"
+                return _Number(
+                    str(run[name].attrs["units"]), long_name, partial(_value_beside_event, name, side, detector)
+                )
         name = word.removesuffix(f"_{detector}")
         if name != word and name in run and run[name].dims == (EVENTS,) and run[name].dtype.kind in "fi":
-            said = f"{run[name].attrs['long_name']}, '{detector}', first"
+            long_name = f"{run[name].attrs['long_name']}, '{detector}', first"
             return _Number(
-                str(run[name].attrs["units"]), said, lambda run: _first(run[name].values[_met(run, detector)])
+                str(run[name].attrs["units"]),
+                long_name,
+                lambda run: _first_value(run[name].values[_event_indices(run, detector)]),
             )
         return None
 
-    def _of_run(self) -> Mapping[str, RunQuantity]:
+    def _run_quantities(self) -> Mapping[str, RunQuantity]:
         """Return what takes a diagnosis, told once for all runs of a model by one method."""
         key = tuple(str(self.run.attrs[name]) for name in ("model_digest", "solver_method", "solver_step_control"))
         if key not in self.of_runs:
-            model, given = model_of(self.run, self.functions), asked_of(self.run).items()
-            asked = {name: value for name, value in given if value is not None and name not in THINNING}
-            self.of_runs[key] = run_quantities(model, unthinned_settings_for(model, **asked))
+            model, recorded_settings = model_of_record(self.run, self.functions), recorded_arguments(self.run).items()
+            used_settings = {
+                name: value for name, value in recorded_settings if value is not None and name not in THINNING
+            }
+            self.of_runs[key] = run_quantities(model, unthinned_settings_for(model, **used_settings))
         return cast("Mapping[str, RunQuantity]", self.of_runs[key])
 
 
-def _met(run: xr.Dataset, detector: str) -> Any:
-    return np.flatnonzero(np.array(words_of(run["event_detector"])) == detector)
+def _event_indices(run: xr.Dataset, detector: str) -> Any:
+    return np.flatnonzero(np.array(words_of_flag(run["event_detector"])) == detector)
 
 
-def _beside(name: str, side: str, detector: str, run: xr.Dataset) -> float:
-    return _first(run[name].values[run[side].values[_met(run, detector)]])
+def _value_beside_event(name: str, side: str, detector: str, run: xr.Dataset) -> float:
+    return _first_value(run[name].values[run[side].values[_event_indices(run, detector)]])
 
 
-def _first(values: Any) -> float:
+def _first_value(values: Any) -> float:
     return float(values[0]) if len(values) else np.nan
 
 
-def _numbers(path: str, digest: str, words: Sequence[str], functions: Functions | None) -> dict[str, Any]:
+def _read_numbers(path: str, digest: str, words: Sequence[str], functions: Functions | None) -> dict[str, Any]:
     """Read the numbers of one run, verified.
 
     Raises
@@ -335,11 +385,15 @@ def _numbers(path: str, digest: str, words: Sequence[str], functions: Functions 
         if str(opened.attrs[ROOT_DIGEST]) != digest:
             raise ArchiveError(f"'{path}' is another run than when it was indexed; open the runs again")
         run = unfold(opened)
-        known = _Known(run, functions, {})
-        numbers = {word: known.number(word) for word in words}
+        run_numbers = _RunNumbers(run, functions, {})
+        numbers = {word: run_numbers.number(word) for word in words}
         of_runs = [word for word, number in numbers.items() if number is not None and number.read is None]
-        found = {word: _first(np.ravel(value)) for word, value in values_of(run, of_runs).items()} if of_runs else {}
+        computed_values = (
+            {word: _first_value(np.ravel(value)) for word, value in run_values(run, of_runs).items()} if of_runs else {}
+        )
         return {
-            word: np.array(found.get(word, np.nan) if number is None or number.read is None else number.read(run))
+            word: np.array(
+                computed_values.get(word, np.nan) if number is None or number.read is None else number.read(run)
+            )
             for word, number in numbers.items()
         }

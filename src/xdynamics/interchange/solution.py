@@ -10,11 +10,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.elementary.arrays import flattened
+from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.named_rows import rows_of_events
 from xdynamics.schema import AT, EVENTS, STEPS
 
@@ -63,8 +63,8 @@ class Solution:
 
     def __repr__(self) -> str:
         return (
-            f"message: {self.message}\nstatus:  {self.status}\nt:       {_shape(self.t)}\n"
-            f"y:       {_shape(self.y)}: {', '.join(self.names[:MOST_ROWS])}{' …' if len(self.names) > MOST_ROWS else ''}\n"
+            f"message: {self.message}\nstatus:  {self.status}\nt:       {_shape_text(self.t)}\n"
+            f"y:       {_shape_text(self.y)}: {', '.join(self.names[:MOST_ROWS])}{' …' if len(self.names) > MOST_ROWS else ''}\n"
             f"t_events: {[len(times) for times in self.t_events]}"
         )
 
@@ -77,57 +77,59 @@ def solution(run: xr.Dataset) -> Solution:
     InputError
         If the Dataset has neither.
     """
-    along = STEPS if STEPS in run.dims else AT
-    times = "time" if along == STEPS else f"{AT}_time"
+    row_dim = STEPS if STEPS in run.dims else AT
+    times = "time" if row_dim == STEPS else f"{AT}_time"
     names = [
         str(name)
         for name, variable in run.data_vars.items()
-        if variable.dims[:1] == (along,) and variable.attrs.get("role") in OF_MOTION
+        if variable.dims[:1] == (row_dim,) and variable.attrs.get("role") in OF_MOTION
     ]
     if times not in run.variables or not names:
         raise InputError("the Dataset is no run record, nor the states of one at chosen times")
-    t, y = np.asarray(run[times].values, float), _rows(run, names)
-    last = np.append(np.diff(t) > 0, True) if along == STEPS else np.ones(len(t), bool)
-    t_events, y_events = _events(run, y if along == STEPS else None, names)
-    sol = partial(_between, run, names) if along == STEPS else _not_between
+    t, y = np.asarray(run[times].values, float), _state_rows(run, names)
+    last = np.append(np.diff(t) > 0, True) if row_dim == STEPS else np.ones(len(t), bool)
+    t_events, y_events = _events_by_detector(run, y if row_dim == STEPS else None, names)
+    sol = partial(_states_between, run, names) if row_dim == STEPS else _not_between
     outcome, message = str(run.attrs.get("run_outcome", "completed")), str(run.attrs.get("run_outcome_text", ""))
-    elements = [label for name in names for label in _elements(run, name)]
+    elements = [label for name in names for label in _element_labels(run, name)]
     return Solution(
         t[last], y[:, last], sol, t_events, y_events, OUTCOMES.get(outcome, FAILED), message, tuple(elements)
     )
 
 
-def _rows(states: xr.Dataset, names: list[str]) -> Floats:
+def _state_rows(states: xr.Dataset, names: list[str]) -> Floats:
     """Return quantities as rows, those with dimensions flattened."""
-    return np.concatenate([flattened(np.asarray(states[name].values, float)).T for name in names])
+    return np.concatenate([flattened_rows(np.asarray(states[name].values, float)).T for name in names])
 
 
-def _elements(run: xr.Dataset, name: str) -> list[str]:
+def _element_labels(run: xr.Dataset, name: str) -> list[str]:
     shape = run[name].shape[1:]
-    return [f"{name}[{', '.join(map(str, place))}]" for place in np.ndindex(shape)] if shape else [name]
+    return [f"{name}[{', '.join(map(str, index))}]" for index in np.ndindex(shape)] if shape else [name]
 
 
-def _events(run: xr.Dataset, y: Floats | None, names: list[str]) -> tuple[list[Floats], list[Floats]]:
+def _events_by_detector(run: xr.Dataset, y: Floats | None, names: list[str]) -> tuple[list[Floats], list[Floats]]:
     """Return times of and states after the events of each detector; of states at wanted times what stands beside them."""
     if "event_detector" not in run:
         return [], []
     labels = str(run["event_detector"].attrs.get("flag_meanings", "")).split()
-    found = np.array(words_of(run["event_detector"]) if run.sizes.get(EVENTS, 0) else [], dtype=str)
-    places = [np.flatnonzero(found == label) for label in labels]
-    after = (
-        _rows(run, [f"after_{name}" for name in names])
+    event_labels = np.array(words_of_flag(run["event_detector"]) if run.sizes.get(EVENTS, 0) else [], dtype=str)
+    indices_by_label = [np.flatnonzero(event_labels == label) for label in labels]
+    states_after = (
+        _state_rows(run, [f"after_{name}" for name in names])
         if y is None
-        else y[:, rows_of_events(run, "after", np.arange(found.size))]
+        else y[:, rows_of_events(run, "after", np.arange(event_labels.size))]
     )
-    return [run["event_time"].values[place] for place in places], [after[:, place].T for place in places]
+    return [run["event_time"].values[event_indices] for event_indices in indices_by_label], [
+        states_after[:, event_indices].T for event_indices in indices_by_label
+    ]
 
 
-def _between(run: xr.Dataset, names: list[str], t: Any) -> Floats:
+def _states_between(run: xr.Dataset, names: list[str], t: Any) -> Floats:
     times, ends = np.atleast_1d(np.asarray(t, float)), run["time"].values[[0, -1]]
     # t0 + n*h of somebody else's grid ends some spacings beyond the span, where scipy's polynomials go on
     beyond = SPACINGS * EPS * np.abs(ends).max()
-    inside = np.clip(times, *ends)
-    states = _rows(sample(run, np.where(np.abs(times - inside) <= beyond, inside, times)), names)
+    clipped_times = np.clip(times, *ends)
+    states = _state_rows(sample(run, np.where(np.abs(times - clipped_times) <= beyond, clipped_times, times)), names)
     return states if np.ndim(t) else states[:, 0]
 
 
@@ -144,5 +146,5 @@ def _not_between(_: Any) -> Floats:
     )
 
 
-def _shape(array: Floats) -> str:
+def _shape_text(array: Floats) -> str:
     return " x ".join(map(str, array.shape))

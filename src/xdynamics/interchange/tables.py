@@ -17,11 +17,11 @@ from xdynamics.archive import without_stale_units
 from xdynamics.archive.place import Place
 from xdynamics.archive.stores import is_folder, taking_name
 from xdynamics.evidence.comparing.comparison_summary import OF_SEVERAL
-from xdynamics.evidence.grid_axes import AXES, axes_said, is_sweep, sweep_of
+from xdynamics.evidence.grid_axes import AXES, is_sweep, sweep_axis_names, sweep_of
 from xdynamics.evidence.refining.defects import DEFECT
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.interchange.tree import NODES, nodes_of
-from xdynamics.record.flag_words import words_of
+from xdynamics.interchange.tree import NODES, tree_nodes
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.folding import is_repeated_label, model_dimensions
 from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.files import file_above
@@ -44,7 +44,7 @@ from xdynamics.schema import (
     TEXT_NAMES,
     TRIALS,
 )
-from xdynamics.shapes.naming import spoken
+from xdynamics.shapes.naming import display_text
 from xdynamics.units.digits import digits, scientific
 
 if TYPE_CHECKING:
@@ -114,10 +114,10 @@ def kinds_of(data: xr.Dataset) -> list[str]:
         return [MEMBERS, PARAMETERS]
     if AXES in data.attrs:  # of two sweeps
         return [MEMBERS]
-    own = {*model_dimensions(data), BOUNDS, DOCUMENT, "memory"}
+    record_dims = {*model_dimensions(data), BOUNDS, DOCUMENT, "memory"}
     kinds = [kind for kind, dim in ROWS.items() if dim in data.dims]
-    kinds += [dim for dim in map(str, data.dims) if dim not in ROWS.values() and dim not in own]
-    return [*kinds, *([PARAMETERS] if any(_is_parameter(one) for one in data.variables.values()) else [])]
+    kinds += [dim for dim in map(str, data.dims) if dim not in ROWS.values() and dim not in record_dims]
+    return [*kinds, *([PARAMETERS] if any(_is_parameter(variable) for variable in data.variables.values()) else [])]
 
 
 def table(data: xr.Dataset, of: str | None = None, *, rounded: bool = False) -> pd.DataFrame:
@@ -159,13 +159,13 @@ def table(data: xr.Dataset, of: str | None = None, *, rounded: bool = False) -> 
     kinds = kinds_of(data)
     if not kinds:
         raise InputError("this has no table: it has neither rows nor parameters")
-    kind = _meant(kinds[0] if of is None else of, kinds)
-    columns = [*_columns(data, kind)]
+    kind = _table_kind(kinds[0] if of is None else of, kinds)
+    columns = [*_table_columns(data, kind)]
     if rounded:
-        columns = _rounded(columns, data)
-    named = {_header(column): column for column in columns}
-    made = pd.DataFrame({name: column.values for name, column in named.items()})
-    made.attrs["units"] = {name: column.units or "1" for name, column in named.items()}
+        columns = _rounded_columns(columns, data)
+    columns_by_header = {_header(column): column for column in columns}
+    made = pd.DataFrame({name: column.values for name, column in columns_by_header.items()})
+    made.attrs["units"] = {name: column.units or "1" for name, column in columns_by_header.items()}
     return made
 
 
@@ -179,10 +179,10 @@ def frame(data: xr.Dataset, dim: str) -> pd.DataFrame:
     """
     import pandas as pd
 
-    dimensions = [str(one) for one in data.dims if str(one) not in (BOUNDS, *model_dimensions(data))]
+    dimensions = [str(dimension) for dimension in data.dims if str(dimension) not in (BOUNDS, *model_dimensions(data))]
     if dim not in dimensions:
         raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(dimensions)}")
-    columns = [*_along(_plain(data), (dim,))]
+    columns = [*_columns_along(_plain_dataset(data), (dim,))]
     ahead = ("time", AT_TIME, f"{dim}_time")
     columns.sort(key=lambda column: ahead.index(column.name) if column.name in ahead else len(ahead))
     made = pd.DataFrame({column.name: column.values for column in columns})
@@ -191,19 +191,19 @@ def frame(data: xr.Dataset, dim: str) -> pd.DataFrame:
     return made
 
 
-def _meant(of: str, kinds: Sequence[str]) -> str:
+def _table_kind(kind_word: str, kinds: Sequence[str]) -> str:
     """Return the table that a word stands for: ``event`` and ``events`` are the same."""
     by_word = {word: kind for kind in kinds for word in (kind, ROWS.get(kind, kind), kind[:-1])}
-    if of not in by_word:
-        raise InputError(f"there is no table of {of!r} here; there are {', '.join(kinds)}")
-    return by_word[of]
+    if kind_word not in by_word:
+        raise InputError(f"there is no table of {kind_word!r} here; there are {', '.join(kinds)}")
+    return by_word[kind_word]
 
 
 def _is_parameter(variable: xr.Variable) -> bool:
     return bool(variable.attrs.get("role") == "parameter")
 
 
-def _plain(data: xr.Dataset) -> xr.Dataset:
+def _plain_dataset(data: xr.Dataset) -> xr.Dataset:
     """Return a record with a variable an element, and no unit that does not hold."""
     data = sweep_of(data) if is_sweep(data) else data
     if EVIDENCE in data.attrs:
@@ -212,29 +212,31 @@ def _plain(data: xr.Dataset) -> xr.Dataset:
     return unfold(data) if model_dimensions(data) else data
 
 
-def _columns(data: xr.Dataset, kind: str) -> Iterator[TableColumn]:
+def _table_columns(data: xr.Dataset, kind: str) -> Iterator[TableColumn]:
     if kind == PARAMETERS:
-        return _parameters(_plain(data))
-    plain = _plain(data)
+        return _parameter_columns(_plain_dataset(data))
+    plain = _plain_dataset(data)
     if kind == MEMBERS:
-        return _along(plain, tuple(dim for dim in axes_said(plain) if dim in plain.dims))
+        return _columns_along(plain, tuple(dim for dim in sweep_axis_names(plain) if dim in plain.dims))
     dim = ROWS.get(kind, kind)
     if dim == EVENTS and EVIDENCE not in data.attrs:
-        columns = {column.name: column for column in _along(nodes_of(plain)["events"].to_dataset(), (dim,))}
+        columns = {column.name: column for column in _columns_along(tree_nodes(plain)["events"].to_dataset(), (dim,))}
         sides = [(f"before_{name}", f"after_{name}") for name in map(str, plain.variables)]
         ordered = [*FIRST, *(name for pair in sides for name in pair)]
         return (columns[name] for name in dict.fromkeys([*ordered, *columns]) if name in columns)
     if dim in NODES and EVIDENCE not in data.attrs:
-        plain = nodes_of(plain)[NODES[dim]].to_dataset()
+        plain = tree_nodes(plain)[NODES[dim]].to_dataset()
     if dim == LEVEL and data.attrs.get(EVIDENCE) == "refinement":
-        return _levels(plain)
+        return _level_columns(plain)
     if data.attrs.get(EVIDENCE) == OF_SEVERAL:  # a row a run tells no times
-        own = [str(name) for name, one in plain.variables.items() if one.dims == (dim,)]
-        return _along(plain, (dim,), sorted(own, key=lambda name: _rank(name, plain.variables[name])))
-    return _along(plain, (dim,))
+        run_names = [str(name) for name, variable in plain.variables.items() if variable.dims == (dim,)]
+        return _columns_along(
+            plain, (dim,), sorted(run_names, key=lambda name: _column_rank(name, plain.variables[name]))
+        )
+    return _columns_along(plain, (dim,))
 
 
-def _rank(name: str, variable: xr.Variable) -> int:
+def _column_rank(name: str, variable: xr.Variable) -> int:
     """Return what a column comes by: values of axes, times, names and kinds, numbers, sentences."""
     role = str(variable.attrs.get("role"))
     if role in AHEAD:
@@ -244,59 +246,67 @@ def _rank(name: str, variable: xr.Variable) -> int:
     return len(AHEAD) + (3 if name.endswith(("_rule", "_text")) else 2)
 
 
-def _levels(study: xr.Dataset) -> Iterator[TableColumn]:
+def _level_columns(study: xr.Dataset) -> Iterator[TableColumn]:
     """Yield the columns of a convergence record: what was varied, then of each observable what is said of it at a level."""
     numbers = [name for name in map(str, study.variables) if f"difference_{name}" in study]
-    told = [f"{prefix}{name}" for name in numbers for prefix in OF_LEVEL]
-    beside = [name for name in map(str, study.variables) if name.startswith(("event_count_", DEFECT))]
-    names = [str(study.attrs["varied"]), *told, *beside, "run_outcome"]
-    return _along(study, (LEVEL,), [name for name in names if name in study])
+    number_names = [f"{prefix}{name}" for name in numbers for prefix in OF_LEVEL]
+    further_names = [name for name in map(str, study.variables) if name.startswith(("event_count_", DEFECT))]
+    names = [str(study.attrs["varied"]), *number_names, *further_names, "run_outcome"]
+    return _columns_along(study, (LEVEL,), [name for name in names if name in study])
 
 
-def _along(data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None = None) -> Iterator[TableColumn]:
+def _columns_along(
+    data: xr.Dataset, rows: tuple[str, ...], names: Sequence[str] | None = None
+) -> Iterator[TableColumn]:
     """Yield a column for each number that a row has; without `names` of all variables that lie along the rows."""
     if names is None:
-        along = [str(name) for name, variable in data.variables.items() if {*rows} & {*variable.dims}]
-        found = [name for name in along if not is_repeated_label(name, data)]
+        names_along = [str(name) for name, variable in data.variables.items() if {*rows} & {*variable.dims}]
+        column_names = [name for name in names_along if not is_repeated_label(name, data)]
         if not rows:  # one member of a sweep
-            found = [
-                str(name) for name, one in data.variables.items() if not (_is_parameter(one) or name in TEXT_NAMES)
+            column_names = [
+                str(name)
+                for name, candidate in data.variables.items()
+                if not (_is_parameter(candidate) or name in TEXT_NAMES)
             ]
-        names = sorted(found, key=lambda name: _rank(name, data.variables[name]))
+        names = sorted(column_names, key=lambda name: _column_rank(name, data.variables[name]))
     shape = tuple(data.sizes[dim] for dim in rows)
     for name in names:
         variable = data.variables[name]
-        others = [str(dim) for dim in variable.dims if dim not in rows]
-        own = variable.transpose(*(dim for dim in rows if dim in variable.dims), *others)
-        values = _cells(own)
-        kept = tuple(data.sizes[dim] if dim in variable.dims else 1 for dim in rows)
-        beyond = values.shape[values.ndim - len(others) :]
-        spread = np.broadcast_to(values.reshape((*kept, *beyond)), (*shape, *beyond))
+        further_dims = [str(dim) for dim in variable.dims if dim not in rows]
+        ordered_variable = variable.transpose(*(dim for dim in rows if dim in variable.dims), *further_dims)
+        values = _cell_values(ordered_variable)
+        row_shape = tuple(data.sizes[dim] if dim in variable.dims else 1 for dim in rows)
+        beyond = values.shape[values.ndim - len(further_dims) :]
+        spread = np.broadcast_to(values.reshape((*row_shape, *beyond)), (*shape, *beyond))
         flat = spread.reshape(int(np.prod(shape)), int(np.prod(beyond)))
-        for number, place in enumerate(product(*(range(data.sizes[dim]) for dim in others))):
-            where = "".join(_where(data, dim, k) for dim, k in zip(others, place, strict=True))
+        for number, index in enumerate(product(*(range(data.sizes[dim]) for dim in further_dims))):
+            where = "".join(_index_words(data, dim, k) for dim, k in zip(further_dims, index, strict=True))
             units = str((data["event_time"] if name == EVENT_BOUNDS else variable).attrs.get("units", ""))
-            yield TableColumn(f"{spoken(name)}{where}", flat[:, number], _shown(units, values, variable), name)
+            yield TableColumn(
+                f"{display_text(name)}{where}", flat[:, number], _shown_units(units, values, variable), name
+            )
 
 
-def _cells(variable: xr.Variable) -> NDArray[Any]:
+def _cell_values(variable: xr.Variable) -> NDArray[Any]:
     if "flag_meanings" in variable.attrs:
-        return np.array(words_of(variable), object).reshape(variable.shape)
+        return np.array(words_of_flag(variable), object).reshape(variable.shape)
     return np.asarray(variable.values)
 
 
-def _shown(units: str, values: NDArray[Any], variable: xr.Variable) -> str:
+def _shown_units(units: str, values: NDArray[Any], variable: xr.Variable) -> str:
     """Return the unit of a column; that of counts, orders and texts is not said."""
     pure = units == "1" and variable.attrs.get("role") not in (*KINEMATIC, "observable", "parameter", "time")
     return units if values.dtype.kind == "f" and not pure else ""
 
 
-def _where(data: xr.Dataset, dim: str, k: int) -> str:
+def _index_words(data: xr.Dataset, dim: str, k: int) -> str:
     """Say which of several numbers along a further dimension a column has."""
     if dim == AT:
         unit = str(data.variables[AT_TIME].attrs.get("units", "1"))
-        said = f" at t = {float(np.atleast_1d(data.variables[AT_TIME].values)[k])!r}{'' if unit == '1' else f' {unit}'}"
-        return said if data.sizes[AT] > 1 else ""
+        time_words = (
+            f" at t = {float(np.atleast_1d(data.variables[AT_TIME].values)[k])!r}{'' if unit == '1' else f' {unit}'}"
+        )
+        return time_words if data.sizes[AT] > 1 else ""
     if dim == BOUNDS:
         return ("_lower", "_upper")[k]
     if dim == OCCURRENCE:
@@ -305,29 +315,33 @@ def _where(data: xr.Dataset, dim: str, k: int) -> str:
     return f"[{k if labels is None else labels.values[k]}]"
 
 
-def _parameters(data: xr.Dataset) -> Iterator[TableColumn]:
+def _parameter_columns(data: xr.Dataset) -> Iterator[TableColumn]:
     """Yield what is known of each parameter."""
-    own = [(str(name), one) for name, one in data.variables.items() if _is_parameter(one) and not one.ndim]
+    parameters = [
+        (str(name), variable)
+        for name, variable in data.variables.items()
+        if _is_parameter(variable) and not variable.ndim
+    ]
     about_each: dict[str, Callable[[str, xr.Variable], Any]] = {
-        "parameter": lambda name, _: spoken(name),
-        "value": lambda _, one: float(one.values),
-        "units": lambda _, one: str(one.attrs.get("units", "1")),
-        "uncertainty": lambda _, one: float(one.attrs.get("uncertainty", np.nan)),
-        "uncertainty_kind": lambda _, one: str(one.attrs.get("uncertainty_kind", "")),
-        "description": lambda _, one: str(one.attrs.get("long_name", "")),
+        "parameter": lambda name, _: display_text(name),
+        "value": lambda _, variable: float(variable.values),
+        "units": lambda _, variable: str(variable.attrs.get("units", "1")),
+        "uncertainty": lambda _, variable: float(variable.attrs.get("uncertainty", np.nan)),
+        "uncertainty_kind": lambda _, variable: str(variable.attrs.get("uncertainty_kind", "")),
+        "description": lambda _, variable: str(variable.attrs.get("long_name", "")),
     }
     for word, take in about_each.items():
-        values = [take(name, one) for name, one in own]
+        values = [take(name, variable) for name, variable in parameters]
         if word in ("parameter", "value", "units", "description") or any(entry == entry and entry for entry in values):
             yield TableColumn(word, np.array(values, float if word in ("value", "uncertainty") else object), "", word)
 
 
-def _rounded(columns: Sequence[TableColumn], data: xr.Dataset) -> list[TableColumn]:
+def _rounded_columns(columns: Sequence[TableColumn], data: xr.Dataset) -> list[TableColumn]:
     """Round numbers to the digits that the uncertainty beside them, in the table or of the finest level, supports."""
-    beside = {column.name: column.values for column in columns}
+    values_by_name = {column.name: column.values for column in columns}
     made = []
     for column in columns:
-        doubt = _doubt(column, beside, data)
+        doubt = _column_doubt(column, values_by_name, data)
         if doubt is None or column.values.dtype.kind != "f":
             made.append(column)
             continue
@@ -336,33 +350,35 @@ def _rounded(columns: Sequence[TableColumn], data: xr.Dataset) -> list[TableColu
     return made
 
 
-def _doubt(column: TableColumn, beside: Mapping[str, NDArray[Any]], data: xr.Dataset) -> NDArray[Any] | None:
+def _column_doubt(
+    column: TableColumn, values_by_name: Mapping[str, NDArray[Any]], data: xr.Dataset
+) -> NDArray[Any] | None:
     """Return the uncertainty of every number of a column; None if nothing tells it."""
     words = [f"uncertainty_{column.name}", f"{column.name}_uncertainty"]
     for word in (*words, *(["uncertainty"] if column.name == "value" else [])):
-        if word in beside:
-            return beside[word]
-    if (known := data.variables.get(f"uncertainty_{column.variable}")) is None:
+        if word in values_by_name:
+            return values_by_name[word]
+    if (uncertainty := data.variables.get(f"uncertainty_{column.variable}")) is None:
         return None
-    return np.full(len(column.values), np.abs(np.asarray(known.values, float)).max(initial=0.0))
+    return np.full(len(column.values), np.abs(np.asarray(uncertainty.values, float)).max(initial=0.0))
 
 
 def _to_digits(value: float, doubt: float) -> float:
-    known = isfinite(value) and isfinite(doubt) and doubt > 0.0
-    return float(scientific(value, digits(value, uncertainty=doubt) - 1)) if known else value
+    is_known = isfinite(value) and isfinite(doubt) and doubt > 0.0
+    return float(scientific(value, digits(value, uncertainty=doubt) - 1)) if is_known else value
 
 
-def lines_of(made: pd.DataFrame, width: int) -> Iterator[str]:
+def table_lines(made: pd.DataFrame, width: int) -> Iterator[str]:
     """Yield a table as lines for people: columns that do not fit stand below, each part with the first column again.
 
     Times have all their digits, other numbers ten at most, differences and uncertainties three; of a long table the
     first rows and the last are shown.
     """
     names = [str(name) for name in made.columns if name not in HIDDEN]
-    return _laid_out([[(name, _form(name), made[name].to_numpy())] for name in names], width)
+    return _laid_out([[(name, _number_form(name), made[name].to_numpy())] for name in names], width)
 
 
-def _form(header: str) -> str:
+def _number_form(header: str) -> str:
     """Return the form of the numbers below a header; whatever a model may call its own keeps its digits."""
     name = header.partition(" ")[0]
     if name in BRIEF or name.startswith(BRIEFLY[0]) or name.endswith(BRIEFLY[1]):
@@ -379,7 +395,7 @@ def board_of(data: xr.Dataset, width: int) -> list[str]:
     kind = data.attrs.get(EVIDENCE)
     if kind not in _BOARDS or any(variable.chunks is not None for variable in data.variables.values()):
         return []
-    groups = _BOARDS[kind](_plain(data))
+    groups = _BOARDS[kind](_plain_dataset(data))
     return [*_laid_out(groups, width)] if groups else []
 
 
@@ -387,14 +403,16 @@ Shown = tuple[str, str, NDArray[Any]]  # a header, the form of numbers, cells
 
 
 def _board_of_levels(study: xr.Dataset) -> list[list[Shown]]:
-    by_name = {column.name: column for column in _levels(study)}
+    by_name = {column.name: column for column in _level_columns(study)}
     observed = [column for column in by_name.values() if f"difference_{column.variable}" in study]
     first = next(iter(by_name.values()))
     groups = [[_shown_as(first)]]
     for column in observed[:MOST_OBSERVED]:
-        beside = [(word, form, f"{word}_{column.name}") for word, form in (("difference", DOUBT), ("order", ORDER))]
-        own = [(word, form, by_name[name].values) for word, form, name in beside if name in by_name]
-        groups.append([_shown_as(column), *own])
+        level_names = [
+            (word, form, f"{word}_{column.name}") for word, form in (("difference", DOUBT), ("order", ORDER))
+        ]
+        level_columns = [(word, form, by_name[name].values) for word, form, name in level_names if name in by_name]
+        groups.append([_shown_as(column), *level_columns])
     defects = [column for column in by_name.values() if column.variable.startswith(DEFECT)]
     groups += [
         [(f"local error of {_header(column).removeprefix(DEFECT)}", DOUBT, column.values)]
@@ -404,7 +422,7 @@ def _board_of_levels(study: xr.Dataset) -> list[list[Shown]]:
 
 
 def _board_of_cases(ledger: xr.Dataset) -> list[list[Shown]]:
-    wanted = {
+    headers_by_name = {
         "case_name": "case",
         "verdict": "verdict",
         "residual": "residual",
@@ -413,24 +431,26 @@ def _board_of_cases(ledger: xr.Dataset) -> list[list[Shown]]:
         "case_observable": "observable",
         "case_method": "method",
     }
-    columns = {column.name: column.values for column in _along(ledger, (CASE,))}
+    columns = {column.name: column.values for column in _columns_along(ledger, (CASE,))}
     if len({*columns["case_method"]}) == 1:
-        del wanted["case_method"]
-    return [[(header, DOUBT, columns[name])] for name, header in wanted.items()]
+        del headers_by_name["case_method"]
+    return [[(header, DOUBT, columns[name])] for name, header in headers_by_name.items()]
 
 
 def _board_of_modes(modes: xr.Dataset) -> list[list[Shown]]:
-    columns = [*_along(modes, ("mode",))][:MOST_OBSERVED]
+    columns = [*_columns_along(modes, ("mode",))][:MOST_OBSERVED]
     return [[_shown_as(column)] for column in columns] if modes.sizes.get("mode") else []
 
 
-def _board_of_runs(found: xr.Dataset) -> list[list[Shown]]:
+def _board_of_runs(comparison: xr.Dataset) -> list[list[Shown]]:
     """Return a row a run, with the largest difference of each quantity from the reference."""
     head = "largest_difference_"
-    names = [str(name) for name in found.data_vars if str(name).startswith(head)][:MOST_OBSERVED]
-    columns = [replace(one, name=one.name.removeprefix(head)) for one in _along(found, ("run",), names)]
-    runs = found["run_name"].values.astype(object)
-    return [[("largest difference of", "", runs)], *([(_header(one), DOUBT, one.values)] for one in columns)]
+    names = [str(name) for name in comparison.data_vars if str(name).startswith(head)][:MOST_OBSERVED]
+    columns = [
+        replace(column, name=column.name.removeprefix(head)) for column in _columns_along(comparison, ("run",), names)
+    ]
+    runs = comparison["run_name"].values.astype(object)
+    return [[("largest difference of", "", runs)], *([(_header(column), DOUBT, column.values)] for column in columns)]
 
 
 _BOARDS: dict[str, Callable[[Any], list[list[Shown]]]] = {
@@ -443,7 +463,7 @@ _BOARDS: dict[str, Callable[[Any], list[list[Shown]]]] = {
 
 def _shown_as(column: TableColumn) -> Shown:
     header = _header(column)
-    return header, _form(header), column.values
+    return header, _number_form(header), column.values
 
 
 def _header(column: TableColumn) -> str:
@@ -456,10 +476,10 @@ def _laid_out(groups: Sequence[Sequence[Shown]], width: int) -> Iterator[str]:
     rows = [*range(count)]
     if count > MOST_SHOWN:
         rows = [*rows[: MOST_SHOWN // 2], *rows[-MOST_SHOWN // 2 :]]
-    texts = [[_texts(header, form, values[rows]) for header, form, values in group] for group in groups]
+    texts = [[_cell_texts(header, form, values[rows]) for header, form, values in group] for group in groups]
     key, parts = texts[0], [[*texts[0]]]
     for group in texts[1:]:
-        if _width(parts[-1]) + 2 + _width(group) > width and parts[-1] != key:
+        if _text_width(parts[-1]) + 2 + _text_width(group) > width and parts[-1] != key:
             parts.append([*key])
         parts[-1] += group
     for number, part in enumerate(parts):
@@ -471,23 +491,23 @@ def _laid_out(groups: Sequence[Sequence[Shown]], width: int) -> Iterator[str]:
             yield "  ".join(column[k] for column in part).rstrip()
 
 
-def _width(columns: Sequence[Sequence[str]]) -> int:
+def _text_width(columns: Sequence[Sequence[str]]) -> int:
     return sum(len(column[0]) + 2 for column in columns) - 2
 
 
-def _texts(header: str, form: str, values: NDArray[Any]) -> list[str]:
+def _cell_texts(header: str, form: str, values: NDArray[Any]) -> list[str]:
     """Return a header and cells of one width: numbers to the right, words to the left."""
     if values.dtype.kind == "f":
-        cells = ["" if np.isnan(one) else f"{one:{form}}" for one in values.tolist()]
+        cells = ["" if np.isnan(value) else f"{value:{form}}" for value in values.tolist()]
     else:
-        texts = (" ".join(str(one).split()) for one in values.tolist())
+        texts = (" ".join(str(value).split()) for value in values.tolist())
         cells = [text if len(text) <= WIDEST else f"{text[: WIDEST - 1]}…" for text in texts]
     size = max(map(len, [header, *cells]))
     side = ">" if values.dtype.kind in "iuf" else "<"
     return [f"{cell:{side}{size}}" for cell in (header, *cells)]
 
 
-def check_target(path: Place, endings: Sequence[str] = ENDINGS) -> Place:
+def check_table_target(path: Place, endings: Sequence[str] = ENDINGS) -> Place:
     """Check that a table can be written to a path.
 
     Raises
@@ -504,11 +524,11 @@ def check_target(path: Place, endings: Sequence[str] = ENDINGS) -> Place:
         why = file_above(path) or f"there is no folder '{path.parent}'"
         raise InputError(f"table '{path}' cannot be written: {why}")
     if ending in PACKAGES:
-        _needed(ending)
+        _check_package(ending)
     return path
 
 
-def _needed(ending: str) -> None:
+def _check_package(ending: str) -> None:
     from importlib.util import find_spec
 
     if find_spec(PACKAGES[ending]) is None:
@@ -518,7 +538,7 @@ def _needed(ending: str) -> None:
         )
 
 
-def write(made: pd.DataFrame, path: Place) -> str:
+def write_table(made: pd.DataFrame, path: Place) -> str:
     """Write a table into a file of the kind that its ending says; return a line that describes it.
 
     Raises
@@ -528,11 +548,11 @@ def write(made: pd.DataFrame, path: Place) -> str:
     ArchiveError
         If it cannot be written.
     """
-    put(_WRITERS[path.suffix.lower()](made), path)
+    write_content(_WRITERS[path.suffix.lower()](made), path)
     return f"table     {path}: {len(made)} rows, {len(made.columns)} columns"
 
 
-def put(content: bytes, path: Place) -> None:
+def write_content(content: bytes, path: Place) -> None:
     """Write a file, whole or not at all.
 
     Raises
@@ -547,7 +567,7 @@ def put(content: bytes, path: Place) -> None:
         raise ArchiveError(f"table {error}") from None
 
 
-def _csv(made: pd.DataFrame) -> bytes:
+def _csv_content(made: pd.DataFrame) -> bytes:
     return str(made.to_csv(index=False, lineterminator="\n")).encode()
 
 
@@ -594,12 +614,12 @@ def _cell(value: Any) -> str:
 
 def _escaped(text: str) -> str:
     """Return a text as LaTeX prints it."""
-    named = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    return "".join(named.get(letter, "\\" + letter if letter in "&%$#_{}" else letter) for letter in text)
+    latex_commands = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    return "".join(latex_commands.get(letter, "\\" + letter if letter in "&%$#_{}" else letter) for letter in text)
 
 
 _WRITERS: dict[str, Callable[[Any], bytes]] = {
-    ".csv": _csv,
+    ".csv": _csv_content,
     ".xlsx": _workbook,
     ".parquet": _parquet,
     ".md": _markdown,

@@ -15,7 +15,7 @@ from xdynamics.schema import STEPS
 NOTED = ("sel", "interp", "drop_sel", "resample", "groupby", "groupby_bins", "rolling", "coarsen")
 # a name that is no index is left out of these by xarray without a word
 REFUSED = ("reindex", "reindex_like", "interp_like")
-LONGEST = 60  # characters of times that a note repeats
+LONGEST_NOTE = 60  # characters of times that a note repeats
 REMEDY = (
     "xdynamics: rows of a run are its steps, two at an event, and none ends at just any time: run.dynamics.at({0}) gives the"
     " states there, each as if a step had ended there; run.sel(time=slice(…)) gives the rows of a span"
@@ -35,48 +35,48 @@ def _noting(method: Callable[..., Any]) -> Callable[..., Any]:
     """Return the method with a note below its errors."""
 
     @wraps(method)
-    def called(self: Any, *arguments: Any, **named: Any) -> Any:
+    def noting_call(self: Any, *arguments: Any, **keywords: Any) -> Any:
         try:
-            return method(self, *arguments, **named)
+            return method(self, *arguments, **keywords)
         except Exception as error:
-            wanted = _times(arguments, named)
-            if wanted is not None and _is_of_steps(self) and not getattr(error, "__notes__", None):
-                error.add_note(REMEDY.format(_shown(wanted)))
+            requested_times = _requested_times(arguments, keywords)
+            if requested_times is not None and _is_of_steps(self) and not getattr(error, "__notes__", None):
+                error.add_note(REMEDY.format(_times_text(requested_times)))
             raise
 
-    called.notes_times = True  # type: ignore[attr-defined]
-    return called
+    noting_call.notes_times = True  # type: ignore[attr-defined]
+    return noting_call
 
 
 def _refusing(method: Callable[..., Any]) -> Callable[..., Any]:
     """Return the method, which refuses times of a run: without a word it would give the rows as they were."""
 
     @wraps(method)
-    def called(self: Any, *arguments: Any, **named: Any) -> Any:
-        wanted = _times(arguments, named)
-        if wanted is not None and _is_of_steps(self):
-            raise InputError(f"{method.__name__} cannot follow time. {REMEDY.format(_shown(wanted))}")
-        return method(self, *arguments, **named)
+    def refusing_call(self: Any, *arguments: Any, **keywords: Any) -> Any:
+        requested_times = _requested_times(arguments, keywords)
+        if requested_times is not None and _is_of_steps(self):
+            raise InputError(f"{method.__name__} cannot follow time. {REMEDY.format(_times_text(requested_times))}")
+        return method(self, *arguments, **keywords)
 
-    called.notes_times = True  # type: ignore[attr-defined]
-    return called
+    refusing_call.notes_times = True  # type: ignore[attr-defined]
+    return refusing_call
 
 
-def _times(arguments: tuple[Any, ...], named: Mapping[str, Any]) -> Any:
+def _requested_times(arguments: tuple[Any, ...], keywords: Mapping[str, Any]) -> Any:
     """Return the times that are asked for: by name, in a mapping, as those of another record, or all; None where none are."""
-    first = arguments[0] if arguments else {name: named[name] for name in ("other", "group") if name in named}
+    first = arguments[0] if arguments else {name: keywords[name] for name in ("other", "group") if name in keywords}
     if isinstance(first, str):  # groupby("time")
         return ... if first == "time" else None
     if isinstance(first, xr.Dataset | xr.DataArray):
         return first["time"].values if "time" in first.indexes else None
-    given = first if isinstance(first, Mapping) else {}
-    return {**given, **named}.get("time")
+    indexers = first if isinstance(first, Mapping) else {}
+    return {**indexers, **keywords}.get("time")
 
 
-def _shown(times: Any) -> str:
+def _times_text(times: Any) -> str:
     """Return times as they may be typed; of many, that they are."""
     text = repr(times.tolist() if hasattr(times, "tolist") else times)
-    return text if isinstance(times, int | float | list | np.ndarray) and len(text) <= LONGEST else "times"
+    return text if isinstance(times, int | float | list | np.ndarray) and len(text) <= LONGEST_NOTE else "times"
 
 
 def _is_of_steps(data: Any) -> bool:

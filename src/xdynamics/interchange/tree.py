@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.archive import without_stale_units
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.faults import InputError
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import check_single
@@ -43,38 +43,38 @@ def tree(run: xr.Dataset) -> xr.DataTree:
         the ends of the bracket, ``event_time_bounds_lower`` and ``…_upper``; of a row that a selection has not, nan.
     """
     check_single(run)
-    return nodes_of(without_stale_units(run))
+    return tree_nodes(without_stale_units(run))
 
 
-def nodes_of(run: xr.Dataset) -> xr.DataTree:
+def tree_nodes(run: xr.Dataset) -> xr.DataTree:
     """Return the tree of a run whose units hold; see `tree`."""
     import xarray as xr
 
-    own: dict[str, dict[Any, Any]] = {dim: {} for dim in NODES if dim in run.dims}
+    variables_by_dim: dict[str, dict[Any, Any]] = {dim: {} for dim in NODES if dim in run.dims}
     root = {}
     for name, variable in run.variables.items():
-        dim = next((dim for dim in variable.dims if dim in own), None)
+        dim = next((dim for dim in variable.dims if dim in variables_by_dim), None)
         if dim is None:
             root[name] = variable
         elif name == EVENT_BOUNDS:
             unit = str(run["event_time"].attrs["units"])
             for k, end in enumerate(ENDS):
-                described = about(unit, f"{end} end of the bracket of the event's time", "event")
-                own[EVENTS][f"{EVENT_BOUNDS}_{end}"] = xr.Variable(
+                described = variable_attributes(unit, f"{end} end of the bracket of the event's time", "event")
+                variables_by_dim[EVENTS][f"{EVENT_BOUNDS}_{end}"] = xr.Variable(
                     (EVENTS,), variable.isel({BOUNDS: k}).data, described
                 )
         else:
-            own[str(dim)][name] = variable.copy(deep=False)
-            own[str(dim)][name].attrs = without_bounds(variable.attrs)
-    if {STEPS, EVENTS} <= {*own}:
+            variables_by_dim[str(dim)][name] = variable.copy(deep=False)
+            variables_by_dim[str(dim)][name].attrs = without_bounds(variable.attrs)
+    if {STEPS, EVENTS} <= {*variables_by_dim}:
         for side in ("before", "after"):
-            own[EVENTS] |= states_on_side(run, side, rows_named(run, f"event_row_{side}"))
-    nodes = {f"/{NODES[dim]}": _table(variables, run) for dim, variables in own.items()}
-    whole = xr.Dataset(root, attrs=run.attrs).set_coords([name for name in root if name in run.coords])
-    return xr.DataTree.from_dict({"/": whole, **nodes})
+            variables_by_dim[EVENTS] |= states_on_side(run, side, rows_named(run, f"event_row_{side}"))
+    nodes = {f"/{NODES[dim]}": _node_table(variables, run) for dim, variables in variables_by_dim.items()}
+    root_table = xr.Dataset(root, attrs=run.attrs).set_coords([name for name in root if name in run.coords])
+    return xr.DataTree.from_dict({"/": root_table, **nodes})
 
 
-def node_of(nodes: xr.DataTree, group: str) -> xr.Dataset:
+def tree_node(nodes: xr.DataTree, group: str) -> xr.Dataset:
     """Return the table of a node.
 
     Raises
@@ -87,7 +87,7 @@ def node_of(nodes: xr.DataTree, group: str) -> xr.Dataset:
     return nodes[group.strip("/")].to_dataset()
 
 
-def _table(variables: dict[Any, Any], run: xr.Dataset) -> xr.Dataset:
+def _node_table(variables: dict[Any, Any], run: xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
     made = xr.Dataset(variables)
@@ -115,6 +115,8 @@ def states_on_side(
         if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in roles:
             values = np.array(variable.isel({STEPS: np.maximum(places, 0)}).values)
             values[missing] = np.nan
-            described = about(str(variable.attrs["units"]), f"{name} {side} the event", str(variable.attrs["role"]))
+            described = variable_attributes(
+                str(variable.attrs["units"]), f"{name} {side} the event", str(variable.attrs["role"])
+            )
             states[f"{side}_{name}"] = xr.Variable((EVENTS, *variable.dims[1:]), values, described)
     return states

@@ -10,14 +10,14 @@ from xdynamics.kernels.program import (
     Gather,
     Instruction,
     Load,
+    Location,
     Loop,
     Ordinal,
-    Place,
     Program,
     ProgramCall,
     Reduction,
     StoreTo,
-    nested,
+    nested_lines,
 )
 
 Part = tuple[str, int, int]  # of an array: its name, the first element, the one after the last
@@ -31,7 +31,7 @@ class LineEffect:
     Attributes
     ----------
     reads, writes : tuple of Part
-    whole : bool
+    is_complete : bool
         Whether every element of what it writes is written.
     copies : bool
         Whether what it writes is what it reads, element by element.
@@ -39,54 +39,56 @@ class LineEffect:
 
     reads: tuple[Part, ...]
     writes: tuple[Part, ...]
-    whole: bool
+    is_complete: bool
     copies: bool
 
 
 def effects_of(
-    body: Sequence[Instruction], others: Mapping[str, Program], names: Mapping[str, Part | None]
+    body: Sequence[Instruction], callees: Mapping[str, Program], names: Mapping[str, Part | None]
 ) -> list[LineEffect] | None:
     """Return what each line does, with those of programs that are called; None where a line may do more.
 
     `names` has where arrays of a called program stand, None for those that nobody else sees.
     """
-    found: list[LineEffect] = []
+    line_effects: list[LineEffect] = []
     for line in body:
         if isinstance(line, ProgramCall):
-            called = others.get(line.program)
-            if called is None or names:
+            callee = callees.get(line.program)
+            if callee is None or names:
                 return None
-            given: dict[str, Part | None] = {
+            passed_arrays: dict[str, Part | None] = {
                 "at": (line.at, 0, 0),
                 "y": (line.y, 0, 0),
                 "z": (line.z, 0, 0),
                 "e": (line.e, 0, 0),
             }
-            inner = dict.fromkeys(called.local) | given
-            for name, (array, first, _) in called.views.items():
-                known = inner.get(array, (array, 0, 0))
-                inner[name] = known and (known[0], known[1] + first, 0)
-            effects = effects_of(called.body, {}, inner)
+            inner = dict.fromkeys(callee.local) | passed_arrays
+            for name, (array, first, _) in callee.views.items():
+                inner_part = inner.get(array, (array, 0, 0))
+                inner[name] = inner_part and (inner_part[0], inner_part[1] + first, 0)
+            effects = effects_of(callee.body, {}, inner)
             if effects is None:
                 return None
-            found += effects
+            line_effects += effects
         elif isinstance(line, Load | StoreTo | Loop | Reduction):
-            found.append(effect_of(line, names))
+            line_effects.append(line_effect_of(line, names))
         elif not isinstance(line, Compute | Gather | Ordinal):
             return None
-    return found
+    return line_effects
 
 
-def effect_of(line: Instruction, names: Mapping[str, Part | None]) -> LineEffect:
+def line_effect_of(line: Instruction, names: Mapping[str, Part | None]) -> LineEffect:
     """Return what one line reads and writes."""
-    lines = list(nested((line,)))
+    lines = list(nested_lines((line,)))
     counts = {inner.index: inner.count for inner in lines if isinstance(inner, Loop | Reduction)}
-    reads = [part for inner in lines if isinstance(inner, Load) for part in parts_of(inner.place, counts, names)]
+    reads = [
+        part for inner in lines if isinstance(inner, Load) for part in location_parts(inner.location, counts, names)
+    ]
     stores = [inner for inner in lines if isinstance(inner, StoreTo)]
-    writes = [part for store in stores for part in parts_of(store.place, counts, names)]
+    writes = [part for store in stores for part in location_parts(store.location, counts, names)]
     bounded = any(isinstance(inner, Reduction) and (inner.below or inner.above) for inner in lines)
-    whole = not bounded and all(_is_whole(store.place, counts) for store in stores)
-    return LineEffect(tuple(reads), tuple(writes), whole, _is_copy(line) and len(reads) == len(writes) == 1)
+    is_complete = not bounded and all(_is_contiguous(store.location, counts) for store in stores)
+    return LineEffect(tuple(reads), tuple(writes), is_complete, _is_copy(line) and len(reads) == len(writes) == 1)
 
 
 def _is_copy(line: Instruction) -> bool:
@@ -97,35 +99,37 @@ def _is_copy(line: Instruction) -> bool:
     return False
 
 
-def parts_of(place: Place, counts: Mapping[str, int], names: Mapping[str, Part | None]) -> Iterator[Part]:
+def location_parts(location: Location, counts: Mapping[str, int], names: Mapping[str, Part | None]) -> Iterator[Part]:
     """Yield the part of an array in which a place is, for all values of its indices."""
-    known = names.get(place.array, (place.array, 0, 0))
-    if known is None:
+    array_part = names.get(location.array, (location.array, 0, 0))
+    if array_part is None:
         return
-    name, first, _ = known
-    if any(index not in counts for index, _ in place.strides):  # a gathered one: anywhere
+    name, first, _ = array_part
+    if any(index not in counts for index, _ in location.strides):  # a gathered one: anywhere
         yield name, -1, -1
         return
-    ends = [stride * (counts[index] - 1) for index, stride in place.strides]
-    low = first + place.offset + sum(end for end in ends if end < 0)
-    high = first + place.offset + sum(end for end in ends if end > 0)
+    ends = [stride * (counts[index] - 1) for index, stride in location.strides]
+    low = first + location.offset + sum(end for end in ends if end < 0)
+    high = first + location.offset + sum(end for end in ends if end > 0)
     yield name, low, high + 1
 
 
-def _is_whole(place: Place, counts: Mapping[str, int]) -> bool:
+def _is_contiguous(location: Location, counts: Mapping[str, int]) -> bool:
     """Whether a place is every element between its first and its last."""
-    return not place.strides or (
-        len(place.strides) == 1 and place.strides[0][1] == 1 and counts.get(place.strides[0][0], 0) > 0
+    return not location.strides or (
+        len(location.strides) == 1 and location.strides[0][1] == 1 and counts.get(location.strides[0][0], 0) > 0
     )
 
 
 def spans_of(program: Program, sizes: Mapping[str, int]) -> Spans:
     """Return where every array stands that has a known length."""
-    own: Spans = {name: (name, 0) for name in (*sizes, *program.local)}
-    return own | {name: (array, first) for name, (array, first, _) in program.views.items() if array in own}
+    known_arrays: Spans = {name: (name, 0) for name in (*sizes, *program.local)}
+    return known_arrays | {
+        name: (array, first) for name, (array, first, _) in program.views.items() if array in known_arrays
+    }
 
 
-def root_of(part: Part, spans: Spans) -> tuple[str, int]:
+def part_root(part: Part, spans: Spans) -> tuple[str, int]:
     """Return the array in which a part stands, and its first element there."""
     array, first = spans.get(part[0], (part[0], 0))
     return array, first + part[1]

@@ -20,9 +20,9 @@ from xdynamics.expressions import (
     Number,
     chain,
     exponent_of,
-    shown,
+    shortened_text,
 )
-from xdynamics.kernels.program import Compute, Line, Load, Operand, Place, StoreTo
+from xdynamics.kernels.program import Compute, Line, Load, Location, Operand, StoreTo
 from xdynamics.units.rounded import Rounded, exact_value
 
 OPERATIONS = {
@@ -67,7 +67,7 @@ class Assignments:
         self._prefix = prefix
         self._named: dict[str, Operand] = {}
         self._known: dict[tuple[str, ...], str] = {}
-        self._loaded: dict[Place, str] = {}
+        self._loaded: dict[Location, str] = {}
         self._unnamed: set[Operand] = set()
 
     def value(self, tree: Node) -> Operand:
@@ -82,21 +82,21 @@ class Assignments:
             case Number():
                 return tree.value
             case Name():
-                return self.named(tree.name)
+                return self.operand_of(tree.name)
             case Negative():
                 return self.compute("negative", self.value(tree.operand))
             case Binary():
                 first, links = chain(tree)
                 result = self.value(first)
                 for link in links:
-                    result = self._joined(link, result)
+                    result = self._write_binary(link, result)
                 return result
             case Compare():
                 return self.compute(OPERATIONS[tree.operator], self.value(tree.left), self.value(tree.right))
             case Call():
-                return self._called(tree)
+                return self._write_call(tree)
             case Element() | Along():
-                raise TypeError(f"'{shown(tree)}' is not yet of single elements")
+                raise TypeError(f"'{shortened_text(tree)}' is not yet of single elements")
 
     def assign(self, name: str, tree: Node) -> Operand:
         """Compute a tree and name its value."""
@@ -109,11 +109,11 @@ class Assignments:
         if isinstance(last, Compute) and last.target == value and value in self._unnamed:
             self._unnamed.discard(value)
             self.lines[-1] = Compute(name, last.operation, last.arguments)
-            self._known[_key(last.operation, last.arguments)] = name
+            self._known[_computation_key(last.operation, last.arguments)] = name
             self._named[name] = name
         return self._named[name]
 
-    def named(self, name: str) -> Operand:
+    def operand_of(self, name: str) -> Operand:
         """Return the operand of a name."""
         if name not in self._named:
             self.name(name, self._find(self, name))
@@ -125,32 +125,32 @@ class Assignments:
             folded = _FOLDED[operation](*arguments)
             if math.isfinite(folded):  # so 1/(2 - 2) becomes a visible division by a literal zero
                 exact = [exact_value(argument) for argument in arguments if isinstance(argument, float)]
-                return Rounded.of(_FOLDED[operation](*exact), folded)
-        key = _key(operation, arguments)
+                return Rounded.from_exact(_FOLDED[operation](*exact), folded)
+        key = _computation_key(operation, arguments)
         if key not in self._known:
             self._known[key] = f"{self._prefix}{len(self._known)}"
             self._unnamed.add(self._known[key])
             self.lines.append(Compute(self._known[key], operation, arguments))
         return self._known[key]
 
-    def load(self, place: Place, name: str = "") -> Operand:
+    def load(self, location: Location, name: str = "") -> Operand:
         """Read a place, or reuse what was read from it before."""
-        if place not in self._loaded:
-            self._loaded[place] = name or f"{self._prefix}l{len(self._loaded)}"
-            self.lines.append(Load(self._loaded[place], place))
-        return self._loaded[place]
+        if location not in self._loaded:
+            self._loaded[location] = name or f"{self._prefix}l{len(self._loaded)}"
+            self.lines.append(Load(self._loaded[location], location))
+        return self._loaded[location]
 
-    def store(self, place: Place, value: Operand) -> None:
+    def store(self, location: Location, value: Operand) -> None:
         """Write to a place."""
-        self.lines.append(StoreTo(place, value))
+        self.lines.append(StoreTo(location, value))
 
-    def _joined(self, node: Binary, left: Operand) -> Operand:
+    def _write_binary(self, node: Binary, left: Operand) -> Operand:
         """Write a binary node whose left operand is already written."""
         if node.operator == "**":
             return self.power(left, exponent_of(node.right) or Fraction(0))
         return self.compute(OPERATIONS[node.operator], left, self.value(node.right))
 
-    def _called(self, tree: Call) -> Operand:
+    def _write_call(self, tree: Call) -> Operand:
         operation = CALLED.get(tree.function, tree.function)
         values = [self.value(argument) for argument in tree.arguments]
         if tree.function not in ("min", "max"):
@@ -166,22 +166,22 @@ class Assignments:
             return 1.0
         if exponent < 0:
             return self.compute("divide", 1.0, self.power(base, -exponent))
-        whole, rest = divmod(exponent, 1)
-        if rest == 0:
-            return self._product(base, whole)
-        if rest == Fraction(1, 2):
+        integer_part, fraction = divmod(exponent, 1)
+        if fraction == 0:
+            return self._integer_power(base, integer_part)
+        if fraction == Fraction(1, 2):
             root = self.compute("sqrt", base)
-            return self.compute("multiply", self._product(base, whole), root) if whole else root
-        return self.compute("power", base, Rounded.of(exponent, float(exponent)))
+            return self.compute("multiply", self._integer_power(base, integer_part), root) if integer_part else root
+        return self.compute("power", base, Rounded.from_exact(exponent, float(exponent)))
 
-    def _product(self, base: Operand, times: int) -> Operand:
+    def _integer_power(self, base: Operand, times: int) -> Operand:
         """Write x**2 and x**3 as products, higher powers by squaring."""
         if times == 1:
             return base
         if times <= 3:
             square = self.compute("multiply", base, base)
             return square if times == 2 else self.compute("multiply", square, base)
-        half = self._product(base, times // 2)
+        half = self._integer_power(base, times // 2)
         square = self.compute("multiply", half, half)
         return self.compute("multiply", square, base) if times % 2 else square
 
@@ -193,44 +193,44 @@ class FusedAssignments(Assignments):
     other; what rounding leaves of them is small beside the first terms.
     """
 
-    def _joined(self, node: Binary, left: Operand) -> Operand:
+    def _write_binary(self, node: Binary, left: Operand) -> Operand:
         product = node.right
         if node.operator == "/" and isinstance(product, Number):
             return self.compute("multiply", left, 1.0 / product.value)
         if node.operator != "+" or not isinstance(product, Binary) or product.operator != "*":
-            return super()._joined(node, left)
-        distance, coefficients = self.value(product.left), _nested(product)
+            return super()._write_binary(node, left)
+        distance, coefficients = self.value(product.left), _nested_coefficients(product)
         if len(coefficients) < LONG:
             return self.compute("fma", distance, self.value(product.right), left)
-        first, *rest = map(self.value, coefficients)
-        return self._horner(distance, [left, first, self._in_parts(distance, rest)])
+        first, *higher_coefficients = map(self.value, coefficients)
+        return self._horner_scheme(distance, [left, first, self._in_parts(distance, higher_coefficients)])
 
     def _in_parts(self, x: Operand, coefficients: Sequence[Operand]) -> Operand:
         """Write a polynomial in four parts."""
         square = self.compute("multiply", x, x)
         fourth = self.compute("multiply", square, square)
-        a, b, c, d = (self._horner(fourth, coefficients[k::4]) for k in range(4))
-        return self._horner(square, [self._horner(x, [a, b]), self._horner(x, [c, d])])
+        a, b, c, d = (self._horner_scheme(fourth, coefficients[k::4]) for k in range(4))
+        return self._horner_scheme(square, [self._horner_scheme(x, [a, b]), self._horner_scheme(x, [c, d])])
 
-    def _horner(self, x: Operand, coefficients: Sequence[Operand]) -> Operand:
-        *rest, total = coefficients
-        for coefficient in reversed(rest):
+    def _horner_scheme(self, x: Operand, coefficients: Sequence[Operand]) -> Operand:
+        *lower_coefficients, total = coefficients
+        for coefficient in reversed(lower_coefficients):
             total = self.compute("fma", x, total, coefficient)
         return total
 
 
-def _nested(product: Binary) -> list[Node]:
+def _nested_coefficients(product: Binary) -> list[Node]:
     """Return c, c_1, … of ``d*(c + d*(c_1 + …))``."""
-    found, distance = [], product.left
+    coefficients, distance = [], product.left
     while True:
         match product.right:
             case Binary("+", coefficient, Binary("*", factor, _) as inner) if factor == distance:
-                found.append(coefficient)
+                coefficients.append(coefficient)
                 product = inner
             case last:
-                return [*found, last]
+                return [*coefficients, last]
 
 
-def _key(operation: str, arguments: tuple[Operand, ...]) -> tuple[str, ...]:
+def _computation_key(operation: str, arguments: tuple[Operand, ...]) -> tuple[str, ...]:
     """Return the key of a computation, with numbers as printed: 0.0 equals -0.0, but atan2 tells them apart."""
     return (operation, *(str(entry.exact) if isinstance(entry, Rounded) else repr(entry) for entry in arguments))

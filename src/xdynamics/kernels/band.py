@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 
 
-@shared
-def factorise_band(matrix: Floats, pivots: Whole, n: int, lower: int, upper: int) -> bool:
+@jit_separate
+def factorise_band(matrix: Floats, pivots: IntArray, n: int, lower: int, upper: int) -> bool:
     """Factorise a band matrix as P L U in place, with partial pivoting; row exchanges leave L as it is.
 
     Parameters
@@ -58,8 +58,8 @@ def factorise_band(matrix: Floats, pivots: Whole, n: int, lower: int, upper: int
     return True
 
 
-@shared
-def substitute_band(matrix: Floats, pivots: Whole, right: Floats, n: int, lower: int, upper: int) -> None:
+@jit_separate
+def substitute_band(matrix: Floats, pivots: IntArray, right: Floats, n: int, lower: int, upper: int) -> None:
     """Solve with the factors of `factorise_band`; the solution replaces the right-hand side."""
     height, diagonal = 2 * lower + upper + 1, lower + upper
     for k in range(n):
@@ -75,8 +75,8 @@ def substitute_band(matrix: Floats, pivots: Whole, right: Floats, n: int, lower:
             right[k - i] -= right[k] * matrix[column - i]
 
 
-@shared
-def factorise_complex_band(matrix: Floats, pivots: Whole, n: int, lower: int, upper: int) -> bool:
+@jit_separate
+def factorise_complex_band(matrix: Floats, pivots: IntArray, n: int, lower: int, upper: int) -> bool:
     """Factorise a complex band matrix stored after a real one; the diagonal of U is left inverted.
 
     Parameters
@@ -127,8 +127,8 @@ def factorise_complex_band(matrix: Floats, pivots: Whole, n: int, lower: int, up
     return True
 
 
-@shared
-def substitute_complex_band(matrix: Floats, pivots: Whole, right: Floats, n: int, lower: int, upper: int) -> None:
+@jit_separate
+def substitute_complex_band(matrix: Floats, pivots: IntArray, right: Floats, n: int, lower: int, upper: int) -> None:
     """Solve with the factors of `factorise_complex_band`; `right` is n real parts followed by n imaginary ones."""
     height, diagonal = 2 * lower + upper + 1, lower + upper
     re, im = n * height + diagonal, 2 * n * height + diagonal

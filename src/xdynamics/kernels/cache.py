@@ -46,14 +46,14 @@ _POSIX = os.name == "posix"
 
 def folder() -> Path:
     """Return the folder of compiled code: $XDYNAMICS_CACHE, or `xdynamics` in the user's cache folder."""
-    if chosen := os.environ.get(ENVIRONMENT):
-        return _from_here(chosen)
-    return _default()
+    if configured := os.environ.get(ENVIRONMENT):
+        return _from_here(configured)
+    return _default_folder()
 
 
-def _default() -> Path:
-    if kept := os.environ.get("XDG_CACHE_HOME"):
-        return _from_here(kept) / "xdynamics"
+def _default_folder() -> Path:
+    if cache_home := os.environ.get("XDG_CACHE_HOME"):
+        return _from_here(cache_home) / "xdynamics"
     try:
         return _from_here(str(Path.home())) / ".cache" / "xdynamics"
     except RuntimeError:  # a user without a home folder
@@ -61,12 +61,12 @@ def _default() -> Path:
 
 
 @lru_cache
-def _from_here(chosen: str) -> Path:
+def _from_here(path_text: str) -> Path:
     """Make a path absolute as of its first use, wherever the process changes its folder to later."""
-    return Path(chosen).absolute()
+    return Path(path_text).absolute()
 
 
-def digest(*parts: str) -> str:
+def text_digest(*parts: str) -> str:
     """Return the SHA-256 digest of texts, separated by null characters."""
     return hashlib.sha256("\0".join([_FORMAT, *parts]).encode()).hexdigest()
 
@@ -77,8 +77,8 @@ def read(name: str) -> bytes | None:
     The bytes that were compared with the digest are the bytes returned: the file is read once.
     """
     try:
-        with _opened(folder()) as place:
-            sealed = _content(place, name)
+        with _open_folder(folder()) as directory:
+            sealed = _read_content(directory, name)
     except OSError:
         return None
     if sealed is None:
@@ -94,33 +94,34 @@ def write(name: str, content: bytes) -> None:
     """Keep a file with its digest in front; if that fails, warn once and go on."""
     try:
         sealed = _seal(name, content, create=True) + content
-        with _opened(folder(), create=True) as place:
+        with _open_folder(folder(), create=True) as directory:
             part = f"{name[:20]}-{secrets.token_hex(8)}{_PART}"
             try:
                 with os.fdopen(
-                    os.open(part, _FLAGS | os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600, **_at(place)), "wb"
+                    os.open(part, _FLAGS | os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600, **_dir_fd_argument(directory)),
+                    "wb",
                 ) as file:
                     file.write(sealed)
-                _replace(place, part, name)
+                _replace_file(directory, part, name)
             except BaseException:
                 with suppress(OSError):
-                    os.unlink(part, **_at(place))
+                    os.unlink(part, **_dir_fd_argument(directory))
                 raise
             if _looks_through(len(sealed)):
-                _prune(place, name)
+                _prune(directory, name)
     except OSError as error:
-        advise(_reason(error))
+        advise(_error_reason(error))
 
 
-def obstacle() -> str:
+def caching_obstacle() -> str:
     """Return why no engine could be kept, before time is spent on compiling one; empty if it could."""
     try:
         _secret(create=True)
-        with _opened(folder(), create=True), tempfile.NamedTemporaryFile(dir=folder(), suffix=_PART) as probe:
+        with _open_folder(folder(), create=True), tempfile.NamedTemporaryFile(dir=folder(), suffix=_PART) as probe:
             probe.write(bytes(ROOM))
             probe.flush()
     except OSError as error:
-        return _reason(error)
+        return _error_reason(error)
     return ""
 
 
@@ -138,12 +139,12 @@ def advise(reason: str) -> None:
     )
 
 
-def _reason(error: OSError) -> str:
+def _error_reason(error: OSError) -> str:
     return error.strerror or str(error)
 
 
 @contextmanager
-def _opened(place: Path, *, create: bool = False) -> Iterator[int]:
+def _open_folder(path: Path, *, create: bool = False) -> Iterator[int]:
     """Hold a folder open that belongs to the user and that nobody else can write to.
 
     Raises
@@ -152,38 +153,40 @@ def _opened(place: Path, *, create: bool = False) -> Iterator[int]:
         If there is none, or it is somebody else's.
     """
     if create:
-        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not _POSIX:
         yield -1
         return
     flags = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
     # in the shared temporary folder a link may be anybody's; elsewhere a user's own link to a larger disk is intended
-    descriptor = os.open(place, flags | (os.O_NOFOLLOW if place.parent == Path(tempfile.gettempdir()) else 0))
+    descriptor = os.open(path, flags | (os.O_NOFOLLOW if path.parent == Path(tempfile.gettempdir()) else 0))
     try:
-        _check_own(os.fstat(descriptor), "folder")
+        _check_ownership(os.fstat(descriptor), "folder")
         yield descriptor
     finally:
         os.close(descriptor)
 
 
-def _check_own(status: os.stat_result, what: str) -> None:
+def _check_ownership(status: os.stat_result, file_kind: str) -> None:
     if _POSIX and status.st_uid != _user():
-        raise PermissionError(1, f"the {what} belongs to user {status.st_uid}, not to user {_user()}")
+        raise PermissionError(1, f"the {file_kind} belongs to user {status.st_uid}, not to user {_user()}")
     if _POSIX and status.st_mode & _OTHERS:
-        raise PermissionError(1, f"others may write to the {what}: take that from them by `chmod go-w`")
+        raise PermissionError(1, f"others may write to the {file_kind}: take that from them by `chmod go-w`")
 
 
-def _at(place: int) -> dict[str, int]:
-    return {"dir_fd": place} if _POSIX else {}
+def _dir_fd_argument(directory: int) -> dict[str, int]:
+    return {"dir_fd": directory} if _POSIX else {}
 
 
-def _content(place: int, name: str) -> bytes | None:
+def _read_content(directory: int, name: str) -> bytes | None:
     """Return all bytes of a regular file of the user's own; renew its time of use, by which files are pruned."""
-    with os.fdopen(os.open(name if _POSIX else folder() / name, _FLAGS | os.O_RDONLY, **_at(place)), "rb") as file:
+    with os.fdopen(
+        os.open(name if _POSIX else folder() / name, _FLAGS | os.O_RDONLY, **_dir_fd_argument(directory)), "rb"
+    ) as file:
         status = os.fstat(file.fileno())
         if not stat.S_ISREG(status.st_mode) or status.st_size > LARGEST:
             return None
-        _check_own(status, "file")
+        _check_ownership(status, "file")
         content = file.read()
         if _POSIX and time.time() - status.st_mtime > FRESH:
             with suppress(OSError):
@@ -191,15 +194,15 @@ def _content(place: int, name: str) -> bytes | None:
     return content
 
 
-def _replace(place: int, part: str, name: str) -> None:
+def _replace_file(directory: int, part: str, name: str) -> None:
     """Move a finished part to the place of its file."""
     if not _POSIX:
         (folder() / part).replace(folder() / name)
         return
     with suppress(FileNotFoundError):
-        if stat.S_ISDIR(os.stat(name, dir_fd=place, follow_symlinks=False).st_mode):
-            shutil.rmtree(name, dir_fd=place)  # os.replace does not put a file over a folder
-    os.replace(part, name, src_dir_fd=place, dst_dir_fd=place)
+        if stat.S_ISDIR(os.stat(name, dir_fd=directory, follow_symlinks=False).st_mode):
+            shutil.rmtree(name, dir_fd=directory)  # os.replace does not put a file over a folder
+    os.replace(part, name, src_dir_fd=directory, dst_dir_fd=directory)
 
 
 def _seal(name: str, content: bytes, *, create: bool) -> bytes:
@@ -214,7 +217,7 @@ def _secret(*, create: bool) -> bytes:
     OSError
         If there is none, or others may read or write it.
     """
-    path = _default().with_name(f"{_default().name}.secret")
+    path = _default_folder().with_name(f"{_default_folder().name}.secret")
     try:
         handle = os.open(path, _FLAGS | os.O_RDONLY)
     except FileNotFoundError:
@@ -225,7 +228,7 @@ def _secret(*, create: bool) -> bytes:
         handle = os.open(path, _FLAGS | os.O_RDONLY)
     with os.fdopen(handle, "rb") as file:
         status = os.fstat(file.fileno())
-        _check_own(status, f"secret '{path}'")
+        _check_ownership(status, f"secret '{path}'")
         if not stat.S_ISREG(status.st_mode) or (_POSIX and status.st_mode & 0o077):
             raise PermissionError(1, f"others may read '{path}': remove it, and a new secret is made")
         secret = file.read()
@@ -260,14 +263,14 @@ def _looks_through(size: int) -> bool:
     To look through ten thousand files takes longer than to compile a law. Chance needs no memory that processes share,
     and it is not Python's own generator, whose seed is the user's.
     """
-    limit = int(1e6 * most_megabytes())
+    limit = int(1e6 * max_megabytes())
     return LOOKS * size >= limit or secrets.randbelow(limit) < LOOKS * size
 
 
-def _prune(place: int, written: str) -> None:
+def _prune(directory: int, written_name: str) -> None:
     """Remove old files, the least recently used beyond the limit, and parts of processes that died while writing."""
-    now, kept, limit = time.time(), [], 1e6 * most_megabytes()
-    with os.scandir(place if _POSIX else folder()) as scan:
+    now, kept_files, limit = time.time(), [], 1e6 * max_megabytes()
+    with os.scandir(directory if _POSIX else folder()) as scan:
         entries = list(scan)
     for entry in entries:
         try:
@@ -276,24 +279,24 @@ def _prune(place: int, written: str) -> None:
             continue
         age = now - status.st_mtime
         if entry.name.endswith(_PART) and age > ABANDONED:
-            _remove(place, entry)
-        elif stat.S_ISREG(status.st_mode) and entry.name != written and not entry.name.endswith(_PART):
-            kept.append((age, status.st_size, entry))
+            _remove_entry(directory, entry)
+        elif stat.S_ISREG(status.st_mode) and entry.name != written_name and not entry.name.endswith(_PART):
+            kept_files.append((age, status.st_size, entry))
     total = 0
-    for age, size, entry in sorted(kept, key=lambda row: (row[0], row[2].name)):
+    for age, size, entry in sorted(kept_files, key=lambda row: (row[0], row[2].name)):
         total += size
         if total > limit or age > 86400.0 * MOST_DAYS:
-            _remove(place, entry)
+            _remove_entry(directory, entry)
 
 
-def _remove(place: int, entry: os.DirEntry[str]) -> None:
+def _remove_entry(directory: int, entry: os.DirEntry[str]) -> None:
     with suppress(OSError):
         if entry.is_dir(follow_symlinks=False):
-            shutil.rmtree(entry.name if _POSIX else entry.path, dir_fd=place if _POSIX else None)
+            shutil.rmtree(entry.name if _POSIX else entry.path, dir_fd=directory if _POSIX else None)
         else:
-            os.unlink(entry.name if _POSIX else entry.path, **_at(place))
+            os.unlink(entry.name if _POSIX else entry.path, **_dir_fd_argument(directory))
 
 
-def most_megabytes() -> float:
+def max_megabytes() -> float:
     """Return how many MB may be kept: $XDYNAMICS_CACHE_LIMIT, or the default if that is not a valid number."""
     return megabytes(LIMIT, MOST_MEGABYTES)

@@ -10,24 +10,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from xdynamics.kernels.array_effects import LineEffect, Part, Spans, effect_of, effects_of, root_of, spans_of
+from xdynamics.kernels.array_effects import LineEffect, Part, Spans, effects_of, line_effect_of, part_root, spans_of
 from xdynamics.kernels.program import Instruction, Loop, Program
 
 Link = tuple[str, int, str, int, int]  # two arrays with the first elements of parts alike, and how many there are
 
 
-def coalesced(program: Program, others: Mapping[str, Program], lengths: Mapping[str, int]) -> Program:
+def coalesce_copies(program: Program, callees: Mapping[str, Program], lengths: Mapping[str, int]) -> Program:
     """Return a program with fewer copies and the same results.
 
     Parameters
     ----------
     program : Program
-    others : mapping of str to Program
+    callees : mapping of str to Program
         Those that it may call.
     lengths : mapping of str to int
         Of given arrays that results go to, and of `y`. None of them overlap.
     """
-    effects = effects_of(program.body, others, {})
+    effects = effects_of(program.body, callees, {})
     if effects is None or program.spread:
         return program
     current, sizes = program, {**lengths, **program.local}
@@ -35,7 +35,7 @@ def coalesced(program: Program, others: Mapping[str, Program], lengths: Mapping[
         if not effect.copies:
             continue
         spans = spans_of(current, sizes)
-        (source, first), (target, begin) = (root_of(part, spans) for part in (*effect.reads, *effect.writes))
+        (source, first), (target, begin) = (part_root(part, spans) for part in (*effect.reads, *effect.writes))
         if source not in current.local or target not in sizes or target in (source, "y"):
             continue
         distance, size = begin - first, current.local[source]
@@ -48,10 +48,12 @@ def coalesced(program: Program, others: Mapping[str, Program], lengths: Mapping[
             for number, line in enumerate(effects)
             if any(part[0] in spans and spans[part[0]][0] in pair for part in (*line.reads, *line.writes))
         ]
-        candidate, link = _moved(current, source, target, distance), (source, 0, target, distance, size)
+        candidate, link = _merge_array(current, source, target, distance), (source, 0, target, distance, size)
         seen = [
-            _seen(parts, {name: span for name, span in spans_of(way, sizes).items() if span[0] in pair}, pair, link)
-            for way in (current, candidate)
+            _contents_read(
+                parts, {name: span for name, span in spans_of(version, sizes).items() if span[0] in pair}, pair, link
+            )
+            for version in (current, candidate)
         ]
         if seen[0] == seen[1]:
             current = candidate
@@ -60,7 +62,7 @@ def coalesced(program: Program, others: Mapping[str, Program], lengths: Mapping[
     return replace(current, body=body)
 
 
-def _moved(program: Program, source: str, target: str, distance: int) -> Program:
+def _merge_array(program: Program, source: str, target: str, distance: int) -> Program:
     """Let a local array be a part of another one."""
     views = {
         name: (target, first + distance, count) if array == source else (array, first, count)
@@ -72,22 +74,26 @@ def _moved(program: Program, source: str, target: str, distance: int) -> Program
 
 def _is_idle(line: Instruction, spans: Spans) -> bool:
     """Whether a line copies a vector to where it stands."""
-    effect = effect_of(line, {}) if isinstance(line, Loop) else None
-    return effect is not None and effect.copies and root_of(effect.reads[0], spans) == root_of(effect.writes[0], spans)
+    effect = line_effect_of(line, {}) if isinstance(line, Loop) else None
+    return (
+        effect is not None and effect.copies and part_root(effect.reads[0], spans) == part_root(effect.writes[0], spans)
+    )
 
 
 # ------------------------------------------------------------------------------------------ what its lines find there
 
 
-def _seen(effects: Sequence[tuple[int, LineEffect]], spans: Spans, sizes: Mapping[str, int], link: Link) -> list[Any]:
+def _contents_read(
+    effects: Sequence[tuple[int, LineEffect]], spans: Spans, sizes: Mapping[str, int], link: Link
+) -> list[Any]:
     """Return what every line finds in the arrays that it reads, by the line that wrote it, and what is left in the end.
 
     Two programs of the same lines that find the same everywhere compute the same, wherever their arrays stand. A line
     that reads where it writes by another name is noted, too: its passes may not be made in any order.
     """
     cuts = _cuts(effects, spans, sizes, link)
-    held: dict[tuple[str, int], Any] = {}
-    found: list[Any] = []
+    contents: dict[tuple[str, int], Any] = {}
+    values_found: list[Any] = []
 
     def atoms(part: Part) -> list[tuple[str, int, int]]:
         """Return array, first element, and the same from the beginning of the part's name, piece by piece."""
@@ -99,32 +105,35 @@ def _seen(effects: Sequence[tuple[int, LineEffect]], spans: Spans, sizes: Mappin
 
     for number, effect in effects:
         read = [(array, cut) for part in effect.reads for array, cut, _ in atoms(part)]
-        values = [held.get(atom, atom) for atom in read]
-        found.append(values)
-        written: list[tuple[tuple[str, int], Any]] = [
+        values = [contents.get(atom, atom) for atom in read]
+        values_found.append(values)
+        written_values: list[tuple[tuple[str, int], Any]] = [
             (atom[:2], (number, part[0], atom[2])) for part in effect.writes for atom in atoms(part)
         ]
-        crossing = _crossing(effect, atoms)
+        crossing = _overlapping_names(effect, atoms)
         if crossing:
-            found.append(crossing)
-        if effect.copies and len(written) == len(values):
-            written = [(atom, value) for (atom, _), value in zip(written, values, strict=True)]
-        elif not effect.whole:
-            written = [(atom, (value, held.get(atom, atom))) for atom, value in written]
-        held.update(written)
+            values_found.append(crossing)
+        if effect.copies and len(written_values) == len(values):
+            written_values = [(atom, value) for (atom, _), value in zip(written_values, values, strict=True)]
+        elif not effect.is_complete:
+            written_values = [(atom, (value, contents.get(atom, atom))) for atom, value in written_values]
+        contents.update(written_values)
     results = [name for name in sizes if spans.get(name) == (name, 0) and name in ("z", "e")]
-    return [found, [(cut, held.get((name, cut), (name, cut))) for name in results for cut in cuts[name][:-1]]]
+    return [
+        values_found,
+        [(cut, contents.get((name, cut), (name, cut))) for name in results for cut in cuts[name][:-1]],
+    ]
 
 
-def _crossing(effect: LineEffect, atoms: Any) -> list[tuple[str, str]]:
+def _overlapping_names(effect: LineEffect, atoms: Any) -> list[tuple[str, str]]:
     """Return pairs of names by which a line reads, or writes twice, and writes the same elements."""
     places = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.writes]
-    others = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.reads]
+    read_names = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.reads]
     return [
-        (name, other)
-        for i, (name, own) in enumerate(places)
-        for other, there in (*others, *places[:i])
-        if own & there and not (effect.copies and own == there)
+        (name, second_name)
+        for i, (name, elements) in enumerate(places)
+        for second_name, second_elements in (*read_names, *places[:i])
+        if elements & second_elements and not (effect.copies and elements == second_elements)
     ]
 
 
@@ -138,20 +147,25 @@ def _cuts(
     cuts: dict[str, set[int]] = {name: {0, size} for name, size in sizes.items()}
     links = [link]
     for _, effect in effects:
-        known = [part for part in (*effect.reads, *effect.writes) if part[0] in spans]
-        for name, low, high in known:
+        known_parts = [part for part in (*effect.reads, *effect.writes) if part[0] in spans]
+        for name, low, high in known_parts:
             if low >= 0:
                 array, first = spans[name]
                 cuts[array] |= {first + low, first + high}
-        if effect.copies and len(known) == 2:
-            (source, begin), (target, end) = (root_of(part, spans) for part in known)
-            links.append((source, begin, target, end, known[0][2] - known[0][1]))
+        if effect.copies and len(known_parts) == 2:
+            (source, begin), (target, end) = (part_root(part, spans) for part in known_parts)
+            links.append((source, begin, target, end, known_parts[0][2] - known_parts[0][1]))
     changed = True
     while changed:
         changed = False
         for source, begin, target, end, count in links:
-            for one, first, other, second in ((source, begin, target, end), (target, end, source, begin)):
-                new = {cut - first + second for cut in cuts[one] if first <= cut <= first + count} - cuts[other]
-                cuts[other] |= new
+            for first_array, first, second_array, second in (
+                (source, begin, target, end),
+                (target, end, source, begin),
+            ):
+                new = {cut - first + second for cut in cuts[first_array] if first <= cut <= first + count} - cuts[
+                    second_array
+                ]
+                cuts[second_array] |= new
                 changed |= bool(new)
-    return {name: sorted(own) for name, own in cuts.items()}
+    return {name: sorted(array_cuts) for name, array_cuts in cuts.items()}

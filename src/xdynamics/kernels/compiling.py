@@ -2,7 +2,7 @@
 
 In a process that finds machine code, which is nearly every one, numba is never imported: that would take a third of the
 time of a first run. Declared functions stay as they are written, and are called from Python only where compiling is
-switched off (NUMBA_DISABLE_JIT). Before numba compiles any of them, `hand_over` puts numba's in their places.
+switched off (NUMBA_DISABLE_JIT). Before numba compiles any of them, `install_numba_functions` puts numba's in their places.
 """
 
 from __future__ import annotations
@@ -41,26 +41,26 @@ def is_declared(function: Any) -> bool:
     return isinstance(function, FunctionType) and (function in _WAITING or function in _IN_CODE)
 
 
-def compiled(function: Any) -> Any:
+def jit_inline(function: Any) -> Any:
     """Declare a phase of every step: inlined into the loop before type inference, which takes the least time in all."""
-    function = _own(function)
+    function = _own_copy(function)
     return declare(function, lambda: _by_numba(function, inline="always", **_INNER))
 
 
-def shared(function: Any) -> Any:
+def jit_separate(function: Any) -> Any:
     """Declare a function that is rare, or called from several places: compiled as one separate copy."""
-    function = _own(function)
+    function = _own_copy(function)
     return declare(function, lambda: _by_numba(function, **_INNER))
 
 
-def borrowing(function: Any) -> Any:
+def jit_uncounted(function: Any) -> Any:
     """Declare the same of a function that takes many arrays at every call, of which it counts no references."""
     return declare(function, lambda: _by_numba(function, **UNCOUNTED))
 
 
-def apart(function: Any) -> Any:
+def noinline(function: Any) -> Any:
     """Return a phase of every step as one separate copy, for calls that are not part of every step."""
-    return shared(_copy(getattr(function, "py_func", function)))
+    return jit_separate(_copy_function(getattr(function, "py_func", function)))
 
 
 def in_code(plain: Any, name: str, made: Callable[[str], Any]) -> Any:
@@ -74,15 +74,15 @@ def in_code(plain: Any, name: str, made: Callable[[str], Any]) -> Any:
     made : callable of str
         Returns it, as `numba.extending.intrinsic` does.
     """
-    return declare(_copy(plain), lambda: made(name))
+    return declare(_copy_function(plain), lambda: made(name))
 
 
-def _own(function: Any) -> Any:
+def _own_copy(function: Any) -> Any:
     """Return a function that is being defined, or a copy of one that stands in its module, where Python calls it."""
-    return _copy(function) if function.__globals__.get(function.__name__) is function else function
+    return _copy_function(function) if function.__globals__.get(function.__name__) is function else function
 
 
-def _copy(function: Any) -> Any:
+def _copy_function(function: Any) -> Any:
     return FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
 
 
@@ -105,15 +105,17 @@ def _by_numba(function: Any, **options: Any) -> Any:
     return dispatcher
 
 
-def hand_over() -> None:
+def install_numba_functions() -> None:
     """Put numba's functions in the places of those that are declared, wherever one of them looks a name up."""
     scopes = {id(function.__globals__): function.__globals__ for function in (*_WAITING, *_IN_CODE)}
     for function in [*_WAITING]:
         _IN_CODE[function] = _WAITING[function]()
         del _WAITING[function]
     for scope in scopes.values():
-        named = [name for name, value in scope.items() if isinstance(value, FunctionType) and value in _IN_CODE]
-        scope.update({name: _IN_CODE[scope[name]] for name in named})
+        declared_names = [
+            name for name, value in scope.items() if isinstance(value, FunctionType) and value in _IN_CODE
+        ]
+        scope.update({name: _IN_CODE[scope[name]] for name in declared_names})
 
 
 # where nothing is compiled, an address is a key of this mapping

@@ -2,7 +2,7 @@
 
 For drive i, ``places[3*i]`` is where its table begins in `tables`, ``places[3*i + 1]`` the number of its pieces, and
 ``places[3*i + 2]`` the piece that a drive of time is in. A table is the origins of its pieces, then their
-coefficients from the cubic one down; `model.drives.coefficients` makes it.
+coefficients from the cubic one down; `model.drives.piece_coefficients` makes it.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from xdynamics.elementary import piecewise
 from xdynamics.elementary.past_pieces import PAST, width_of
 from xdynamics.elementary.piecewise import POLYNOMIALS, Read
-from xdynamics.kernels.compiling import compiled
+from xdynamics.kernels.compiling import jit_inline
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 
 
-def flattened(tables: Iterable[tuple[Floats, Floats]]) -> tuple[Floats, Whole]:
+def concatenated_tables(tables: Iterable[tuple[Floats, Floats]]) -> tuple[Floats, IntArray]:
     """Concatenate tables; return them and where each begins."""
     arrays, places, first = [np.empty(0)], [], 0
     for origin, powers in tables:
@@ -32,8 +32,8 @@ def flattened(tables: Iterable[tuple[Floats, Floats]]) -> tuple[Floats, Whole]:
     return np.concatenate(arrays), np.array(places, np.int64)
 
 
-@compiled
-def find_piece(x: float, tables: Floats, first: int, pieces: int) -> int:
+@jit_inline
+def find_piece_of_table(x: float, tables: Floats, first: int, pieces: int) -> int:
     """Return the piece that applies from x on, for the engine: `elementary.piecewise.find_piece`."""
     low, high = 0, pieces - 1
     if x == tables[first + high]:
@@ -49,43 +49,45 @@ def find_piece(x: float, tables: Floats, first: int, pieces: int) -> int:
     return low
 
 
-@compiled
-def enter_pieces(t: float, tables: Floats, places: Whole, of_time: Whole) -> None:
+@jit_inline
+def enter_pieces(t: float, tables: Floats, places: IntArray, of_time: IntArray) -> None:
     """Store, for every drive of time, the piece in which a march starting at t begins."""
     for k in range(of_time.shape[0]):
         i = of_time[k]
         first, last = places[3 * i], places[3 * i + 1] - 1
-        places[3 * i + 2] = last if t >= tables[first + last] else find_piece(t, tables, first, last + 1)
+        places[3 * i + 2] = last if t >= tables[first + last] else find_piece_of_table(t, tables, first, last + 1)
 
 
-def _of(tables: Floats, places: Whole, drive: int) -> tuple[Read, int]:
+def _table_reader(tables: Floats, places: IntArray, drive: int) -> tuple[Read, int]:
     """Return how numbers of a drive's table are read, and how many pieces it has."""
     first, count = int(places[3 * drive]), int(places[3 * drive + 1])
     return lambda row, piece: tables[first + row * count + piece], count
 
 
-def _found(tables: Floats, places: Whole, x: float, drive: int) -> int:
-    return int(piecewise.find_piece(*_of(tables, places, drive), x))
+def _find_drive_piece(tables: Floats, places: IntArray, x: float, drive: int) -> int:
+    return int(piecewise.find_piece(*_table_reader(tables, places, drive), x))
 
 
-def _evaluated(polynomial: Callable[[Read, float, int], Any]) -> Callable[..., Any]:
-    return lambda tables, places, x, piece, drive: polynomial(_of(tables, places, drive)[0], x, piece)
+def _piece_evaluator(polynomial: Callable[[Read, float, int], Any]) -> Callable[..., Any]:
+    return lambda tables, places, x, piece, drive: polynomial(_table_reader(tables, places, drive)[0], x, piece)
 
 
-def _found_before(value: Callable[..., Any]) -> Callable[..., Any]:
+def _past_evaluator(value: Callable[..., Any]) -> Callable[..., Any]:
     """Return how plain Python reads the past: the pieces that a delay is set to, as many as there are."""
 
-    def found(tables: Floats, places: Whole, x: float, slot: int, component: int, components: int, degree: int) -> Any:
+    def evaluate_past(
+        tables: Floats, places: IntArray, x: float, slot: int, component: int, components: int, degree: int
+    ) -> Any:
         first, count, width = int(places[3 * slot]), int(places[3 * slot + 1]), width_of(components, degree)
         return value(lambda row, piece: tables[first + width * piece + row], count, x, component, components, degree)
 
-    return found
+    return evaluate_past
 
 
 # what printed Python calls
 PYTHON_TABLES = {
-    "_find_piece": _found,
+    "_find_piece": _find_drive_piece,
     "_piece_of": lambda _tables, places, drive: int(places[3 * drive + 2]),
-    **{f"_{name}": _evaluated(polynomial) for name, polynomial in POLYNOMIALS.items()},
-    **{f"_{name}": _found_before(value) for name, value in PAST.items()},
+    **{f"_{name}": _piece_evaluator(polynomial) for name, polynomial in POLYNOMIALS.items()},
+    **{f"_{name}": _past_evaluator(value) for name, value in PAST.items()},
 }

@@ -16,7 +16,7 @@ Entry = tuple[Operand, ...]
 Columns = list[list[Entry]]
 
 
-def factorise(lines: Assignments, m: Columns) -> tuple[list[Operand], Operand]:
+def factorise_columns(lines: Assignments, m: Columns) -> tuple[list[Operand], Operand]:
     """Factorise a matrix as P L U in place; return the row exchanged with each, and whether the matrix is regular.
 
     The diagonal of a complex U is left inverted.
@@ -24,39 +24,39 @@ def factorise(lines: Assignments, m: Columns) -> tuple[list[Operand], Operand]:
     n, pivots = len(m), list[Operand]()
     sound: Operand = 1.0
     for k in range(n):
-        pivot, size = _largest(lines, m[k], k)
-        filled = _filled(lines, m[k][::-1])[::-1]
-        sound = _still(lines, sound, size)
+        pivot, size = _pivot_of_column(lines, m[k], k)
+        filled = _nonzero_prefixes(lines, m[k][::-1])[::-1]
+        sound = _is_regular(lines, sound, size)
         pivots.append(pivot)
-        _exchange(lines, m, k, pivot)
+        _exchange_rows(lines, m, k, pivot)
         m[k][k] = _pivoted(lines, m[k][k], size)
         for i in range(k + 1, n):
-            m[k][i] = _chosen(lines, [filled[i]], _over(lines, m[k][i], m[k][k]), m[k][i])
+            m[k][i] = _select_entry(lines, [filled[i]], _divide_by_pivot(lines, m[k][i], m[k][k]), m[k][i])
         for j in range(k + 1, n):
-            nonzero = _filled(lines, [m[j][k]])
+            nonzero = _nonzero_prefixes(lines, [m[j][k]])
             for i in range(k + 1, n):
-                reduced = _reduced(lines, m[j][i], m[j][k], m[k][i])
-                m[j][i] = _chosen(lines, [*nonzero, filled[i]], reduced, m[j][i])
+                reduced = _less_product(lines, m[j][i], m[j][k], m[k][i])
+                m[j][i] = _select_entry(lines, [*nonzero, filled[i]], reduced, m[j][i])
     return pivots, sound
 
 
-def substitute(lines: Assignments, m: Columns, pivots: list[Operand], right: list[Entry]) -> None:
-    """Solve with the factors of `factorise`; the solution replaces the right-hand side."""
+def substitute_columns(lines: Assignments, m: Columns, pivots: list[Operand], right: list[Entry]) -> None:
+    """Solve with the factors of `factorise_columns`; the solution replaces the right-hand side."""
     n = len(m)
     for k in range(n):
-        _exchange(lines, [right], k, pivots[k])
+        _exchange_rows(lines, [right], k, pivots[k])
     for k in range(n):
-        filled = _filled(lines, m[k][::-1])[::-1]
+        filled = _nonzero_prefixes(lines, m[k][::-1])[::-1]
         for i in range(k + 1, n):
-            right[i] = _chosen(lines, [filled[i]], _reduced(lines, right[i], right[k], m[k][i]), right[i])
+            right[i] = _select_entry(lines, [filled[i]], _less_product(lines, right[i], right[k], m[k][i]), right[i])
     for k in range(n - 1, -1, -1):
-        right[k] = _over(lines, right[k], m[k][k])
-        filled = _filled(lines, m[k])
+        right[k] = _divide_by_pivot(lines, right[k], m[k][k])
+        filled = _nonzero_prefixes(lines, m[k])
         for i in range(k):
-            right[i] = _chosen(lines, [filled[i]], _reduced(lines, right[i], right[k], m[k][i]), right[i])
+            right[i] = _select_entry(lines, [filled[i]], _less_product(lines, right[i], right[k], m[k][i]), right[i])
 
 
-def _largest(lines: Assignments, column: list[Entry], first: int) -> tuple[Operand, Operand]:
+def _pivot_of_column(lines: Assignments, column: list[Entry], first: int) -> tuple[Operand, Operand]:
     """Return the row of the largest number of a column, and its size."""
     pivot: Operand = float(first)
     size: Operand = -1.0
@@ -80,12 +80,12 @@ def _pivoted(lines: Assignments, pivot: Entry, size: Operand) -> Entry:
     return lines.compute("divide", x, square), lines.compute("divide", lines.compute("negative", y), square)
 
 
-def _over(lines: Assignments, number: Entry, pivot: Entry) -> Entry:
+def _divide_by_pivot(lines: Assignments, number: Entry, pivot: Entry) -> Entry:
     """Return a number over a pivot as it is kept."""
-    return (lines.compute("divide", *number, *pivot),) if len(pivot) == 1 else _product(lines, number, pivot)
+    return (lines.compute("divide", *number, *pivot),) if len(pivot) == 1 else _entry_product(lines, number, pivot)
 
 
-def _product(lines: Assignments, x: Entry, y: Entry) -> Entry:
+def _entry_product(lines: Assignments, x: Entry, y: Entry) -> Entry:
     if len(x) == 1:
         return (lines.compute("multiply", *x, *y),)
     (u, v), (p, q) = x, y
@@ -93,21 +93,22 @@ def _product(lines: Assignments, x: Entry, y: Entry) -> Entry:
     return real, lines.compute("add", lines.compute("multiply", u, q), lines.compute("multiply", v, p))
 
 
-def _reduced(lines: Assignments, number: Entry, x: Entry, y: Entry) -> Entry:
+def _less_product(lines: Assignments, number: Entry, x: Entry, y: Entry) -> Entry:
     """Return a number less a product."""
     return tuple(
-        lines.compute("subtract", part, other) for part, other in zip(number, _product(lines, x, y), strict=True)
+        lines.compute("subtract", part, product_part)
+        for part, product_part in zip(number, _entry_product(lines, x, y), strict=True)
     )
 
 
-def _still(lines: Assignments, sound: Operand, size: Operand) -> Operand:
+def _is_regular(lines: Assignments, sound: Operand, size: Operand) -> Operand:
     """Return whether the matrix was regular so far, and the pivot is positive and finite."""
     finite = lines.compute("equal", lines.compute("subtract", size, size), 0.0)
     regular = lines.compute("choose", lines.compute("more", size, 0.0), sound, 0.0)
     return lines.compute("choose", finite, regular, 0.0)
 
 
-def _filled(lines: Assignments, entries: Iterable[Entry]) -> list[Operand]:
+def _nonzero_prefixes(lines: Assignments, entries: Iterable[Entry]) -> list[Operand]:
     """Return for each number whether it or one before it is not zero."""
     filled: list[Operand] = []
     nonzero: Operand = 0.0
@@ -118,17 +119,20 @@ def _filled(lines: Assignments, entries: Iterable[Entry]) -> list[Operand]:
     return filled
 
 
-def _chosen(lines: Assignments, conditions: list[Operand], new: Entry, old: Entry) -> Entry:
+def _select_entry(lines: Assignments, conditions: list[Operand], new: Entry, old: Entry) -> Entry:
     """Return a new number where all conditions hold, else the old one."""
     for condition in conditions[::-1]:
-        new = tuple(lines.compute("choose", condition, part, other) for part, other in zip(new, old, strict=True))
+        new = tuple(lines.compute("choose", condition, part, old_part) for part, old_part in zip(new, old, strict=True))
     return new
 
 
-def _exchange(lines: Assignments, columns: Columns, k: int, pivot: Operand) -> None:
+def _exchange_rows(lines: Assignments, columns: Columns, k: int, pivot: Operand) -> None:
     """Exchange the k-th row with the pivot row of each lane."""
     for i in range(k + 1, len(columns[0])):
-        chosen = [lines.compute("equal", pivot, float(i))]
+        row_conditions = [lines.compute("equal", pivot, float(i))]
         for column in columns:
             upper, lower = column[k], column[i]
-            column[k], column[i] = _chosen(lines, chosen, lower, upper), _chosen(lines, chosen, upper, lower)
+            column[k], column[i] = (
+                _select_entry(lines, row_conditions, lower, upper),
+                _select_entry(lines, row_conditions, upper, lower),
+            )

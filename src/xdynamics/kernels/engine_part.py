@@ -57,15 +57,15 @@ class EnginePart:
         with _LOCK:
             if not self._entries:
                 with _making():
-                    self._entries = self._loaded()
+                    self._entries = self._load_entries()
             return self._entries
 
-    def _loaded(self) -> tuple[Entry, ...]:
-        text, reason = self._carried()
-        name = self.name_of_code(_origin(text))
+    def _load_entries(self) -> tuple[Entry, ...]:
+        text, reason = self._wheel_text()
+        name = self.name_of_code(_text_origin(text))
         content = cache.read(name)
         if content is None:
-            content = machine.emitted(text or self._kept_text(reason))
+            content = machine.emit_object(text or self._kept_text(reason))
             cache.write(name, content)
         machine.provide_helpers()
         code = machine.Code(content, [function.__name__ for function, _ in self.functions])
@@ -73,23 +73,23 @@ class EnginePart:
 
     def origin(self) -> str:
         """Return where the text is from: `WHEEL` or `NUMBA`."""
-        return _origin(self._carried()[0])
+        return _text_origin(self._wheel_text()[0])
 
     def name_of_code(self, origin: str) -> str:
         """Return the name of the cache's file of machine code."""
-        return f"{self.name}-{cache.digest(made_by(), sources(), origin, *machine.processor())}.o"
+        return f"{self.name}-{cache.text_digest(toolchain_versions(), source_digest(), origin, *machine.processor())}.o"
 
     @property
     def name_of_text(self) -> str:
         """The name of the cache's file of a text that numba compiled."""
-        return f"{self.name}-{cache.digest(made_by(), sources())}.ll.xz"
+        return f"{self.name}-{cache.text_digest(toolchain_versions(), source_digest())}.ll.xz"
 
     def packed_text(self) -> bytes:
         """Return the text as a wheel carries it."""
         with _LOCK:
             return lzma.compress(self._kept_text("").encode())
 
-    def _carried(self) -> tuple[str, str]:
+    def _wheel_text(self) -> tuple[str, str]:
         """Return the wheel's text; if there is none that fits, an empty text and the reason, if there is one to tell."""
         path = FOLDER / self.file_name
         if not path.exists():
@@ -98,10 +98,10 @@ class EnginePart:
             text = lzma.decompress(path.read_bytes()).decode()
         except (OSError, EOFError, lzma.LZMAError, UnicodeDecodeError) as error:
             return "", f": the installed text cannot be read ({error})"
-        made, of, *_ = (line.removeprefix("; ") for line in f"{text}\n\n".split("\n", 2))
-        if made != made_by():
-            return "", f": the installed text is by {made}, and here is {made_by()}"
-        if of != sources():
+        text_toolchain, text_sources, *_ = (line.removeprefix("; ") for line in f"{text}\n\n".split("\n", 2))
+        if text_toolchain != toolchain_versions():
+            return "", f": the installed text is by {text_toolchain}, and here is {toolchain_versions()}"
+        if text_sources != source_digest():
             return "", ": the installed text is of other sources"
         return text, ""
 
@@ -110,7 +110,7 @@ class EnginePart:
         content = cache.read(self.name_of_text)
         if content is not None:
             return lzma.decompress(content).decode()
-        obstacle = cache.obstacle()
+        obstacle = cache.caching_obstacle()
         often = "" if obstacle else ", once per installation"
         message = "xdynamics: compiling %s%s: about %d s%s"
         logging.getLogger("xdynamics").warning(message, self._words, often, self.seconds, reason)
@@ -118,7 +118,7 @@ class EnginePart:
             cache.advise(obstacle)
         from xdynamics.kernels.numba_text import text_of
 
-        text = f"; {made_by()}\n; {sources()}\n{text_of(self.functions)}"
+        text = f"; {toolchain_versions()}\n; {source_digest()}\n{text_of(self.functions)}"
         if not obstacle:
             cache.write(self.name_of_text, lzma.compress(text.encode()))
         return text
@@ -139,19 +139,19 @@ def is_being_made() -> bool:
     return threading.get_ident() in _MAKERS
 
 
-def _origin(carried: str) -> str:
+def _text_origin(carried: str) -> str:
     return WHEEL if carried else NUMBA
 
 
 @lru_cache(maxsize=1)
-def made_by() -> str:
+def toolchain_versions() -> str:
     """Return what a text depends on besides its sources: versions of numba and LLVM, and the platform."""
     version = ".".join(map(str, llvm.llvm_version_info))
     return f"numba {metadata.version('numba')}, LLVM {version}, {llvm.get_process_triple()}"
 
 
 @lru_cache(maxsize=1)
-def sources() -> str:
+def source_digest() -> str:
     """Return a digest of everything that is compiled into a part: modules, constants of methods, the schema's flags."""
     rooms = [path for room in ("elementary", "kernels", "march") for path in (PACKAGE / room).rglob("*.py")]
     constants = [
@@ -160,4 +160,4 @@ def sources() -> str:
         *(PACKAGE / "model" / f"{name}.py" for name in ("parts", "detectors", "reactions")),
     ]
     files = sorted([*rooms, PACKAGE / "schema.py", *constants])
-    return cache.digest(*(path.read_text(encoding="utf-8") for path in files))
+    return cache.text_digest(*(path.read_text(encoding="utf-8") for path in files))

@@ -41,7 +41,7 @@ class ArrayElements(NamedTuple):
 class Fields(NamedTuple):
     """A named tuple, and what its fields are."""
 
-    of: type
+    tuple_type: type
     kinds: tuple[Any, ...]
 
 
@@ -60,12 +60,12 @@ class Signature(NamedTuple):
         return not all(isinstance(kind, Scalar) for kind in self.arguments)
 
 
-def returning(result: Scalar, *arguments: Kind) -> Signature:
+def signature_of(result: Scalar, *arguments: Kind) -> Signature:
     """Return the signature of a function with some arguments."""
     return Signature(result, arguments)
 
 
-def array(dtype: Any, dims: int) -> ArrayElements:
+def array_kind(dtype: Any, dims: int) -> ArrayElements:
     """Return the kind of an array in C order."""
     return ArrayElements(np.dtype(dtype), dims)
 
@@ -98,14 +98,18 @@ class Entry:
         TypeError
             If an array is not what the function was compiled for, which it would read as something else.
         """
-        words = [word for of, argument in zip(self._kinds, arguments, strict=True) for word in _words(of, argument)]
+        words = [
+            word
+            for kind, argument in zip(self._kinds, arguments, strict=True)
+            for word in _argument_words(kind, argument)
+        ]
         return self.call((ctypes.c_int64 * len(words))(*words))
 
 
 _C_TYPES: dict[Any, Any] = {INTEGER: ctypes.c_int64, FLOAT: ctypes.c_double}
 
 
-def _words(kind: Kind, argument: Any) -> Iterator[int]:
+def _argument_words(kind: Kind, argument: Any) -> Iterator[int]:
     """Yield the words of an argument."""
     if isinstance(kind, ArrayElements):
         if argument.dtype != kind.dtype or argument.ndim != kind.dims or not argument.flags.c_contiguous:
@@ -116,8 +120,8 @@ def _words(kind: Kind, argument: Any) -> Iterator[int]:
         yield address_of(argument)
         yield from argument.shape
     elif isinstance(kind, Fields):
-        for of, part in zip(kind.kinds, argument, strict=True):
-            yield from _words(of, part)
+        for part_kind, part in zip(kind.kinds, argument, strict=True):
+            yield from _argument_words(part_kind, part)
     elif kind is FLOAT:
         yield struct.unpack("=q", struct.pack("=d", argument))[0]
     else:

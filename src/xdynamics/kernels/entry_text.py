@@ -29,7 +29,7 @@ def _type_of(kind: Kind) -> Any:
     if isinstance(kind, ArrayElements):
         return types.Array(from_dtype(kind.dtype), kind.dims, "C")
     if isinstance(kind, Fields):
-        return types.NamedTuple(tuple(map(_type_of, kind.kinds)), kind.of)
+        return types.NamedTuple(tuple(map(_type_of, kind.kinds)), kind.tuple_type)
     return getattr(types, kind.value)
 
 
@@ -49,14 +49,18 @@ def entry_text(context: Any, function: Any, signature: Signature, name: str) -> 
     kind = convention.get_function_type(function.restype, function.argtypes)
     callee = ir.Function(module, kind, function.llvm_func_name)
     kinds = in_numba(signature).args
-    given = [_WORD.as_pointer()] if signature.by_table else [context.get_value_type(of) for of in kinds]
+    parameter_types = (
+        [_WORD.as_pointer()]
+        if signature.by_table
+        else [context.get_value_type(argument_type) for argument_type in kinds]
+    )
     nothing = function.restype == types.none
-    entry = ir.Function(module, ir.FunctionType(ir.VoidType() if nothing else _WORD, given), name)
+    entry = ir.Function(module, ir.FunctionType(ir.VoidType() if nothing else _WORD, parameter_types), name)
     builder = ir.IRBuilder(entry.append_basic_block("entry"))
     arguments = list(entry.args)
     if signature.by_table:
         words = _words_of_table(builder, entry.args[0])
-        arguments = [_value(context, builder, of, words) for of in kinds]
+        arguments = [_argument_value(context, builder, argument_type, words) for argument_type in kinds]
     status, result = convention.call_function(builder, callee, function.restype, function.argtypes, arguments)
     with builder.if_then(status.is_error, likely=False):
         builder.call(ir.Function(module, ir.FunctionType(ir.VoidType(), []), EXCEPTION), [])
@@ -68,25 +72,27 @@ def entry_text(context: Any, function: Any, signature: Signature, name: str) -> 
 
 
 def _words_of_table(builder: Any, table: Any) -> Iterator[Any]:
-    place = 0
+    word_index = 0
     while True:
-        yield builder.load(builder.gep(table, [ir.Constant(_WORD, place)]))
-        place += 1
+        yield builder.load(builder.gep(table, [ir.Constant(_WORD, word_index)]))
+        word_index += 1
 
 
-def _value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
+def _argument_value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
     """Return an argument as numba's functions take it."""
     if isinstance(kind, types.Array):
-        return _array(context, builder, kind, words)
+        return _array_argument(context, builder, kind, words)
     if isinstance(kind, _TUPLE):
-        return context.make_tuple(builder, kind, [_value(context, builder, of, words) for of in kind])
+        return context.make_tuple(
+            builder, kind, [_argument_value(context, builder, field_type, words) for field_type in kind]
+        )
     word = next(words)
     if isinstance(kind, types.Float):
         return builder.bitcast(word, ir.DoubleType())
     return builder.trunc(word, ir.IntType(1)) if kind == types.boolean else word
 
 
-def _array(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
+def _array_argument(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
     array = context.make_array(kind)(context, builder)
     data = builder.inttoptr(next(words), array.data.type)
     shape = [next(words) for _ in range(kind.ndim)]

@@ -25,7 +25,7 @@ _ALLOCATION = _Allocation()
 
 
 @ctypes.CFUNCTYPE(None)
-def refuse() -> None:
+def note_refusal() -> None:
     """Note that a program was given no memory."""
     _ALLOCATION.refused = True
 
@@ -40,7 +40,7 @@ def was_refused() -> bool:
     return _ALLOCATION.refused
 
 
-def refusal(arrays: Sequence[str], unsound: str, lanes: int) -> list[str]:
+def refusal_lines(arrays: Sequence[str], unsound: str, lanes: int) -> list[str]:
     """Return the lines after which arrays are there; without memory for one, the program says so and returns nan.
 
     Parameters

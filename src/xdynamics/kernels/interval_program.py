@@ -18,13 +18,13 @@ from xdynamics.elementary import FUNCTIONS
 from xdynamics.elementary.curve_bounds import POLYNOMIALS, on_curve
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Operand, Place
+from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Location, Operand
 from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.model.delays import is_before, slope_before
-from xdynamics.model.detectors import GAP, followed, function_bend, function_rate, python_values
+from xdynamics.model.detectors import GAP, differentiated_reactions, function_bend, function_rate, python_values
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.motion import REGIME_NUMBER, constant_names, slope
-from xdynamics.model.reactions import modes
+from xdynamics.model.motion import REGIME_NUMBER, constant_names, drive_slope
+from xdynamics.model.reactions import mode_names
 from xdynamics.model.regime_model import switch_inputs
 from xdynamics.schema import acceleration, rate, velocity
 
@@ -100,17 +100,17 @@ class Enclosing:
 
 
 @lru_cache(maxsize=64)
-def enclosing(layout: Layout) -> Enclosing:
+def enclosing_rows(layout: Layout) -> Enclosing:
     """Print the event functions of a model, and their derivatives along the motion, as rows."""
-    return _IntervalPrinter(layout).printed()
+    return _IntervalPrinter(layout).printed_rows()
 
 
 def can_be_watched(layout: Layout) -> bool:
     """Return whether all event functions consist of operations that can be printed: no table, no Python function."""
-    return all(row[0] < UNKNOWN for row in enclosing(layout).looked_at)
+    return all(row[0] < UNKNOWN for row in enclosing_rows(layout).looked_at)
 
 
-def bounds(
+def write_bounds(
     layout: Layout, width: Operand, begin: Operand, end: Operand, curve: int
 ) -> tuple[list[Compute | Load], list[tuple[str, str]]]:
     """Write lines that bound the event functions between the state `y` and the state `z`.
@@ -129,36 +129,42 @@ def bounds(
     list of (str, str)
         Lower and upper bound of each function.
     """
-    program, lines, degree = enclosing(layout), list[Compute | Load](), curve_degree(layout)
+    program, lines, degree = enclosing_rows(layout), list[Compute | Load](), curve_degree(layout)
     powers = range(degree + 1)
 
-    def loaded(place: Place) -> str:
-        lines.append(Load(f"_b{len(lines)}", place))
+    def load_value(location: Location) -> str:
+        lines.append(Load(f"_b{len(lines)}", location))
         return lines[-1].target
 
     for number, target, *places in program.looked_at:
-        name, given = OPERATIONS[number], tuple[Operand, ...]()
+        name, operands = OPERATIONS[number], tuple[Operand, ...]()
         if number < VARIABLE:
-            given = tuple(f"_i{place}" for place in places[: OPERANDS[name]])
+            operands = tuple(f"_i{slot}" for slot in places[: OPERANDS[name]])
         elif name in VARIABLES:
             owned = places[: OPERANDS[name]]
             if degree:
                 terms = [power * layout.used.size + owner for owner in owned[: POLYNOMIALS[name]] for power in powers]
-                numbers = [*(Place("w", curve + term) for term in terms), *(Place(k, i) for i in owned for k in "yz")]
-                name, given = on_curve(name), (*map(loaded, numbers), width, 0.0, 0.0, width, 0.0, 1.0)
+                numbers = [
+                    *(Location("w", curve + term) for term in terms),
+                    *(Location(k, i) for i in owned for k in "yz"),
+                ]
+                name, operands = on_curve(name), (*map(load_value, numbers), width, 0.0, 0.0, width, 0.0, 1.0)
             else:
-                given = (*(loaded(Place(state, place)) for state in "yz" for place in owned), width, 0.0, 0.0)
+                operands = (*(load_value(Location(state, slot)) for state in "yz" for slot in owned), width, 0.0, 0.0)
         elif number == NUMBER:
-            name, given = "point", (float(program.numbers[places[0]]),)
+            name, operands = "point", (float(program.numbers[places[0]]),)
         elif number == TIME:
-            name, given = "between", (begin, end)
+            name, operands = "between", (begin, end)
         else:
-            name, given = "point", (loaded(Place("p", places[0]) if number == CONSTANT else Place("at", REGIME)),)
-        lines.append(Compute(f"_i{target}", name, given, INTERVAL))
+            name, operands = (
+                "point",
+                (load_value(Location("p", places[0]) if number == CONSTANT else Location("at", REGIME)),),
+            )
+        lines.append(Compute(f"_i{target}", name, operands, INTERVAL))
     ends = [(f"under{i}", f"over{i}") for i in range(len(program.functions))]
-    for names, place in zip(ends, program.functions, strict=True):
+    for names, slot in zip(ends, program.functions, strict=True):
         lines += [
-            Compute(name, end, (f"_i{place}",), INTERVAL) for name, end in zip(names, ("low", "high"), strict=True)
+            Compute(name, end, (f"_i{slot}",), INTERVAL) for name, end in zip(names, ("low", "high"), strict=True)
         ]
     return lines, ends
 
@@ -174,25 +180,26 @@ class _IntervalPrinter:
         self._constant: set[int] = set()  # the places of their values
         self._rows: list[tuple[int, ...]] = []
         self._constants = constant_names(layout.model)
-        self._fixed = len(self._constants) - len(modes(layout.model)) - len(switch_inputs(layout.model))
-        variables = self._variables() if layout.watched else {}
-        self._moving = {name: place for place, name in enumerate(variables)}
+        self._fixed = len(self._constants) - len(mode_names(layout.model)) - len(switch_inputs(layout.model))
+        variables = self._moving_variables() if layout.watched else {}
+        self._moving = {name: slot for slot, name in enumerate(variables)}
         self._computed = [*variables.values()]
-        self._inner = {assignment.name: assignment.value for assignment in followed(layout.model)}
+        self._inner = {assignment.name: assignment.value for assignment in differentiated_reactions(layout.model)}
 
-    def printed(self) -> Enclosing:
+    def printed_rows(self) -> Enclosing:
         """Print everything."""
         model = self._layout.model
-        lines = Assignments(self._found)
+        lines = Assignments(self._operand_of_name)
         watched = self._layout.watched
-        functions = [self._taken(lines, lines.value(detector.looked_at)) for detector in watched]
+        functions = [self._convert_to_rows(lines, lines.value(detector.looked_at)) for detector in watched]
         middle, curved = len(self._rows), curve_degree(self._layout) > 0
         slopes = [
-            self._taken(lines, lines.value(function_rate(model, detector)), of_slopes=curved) for detector in watched
+            self._convert_to_rows(lines, lines.value(function_rate(model, detector)), of_slopes=curved)
+            for detector in watched
         ]
         wide = len(self._rows)
         bends = [
-            self._taken(lines, lines.value(function_bend(model, detector)), of_slopes=curved)
+            self._convert_to_rows(lines, lines.value(function_bend(model, detector)), of_slopes=curved)
             if detector.role == GAP
             else UNUSED
             for detector in watched
@@ -212,73 +219,76 @@ class _IntervalPrinter:
             of_time,
         )
 
-    def _variables(self) -> Mapping[str, tuple[int, ...]]:
+    def _moving_variables(self) -> Mapping[str, tuple[int, ...]]:
         """Return for each moving name what its row computes, and by which places of the state."""
-        record, found = self._layout.record, dict[str, tuple[int, ...]](t=(TIME,)) | {REGIME_NUMBER: (PHASE,)}
+        record, moving_variables = (
+            self._layout.record,
+            dict[str, tuple[int, ...]](t=(TIME,)) | {REGIME_NUMBER: (PHASE,)},
+        )
         for first, owners, derivatives in (
             (VARIABLE, self._layout.coordinates, (velocity, acceleration)),
             (VARIABLE + 3, self._layout.states, (rate,)),
         ):
             for owner in owners:
                 names = owner, *(derivative(owner) for derivative in derivatives)
-                places = tuple(map(record.place, names))
-                found |= {name: (first + k, *places) for k, name in enumerate(names)}
+                places = tuple(map(record.offset_of, names))
+                moving_variables |= {name: (first + k, *places) for k, name in enumerate(names)}
         for name in self._layout.model.rates if self._layout.model.delays else ():
             if is_before(name):
-                found |= dict.fromkeys((name, slope_before(name)), (UNKNOWN,))
-        return found | dict.fromkeys(python_values(self._layout.model), (UNKNOWN,))
+                moving_variables |= dict.fromkeys((name, slope_before(name)), (UNKNOWN,))
+        return moving_variables | dict.fromkeys(python_values(self._layout.model), (UNKNOWN,))
 
-    def _found(self, lines: Assignments, name: str) -> Operand:
+    def _operand_of_name(self, lines: Assignments, name: str) -> Operand:
         """Return the operand of a name in an expression."""
-        if (place := self._constants.find(name)) is not None:
-            return lines.load(Place("p", place), name)
+        if (slot := self._constants.find_offset(name)) is not None:
+            return lines.load(Location("p", slot), name)
         if name in self._moving:
-            return lines.load(Place("moving", self._moving[name]), name)
+            return lines.load(Location("moving", self._moving[name]), name)
         if name in self._inner:
             return lines.value(self._inner[name])  # type: ignore[arg-type]
-        drive = name.removeprefix(slope(""))
+        drive = name.removeprefix(drive_slope(""))
         number = self._layout.drives.index(drive)
         return lines.compute(
             "value_at" if drive == name else "slope_at", lines.value(self._layout.model.looked_up_at[drive]), number
         )
 
-    def _taken(self, lines: Assignments, value: Operand, *, of_slopes: bool = False) -> int:
+    def _convert_to_rows(self, lines: Assignments, value: Operand, *, of_slopes: bool = False) -> int:
         """Turn the assignments so far into rows; return the place of a value."""
         for line in lines.lines:
-            if isinstance(line, Load) and line.place.array == "p":
-                self._row(line.target, CONSTANT, line.place.offset, constant=line.place.offset < self._fixed)
+            if isinstance(line, Load) and line.location.array == "p":
+                self._add_row(line.target, CONSTANT, line.location.offset, constant=line.location.offset < self._fixed)
             elif isinstance(line, Load):
-                number, *places = self._computed[line.place.offset]
+                number, *places = self._computed[line.location.offset]
                 if of_slopes and OPERATIONS[number] in SLOPES:
                     number = OPERATIONS.index(SLOPES[OPERATIONS[number]])
-                self._row(line.target, number, *places)
+                self._add_row(line.target, number, *places)
             elif isinstance(line, Compute):
-                self._compute(line)
+                self._compute_row(line)
         lines.lines.clear()
-        return self._place(value)
+        return self._slot_of(value)
 
-    def _compute(self, line: Compute) -> None:
+    def _compute_row(self, line: Compute) -> None:
         name = line.operation
         if name in ("value_at", "slope_at"):
             argument, drive = line.arguments
             of_time = [*self._layout.model.looked_up_at.values()][int(drive)] == CLOCK
-            self._row(line.target, OPERATIONS.index(name), self._place(argument), int(drive), int(of_time))
+            self._add_row(line.target, OPERATIONS.index(name), self._slot_of(argument), int(drive), int(of_time))
             return
-        places = [self._place(argument) for argument in line.arguments]
+        places = [self._slot_of(argument) for argument in line.arguments]
         if name == "multiply" and places[0] == places[1]:
             name = "square"
-        self._row(line.target, OPERATIONS.index(name), *places, constant=self._constant.issuperset(places))
+        self._add_row(line.target, OPERATIONS.index(name), *places, constant=self._constant.issuperset(places))
 
-    def _row(self, target: Operand, operation: int, *operands: int, constant: bool = False) -> None:
-        place = self._places.setdefault(target, len(self._places))
-        (self._first if constant else self._rows).append((operation, place, *operands, *[0] * (3 - len(operands))))
+    def _add_row(self, target: Operand, operation: int, *operands: int, constant: bool = False) -> None:
+        slot = self._places.setdefault(target, len(self._places))
+        (self._first if constant else self._rows).append((operation, slot, *operands, *[0] * (3 - len(operands))))
         if constant:
-            self._constant.add(place)
+            self._constant.add(slot)
 
-    def _place(self, value: Operand) -> int:
+    def _slot_of(self, value: Operand) -> int:
         """Return the place of a value; a number gets one when it first occurs."""
         key = value if isinstance(value, str) else repr(float(value))
         if key not in self._places:
-            self._row(key, NUMBER, len(self._numbers), constant=True)
+            self._add_row(key, NUMBER, len(self._numbers), constant=True)
             self._numbers.append(float(value))
         return self._places[key]

@@ -20,7 +20,7 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import has_loops
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.whole import motion_of_wholes, shapes_of, varying
+from xdynamics.model.whole import motion_of_quantities, motion_shapes, state_quantities
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.dependence import Dependence
 
@@ -29,7 +29,7 @@ WIDE = 64  # numbers in a row of a band from which on another order is looked fo
 LEAST_BANDED = 64  # single numbers from which on their band is looked for
 TRIED = 32  # numbers of groups that are tried with columns dealt out in turn
 
-Whole = NDArray[Any]  # of numbers, most of 32 bits: large models have millions of entries
+IntArray = NDArray[Any]  # of numbers, most of 32 bits: large models have millions of entries
 SHORT = np.int32
 
 
@@ -44,7 +44,7 @@ class Band(NamedTuple):
         Entries below and above the diagonal in a column and a row.
     """
 
-    order: Whole
+    order: IntArray
     lower: int
     upper: int
 
@@ -67,32 +67,32 @@ class Pattern(NamedTuple):
         Of a matrix of accelerations and rates, with the coordinates eliminated; None where it is as well kept whole.
     """
 
-    entries: Whole
-    groups: Whole
+    entries: IntArray
+    groups: IntArray
     band: Band | None
 
 
 def is_compressed(layout: Layout) -> bool:
     """Whether derivatives of the forces are found group by group; else each is an expression of elements."""
-    by_motion = any(at != CLOCK for at in layout.model.looked_up_at.values())
+    by_motion = any(argument != CLOCK for argument in layout.model.looked_up_at.values())
     return has_loops(layout.model) and not by_motion and layout.used.size - layout.coordinates.size > WRITTEN_OUT
 
 
 @lru_cache(maxsize=16)
 def pattern_of(layout: Layout) -> Pattern:
     """Return the pattern of a model with dimensions, from its expressions."""
-    shapes, used = shapes_of(layout.model), layout.used
-    first = {name: used.place(shapes.first(name)) for name in varying(layout.model)}
-    dependence, found = Dependence(shapes, first, used.size), []
-    begin, rows = 0, {*moving(layout.model)}
-    for name, dims, tree in motion_of_wholes(layout.model):
+    shapes, used = motion_shapes(layout.model), layout.used
+    first = {name: used.offset_of(shapes.first(name)) for name in state_quantities(layout.model)}
+    dependence, entry_parts = Dependence(shapes, first, used.size), []
+    begin, rows = 0, {*moving_quantities(layout.model)}
+    for name, dims, tree in motion_of_quantities(layout.model):
         elements, numbers = dependence.pairs(tree, dims, name)
         if name in rows:
-            found.append((begin + elements, numbers))
+            entry_parts.append((begin + elements, numbers))
             begin += math.prod(shapes.shape(dims))
-    every_row, every_column = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    del dependence, found
-    band, group = _grouped(layout, every_row, every_column)
+    every_row, every_column = (np.concatenate(parts) for parts in zip(*entry_parts, strict=True))
+    del dependence, entry_parts
+    band, group = _group_columns(layout, every_row, every_column)
     keys = group.astype(np.int64)
     for part, count in ((every_column, used.size), (every_row, band.order.size)):
         keys *= count
@@ -108,19 +108,19 @@ def pattern_of(layout: Layout) -> Pattern:
     return Pattern(np.stack([every_row, every_column], axis=1), groups, narrow)
 
 
-def _grouped(layout: Layout, rows: Whole, columns: Whole) -> tuple[Band, Whole]:
+def _group_columns(layout: Layout, rows: IntArray, columns: IntArray) -> tuple[Band, IntArray]:
     """Return the band of entries with the coordinates eliminated, and the group of each entry."""
     model, n = layout.model, layout.coordinates.size
     unknown = np.where(columns < n, columns, columns - SHORT(n)) if n else columns  # q is eliminated by v
-    shapes = shapes_of(model)
-    band = best_band(shapes, [shapes.dims.get(name, ()) for name in moving(model)], rows, unknown)
+    shapes = motion_shapes(model)
+    band = best_band(shapes, [shapes.dims.get(name, ()) for name in moving_quantities(model)], rows, unknown)
     places = band.order[unknown]
     places *= 2
     places += columns >= n
     return band, column_groups(rows, places)
 
 
-def moving(model: Model) -> list[str]:
+def moving_quantities(model: Model) -> list[str]:
     """Return accelerations and rates as quantities."""
     return [*map(schema.acceleration, model.shaped.coordinates), *map(schema.rate, model.shaped.states)]
 
@@ -128,7 +128,7 @@ def moving(model: Model) -> list[str]:
 # ---------------------------------------------------------------------------------------------------------------- groups
 
 
-def column_groups(rows: Whole, places: Whole) -> Whole:
+def column_groups(rows: IntArray, places: IntArray) -> IntArray:
     """Return for every entry the group of its column, which has a place; columns of a group share no row."""
     present = np.bincount(places) > 0
     columns = int(np.count_nonzero(present))
@@ -136,36 +136,36 @@ def column_groups(rows: Whole, places: Whole) -> Whole:
     fullest = int(np.bincount(rows).max(initial=1))
     for count in range(fullest, min(fullest + TRIED, columns)):
         dealt = ranks % SHORT(count)
-        taken = np.multiply(rows, count, dtype=np.int64)
-        taken += dealt
-        if np.bincount(taken).max() <= 1:
+        row_group_keys = np.multiply(rows, count, dtype=np.int64)
+        row_group_keys += dealt
+        if np.bincount(row_group_keys).max() <= 1:
             return dealt
     if fullest >= columns:
         return ranks
-    group: Whole = np.array(_greedily(rows, ranks, columns), SHORT)[ranks]
+    group: IntArray = np.array(_greedy_groups(rows, ranks, columns), SHORT)[ranks]
     return group
 
 
-def _greedily(rows: Whole, ranks: Whole, count: int) -> list[int]:
+def _greedy_groups(rows: IntArray, ranks: IntArray, count: int) -> list[int]:
     """Return the group of each column: the first that has none of its rows."""
     order = np.argsort(ranks, kind="stable")
     ends = np.cumsum(np.bincount(ranks, minlength=count)).tolist()
     by_column = rows[order].tolist()
-    taken = [0] * (int(rows.max()) + 1)  # bits of the groups that have a row
+    occupied_groups = [0] * (int(rows.max()) + 1)  # bits of the groups that have a row
     groups = []
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
-        *_, bits = accumulate((taken[row] for row in by_column[begin:end]), int.__or__)
+        *_, bits = accumulate((occupied_groups[row] for row in by_column[begin:end]), int.__or__)
         free = ~bits & (bits + 1)
         groups.append(free.bit_length() - 1)
         for row in by_column[begin:end]:
-            taken[row] |= free
+            occupied_groups[row] |= free
     return groups
 
 
 # ------------------------------------------------------------------------------------------------------------------ band
 
 
-def best_band(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: Whole, columns: Whole) -> Band:
+def best_band(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: IntArray, columns: IntArray) -> Band:
     """Return an order of unknowns in which a matrix is a band, as narrow as is found.
 
     Parameters
@@ -176,14 +176,14 @@ def best_band(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: Whole, 
     rows, columns : ndarray of int
         The entries off the diagonal, among the unknowns, perhaps several times over.
     """
-    best = min((_banded(order, rows, columns) for order in _orders(shapes, unknowns)), key=_height)
+    best = min((_banded(order, rows, columns) for order in _candidate_orders(shapes, unknowns)), key=_band_height)
     count = best.order.size
     if best.height > min(WIDE, count):
-        best = min(best, _banded(_levelled(rows, columns, count), rows, columns), key=_height)
+        best = min(best, _banded(_levelled(rows, columns, count), rows, columns), key=_band_height)
     return best
 
 
-def band_as_written(entries: Whole, coordinates: int, size: int) -> Band | None:
+def band_as_written(entries: IntArray, coordinates: int, size: int) -> Band | None:
     """Return the band of a model of single numbers, in the order in which they are written; None where it is as well kept whole.
 
     Elimination then takes the same sums in the same order: what it leaves out are zeros, and the numbers are the same.
@@ -195,17 +195,17 @@ def band_as_written(entries: Whole, coordinates: int, size: int) -> Band | None:
     return band if 2 * band.height <= size else None
 
 
-def _height(band: Band) -> int:
+def _band_height(band: Band) -> int:
     return band.height
 
 
-def _banded(order: Whole, rows: Whole, columns: Whole) -> Band:
+def _banded(order: IntArray, rows: IntArray, columns: IntArray) -> Band:
     far = order[rows]
     far -= order[columns]
     return Band(order, int(far.max(initial=0)), int(-far.min(initial=0)))
 
 
-def _orders(shapes: Shapes, unknowns: Sequence[tuple[str, ...]]) -> Iterator[Whole]:
+def _candidate_orders(shapes: Shapes, unknowns: Sequence[tuple[str, ...]]) -> Iterator[IntArray]:
     """Yield orders: as they stand, and by places along each dimension, all that belongs to a place side by side.
 
     A dimension is run through from its beginning, or from both ends in turn, which keeps a ring together.
@@ -213,21 +213,21 @@ def _orders(shapes: Shapes, unknowns: Sequence[tuple[str, ...]]) -> Iterator[Who
     yield np.arange(sum(math.prod(shapes.shape(dims)) for dims in unknowns), dtype=SHORT)
     for dim in shapes.extents:
         size = shapes.extent(dim).size
-        along = np.concatenate([_along(dim, dims, shapes) for dims in unknowns])
-        for place in (along, np.minimum(2 * along, 2 * (size - along) - 1)):
-            yield _ranks(np.argsort(place, kind="stable"))
+        element_numbers = np.concatenate([_numbers_along(dim, dims, shapes) for dims in unknowns])
+        for sort_keys in (element_numbers, np.minimum(2 * element_numbers, 2 * (size - element_numbers) - 1)):
+            yield _ranks(np.argsort(sort_keys, kind="stable"))
 
 
-def _along(dim: str, dims: tuple[str, ...], shapes: Shapes) -> Whole:
+def _numbers_along(dim: str, dims: tuple[str, ...], shapes: Shapes) -> IntArray:
     """Return the number of each element along a dimension; elements without it come last."""
     shape = shapes.shape(dims)
     if dim not in dims:
         return np.full(math.prod(shape), shapes.extent(dim).size, SHORT)
-    along: Whole = np.indices(shape, SHORT)[dims.index(dim)].ravel()
-    return along
+    element_numbers: IntArray = np.indices(shape, SHORT)[dims.index(dim)].ravel()
+    return element_numbers
 
 
-def _levelled(rows: Whole, columns: Whole, count: int) -> Whole:
+def _levelled(rows: IntArray, columns: IntArray, count: int) -> IntArray:
     """Return the order of Cuthill and McKee, reversed, for links that follow no numbers."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -237,7 +237,7 @@ def _levelled(rows: Whole, columns: Whole, count: int) -> Whole:
     return _ranks(reverse_cuthill_mckee(graph, symmetric_mode=True))
 
 
-def _ranks(sequence: Whole) -> Whole:
+def _ranks(sequence: IntArray) -> IntArray:
     """Return the place of each number in a sequence."""
     ranks = np.empty(sequence.size, SHORT)
     ranks[sequence] = np.arange(sequence.size, dtype=SHORT)

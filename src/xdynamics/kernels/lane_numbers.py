@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import namedtuple
 
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.radau_memory import width
+from xdynamics.kernels.radau_memory import memory_width
 from xdynamics.methods.steppers import SERIES, SIMPLIFIED
 
 # Numbers of a lane besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
@@ -40,8 +40,8 @@ def of_collocation(layout: Layout) -> int:
 
 def of_smooth(layout: Layout, memory: int) -> int:
     """Return where in a lane's memory the numbers of switches declared smooth begin."""
-    own = width(layout) if is_solved(layout) else memory if has_series(layout) else 0
-    return of_collocation(layout) + own
+    memory_length = memory_width(layout) if is_solved(layout) else memory if has_series(layout) else 0
+    return of_collocation(layout) + memory_length
 
 
 def is_solved(layout: Layout) -> bool:

@@ -15,15 +15,15 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import (
     AT,
     UNSOUND,
+    Location,
     Operand,
-    Place,
     Program,
     ProgramCall,
     StoreTo,
     When,
     While,
-    element,
-    moved,
+    loop_element,
+    shift_array,
     soundness,
 )
 from xdynamics.kernels.radau_memory import RadauMemory
@@ -133,22 +133,22 @@ new_side = where(moves > 0, new_side, side)
 """
 
 
-def stride(
+def stride_programs(
     layout: Layout,
     steps: Steps,
     *,
     adaptive: bool,
-    followers: tuple[bool, ...] = (),
+    adaptive_atol: tuple[bool, ...] = (),
     sizes: Program | None = None,
 ) -> tuple[Program, ...]:
     """Write the step, after the programs that it calls, those of the method among them; one gives the finite numbers of a row besides the state.
 
-    `followers` says of each variable whether its absolute tolerance follows it; none does if it is empty. `sizes` is the
+    `adaptive_atol` says of each variable whether its absolute tolerance follows it; none does if it is empty. `sizes` is the
     program of the sizes of terms, if these tolerances have a floor from them.
     """
-    write, solves, foresees = _StepWriter(layout, followers, steps.memory), is_solved(layout), has_series(layout)
+    write, solves, foresees = _StepWriter(layout, adaptive_atol, steps.memory), is_solved(layout), has_series(layout)
     write.weighs = sizes is not None and layout.estimates
-    weighing = () if sizes is None else (sizes, _StepWriter(layout, followers, steps.memory).weighed())
+    weighing = () if sizes is None else (sizes, _StepWriter(layout, adaptive_atol, steps.memory).weighed())
     if foresees:
         write.expand(adaptive=adaptive)
     write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
@@ -160,7 +160,7 @@ def stride(
         write.body.append(
             ProgramCall(DERIVED, "at", "z", "samples")
         )  # steps in lanes keep no samples, so there is room
-    write.load("finite_row", Place("at", UNSOUND))
+    write.load("finite_row", Location("at", UNSOUND))
     write.lines("sound = where(finite_step == 0, where(finite_row == 0, 1, 0), 0)")
     if layout.estimates:
         write.known["judged"] = write.error_norm()
@@ -172,10 +172,15 @@ def stride(
     write.smooth()
     write.move(adaptive=adaptive)
     pace = (_PACE_FORESEEN if foresees else _PACE) if adaptive else ""
-    judged = (_JUDGED if layout.estimates else "") + (_DOUBTED if write.weighs else "")
-    write.keep(_MOVE + judged + pace + (_SOLVED if solves else ""))
-    own = Program(STRIDE, "One step in every lane.", tuple(write.body))
-    return (*weighing, *inner, *((model_programs.derived(layout),) if layout.derived or layout.smooth else ()), own)
+    judgement_text = (_JUDGED if layout.estimates else "") + (_DOUBTED if write.weighs else "")
+    write.keep(_MOVE + judgement_text + pace + (_SOLVED if solves else ""))
+    stride_program = Program(STRIDE, "One step in every lane.", tuple(write.body))
+    return (
+        *weighing,
+        *inner,
+        *((model_programs.derived(layout),) if layout.derived or layout.smooth else ()),
+        stride_program,
+    )
 
 
 class _StepWriter(LaneWriter):
@@ -184,7 +189,7 @@ class _StepWriter(LaneWriter):
     weighs = False  # whether a trial that fails is weighed again
 
     def expand(self, *, adaptive: bool) -> None:
-        """Write the Taylor coefficients at the state; if steps are chosen, choose this one: `march.series.foresee`."""
+        """Write the Taylor coefficients at the state; if steps are chosen, choose this one: `march.series.choose_series_step`."""
         self.store("at", {"t": "t"})
         self.body.append(ProgramCall("expand", "at", "y", "z"))
         assert self.layout.scheme is not None  # noqa: S101 - a layout of steps has one
@@ -211,18 +216,18 @@ class _StepWriter(LaneWriter):
         """Make the step by the lines of the method, which work on what a lane has behind its other numbers."""
         layout, first, curve = self.layout, of_collocation(self.layout), curve_size(self.layout)
         self.body.append(ProgramCall("propose", "at", "y", "z"))
-        self.load("finite_step", Place("at", UNSOUND))
+        self.load("finite_step", Location("at", UNSOUND))
         if not has_series(layout):
             return programs
         if curve:
             self._curve = first + self._memory - curve
             self.body.append(ProgramCall(POLYNOMIAL, "at", "y", "z"))
-            programs = (*programs, step_programs.polynomial(layout, self._memory - curve))
-        return tuple(moved(program, "w", first) for program in programs)
+            programs = (*programs, step_programs.polynomial_program(layout, self._memory - curve))
+        return tuple(shift_array(program, "w", first) for program in programs)
 
     def solve(self) -> tuple[Program, ...]:
         """Make the step by iterations in all lanes until each has ended; return the programs called for it."""
-        layout, follows = self.layout, any(self.followers)
+        layout, follows = self.layout, any(self.adaptive_atol)
         memory = RadauMemory(layout, self.places, of_collocation(layout))
         inner = CollocationStep(memory, len(LANE), follows=follows)
         self.places = places = memory.places
@@ -230,9 +235,9 @@ class _StepWriter(LaneWriter):
         self.body.append(When(places["missing"], ProgramCall(collocation.LINEARISE, "at", "y", "z")))
         self.body.append(When(places["unfactored"], ProgramCall(FACTORISE, "at", "y", "z")))
         self.body.append(While(places["open"], ProgramCall(collocation.CORRECT, "at", "y", "z")))
-        self.body += inner.ended()
+        self.body += inner.end_state_lines()
         self.store("at", {"t": "reach"})
-        self.body += [ProgramCall("forces", "at", "z", "z"), *inner.estimated()]
+        self.body += [ProgramCall("forces", "at", "z", "z"), *inner.error_lines()]
         self.known["judged_first"] = self.error_norm()
         self.lines("solved = ready*(1 - vain)")
         self.known["ready"] = self.known["solved"]
@@ -241,11 +246,11 @@ class _StepWriter(LaneWriter):
         self.body.append(soundness("z", 0, layout.state.size, "finite_step"))
         self.known["finite_step"] = "finite_step"
         self.body += inner.curve()
-        self._curve = memory.place("curve", 0).offset
+        self._curve = memory.vector_location("curve", 0).offset
         return (model_programs.linearised(layout), *inner.programs)
 
     def error_norm(self) -> Operand:
-        """Find the largest ratio of an error to its scale: `march.control.error_norm`."""
+        """Find the largest ratio of an error to its scale: `march.control.trial_error_norm`."""
         norm = self._largest_ratio(floored=False)
         if not self.weighs:
             return norm
@@ -263,7 +268,7 @@ class _StepWriter(LaneWriter):
     def weighed(self) -> Program:
         """Write the program that weighs a trial by the sizes of terms, too."""
         self.body.append(ProgramCall(TERM_SIZES, "at", "z", "terms"))
-        self.load("width", Place("at", AT.index("h")))
+        self.load("width", Location("at", AT.index("h")))
         self.body.append(StoreTo(self.places["weighed"], self._largest_ratio(floored=True)))
         about = "The norm of the error, where rounding of the terms of forces is allowed."
         return Program(WEIGH, about, tuple(self.body), local={"terms": self.layout.record.size})
@@ -271,81 +276,85 @@ class _StepWriter(LaneWriter):
     def _largest_ratio(self, *, floored: bool) -> Operand:
         """Find the largest ratio of an error to its scale: `march.control.largest_ratio`."""
         norm: Operand = 0.0
-        tops = self.tops(Place("z")) if any(self.followers) else {}
+        tops = self.tops(Location("z")) if any(self.adaptive_atol) else {}
         n = self.layout.coordinates.size
         for begin, end, kind, follows in self.pieces():
-            places = {name: element(array, begin) for name, array in (("error", "e"), ("before", "y"), ("after", "z"))}
-            places["atol" if follows else "allowed"] = element("w", len(LANE) + begin)
-            places["slope"] = element("z", self.slope(begin))
+            places = {
+                name: loop_element(array, begin) for name, array in (("error", "e"), ("before", "y"), ("after", "z"))
+            }
+            places["atol" if follows else "allowed"] = loop_element("w", len(LANE) + begin)
+            places["slope"] = loop_element("z", self.slope_index(begin))
             text = [step_control.ALLOWED] * follows
             if follows and floored:
                 text.append(step_control.LEAST_OF_COORDINATE if begin < n else step_control.LEAST_OF_RATE)
-                places["terms"] = element("terms", self.slope(begin + n if begin < n else begin))
+                places["terms"] = loop_element("terms", self.slope_index(begin + n if begin < n else begin))
             text.append(step_control.FLOORED_RATIO if follows and floored else step_control.RATIO)
             top = tops.get(kind, 0.0)
-            norm = self.greatest([norm], end - begin, "\n".join(text), places, ["ratio"], top=top)[0]
+            norm = self.greatest_values([norm], end - begin, "\n".join(text), places, ["ratio"], top=top)[0]
         return norm
 
-    def _settle(self, first: int) -> None:
+    def _settle_tolerances(self, first: int) -> None:
         """Let tolerances follow: `march.tolerance_sizes.settle_tolerances`; those of a lane that did not move stay."""
         used = self.layout.used.size
-        tops = self.tops(Place("w", first + used))
+        tops = self.tops(Location("w", first + used))
         for begin, end, kind, follows in self.pieces():
             if follows:
-                places = {"size": element("w", first + used + begin), "atol": element("w", first + begin)}
-                self.each(end - begin, step_control.TOLERANCE, places, "atol", top=tops[kind])
+                places = {"size": loop_element("w", first + used + begin), "atol": loop_element("w", first + begin)}
+                self.write_components(end - begin, step_control.TOLERANCE, places, "atol", top=tops[kind])
 
     def watch(self) -> None:
-        """Find out whether every event function certainly keeps its side: `march.events.isolation.quiet`."""
+        """Find out whether every event function certainly keeps its side: `march.events.isolation.is_event_free`."""
         self.known["silent"] = 1.0
         if not self.layout.watched:
             return
-        self.load("begin", Place("w", LANE.index("t")))
+        self.load("begin", Location("w", LANE.index("t")))
         times = ("begin", self.known["reach"])
-        lines, enclosures = interval_program.bounds(self.layout, self.known["width"], *times, self._curve)
+        lines, enclosures = interval_program.write_bounds(self.layout, self.known["width"], *times, self._curve)
         self.body += lines
         first = len(LANE) + 3 * self.layout.used.size
-        for i, (detector, (under, over)) in enumerate(zip(self.layout.watched, enclosures, strict=True)):
-            self.load(f"side{i}", Place("w", first + i))
-            self.known |= {"under": under, "over": over, "side": f"side{i}"}
+        for i, (detector, (lower, upper)) in enumerate(zip(self.layout.watched, enclosures, strict=True)):
+            self.load(f"side{i}", Location("w", first + i))
+            self.known |= {"under": lower, "over": upper, "side": f"side{i}"}
             # those that act only while a reaction holds are asleep: lanes make no step with a reaction that holds
             self.lines((_ASLEEP if detector.role in (PULL, LIMIT, GRIP) else _SIDE).format(i))
             self.known["silent"] = self.known[f"silent{i}"]
             if detector.role == GAP:
-                self.load(f"gap{i}", Place("w", first + len(enclosures) + i))
+                self.load(f"gap{i}", Location("w", first + len(enclosures) + i))
                 self.lines(f"gap{i}_now = max(gap{i}, under)")
 
     def smooth(self) -> None:
         """Count passages of switches declared smooth, as a row of the log does: `kernels.model_programs.row`."""
-        noted, first = len(self.layout.derived), of_smooth(self.layout, self._memory)
+        derived_count, first = len(self.layout.derived), of_smooth(self.layout, self._memory)
         for i in range(len(self.layout.smooth)):
             for k, name in enumerate(("value", "decides")):
-                self.load(f"{name}{i}", Place("samples", noted + 2 * i + k))
+                self.load(f"{name}{i}", Location("samples", derived_count + 2 * i + k))
                 self.known[name] = f"{name}{i}"
-            places = {name: Place("w", first + 3 * i + k) for k, name in enumerate(("side", "count", "time"))}
-            for name, place in places.items():
-                self.load(f"{name}_smooth{i}", place)
+            places = {name: Location("w", first + 3 * i + k) for k, name in enumerate(("side", "count", "time"))}
+            for name, location in places.items():
+                self.load(f"{name}_smooth{i}", location)
                 self.known[name] = f"{name}_smooth{i}"
             self.lines(_PASSED)
-            self.body += [StoreTo(place, self.known[f"new_{name}"]) for name, place in places.items()]
+            self.body += [StoreTo(location, self.known[f"new_{name}"]) for name, location in places.items()]
 
     def move(self, *, adaptive: bool) -> None:
         """Replace the old state by the new one in lanes that move."""
         first, used = len(LANE) + self.layout.used.size, self.layout.used.size
         if adaptive:
-            self._moved(used, "max(old, abs(new))", element("z"), element("w", first))
-        if any(self.followers):
-            self._settle(len(LANE))
+            self._replace_where_moved(used, "max(old, abs(new))", loop_element("z"), loop_element("w", first))
+        if any(self.adaptive_atol):
+            self._settle_tolerances(len(LANE))
         if self.layout.estimates:
-            self._moved(used, "new", element("e"), element("w", first + used))
+            self._replace_where_moved(used, "new", loop_element("e"), loop_element("w", first + used))
         first += 2 * used + len(self.layout.watched)
         for i, detector in enumerate(self.layout.watched):
             if detector.role == GAP:
-                write = self.begun()
-                value = write.of(f"where(moves > 0, gap{i}_now, gap{i})")
-                self.body += [*write.lines, StoreTo(Place("w", first + i), value)]
-        self._moved(self.layout.record.size, "new", element("z"), element("y"))
+                write = self.begin_formulas()
+                value = write.formula(f"where(moves > 0, gap{i}_now, gap{i})")
+                self.body += [*write.lines, StoreTo(Location("w", first + i), value)]
+        self._replace_where_moved(self.layout.record.size, "new", loop_element("z"), loop_element("y"))
 
-    def _moved(self, count: int, value: str, new: Place, old: Place) -> None:
+    def _replace_where_moved(self, count: int, value: str, new: Location, old: Location) -> None:
         """Replace old numbers by a value of both in lanes that move."""
-        self.each(count, f"kept = where(moves > 0, {value}, old)", {"new": new, "old": old, "kept": old}, "kept")
+        self.write_components(
+            count, f"kept = where(moves > 0, {value}, old)", {"new": new, "old": old, "kept": old}, "kept"
+        )

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
 from xdynamics.kernels import cache, law_cache, law_names, machine, model_programs, step_programs
-from xdynamics.kernels.coalescing import coalesced
+from xdynamics.kernels.coalescing import coalesce_copies
 from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, keys_of
-from xdynamics.kernels.constraint_programs import constraining
-from xdynamics.kernels.double_double import doubled
+from xdynamics.kernels.constraint_programs import constraint_projection
+from xdynamics.kernels.double_double import double_double_program
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.heap_arrays import MOST_ON_STACK
-from xdynamics.kernels.lane_step import STRIDE, stride
+from xdynamics.kernels.lane_step import STRIDE, stride_programs
 from xdynamics.kernels.law_cache import Printed
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.llvm_text import llvm_of
@@ -32,7 +32,7 @@ from xdynamics.kernels.python_text import python_of
 from xdynamics.kernels.shared_storage import with_shared_storage
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import curve_size
-from xdynamics.kernels.term_sizes import TERM_SIZES, term_sizes
+from xdynamics.kernels.term_sizes import TERM_SIZES, term_sizes_program
 from xdynamics.methods.scheme import Scheme
 from xdynamics.model.motion import constant_names
 from xdynamics.runtime.cached_properties import cached_property
@@ -82,13 +82,13 @@ class Law:
     @cached_property
     def steps(self) -> Steps:
         """The programs of one step."""
-        return step_programs.step(self.layout, self.scheme, sampled=self.sampled)
+        return step_programs.step_program_set(self.layout, self.scheme, sampled=self.sampled)
 
     @cached_property
     def entries(self) -> tuple[Program, ...]:
         """The programs called from outside, in the order of their addresses, which follow those of `CONTROL`."""
         layout = self.layout
-        own = (
+        model_entries = (
             model_programs.forces(layout),
             model_programs.events(layout),
             model_programs.event_rates(layout),
@@ -99,9 +99,14 @@ class Law:
         curves = (
             ()
             if not curve_size(layout)
-            else (step_programs.polynomial(layout, self.steps.memory - curve_size(layout)),)
+            else (step_programs.polynomial_program(layout, self.steps.memory - curve_size(layout)),)
         )
-        programs = (*own, step_programs.inside(layout, self.scheme), *self.steps.programs, *self.constraining[-1:])
+        programs = (
+            *model_entries,
+            step_programs.interpolation_program(layout, self.scheme),
+            *self.steps.programs,
+            *self.constraining[-1:],
+        )
         return (*self._in_precision(programs), *curves)
 
     def _in_precision(self, programs: Sequence[Program]) -> tuple[Program, ...]:
@@ -117,7 +122,7 @@ class Law:
             "p": len(constant_names(layout.model)),
             "at": len(AT),
         }
-        own = {
+        result_distances = {
             "row": 0,
             "detect": 0,
             "resets": len(layout.resets) + len(layout.ticking),
@@ -125,7 +130,7 @@ class Law:
         return tuple(
             program
             if program.name in FLOATS_ALONE
-            else doubled(program, rests | {"z": own.get(program.name, distance)})
+            else double_double_program(program, rests | {"z": result_distances.get(program.name, distance)})
             for program in programs
         )
 
@@ -148,13 +153,13 @@ class Law:
     @cached_property
     def constraining(self) -> tuple[Program, ...]:
         """The programs that put the result of a step where constraints hold."""
-        return constraining(self.layout)
+        return constraint_projection(self.layout)
 
     @cached_property
     def printed(self) -> Printed:
         """What a march needs of the law besides its machine code: kept with that, or printed now."""
-        if self._kept is not None:
-            return self._kept[0]
+        if self._cached_law is not None:
+            return self._cached_law[0]
         title = f"A step by {self.scheme.method.name}, and the forces that it asks for."
         source = "\n\n".join([HEADER.format(title=title), *map(python_of, self.programs)])
         names, storage = tuple(program.name for program in self.entries), self._storage
@@ -162,11 +167,13 @@ class Law:
 
     @property
     def _storage(self) -> int:
-        own: dict[str, int] = {}
-        for program in self.thin_programs(without=[self.entries[INSIDE - FORCES]]):
-            called = (own.get(line.program, 0) for line in program.body if isinstance(line, ProgramCall))
-            own[program.name] = sum(program.local.values()) + max(called, default=0)
-        return max(own.values())
+        storage_by_program: dict[str, int] = {}
+        for program in self.thin_programs(excluded=[self.entries[INSIDE - FORCES]]):
+            callee_storage = (
+                storage_by_program.get(line.program, 0) for line in program.body if isinstance(line, ProgramCall)
+            )
+            storage_by_program[program.name] = sum(program.local.values()) + max(callee_storage, default=0)
+        return max(storage_by_program.values())
 
     @property
     def source(self) -> str:
@@ -174,12 +181,12 @@ class Law:
         return self.printed.source
 
     @cached_property
-    def _kept(self) -> tuple[Printed, bytes] | None:
+    def _cached_law(self) -> tuple[Printed, bytes] | None:
         """What an earlier process printed and compiled for the same form; None for models with Python functions."""
-        return law_cache.read(self._key) if self._can_be_kept else None
+        return law_cache.read(self._cache_key) if self._can_be_kept else None
 
     @cached_property
-    def _key(self) -> str:
+    def _cache_key(self) -> str:
         return law_cache.key_of(self.layout, str(self.sampled), *sorted(self.unread))
 
     @property
@@ -215,7 +222,7 @@ class Law:
     def addresses(self) -> NDArray[np.int64]:
         """Addresses of the compiled programs of a march; without a compiler, keys of `UNCOMPILED`."""
         with _LOCK:  # of two threads that compile at once, one would free code that the other uses
-            return self._addresses
+            return self._march_addresses
 
     @property
     def is_sized(self) -> bool:
@@ -223,7 +230,7 @@ class Law:
         return len(self.printed.source) <= MOST_SIZED
 
     @property
-    def sizing(self) -> int:
+    def sizing_address(self) -> int:
         """Address of the compiled program of the sizes of terms, or its key: only step control asks for it."""
         with _LOCK:
             return self._sizing
@@ -231,19 +238,19 @@ class Law:
     @cached_property
     def _sizing(self) -> int:
         if PLAINLY:
-            return int(keys_of([self._scope(python_of(self.term_sizes))[TERM_SIZES]])[0])
+            return int(keys_of([self._python_scope(python_of(self.term_sizes))[TERM_SIZES]])[0])
         return self._sized.addresses[TERM_SIZES]
 
     @cached_property
     def _sized(self) -> machine.Code:
         """Code of that program, kept as the others are."""
         if not self._can_be_kept:
-            return machine.compiled(self._text([self.term_sizes]), [TERM_SIZES], self._functions)
-        name = f"sizes-{cache.digest(self._key, TERM_SIZES)}.o"
+            return machine.compiled(self._llvm_text([self.term_sizes]), [TERM_SIZES], self._python_functions)
+        name = f"sizes-{cache.text_digest(self._cache_key, TERM_SIZES)}.o"
         code = cache.read(name)
         if code is None:
-            code = machine.emitted(
-                self._text([self.term_sizes])
+            code = machine.emit_object(
+                self._llvm_text([self.term_sizes])
             )  # it runs seldom: passes would cost more than they save
             cache.write(name, code)
         return machine.Code(code, [TERM_SIZES])
@@ -251,7 +258,7 @@ class Law:
     @cached_property
     def term_sizes(self) -> Program:
         """The program of the sizes of terms."""
-        return term_sizes(self.layout)
+        return term_sizes_program(self.layout)
 
     @property
     def addresses_inside(self) -> NDArray[np.int64]:
@@ -260,37 +267,38 @@ class Law:
             return self._addresses_inside
 
     @cached_property
-    def _addresses(self) -> NDArray[np.int64]:
+    def _march_addresses(self) -> NDArray[np.int64]:
         if PLAINLY:
             return self.plain
         by_name = self._marching.addresses
         return np.array(
-            [*_alone(CONTROL).addresses.values(), *(by_name.get(name, 0) for name in self.printed.names)], np.int64
+            [*_control_code(CONTROL).addresses.values(), *(by_name.get(name, 0) for name in self.printed.names)],
+            np.int64,
         )
 
     @cached_property
     def _addresses_inside(self) -> NDArray[np.int64]:
-        addresses = self._addresses.copy()
+        addresses = self._march_addresses.copy()
         if not PLAINLY:
-            addresses[INSIDE] = self._inside.addresses[self.entries[INSIDE - FORCES].name]
+            addresses[INSIDE] = self._interpolation_code.addresses[self.entries[INSIDE - FORCES].name]
         return addresses
 
     @cached_property
     def plain(self) -> NDArray[np.int64]:
         """Keys of the programs in `UNCOMPILED`, as Python functions."""
-        scope = self._scope("\n\n".join(map(python_of, self._run_programs)) if self.unread else self.source)
+        scope = self._python_scope("\n\n".join(map(python_of, self._run_programs)) if self.unread else self.source)
         control = (SETS[self.scheme.math_functions][name] for name in CONTROL)
         return np.array(keys_of([*control, *(scope[entry.name] for entry in self.entries)]), np.int64)
 
-    def _scope(self, source: str) -> dict[str, Any]:
+    def _python_scope(self, source: str) -> dict[str, Any]:
         """Return the Python functions of a printed law."""
         scope: dict[str, Any] = (
             python_of_set(self.scheme.math_functions)
             | PYTHON_TABLES
-            | self._functions
+            | self._python_functions
             | {
                 "_empty": np.empty,
-                "_entered": _entered,
+                "_entered": _enter_engine,
                 "_zero": np.float64(0.0),
             }
         )
@@ -298,15 +306,15 @@ class Law:
         return scope
 
     @property
-    def _functions(self) -> dict[str, Any]:
+    def _python_functions(self) -> dict[str, Any]:
         """The model's functions in Python, by the names that programs call them by."""
         return {f"_{law_names.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
 
-    def text(self, lanes: int = 1, without: Sequence[Program] = ()) -> str:
+    def text(self, lanes: int = 1, excluded: Sequence[Program] = ()) -> str:
         """Return the law as LLVM text, without some of the programs."""
-        return self._text(self.thin_programs(without), lanes)
+        return self._llvm_text(self.thin_programs(excluded), lanes)
 
-    def _text(self, programs: Sequence[Program], lanes: int = 1) -> str:
+    def _llvm_text(self, programs: Sequence[Program], lanes: int = 1) -> str:
         functions = [(entry.name, len(entry.arguments)) for entry in self.layout.model.python_functions]
         abreast = machine.vector_lanes() // 2 if self._is_thinned else 1
         return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions, abreast=abreast)
@@ -315,16 +323,16 @@ class Law:
     def _is_thinned(self) -> bool:
         return model_programs.has_loops(self.layout.model)
 
-    def thin_programs(self, without: Sequence[Program] = ()) -> list[Program]:
+    def thin_programs(self, excluded: Sequence[Program] = ()) -> list[Program]:
         """Return the programs as they are run, without some: with few copies, and large arrays in one where loops are."""
-        programs = [entry for entry in self._run_programs if entry not in without]
+        programs = [entry for entry in self._run_programs if entry not in excluded]
         if not self._is_thinned:
             return programs
         layout, thin = self.layout, self._thin
         lengths = {"y": layout.record.size, "z": layout.record.size, "e": layout.used.size}
         for program in programs:  # each after those that it calls, as they are then
             if program.name not in thin:
-                fewer = coalesced(program, thin, lengths)
+                fewer = coalesce_copies(program, thin, lengths)
                 thin[program.name] = with_shared_storage(fewer, thin, lengths, MOST_ON_STACK)
         return [thin[program.name] for program in programs]
 
@@ -332,15 +340,17 @@ class Law:
     def _thin(self) -> dict[str, Program]:
         return {}
 
-    def compiled(self, lanes: int = 1, without: Sequence[Program] = ()) -> machine.Code:
+    def compiled(self, lanes: int = 1, excluded: Sequence[Program] = ()) -> machine.Code:
         """Compile the law for a number of lanes, without some of the programs."""
-        names = [entry.name for entry in self.entries if entry not in without]
-        return machine.compiled(self.text(lanes, without), names, self._functions)
+        names = [entry.name for entry in self.entries if entry not in excluded]
+        return machine.compiled(self.text(lanes, excluded), names, self._python_functions)
 
-    def striding(self, lanes: int, *, adaptive: bool, followers: tuple[bool, ...] = (), weighs: bool = False) -> int:
+    def stride_address(
+        self, lanes: int, *, adaptive: bool, adaptive_atol: tuple[bool, ...] = (), weighs: bool = False
+    ) -> int:
         """Return the address of one ordinary step in that many lanes, compiled; see `lane_step.stride`."""
         with _LOCK:
-            form = lanes, adaptive, followers, weighs
+            form = lanes, adaptive, adaptive_atol, weighs
             if form not in self._strides:
                 self._strides[form] = self._striding(*form)
             return self._strides[form].addresses[STRIDE]
@@ -350,26 +360,26 @@ class Law:
         """Code of those addresses: it lives as long as the law, which users of the addresses hold."""
         return {}
 
-    def _striding(self, lanes: int, adaptive: bool, followers: tuple[bool, ...], weighs: bool) -> machine.Code:  # noqa: FBT001
+    def _striding(self, lanes: int, adaptive: bool, adaptive_atol: tuple[bool, ...], weighs: bool) -> machine.Code:  # noqa: FBT001
         sizes = self.term_sizes if weighs else None
-        step = stride(self.layout, self.steps, adaptive=adaptive, followers=followers, sizes=sizes)
+        step = stride_programs(self.layout, self.steps, adaptive=adaptive, adaptive_atol=adaptive_atol, sizes=sizes)
         programs = (self.entries[0], *self.constraining, *step)
         text = llvm_of(programs, lanes, entered=(STRIDE,), math_functions=self.scheme.math_functions)
         return machine.compiled(text, [STRIDE])
 
-    def parting(self, lanes: int) -> tuple[int, int]:
+    def parting_addresses(self, lanes: int) -> tuple[int, int]:
         """Return the addresses of a force evaluation and of a step in that many lanes, compiled."""
         programs = (self.entries[0], *self.constraining, *self.steps.programs)
         names = (programs[0].name, self.entries[PROPOSE - FORCES].name)
         with _LOCK:
-            if lanes not in self._parts:
+            if lanes not in self._parting_code:
                 text = llvm_of(programs, lanes, entered=names, math_functions=self.scheme.math_functions)
-                self._parts[lanes] = machine.compiled(text, names)
-            addresses = self._parts[lanes].addresses
+                self._parting_code[lanes] = machine.compiled(text, names)
+            addresses = self._parting_code[lanes].addresses
         return addresses[names[0]], addresses[names[1]]
 
     @cached_property
-    def _parts(self) -> dict[int, machine.Code]:
+    def _parting_code(self) -> dict[int, machine.Code]:
         """Code of those addresses: it lives as long as the law."""
         return {}
 
@@ -377,18 +387,18 @@ class Law:
     def _marching(self) -> machine.Code:
         """Code of all programs but the one for times inside a step."""
         if not self._can_be_kept:
-            return self.compiled(without=[self.entries[INSIDE - FORCES]])
+            return self.compiled(excluded=[self.entries[INSIDE - FORCES]])
         names = [name for i, name in enumerate(self.printed.names, FORCES) if i != INSIDE]
-        if self._kept is not None:
-            return machine.Code(self._kept[1], names)
-        code = machine.built(self.text(without=[self.entries[INSIDE - FORCES]]))
-        law_cache.write(self._key, self.printed, code)
+        if self._cached_law is not None:
+            return machine.Code(self._cached_law[1], names)
+        code = machine.build_object(self.text(excluded=[self.entries[INSIDE - FORCES]]))
+        law_cache.write(self._cache_key, self.printed, code)
         return machine.Code(code, names)
 
     @cached_property
-    def _inside(self) -> machine.Code:
+    def _interpolation_code(self) -> machine.Code:
         return self.compiled(
-            without=[
+            excluded=[
                 entry
                 for i, entry in enumerate(self.entries, FORCES)
                 if i not in (FORCES, INSIDE) and entry not in self.constraining  # which the end of a step calls
@@ -397,7 +407,7 @@ class Law:
 
 
 @lru_cache(maxsize=1)
-def _alone(names: tuple[str, ...]) -> machine.Code:
+def _control_code(names: tuple[str, ...]) -> machine.Code:
     """Return machine code of functions of one number, for the engine to call."""
     entry = "define double @{0}(double %x) {{\n  %y = call double @elementary_{0}(double %x)\n  ret double %y\n}}"
     text = [declarations(1), definitions(dict.fromkeys(names, True), 1), *map(entry.format, names)]
@@ -435,6 +445,6 @@ def _law_of_form(form: _Form) -> Law:
     return Law(form.layout, *form.key[2:])
 
 
-def _entered(run: float, entry: float, t: float, z: NDArray[np.float64]) -> None:
+def _enter_engine(run: float, entry: float, t: float, z: NDArray[np.float64]) -> None:
     """Call an entry of the engine by the keys of `UNCOMPILED` that stand for the addresses of the run and the entry."""
     UNCOMPILED[int(entry)](UNCOMPILED[int(run)], t, z)

@@ -54,12 +54,12 @@ class Printed:
 def key_of(layout: Layout, *choices: str) -> str:
     """Return a digest of what a law and its machine code follow from: form, method, choices, printers and processor."""
     origin = (layout.model.form, repr(layout.scheme), *choices)
-    return cache.digest("printed", *origin, _printers(), *machine.processor())
+    return cache.text_digest("printed", *origin, _printers(), *machine.processor())
 
 
 def read(key: str) -> tuple[Printed, bytes] | None:
     """Return a printed law and its machine code; None if they are not kept."""
-    content = cache.read(_name(key))
+    content = cache.read(_file_name(key))
     if content is None:
         return None
     head, _, code = content.partition(b"\n")
@@ -69,7 +69,7 @@ def read(key: str) -> tuple[Printed, bytes] | None:
             fields["source"],
             tuple(fields["names"]),
             fields["memory"],
-            tuple(map(_equations, fields["equations"])),
+            tuple(map(_newton_system, fields["equations"])),
             fields["storage"],
         ),
         code,
@@ -78,17 +78,17 @@ def read(key: str) -> tuple[Printed, bytes] | None:
 
 def write(key: str, printed: Printed, code: bytes) -> None:
     """Keep a printed law and its machine code."""
-    cache.write(_name(key), json.dumps(dict(zip(_FIELDS, astuple(printed), strict=True))).encode() + b"\n" + code)
+    cache.write(_file_name(key), json.dumps(dict(zip(_FIELDS, astuple(printed), strict=True))).encode() + b"\n" + code)
 
 
 _FIELDS = tuple(Printed.__dataclass_fields__)
 
 
-def _name(key: str) -> str:
+def _file_name(key: str) -> str:
     return f"form-{key}.o"
 
 
-def _equations(fields: list[Any]) -> NewtonSystem:
+def _newton_system(fields: list[Any]) -> NewtonSystem:
     evaluations, residuals, unknowns, entries, *places = fields
     return NewtonSystem(evaluations, residuals, tuple(map(tuple, unknowns)), tuple(map(tuple, entries)), *places)
 
@@ -101,4 +101,4 @@ def _printers() -> str:
         *(path for room in _ROOMS for path in (package / room).rglob("*.py")),
         *(package / module for module in _MODULES),
     ]
-    return cache.digest(*(path.read_text(encoding="utf-8") for path in sorted(files)))
+    return cache.text_digest(*(path.read_text(encoding="utf-8") for path in sorted(files)))

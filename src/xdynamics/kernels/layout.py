@@ -18,18 +18,24 @@ from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Function, Model, derivatives
 from xdynamics.model.bodies import unit_quaternions
 from xdynamics.model.constraints import conditions
-from xdynamics.model.controllers import TickChange, changes
+from xdynamics.model.controllers import TickChange, tick_changes
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
-from xdynamics.model.energies import energies
+from xdynamics.model.energies import energy_trees
 from xdynamics.model.joints import joint_reactions
 from xdynamics.model.lazy_trees import Lazy, own_mass
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.statement import Statement
 from xdynamics.model.switches import Switch, smooth_switches
-from xdynamics.model.whole import acting, energies_of_wholes, has_wholes, shapes_of, written_out
+from xdynamics.model.whole import (
+    energies_of_quantities,
+    expanded_tree,
+    forces_by_coordinate,
+    motion_shapes,
+    prints_quantities,
+)
 from xdynamics.reaction_names import PROJECTION, RANK
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes import Shapes, at
+from xdynamics.shapes import Shapes, at_element
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import Dimension, Scales
 
@@ -66,16 +72,16 @@ class Layout:
     @cached_property
     def declared(self) -> Statement:
         """What the blocks are the quantities of: the statement with dimensions, or the one of their elements."""
-        return self.model.shaped if has_wholes(self.model) else self.model.statement
+        return self.model.shaped if prints_quantities(self.model) else self.model.statement
 
     @cached_property
     def _shapes(self) -> Shapes | None:
-        return shapes_of(self.model) if has_wholes(self.model) else None
+        return motion_shapes(self.model) if prints_quantities(self.model) else None
 
     @cached_property
     def coordinates(self) -> Blocks:
         """The coordinates."""
-        return Blocks.of("coordinate", self.declared.coordinates, self._shapes)
+        return Blocks.from_names("coordinate", self.declared.coordinates, self._shapes)
 
     @cached_property
     def velocities(self) -> Blocks:
@@ -85,7 +91,7 @@ class Layout:
     @cached_property
     def states(self) -> Blocks:
         """The first-order states."""
-        return Blocks.of("state", self.declared.states, self._shapes)
+        return Blocks.from_names("state", self.declared.states, self._shapes)
 
     @cached_property
     def accelerations(self) -> Blocks:
@@ -100,38 +106,38 @@ class Layout:
     @cached_property
     def terms(self) -> Mapping[str, Mapping[str, Node | Function]]:
         """What every force term is for every coordinate, as `declared` has them."""
-        return self.model.force_components if self._shapes is None else acting(self.model)
+        return self.model.force_components if self._shapes is None else forces_by_coordinate(self.model)
 
     @cached_property
     def forces(self) -> Blocks:
         """The force components, term by term."""
         names = (schema.force(term, name) for term, parts in self.terms.items() for name in parts)
-        return Blocks.of("force", names, self._shapes)
+        return Blocks.from_names("force", names, self._shapes)
 
     @cached_property
     def reactions(self) -> Blocks:
         """Names of the forces of contacts and friction elements."""
-        return Blocks.of("reaction", (reaction.name for reaction in reactions(self.model)))
+        return Blocks.from_names("reaction", (reaction.name for reaction in reactions(self.model)))
 
     @cached_property
-    def standing(self) -> Blocks:
+    def constraint_diagnostics(self) -> Blocks:
         """Rank and projection of constraints, where there are any."""
-        return Blocks.of("constraint", (RANK.name, PROJECTION.name) if self.model.constraints else ())
+        return Blocks.from_names("constraint", (RANK.name, PROJECTION.name) if self.model.constraints else ())
 
     @cached_property
     def multipliers(self) -> Blocks:
         """The multipliers of constraints."""
-        return Blocks.of("multiplier", map(reaction_names.constraint_force, self.model.constraints))
+        return Blocks.from_names("multiplier", map(reaction_names.constraint_force, self.model.constraints))
 
     @cached_property
-    def loads(self) -> Blocks:
+    def applied_forces(self) -> Blocks:
         """What acts: force components, multipliers of constraints, forces of contacts and friction elements."""
         return self.forces + self.multipliers + self.reactions
 
     @cached_property
     def drives(self) -> Blocks:
         """Names of the drives."""
-        return Blocks.of("drive", self.model.drives)
+        return Blocks.from_names("drive", self.model.drives)
 
     @cached_property
     def used(self) -> Blocks:
@@ -148,20 +154,20 @@ class Layout:
 
     def sizes(self, scales: Scales) -> Floats:
         """Return the size in SI units of 1 in the march of everything that a force evaluation uses besides time."""
-        found = self._sizes.get(scales)
-        if found is None:
+        size_array = self._sizes.get(scales)
+        if size_array is None:
             blocks = self.used.blocks
-            sizes = [float(scales.of(self.model.dimensions[block.first])) for block in blocks]
-            found = self.used.spread(sizes)
+            sizes = [float(scales.si_factor(self.model.dimensions[block.first])) for block in blocks]
+            size_array = self.used.spread(sizes)
             self._sizes.clear()
-            self._sizes[scales] = found
-        return found
+            self._sizes[scales] = size_array
+        return size_array
 
     def divide_by_sizes(self, numbers: Floats, scales: Scales) -> None:
         """Divide the numbers of a state in SI units by their sizes, in place."""
         first = 0
         for block in self.used.blocks:
-            numbers[first : first + block.size] /= scales.of(self.model.dimensions[block.first])
+            numbers[first : first + block.size] /= scales.si_factor(self.model.dimensions[block.first])
             first += block.size
 
     @cached_property
@@ -171,15 +177,15 @@ class Layout:
     @cached_property
     def state(self) -> Blocks:
         """What a row of the log keeps of a state, and the next step starts from."""
-        return self.used + self.accelerations + self.rates + self.standing + self.loads
+        return self.used + self.accelerations + self.rates + self.constraint_diagnostics + self.applied_forces
 
     @cached_property
     def evaluation(self) -> Blocks:
         """What a force evaluation gives."""
-        return self.accelerations + self.rates + self.standing + self.loads + self.drives
+        return self.accelerations + self.rates + self.constraint_diagnostics + self.applied_forces + self.drives
 
     @cached_property
-    def carried(self) -> Blocks:
+    def compensation(self) -> Blocks:
         """Names of rounding errors of coordinates, velocities and states, where they are carried along."""
         if self.is_doubled:
             return (self.used + self.evaluation).renamed("rest", "_rest_{}".format)
@@ -189,13 +195,13 @@ class Layout:
     @cached_property
     def record(self) -> Blocks:
         """Everything in a state of the march: what a force evaluation used, what it gave, and what is carried along."""
-        return self.used + self.evaluation + self.carried
+        return self.used + self.evaluation + self.compensation
 
     @cached_property
     def derived(self) -> Mapping[str, Node]:
         """Energies, observables and gaps, computed when a row is logged."""
         observables = {name: partial(self._observed, name) for name in self.model.observables}
-        return Lazy(self._energies() | observables | self.gaps | self.kept)
+        return Lazy(self._energies() | observables | self.gaps | self.constraint_outputs)
 
     def _observed(self, name: str) -> Node:
         return self.model.expanded(self.model.observables[name])
@@ -204,8 +210,10 @@ class Layout:
     def computed(self) -> Blocks:
         """The blocks of `derived`."""
         if self._shapes is None:
-            return Blocks.of("derived", self.derived)
-        return Blocks.of("derived", self.wholes, self._shapes) + Blocks.of("derived", (*self.gaps, *self.kept))
+            return Blocks.from_names("derived", self.derived)
+        return Blocks.from_names("derived", self.derived_quantities, self._shapes) + Blocks.from_names(
+            "derived", (*self.gaps, *self.constraint_outputs)
+        )
 
     @cached_property
     def gaps(self) -> dict[str, Node]:
@@ -217,7 +225,7 @@ class Layout:
         }
 
     @cached_property
-    def kept(self) -> dict[str, Node]:
+    def constraint_outputs(self) -> dict[str, Node]:
         """What is zero where constraints hold, residuals of positions and rates; forces and torques in joints."""
         residuals = {
             reaction_names.constraint_residual(condition.name): condition.residual
@@ -258,7 +266,7 @@ class Layout:
     @cached_property
     def ticking(self) -> tuple[TickChange, ...]:
         """What actions of controllers set, all of them at one tick from what holds just before it."""
-        return changes(self.model.controllers)
+        return tick_changes(self.model.controllers)
 
     @cached_property
     def tracked(self) -> tuple[str, ...]:
@@ -277,24 +285,24 @@ class Layout:
             return Blocks(())
         if self._shapes is None:
             unknown, model = {*self.accelerations}, self.model
-            known = [name for name in model.observables if not free_names(self._observed(name)) & unknown]
-            return Blocks.of("followed", known)
+            followed_names = [name for name in model.observables if not free_names(self._observed(name)) & unknown]
+            return Blocks.from_names("followed", followed_names)
         unknown = {*map(schema.acceleration, self.model.shaped.coordinates)}
-        observed = {name: self.wholes[name][1] for name in self.model.shaped.observables}
-        known = [name for name, tree in observed.items() if not free_names(tree) & unknown]
-        return Blocks.of("followed", known, self._shapes)
+        observed = {name: self.derived_quantities[name][1] for name in self.model.shaped.observables}
+        followed_names = [name for name, tree in observed.items() if not free_names(tree) & unknown]
+        return Blocks.from_names("followed", followed_names, self._shapes)
 
     @cached_property
     def row(self) -> Blocks:
         """The float columns of a logged row."""
         return (
-            Blocks.of("step", ("time", "step_size"))
+            Blocks.from_names("step", ("time", "step_size"))
             + self.state
             + self.computed
             + self.errors
             + self.effort
             + self.deviations
-            + self.rests
+            + self.low_parts
         )
 
     @property
@@ -302,33 +310,33 @@ class Layout:
         """The norm of the local error and the error of everything a force evaluation uses, where it is estimated."""
         if not self.estimates:
             return Blocks(())
-        return Blocks.of("error", ("error_norm",)) + self.used.renamed("error", schema.error)
+        return Blocks.from_names("error", ("error_norm",)) + self.used.renamed("error", schema.error)
 
     @property
-    def rests(self) -> Blocks:
+    def low_parts(self) -> Blocks:
         """What is left of every number of the state beside the nearest float, where it is kept."""
         if not self.is_doubled:
             return Blocks(())
-        return Blocks.of("rest", (schema.rest("time"),)) + self.used.renamed("rest", schema.rest)
+        return Blocks.from_names("rest", (schema.rest_name("time"),)) + self.used.renamed("rest", schema.rest_name)
 
     @cached_property
     def attitudes(self) -> tuple[tuple[int, ...], ...]:
         """The places among the used variables of the four parts of every unit quaternion."""
         return tuple(
-            tuple(self.used.place(part) for part in parts)
+            tuple(self.used.offset_of(part) for part in parts)
             for parts in unit_quaternions(self.model.shaped.bodies, self.model.shapes)
         )
 
     @property
     def deviations(self) -> Blocks:
         """How far the length of a quaternion was from 1 before it was brought back."""
-        return Blocks.of("deviation", (schema.DEVIATION.name,) if self.attitudes else ())
+        return Blocks.from_names("deviation", (schema.DEVIATION.name,) if self.attitudes else ())
 
     @property
     def effort(self) -> Blocks:
         """Newton iterations, where a step solves equations."""
         solves = self.scheme is not None and self.scheme.method.solves
-        return Blocks.of("effort", ("newton_iterations",) if solves else ())
+        return Blocks.from_names("effort", ("newton_iterations",) if solves else ())
 
     def argument(self, letter: str, owner: str) -> str:
         """Name the component of q, v or x that belongs to a coordinate or state."""
@@ -337,7 +345,7 @@ class Layout:
     @cached_property
     def jacobian(self) -> tuple[tuple[str, str], ...]:
         """Dependencies: pairs of a coordinate (for its acceleration) or a rate, and a name that it depends on."""
-        return tuple(derivatives.jacobian(self.model))
+        return tuple(derivatives.jacobian_names(self.model))
 
     @cached_property
     def couplings(self) -> tuple[tuple[int, int], ...]:
@@ -350,13 +358,13 @@ class Layout:
             return tuple((row, column) for column in range(self.used.size) for row in range(height))
         rows = {name: i for i, name in enumerate((*self.coordinates, *self.rates))}
         columns = {name: i for i, name in enumerate(self.used)}
-        return tuple((rows[name], columns[by]) for name, by in self.jacobian)
+        return tuple((rows[name], columns[variable]) for name, variable in self.jacobian)
 
     @cached_property
     def sample(self) -> Blocks:
         """The float columns of a logged force sample."""
-        evaluated = self.used + self.loads + self.drives
-        return Blocks.of("step", ("time", "step", "stage")) + evaluated
+        evaluated = self.used + self.applied_forces + self.drives
+        return Blocks.from_names("step", ("time", "step", "stage")) + evaluated
 
     @property
     def sample_width(self) -> int:
@@ -368,19 +376,20 @@ class Layout:
         """The dimension of kinetic energy, if the terms of all coordinates share one."""
         from xdynamics.expressions import dimension_of
 
-        known, mass = self.model.dimensions, self.model.mass
+        known_dimensions, mass = self.model.dimensions, self.model.mass
         dimensions = {
-            dimension_of(own_mass(mass, self.coordinates.place(block.first)), known) * known[velocity.first] ** 2
+            dimension_of(own_mass(mass, self.coordinates.offset_of(block.first)), known_dimensions)
+            * known_dimensions[velocity.first] ** 2
             for block, velocity in zip(self.coordinates.blocks, self.velocities.blocks, strict=True)
         }
         return dimensions.pop() if len(dimensions) == 1 else None
 
     @cached_property
-    def wholes(self) -> dict[str, tuple[tuple[str, ...], Node]]:
+    def derived_quantities(self) -> dict[str, tuple[tuple[str, ...], Node]]:
         """What `derived` has the elements of: the dimensions of each, and what it is, of a model with dimensions."""
         model = self.model
-        energies = energies_of_wholes(model) if self.energy_dimension is not None else {}
-        observables = {name: written_out(model, tree) for name, tree in model.shaped.observables.items()}
+        energies = energies_of_quantities(model) if self.energy_dimension is not None else {}
+        observables = {name: expanded_tree(model, tree) for name, tree in model.shaped.observables.items()}
         dims = model.shapes.dims
         return {name: (dims.get(name, ()), tree) for name, tree in (energies | observables).items()}
 
@@ -388,7 +397,7 @@ class Layout:
         """Return kinetic energy and, where a potential is known, potential and total energy, or what makes them."""
         if self.energy_dimension is None:
             return {}
-        if has_wholes(self.model):
-            wholes = energies_of_wholes(self.model)
-            return {name: partial(at, tree, {}, self.model.shapes) for name, tree in wholes.items()}
-        return energies(self.model)
+        if prints_quantities(self.model):
+            wholes = energies_of_quantities(self.model)
+            return {name: partial(at_element, tree, {}, self.model.shapes) for name, tree in wholes.items()}
+        return energy_trees(self.model)

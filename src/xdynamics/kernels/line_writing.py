@@ -16,16 +16,16 @@ from xdynamics.kernels.program import (
     AT,
     Instruction,
     Load,
+    Location,
     Loop,
     Operand,
-    Place,
     Program,
     ProgramCall,
     StoreTo,
     While,
-    arrays_of,
-    element,
-    nested,
+    loop_element,
+    named_arrays,
+    nested_lines,
 )
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.methods.line_walk import Walker
@@ -49,10 +49,10 @@ class LineWriter(Walker):
         self._equations: list[NewtonSystem] = []
         self._changes: tuple[Program, ...] = ()
         self._derivatives = 0  # where those of a matrix found group by group are
-        self._last, self._time, self.kept = "", "t", 0
-        self._begin()
+        self._last, self._time, self.impulse_count = "", "t", 0
+        self._begin_program()
         first = 0
-        for name, count in zip("qvxar", map(self._count, "qvxar"), strict=True):
+        for name, count in zip("qvxar", map(self._component_count, "qvxar"), strict=True):
             self._views[name] = ("y", first, count)
             first += count
         assert layout.scheme is not None  # noqa: S101 - a layout of steps has one
@@ -62,8 +62,8 @@ class LineWriter(Walker):
         first = layout.used.size + layout.evaluation.size
         for name in "qvx" if self._updates else "":
             self._carry[name] = f"{name}_carried"
-            self._views[self._carry[name]] = ("y", first, self._count(name))
-            first += self._count(name)
+            self._views[self._carry[name]] = ("y", first, self._component_count(name))
+            first += self._component_count(name)
 
     # ------------------------------------------------------------------------------------------------ kinds of line
 
@@ -71,9 +71,9 @@ class LineWriter(Walker):
         """Write one vector from others."""
         self._vector(line.target)
         if line.target in self._updates:
-            self._update(line.target, self._updates[line.target])
+            self._compensated_update(line.target, self._updates[line.target])
         else:
-            self._each(line.target, line.expression)
+            self._write_components(line.target, line.expression)
 
     def evaluate(self, line: Evaluation) -> None:
         """Evaluate the forces at a state that is assembled for it."""
@@ -89,24 +89,26 @@ class LineWriter(Walker):
 
     def solve(self, line: Solve) -> None:
         """Write one iteration of Newton's method as a separate program, and go on after it."""
-        self._begin()
+        self._begin_program()
         self.walk(line.definitions)
         grouped = self._in_groups(line)
         slopes = [self._evaluation(part, "forces" if grouped else "linearised") for part in line.evaluations]
         residuals = self._memory
         for part in line.equations:
             target = f"b_{part.target}"
-            self._vector(target, self._count(part.target))
-            self._each(target, part.expression, taken_from=part.target)
-        places = tuple((self._views[name][1], *self._start(name, 0), self._count(name)) for name in line.unknowns)
+            self._vector(target, self._component_count(part.target))
+            self._write_components(target, part.expression, taken_from=part.target)
+        places = tuple(
+            (self._views[name][1], *self._start_slots(name, 0), self._component_count(name)) for name in line.unknowns
+        )
         system = NewtonSystem(len(line.evaluations), residuals, places)
         coupling = Coupling(self.layout, line, slopes, self.coefficient)
         if grouped:
-            system = self._grouped(system, line, coupling)
+            system = self._grouped_system(system, line, coupling)
         else:
-            system = replace(system, entries=self._entries(line, coupling))
+            system = replace(system, entries=self._matrix_entries(line, coupling))
         self._equations.append(system)
-        self._begin()
+        self._begin_program()
         self.walk(line.definitions)
 
     def _in_groups(self, line: Solve) -> bool:
@@ -114,10 +116,10 @@ class LineWriter(Walker):
         single = len(line.evaluations) == 1 and [name[0] for name in line.unknowns] == ["v", "x"]
         return single and is_compressed(self.layout)
 
-    def _entries(self, line: Solve, coupling: Coupling) -> tuple[tuple[int, int, int, int], ...]:
+    def _matrix_entries(self, line: Solve, coupling: Coupling) -> tuple[tuple[int, int, int, int], ...]:
         """Return what is subtracted from the unit matrix, entry by entry."""
-        targets = [(part.target, i) for part in line.equations for i in range(self._count(part.target))]
-        unknowns = [(name, i) for name in line.unknowns for i in range(self._count(name))]
+        targets = [(part.target, i) for part in line.equations for i in range(self._component_count(part.target))]
+        unknowns = [(name, i) for name in line.unknowns for i in range(self._component_count(name))]
         return tuple(
             entry
             for row, target in enumerate(targets)
@@ -125,7 +127,7 @@ class LineWriter(Walker):
             for entry in coupling.entries(row, column, target, unknown)
         )
 
-    def _grouped(self, system: NewtonSystem, line: Solve, coupling: Coupling) -> NewtonSystem:
+    def _grouped_system(self, system: NewtonSystem, line: Solve, coupling: Coupling) -> NewtonSystem:
         """Write the coefficients of all entries, and make room for derivatives, their direction and the time."""
         (evaluation,), (_, state, _) = line.evaluations, self._views[f"f{self.stage}"]
         weights, entries = coupling.weights(), len(pattern_of(self.layout).entries)
@@ -134,7 +136,7 @@ class LineWriter(Walker):
             self._changes = (changes(self.layout, self._derivatives + entries),)
             self._memory += entries + self.layout.used.size + 1
         time = self._derivatives + entries + self.layout.used.size
-        self._scalars.store(Place("w", time), self._scalars.value(parse(evaluation.time)))
+        self._scalars.store(Location("w", time), self._scalars.value(parse(evaluation.time)))
         return replace(system, state=state, weights=weights, derivatives=self._derivatives)
 
     # ------------------------------------------------------------------------------------------------------- ends
@@ -144,24 +146,24 @@ class LineWriter(Walker):
         self.out("z", ["q1", "v1", "x1", "a1", "r1"], self.layout.used + self.layout.accelerations + self.layout.rates)
         first = self.layout.used.size + self.layout.accelerations.size + self.layout.rates.size
         last = self.layout.used.size + self.layout.evaluation.size
-        self._copy(Place("z", first), Place(self._last, first), last - first)
+        self._copy_elements(Location("z", first), Location(self._last, first), last - first)
         for name in "qvx" if self._updates else "":
-            self._copy(Place("z", last), Place(self._carry[name]), self._count(name))
-            last += self._count(name)
+            self._copy_elements(Location("z", last), Location(self._carry[name]), self._component_count(name))
+            last += self._component_count(name)
         if self.layout.model.constraints:
             self._constrain()
 
     def _constrain(self) -> None:
         """Put the new state where constraints hold; what an estimate reads is that before."""
-        at = self._array("at_end", len(AT), own=True)
+        at_array = self._allocate_array("at_end", len(AT), is_local=True)
         for name, value in (
             ("t", self._scalars.value(parse("t1"))),
             ("h", self._scalars.value(parse("h"))),
-            ("regime", self._regime()),
+            ("regime", self._load_regime()),
         ):
-            self._scalars.store(Place(at, AT.index(name)), value)
+            self._scalars.store(Location(at_array, AT.index(name)), value)
         self._flush()
-        self._bodies[-1].append(ProgramCall(CONSTRAIN, at, "z", "z"))
+        self._bodies[-1].append(ProgramCall(CONSTRAIN, at_array, "z", "z"))
 
     def ends_given(self) -> None:
         """Take the state at the end of the step as given in `z`."""
@@ -179,8 +181,8 @@ class LineWriter(Walker):
         """Copy vectors, one after another, into a given array."""
         first = begin
         for name in vectors:
-            self._copy(Place(array, first), Place(name), self._count(name))
-            first += self._count(name)
+            self._copy_elements(Location(array, first), Location(name), self._component_count(name))
+            first += self._component_count(name)
         assert first == begin + len(names)  # noqa: S101 - vectors and names are two spellings of one order
 
     def finished(self, name: str, about: str, answered: tuple[int, int] | None = None) -> Steps:
@@ -192,7 +194,7 @@ class LineWriter(Walker):
             description = (
                 about if i % 2 == 0 else "One iteration: residuals, coefficients and derivatives of the equations."
             )
-            used = {array for line in nested(body) for array in arrays_of(line)}
+            used = {array for line in nested_lines(body) for array in named_arrays(line)}
             views = {key: view for key, view in self._views.items() if key in used}
             used |= {array for array, _, _ in views.values()}
             local = {key: count for key, count in self._local.items() if key in used}
@@ -203,67 +205,67 @@ class LineWriter(Walker):
 
     # ---------------------------------------------------------------------------------------------------- in parts
 
-    def coefficient(self, weight: Node, inside: Node | None = None) -> int:
+    def coefficient(self, weight: Node, inner_derivative: Node | None = None) -> int:
         """Compute a number of the matrix that all components share, and return its place in `w`."""
         value = self._scalars.value(weight)
-        if inside is not None:
-            value = self._scalars.compute("multiply", value, self._scalars.value(inside))
-        place = self._memory
+        if inner_derivative is not None:
+            value = self._scalars.compute("multiply", value, self._scalars.value(inner_derivative))
+        slot = self._memory
         self._memory += 1
-        self._scalars.store(Place("w", place), value)
-        return place
+        self._scalars.store(Location("w", slot), value)
+        return slot
 
-    def _begin(self) -> None:
+    def _begin_program(self) -> None:
         """Begin a program."""
         if self._bodies:
             self._flush()
         self._bodies.append([])
-        self._scalars = Assignments(lambda lines, name: lines.load(Place("at", AT.index(name)), name), "_")
+        self._scalars = Assignments(lambda lines, name: lines.load(Location("at", AT.index(name)), name), "_")
 
     def _flush(self) -> None:
         self._bodies[-1] += self._scalars.lines
         self._scalars.lines.clear()
 
-    def _update(self, target: str, update: Update) -> None:
+    def _compensated_update(self, target: str, update: Update) -> None:
         """Add to every component of a vector, and keep the rounding error of the sum.
 
         The last update of the step puts it back; until then forces may be evaluated a rounding error beside the sum, so
         that no evaluation waits for it.
         """
-        letter, lines = target[0], self._component()
+        letter, lines = target[0], self._component_lines()
         last = target == f"{letter}1"
-        before, added = lines.load(element(update.before)), lines.value(update.added)
-        carried = lines.load(element(self._carry[letter]))
+        old_value, added = lines.load(loop_element(update.start_vector)), lines.value(update.increment)
+        carried = lines.load(loop_element(self._carry[letter]))
         if last:
             added = lines.compute("add", added, carried)
-        total = lines.compute("add", before, added)
-        lost = lines.compute("subtract", added, lines.compute("subtract", total, before))
-        self._carry[letter] = self._array(f"{target}_carried", self._count(target))
-        lines.store(element(target), total)
-        lines.store(element(self._carry[letter]), lost if last else lines.compute("add", carried, lost))
+        total = lines.compute("add", old_value, added)
+        lost = lines.compute("subtract", added, lines.compute("subtract", total, old_value))
+        self._carry[letter] = self._allocate_array(f"{target}_carried", self._component_count(target))
+        lines.store(loop_element(target), total)
+        lines.store(loop_element(self._carry[letter]), lost if last else lines.compute("add", carried, lost))
         self._flush()
-        self._bodies[-1].append(Loop("i", self._count(target), tuple(lines.lines)))
+        self._bodies[-1].append(Loop("i", self._component_count(target), tuple(lines.lines)))
 
-    def _component(self) -> Assignments:
+    def _component_lines(self) -> Assignments:
         """Begin the lines of one component of vectors."""
 
         def find(lines: Assignments, name: str) -> Operand:
-            return self._scalars.named(name) if name in SCALARS else lines.load(element(name))
+            return self._scalars.operand_of(name) if name in SCALARS else lines.load(loop_element(name))
 
         kind = FusedAssignments if self._fused else Assignments
         return kind(find, f"_{len(self._bodies[-1])}_")
 
-    def _each(self, target: str, expression: Node, taken_from: str = "") -> None:
+    def _write_components(self, target: str, expression: Node, taken_from: str = "") -> None:
         """Compute an expression for every component of a vector, or the difference of `taken_from` from it."""
-        lines = self._component()
+        lines = self._component_lines()
         value = lines.value(expression)
         if taken_from:
-            value = lines.compute("subtract", lines.load(element(taken_from)), value)
-        lines.store(element(target), value)
+            value = lines.compute("subtract", lines.load(loop_element(taken_from)), value)
+        lines.store(loop_element(target), value)
         self._flush()
-        self._bodies[-1].append(Loop("i", self._count(target), tuple(lines.lines)))
+        self._bodies[-1].append(Loop("i", self._component_count(target), tuple(lines.lines)))
 
-    def _copy(self, target: Place, source: Place, count: int) -> None:
+    def _copy_elements(self, target: Location, source: Location, count: int) -> None:
         """Copy elements; both places are those of the first."""
         self._flush()
         name = f"_{len(self._bodies[-1])}_"
@@ -271,66 +273,69 @@ class LineWriter(Walker):
             Loop(
                 "i",
                 count,
-                (Load(name, element(source.array, source.offset)), StoreTo(element(target.array, target.offset), name)),
+                (
+                    Load(name, loop_element(source.array, source.offset)),
+                    StoreTo(loop_element(target.array, target.offset), name),
+                ),
             )
         )
 
     def keep(self, line: ConstraintImpulse) -> None:
         """Write impulses of constraints, along the gradients at the last force evaluation."""
-        self.kept += 1
-        record, at = (
-            self._array(f"k{self.kept}", self.layout.record.size),
-            self._array(f"at_k{self.kept}", len(AT), own=True),
+        self.impulse_count += 1
+        record, at_array = (
+            self._allocate_array(f"k{self.impulse_count}", self.layout.record.size),
+            self._allocate_array(f"at_k{self.impulse_count}", len(AT), is_local=True),
         )
-        progress = self._array(f"turns_k{self.kept}", len(PROGRESS), own=True)
+        progress = self._allocate_array(f"turns_k{self.impulse_count}", len(PROGRESS), is_local=True)
         scalars = {"t": self._scalars.value(parse(self._time)), "t1": self._scalars.value(parse(line.time))}
-        for name, value in (scalars | {"regime": self._regime()}).items():
-            self._scalars.store(Place(at, AT.index(name)), value)
+        for name, value in (scalars | {"regime": self._load_regime()}).items():
+            self._scalars.store(Location(at_array, AT.index(name)), value)
         for i, value in enumerate((1.0, 0.0, self._scalars.value(parse(line.distance)))):
-            self._scalars.store(Place(progress, i), value)
+            self._scalars.store(Location(progress, i), value)
         coordinates = self.layout.coordinates.size
         vectors = (line.position, 0), (line.velocity, coordinates)
         for name, first in vectors:
-            self._copy(Place(record, first), Place(name), coordinates)
+            self._copy_elements(Location(record, first), Location(name), coordinates)
         self._flush()
         self._bodies[-1].append(
-            While(Place(progress, OPEN), ProgramCall(KEEP, at, self._last or "y", record, progress))
+            While(Location(progress, OPEN), ProgramCall(KEEP, at_array, self._last or "y", record, progress))
         )
         for name, first in vectors:
-            self._copy(Place(name), Place(record, first), coordinates)
+            self._copy_elements(Location(name), Location(record, first), coordinates)
 
     def _evaluation(self, line: Evaluation, program: str) -> int:
         """Call the forces at a state; return the place of the derivatives by `linearised`."""
         self.stage += 1
-        record, at = (
-            self._array(f"f{self.stage}", self.layout.record.size),
-            self._array(f"at{self.stage}", len(AT), own=True),
+        record, at_array = (
+            self._allocate_array(f"f{self.stage}", self.layout.record.size),
+            self._allocate_array(f"at{self.stage}", len(AT), is_local=True),
         )
         first = 0
         for name in (line.position, line.velocity, line.state):
-            self._copy(Place(record, first), Place(name), self._count(name))
-            first += self._count(name)
+            self._copy_elements(Location(record, first), Location(name), self._component_count(name))
+            first += self._component_count(name)
         time = self._scalars.value(parse(line.time))
-        self._scalars.store(Place(at, AT.index("t")), time)
-        self._scalars.store(Place(at, AT.index("regime")), self._regime())
+        self._scalars.store(Location(at_array, AT.index("t")), time)
+        self._scalars.store(Location(at_array, AT.index("regime")), self._load_regime())
         self._flush()
         slopes = self._memory
         if program == "linearised":
-            self._array(f"j{self.stage}", len(self.layout.jacobian))
+            self._allocate_array(f"j{self.stage}", len(self.layout.jacobian))
         self._bodies[-1].append(
-            ProgramCall(program, at, record, record, f"j{self.stage}" if program == "linearised" else "e")
+            ProgramCall(program, at_array, record, record, f"j{self.stage}" if program == "linearised" else "e")
         )
-        for name, count in zip((line.acceleration, line.rate), map(self._count, "ar"), strict=True):
-            self._part(name, record, first, count)
+        for name, count in zip((line.acceleration, line.rate), map(self._component_count, "ar"), strict=True):
+            self._add_view(name, record, first, count)
             first += count
         self._last, self._time = record, line.time
         if self.sampled:
             self._sample(time, record)
         return slopes
 
-    def _regime(self) -> Operand:
+    def _load_regime(self) -> Operand:
         """Read the regime in which forces are evaluated."""
-        return self._scalars.load(Place("at", AT.index("regime")), "regime")
+        return self._scalars.load(Location("at", AT.index("regime")), "regime")
 
     def _sample(self, time: Operand, record: str) -> None:
         """ConstraintImpulse time, state, force components and drives of an evaluation."""
@@ -338,32 +343,32 @@ class LineWriter(Walker):
         n, sample, width = layout.used.size, f"sample{self.stage}", layout.sample_width
         forces = width - 1 - n
         self._views[sample] = ("samples", (self.stage - 1) * width, width)
-        self._bodies[-1].append(StoreTo(Place(sample), time))
-        self._copy(Place(sample, 1), Place(record), n)
-        self._copy(Place(sample, 1 + n), Place(record, n + layout.evaluation.size - forces), forces)
+        self._bodies[-1].append(StoreTo(Location(sample), time))
+        self._copy_elements(Location(sample, 1), Location(record), n)
+        self._copy_elements(Location(sample, 1 + n), Location(record, n + layout.evaluation.size - forces), forces)
 
     def _vector(self, name: str, count: int | None = None) -> None:
         if name not in self._views and name not in self._local:
-            self._array(name, self._count(name) if count is None else count)
+            self._allocate_array(name, self._component_count(name) if count is None else count)
 
-    def _array(self, name: str, count: int, *, own: bool = False) -> str:
+    def _allocate_array(self, name: str, count: int, *, is_local: bool = False) -> str:
         """Make room for an array, local to the program or in the working memory."""
-        if self.working and not own:
+        if self.working and not is_local:
             self._views[name] = ("w", self._memory, count)
             self._memory += count
         else:
             self._local[name] = count
         return name
 
-    def _part(self, name: str, array: str, first: int, count: int) -> None:
+    def _add_view(self, name: str, array: str, first: int, count: int) -> None:
         outer, start, _ = self._views.get(array, (array, 0, 0))
         self._views[name] = (outer, start + first, count)
 
-    def _start(self, name: str, i: int) -> tuple[int, int]:
+    def _start_slots(self, name: str, i: int) -> tuple[int, int]:
         """Return the places of value and slope of an unknown's component at the start of the step."""
         value, slope = ("x", "r") if name[0] == "x" else ("v", "a")
         return self._views[value][1] + i, self._views[slope][1] + i
 
-    def _count(self, name: str) -> int:
+    def _component_count(self, name: str) -> int:
         letter = name.removeprefix("b_")[0]
         return self.layout.states.size if letter in "xr" else self.layout.coordinates.size

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 
 REAL, COMPLEX = np.int64(1), np.int64(2)  # no literals: numba compiles a copy of a function for each literal argument
 
 
-@shared
+@jit_separate
 def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], n: int) -> bool:
     """Solve in place by Gaussian elimination with partial pivoting.
 
@@ -51,13 +51,13 @@ def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], n: int
     return True
 
 
-@shared
+@jit_separate
 def note_extents(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int, planes: int) -> None:
     """Store the first and the last nonzero row of every column after the row exchanges; matrices of chains have few.
 
     A real matrix is one plane; a complex one is two planes after it, for the real and the imaginary parts.
     """
-    own = 3 * n * (planes - 1)
+    extents_start = 3 * n * (planes - 1)
     for k in range(n):
         top, bottom = k, k
         for i in range(n):
@@ -66,10 +66,10 @@ def note_extents(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int,
                 filled = filled or matrix[(planes - 1 + plane) * n * n + k * n + i] != 0.0
             if filled:
                 top, bottom = min(top, i), max(bottom, i)
-        pivots[own + n + k], pivots[own + 2 * n + k] = top, bottom
+        pivots[extents_start + n + k], pivots[extents_start + 2 * n + k] = top, bottom
 
 
-@compiled
+@jit_inline
 def factorise(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) -> bool:
     """Factorise a matrix as P L U in place, with partial pivoting.
 
@@ -110,7 +110,7 @@ def factorise(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) ->
     return True
 
 
-@compiled
+@jit_inline
 def substitute(matrix: NDArray[np.float64], pivots: NDArray[np.int64], right: NDArray[np.float64], n: int) -> None:
     """Solve with the factors of `factorise`; the solution replaces the right-hand side."""
     for k in range(n):
@@ -126,7 +126,7 @@ def substitute(matrix: NDArray[np.float64], pivots: NDArray[np.int64], right: ND
             right[i] -= right[k] * matrix[k * n + i]
 
 
-@compiled
+@jit_inline
 def factorise_complex(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) -> bool:
     """Factorise a complex matrix stored after a real one, as `factorise` does; the diagonal of U is left inverted.
 
@@ -178,7 +178,7 @@ def factorise_complex(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n:
     return True
 
 
-@compiled
+@jit_inline
 def substitute_complex(
     matrix: NDArray[np.float64], pivots: NDArray[np.int64], right: NDArray[np.float64], n: int
 ) -> None:

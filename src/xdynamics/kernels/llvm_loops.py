@@ -32,8 +32,8 @@ from xdynamics.kernels.program import (
     Program,
     Reduction,
     StoreTo,
-    nested,
-    size,
+    line_count,
+    nested_lines,
 )
 
 UNIFORM = frozenset((ORDER, HALF, ODD, MIDDLE))  # indices that all elements share
@@ -46,7 +46,7 @@ Value = LaneValue | Interval | DoubleDouble
 Pass = Callable[[Index, list[Value]], list[Value]]  # prints one; returns the totals after it
 
 
-def together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]]:
+def paired_computations(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]]:
     """Return what is computed together for one argument, such as a sine and a cosine."""
     computed = {
         (entry.operation, entry.arguments) for entry in body if isinstance(entry, Compute) and entry.operation in PAIRS
@@ -55,12 +55,12 @@ def together(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]
     return {entry for entry, count in counts.items() if count == _ALL_OF[entry[0]]}
 
 
-def parts_of(value: Value) -> Sequence[LaneValue]:
+def value_parts(value: Value) -> Sequence[LaneValue]:
     """Return a number alone, or the bounds of an interval, or the two of a sum."""
     return value if isinstance(value, tuple) else (value,)
 
 
-def alike(value: Value, parts: Sequence[LaneValue]) -> Value:
+def rebuild_value(value: Value, parts: Sequence[LaneValue]) -> Value:
     """Return a number, an interval or a sum, as another value is, of these parts."""
     return type(value)(*parts) if isinstance(value, tuple) else parts[0]
 
@@ -84,72 +84,72 @@ class LoopText(ABC):
         self._kinds = {
             INTERVAL: written_intervals(self._lines, rough=True).of,
             ENCLOSED: called_intervals(self._lines),
-            DOUBLE_DOUBLE: written_double_doubles(self._lines, self._width).of,
+            DOUBLE_DOUBLE: written_double_doubles(self._lines, self._width_suffix).of,
         }
         self._places = Places(program, self._lines, runs)
         self._values: dict[str, Value] = {}
         self._outside: dict[str, Value] = {}  # of every lane, computed before the elements side by side
-        self._joint = together(program.body)
+        self._joint = paired_computations(program.body)
         self._pairs: dict[tuple[str, str], str] = {}
         self._stack: list[str] = []  # lines of the beginning that take memory from the stack
 
     @abstractmethod
-    def _print(self, body: Iterable[Instruction]) -> None:
+    def _print_lines(self, body: Iterable[Instruction]) -> None:
         """Print lines."""
 
     @abstractmethod
-    def _width(self) -> str:
+    def _width_suffix(self) -> str:
         """Return what the names of functions end with, where numbers have more lanes than there are runs."""
 
     @abstractmethod
-    def _of(self, kind: str) -> Callable[..., Value]:
+    def _operations_of_kind(self, kind: str) -> Callable[..., Value]:
         """Return the operations of a kind of numbers."""
 
-    def _operand(self, operand: Operand) -> Value:
+    def _operand_value(self, operand: Operand) -> Value:
         if not isinstance(operand, str):
             return self._lines.constant(float(operand))
         if operand not in self._values:
             value = self._outside[operand]
             repeated = [
-                self._lines.broadcast(part.letter, part.text) for part in map(self._lines.value, parts_of(value))
+                self._lines.broadcast(part.letter, part.text) for part in map(self._lines.value, value_parts(value))
             ]
-            self._values[operand] = alike(value, repeated)
+            self._values[operand] = rebuild_value(value, repeated)
         return self._values[operand]
 
-    def _number(self, operand: Operand) -> LaneValue:
-        value = self._operand(operand)
+    def _lane_number(self, operand: Operand) -> LaneValue:
+        value = self._operand_value(operand)
         assert isinstance(value, LaneValue)  # noqa: S101 - an interval is no operand of operations on numbers
         return value
 
-    def _put(self, text: str) -> None:
+    def _append_text(self, text: str) -> None:
         self._lines.lines.append(text)
 
-    def _begin(self, label: str, target: str = "") -> None:
+    def _begin_block(self, label: str, target: str = "") -> None:
         """End the block with a branch, to the next block or to another."""
-        self._put(f"br label %{target or label}")
+        self._append_text(f"br label %{target or label}")
         self._lines.begin(label)
 
     @contextmanager
-    def _pass(self, line: Loop | Reduction, index: Index, totals: list[Value]) -> Iterator[None]:
+    def _pass_scope(self, line: Loop | Reduction, index: Index, totals: list[Value]) -> Iterator[None]:
         """Print the lines of one pass; what they compute is forgotten after it."""
         places = self._places
         outside = dict(self._values), self._joint, dict(self._pairs), dict(places.indices), dict(places.addresses)
         places.indices[line.index] = index
         if isinstance(line, Reduction):
             self._values.update(zip(line.totals, totals, strict=True))
-        self._joint = self._joint | together(line.body)
-        self._print(line.body)
+        self._joint = self._joint | paired_computations(line.body)
+        self._print_lines(line.body)
         yield
         self._values, self._joint, self._pairs, places.indices, places.addresses = outside
 
-    def _loop(self, line: Loop) -> None:
-        wide, whole = self._abreast, 0
+    def _print_loop(self, line: Loop) -> None:
+        wide, vector_count = self._abreast, 0
         if self._may_go_abreast() and not self._into_row(line) and line.independent:
-            whole = line.count // wide * wide
-        if whole:
+            vector_count = line.count // wide * wide
+        if vector_count:
             with self._side_by_side(wide):
-                self._passes(line, 0, whole, wide, [])
-        self._passes(line, whole, line.count, 1, [])
+                self._passes(line, 0, vector_count, wide, [])
+        self._passes(line, vector_count, line.count, 1, [])
 
     def _may_go_abreast(self) -> bool:
         """Whether elements of a loop may go side by side: there is none around it but that of the orders of series."""
@@ -157,8 +157,8 @@ class LoopText(ABC):
 
     def _into_row(self, line: Loop) -> bool:
         """Whether a loop writes to a row of the log, whose elements are apart."""
-        written = {inner.place.array for inner in nested(line.body) if isinstance(inner, StoreTo)}
-        return self._program.spread and any(self._program.views.get(name, (name,))[0] == "z" for name in written)
+        written_arrays = {inner.location.array for inner in nested_lines(line.body) if isinstance(inner, StoreTo)}
+        return self._program.spread and any(self._program.views.get(name, (name,))[0] == "z" for name in written_arrays)
 
     @contextmanager
     def _side_by_side(self, wide: int) -> Iterator[None]:
@@ -169,15 +169,17 @@ class LoopText(ABC):
         self._outside, self._values, self._lines.lanes = {}, self._outside, self._runs
         self._pairs = pairs
 
-    def _reduce(self, line: Reduction) -> None:
-        totals: list[Value] = [self._operand(start) for start in line.starts]
+    def _print_reduction(self, line: Reduction) -> None:
+        totals: list[Value] = [self._operand_value(start) for start in line.starts]
         if line.kind != FLOAT:
-            of, of_float = self._of(line.kind), OF_FLOAT[line.kind]
+            operate, of_float = self._operations_of_kind(line.kind), OF_FLOAT[line.kind]
             pairs = zip(line.starts, totals, strict=True)
-            totals = [value if isinstance(start, str) else of(of_float, value) for start, value in pairs]
-        rest, totals = self._sums_abreast(line, totals)
+            totals = [value if isinstance(start, str) else operate(of_float, value) for start, value in pairs]
+        vector_end, totals = self._sums_abreast(line, totals)
         totals = (
-            self._bounded(line, totals) if line.below or line.above else self._passes(line, rest, line.count, 1, totals)
+            self._bounded(line, totals)
+            if line.below or line.above
+            else self._passes(line, vector_end, line.count, 1, totals)
         )
         self._values.update(zip(line.totals, totals, strict=True))
 
@@ -189,45 +191,53 @@ class LoopText(ABC):
         wide = self._abreast
         if not line.in_any_order or wide <= self._runs or self._places.indices or self._reads_row(line):
             return 0, totals
-        whole, lines = line.count // wide * wide, self._lines
-        if not whole:
+        vector_end, lines = line.count // wide * wide, self._lines
+        if not vector_end:
             return 0, totals
         with self._side_by_side(wide):
-            sums = self._passes(line, 0, whole, wide, [*map(self._operand, line.starts)])
-            parts = [lines.value(part) for value in sums for part in parts_of(value)]
+            sums = self._passes(line, 0, vector_end, wide, [*map(self._operand_value, line.starts)])
+            parts = [lines.value(part) for value in sums for part in value_parts(value)]
             texts = [f"extractelement {lines.kind(part.letter)} {part.text}, i64" for part in parts]
         for lane in range(wide):
             totals = [total + lines.line("n", f"{text} {lane}") for total, text in zip(totals, texts, strict=True)]
-        return whole, totals
+        return vector_end, totals
 
     def _reads_row(self, line: Reduction) -> bool:
         """Whether what is summed is part of a row of the log, whose elements are apart."""
-        read = {inner.place.array for inner in nested(line.body) if isinstance(inner, Load)}
+        read = {inner.location.array for inner in nested_lines(line.body) if isinstance(inner, Load)}
         return self._program.spread and any(self._program.views.get(name, (name,))[0] == "z" for name in read)
 
     def _bounded(self, line: Reduction, totals: list[Value]) -> list[Value]:
         """Print the passes before, or after, the number of an index; of lanes with several numbers some by a mask."""
-        of = self._places.indices[line.below or line.above]
-        if isinstance(of.value, int):
-            bounds = (0, of.value) if line.below else (of.value + 1, line.count)
+        bound_index = self._places.indices[line.below or line.above]
+        if isinstance(bound_index.value, int):
+            bounds = (0, bound_index.value) if line.below else (bound_index.value + 1, line.count)
             return self._passes(line, *bounds, 1, totals) if bounds[0] < bounds[1] else totals
-        beyond = self._lines.line("p", f"add i64 {of.value}, {self._lines.lanes if of.step else 1}").text
+        beyond = self._lines.line(
+            "p", f"add i64 {bound_index.value}, {self._lines.lanes if bound_index.step else 1}"
+        ).text
         one_pass, masked = partial(self._one_pass, line), partial(self._one_pass, line, masked=True)
-        if not of.step:
-            return self._ascending(line, *(("0", of.value) if line.below else (beyond, str(line.count))), totals)
+        if not bound_index.step:
+            return self._ascending_passes(
+                line, *(("0", bound_index.value) if line.below else (beyond, str(line.count))), totals
+            )
         if line.below:
-            return self._inner(masked, of.value, beyond, self._inner(one_pass, "0", of.value, totals))
-        return self._inner(one_pass, beyond, str(line.count), self._inner(masked, of.value, beyond, totals))
+            return self._dynamic_passes(
+                masked, bound_index.value, beyond, self._dynamic_passes(one_pass, "0", bound_index.value, totals)
+            )
+        return self._dynamic_passes(
+            one_pass, beyond, str(line.count), self._dynamic_passes(masked, bound_index.value, beyond, totals)
+        )
 
-    def _ascending(self, line: Reduction, first: str, last: str, totals: list[Value]) -> list[Value]:
+    def _ascending_passes(self, line: Reduction, first: str, last: str, totals: list[Value]) -> list[Value]:
         """Print passes between two numbers; terms that take long come side by side, and are joined one after the other."""
         if self._takes_long(line):
             number = self._lines.line("p", f"sub i64 {last}, {first}").text
-            whole = self._lines.line("p", f"and i64 {number}, {-self._abreast}").text
-            rest = self._lines.line("p", f"add i64 {first}, {whole}").text
-            totals = self._inner(partial(self._terms_abreast, line), first, rest, totals, self._abreast)
-            first = rest
-        return self._inner(partial(self._one_pass, line), first, last, totals)
+            vector_count = self._lines.line("p", f"and i64 {number}, {-self._abreast}").text
+            vector_end = self._lines.line("p", f"add i64 {first}, {vector_count}").text
+            totals = self._dynamic_passes(partial(self._terms_abreast, line), first, vector_end, totals, self._abreast)
+            first = vector_end
+        return self._dynamic_passes(partial(self._one_pass, line), first, last, totals)
 
     def _takes_long(self, line: Reduction) -> bool:
         """Whether terms of a single run may be computed side by side, and gain by that."""
@@ -245,111 +255,119 @@ class LoopText(ABC):
         lines, joining = apart_from_totals(line)
         read = {*line.terms, *(name for inner in joining for name in inner.arguments)}
         targets = [inner.target for inner in lines if isinstance(inner, Load | Compute) and inner.target in read]
-        with self._side_by_side(wide), self._pass(replace(line, body=lines, totals=()), Index(index.value, 1), []):
-            terms = {name: self._number(name).text for name in targets}
+        with (
+            self._side_by_side(wide),
+            self._pass_scope(replace(line, body=lines, totals=()), Index(index.value, 1), []),
+        ):
+            terms = {name: self._lane_number(name).text for name in targets}
         values, self._values = self._values, dict(self._values)
         for lane in range(wide):
             self._values.update(zip(line.totals, totals, strict=True))
             for name, text in terms.items():
                 self._values[name] = self._lines.line("n", f"extractelement {kind} {text}, i64 {lane}")
-            self._print(joining)
-            totals = self._joined(line, totals)
+            self._print_lines(joining)
+            totals = self._join_terms(line, totals)
         self._values = values
         return totals
 
-    def _inner(self, one_pass: Pass, first: str, last: str, totals: list[Value], step: int = 1) -> list[Value]:
+    def _dynamic_passes(self, one_pass: Pass, first: str, last: str, totals: list[Value], step: int = 1) -> list[Value]:
         """Print passes between two numbers that are known as the program runs; there may be none."""
-        lines, label, before = self._lines, self._lines.label(), self._lines.block
-        self._put(f"%{label}any = icmp ult i64 {first}, {last}")
-        self._put(f"br i1 %{label}any, label %{label}, label %{label}end")
+        lines, label, entry_block = self._lines, self._lines.label(), self._lines.block
+        self._append_text(f"%{label}any = icmp ult i64 {first}, {last}")
+        self._append_text(f"br i1 %{label}any, label %{label}, label %{label}end")
         lines.begin(label)
         index, head = f"%{label}i", len(lines.lines)
         carried = self._phis(label, totals, "t")
         new = one_pass(Index(index), carried)
-        phis = [f"{index} = phi i64 [ {first}, %{before} ], [ {index}n, %{lines.block} ]"]
-        lines.lines[head:head] = phis + self._merged(carried, totals, before, new)
-        self._put(f"{index}n = add i64 {index}, {step}")
-        self._put(f"{index}c = icmp ult i64 {index}n, {last}")
-        self._put(f"br i1 {index}c, label %{label}, label %{label}end")
-        inside = lines.block
+        phis = [f"{index} = phi i64 [ {first}, %{entry_block} ], [ {index}n, %{lines.block} ]"]
+        lines.lines[head:head] = phis + self._merged(carried, totals, entry_block, new)
+        self._append_text(f"{index}n = add i64 {index}, {step}")
+        self._append_text(f"{index}c = icmp ult i64 {index}n, {last}")
+        self._append_text(f"br i1 {index}c, label %{label}, label %{label}end")
+        last_block = lines.block
         lines.begin(f"{label}end")
-        joined = self._phis(label, totals, "e")
-        lines.lines += self._merged(joined, totals, before, new, inside)
-        return joined
+        merged_totals = self._phis(label, totals, "e")
+        lines.lines += self._merged(merged_totals, totals, entry_block, new, last_block)
+        return merged_totals
 
     def _phis(self, label: str, totals: list[Value], letter: str) -> list[Value]:
         """Name what totals are where two ways through the text meet."""
-        parts = [[self._lines.value(part) for part in parts_of(total)] for total in totals]
+        parts = [[self._lines.value(part) for part in value_parts(total)] for total in totals]
         return [
-            alike(
-                total, [LaneValue(self._lines, part.letter, f"%{label}{letter}{i}.{k}") for k, part in enumerate(own)]
+            rebuild_value(
+                total,
+                [LaneValue(self._lines, part.letter, f"%{label}{letter}{i}.{k}") for k, part in enumerate(total_parts)],
             )
-            for i, (total, own) in enumerate(zip(totals, parts, strict=True))
+            for i, (total, total_parts) in enumerate(zip(totals, parts, strict=True))
         ]
 
     def _merged(
-        self, names: list[Value], old: list[Value], before: str, new: list[Value], inside: str = ""
+        self, names: list[Value], old: list[Value], entry_block: str, new: list[Value], last_block: str = ""
     ) -> list[str]:
         """Return lines that say what totals are: as they were, or as a pass left them."""
         lines, phis = self._lines, []
-        for name, *ways in zip(names, old, new, strict=True):
+        for name, *alternatives in zip(names, old, new, strict=True):
             for part, first, second in zip(
-                parts_of(name), *(map(lines.value, parts_of(way)) for way in ways), strict=True
+                value_parts(name),
+                *(map(lines.value, value_parts(alternative)) for alternative in alternatives),
+                strict=True,
             ):
-                ends = f"[ {first.text}, %{before} ], [ {second.text}, %{inside or lines.block} ]"
+                ends = f"[ {first.text}, %{entry_block} ], [ {second.text}, %{last_block or lines.block} ]"
                 phis.append(f"{part.text} = phi {lines.kind(part.letter)} {ends}")
         return phis
 
     def _passes(self, line: Loop | Reduction, first: int, last: int, step: int, totals: list[Value]) -> list[Value]:
         """Print passes of a loop, written out if they are few; return the totals after them."""
-        if step == 1 and last - first <= self._most(line, goes_on=first > 0):
+        if step == 1 and last - first <= self._unroll_limit(line, goes_on=first > 0):
             for k in range(first, last):
                 totals = self._one_pass(line, Index(k), totals)
             return totals
-        lines, label, before = self._lines, self._lines.label(), self._lines.block
-        self._begin(label)
+        lines, label, entry_block = self._lines, self._lines.label(), self._lines.block
+        self._begin_block(label)
         index, head = f"%{label}i", len(lines.lines)
         carried = self._phis(label, totals, "t")
         new = self._one_pass(line, Index(index, int(step > 1)), carried)
-        phis = [f"{index} = phi i64 [ {first}, %{before} ], [ {index}n, %{lines.block} ]"]
-        lines.lines[head:head] = phis + self._merged(carried, totals, before, new)
-        self._put(f"{index}n = add i64 {index}, {step}")
-        self._put(f"{index}c = icmp ult i64 {index}n, {last}")
-        self._put(f"br i1 {index}c, label %{label}, label %{label}end")
+        phis = [f"{index} = phi i64 [ {first}, %{entry_block} ], [ {index}n, %{lines.block} ]"]
+        lines.lines[head:head] = phis + self._merged(carried, totals, entry_block, new)
+        self._append_text(f"{index}n = add i64 {index}, {step}")
+        self._append_text(f"{index}c = icmp ult i64 {index}n, {last}")
+        self._append_text(f"br i1 {index}c, label %{label}, label %{label}end")
         lines.begin(f"{label}end")
         return new
 
-    def _most(self, line: Loop | Reduction, *, goes_on: bool) -> int:
+    def _unroll_limit(self, line: Loop | Reduction, *, goes_on: bool) -> int:
         """Return up to how many passes are written out; of what passes side by side leave, one: texts of all sizes are alike."""
         if goes_on:
             return 1
         longest = any(isinstance(inner, Loop | Reduction) for inner in line.body)
-        return min(UNROLLED, WRITTEN_OUT // max(1, size(line.body))) if longest else UNROLLED
+        return min(UNROLLED, WRITTEN_OUT // max(1, line_count(line.body))) if longest else UNROLLED
 
     def _one_pass(
         self, line: Loop | Reduction, index: Index, totals: list[Value], *, masked: bool = False
     ) -> list[Value]:
         """Print one pass; return the totals after it."""
-        with self._pass(line, index, totals):
+        with self._pass_scope(line, index, totals):
             if isinstance(line, Loop):
                 return totals
-            joined = self._joined(line, totals)
+            new_totals = self._join_terms(line, totals)
             if line.where or masked:
-                truth = self._side(line, index) if masked else self._operand(str(line.where))
-                joined = [
-                    alike(old, [choose(truth, *pair) for pair in zip(parts_of(new), parts_of(old), strict=True)])
-                    for old, new in zip(totals, joined, strict=True)
+                truth = self._bound_mask(line, index) if masked else self._operand_value(str(line.where))
+                new_totals = [
+                    rebuild_value(
+                        old, [choose(truth, *pair) for pair in zip(value_parts(new), value_parts(old), strict=True)]
+                    )
+                    for old, new in zip(totals, new_totals, strict=True)
                 ]
-            return joined
+            return new_totals
 
-    def _joined(self, line: Reduction, totals: list[Value]) -> list[Value]:
+    def _join_terms(self, line: Reduction, totals: list[Value]) -> list[Value]:
         """Join totals with the terms of a pass."""
-        join = partial(self._of(line.kind), line.operation)
-        return [join(total, self._operand(term)) for total, term in zip(totals, line.terms, strict=True)]
+        join = partial(self._operations_of_kind(line.kind), line.operation)
+        return [join(total, self._operand_value(term)) for total, term in zip(totals, line.terms, strict=True)]
 
-    def _side(self, line: Reduction, index: Index) -> LaneValue:
+    def _bound_mask(self, line: Reduction, index: Index) -> LaneValue:
         """Return in which lanes a pass is before, or after, the number of the index that bounds it."""
         indices = self._places.indices
         indices[line.index] = index
-        own, bound = (self._places.ordinal(name) for name in (line.index, line.below or line.above))
-        return own < bound if line.below else own > bound
+        ordinal, bound = (self._places.ordinal(name) for name in (line.index, line.below or line.above))
+        return ordinal < bound if line.below else ordinal > bound

@@ -8,13 +8,20 @@ from re import findall
 
 from xdynamics.elementary import NAME
 from xdynamics.elementary.fma import FMA, fma_definition
-from xdynamics.elementary.text import INTERVALS, called_in, declarations, definition, definitions, interval_definitions
+from xdynamics.elementary.text import (
+    INTERVALS,
+    count_calls,
+    declarations,
+    definition,
+    definitions,
+    interval_definitions,
+)
 from xdynamics.kernels import machine
 from xdynamics.kernels.heap_arrays import DECLARED
 from xdynamics.kernels.jets.series import ORDER
 from xdynamics.kernels.llvm_program import ProgramText
 from xdynamics.kernels.machine import AS_WRITTEN
-from xdynamics.kernels.program import ARRAYS, TABLE, WORDS, Loop, Program, ProgramCall, When, While, size
+from xdynamics.kernels.program import ARRAYS, TABLE, WORDS, Loop, Program, ProgramCall, When, While, line_count
 
 INLINED = 1500  # instructions up to which a program is inlined
 _SIGNATURE = ", ".join(f"ptr noalias %_{name}" for name in ARRAYS) + ", i64 %_apart"
@@ -58,18 +65,18 @@ def llvm_of(
     widths = {int(lanes) for body in bodies.values() for lanes in findall(rf"@{FMA}\.(\d+)\(", body)}
     text += [fma_definition(width, native=machine.fuses()) for width in sorted({1, *widths} if widths else widths)]
     intervals = interval_definitions(bodies.values())
-    used = {name: called_in(body) for name, body in (bodies | {INTERVALS: intervals}).items()}
+    used = {name: count_calls(body) for name, body in (bodies | {INTERVALS: intervals}).items()}
     sizes = {name: _size_of(name, lanes, math_functions) for counts in used.values() for name in counts}
     inner = {name: sizes[name] * n <= INLINED // 2 for name, n in sum(used.values(), Counter[str]()).items()}
     text += [definitions(inner, lanes, math_functions), intervals]
     for name, part in parts.items():
-        calls = sum(_calls(other, name) for other in parts.values())
-        weight = size(part.body) + sum(sizes[function] * count for function, count in used[name].items())
+        calls = sum(_call_count(caller, name) for caller in parts.values())
+        weight = line_count(part.body) + sum(sizes[function] * count for function, count in used[name].items())
         attributes = "#2" if weight * calls <= INLINED else "#0"
-        text += [_table(name, *table) for table in part.tables.items()]
+        text += [_table_constant(name, *table) for table in part.tables.items()]
         text.append(f"define internal void @{name}.inner({_SIGNATURE}) {attributes} {{\nentry:\n{bodies[name]}\n}}")
         if entered is None or name in entered:
-            text.append(_entry(name))
+            text.append(_entry_function(name))
     # "prefer-vector-width": without it 16 lanes are split into vectors of 256 bits where 512 are available
     # "stackrealign": what registers do not hold is kept on the stack, and a vector of 64 bytes there would cross two lines
     # of the cache each time that it is written or read
@@ -88,26 +95,26 @@ def _size_of(name: str, lanes: int, math_functions: str) -> int:
     return definition(name, lanes, math_functions)[0].count("\n")
 
 
-def _calls(program: Program, name: str) -> int:
+def _call_count(program: Program, name: str) -> int:
     lines = (line.call if isinstance(line, When | While) else line for line in program.body)
     return sum(isinstance(line, ProgramCall) and line.program == name for line in lines)
 
 
-def _table(program: str, name: str, numbers: tuple[int, ...]) -> str:
+def _table_constant(program: str, name: str, numbers: tuple[int, ...]) -> str:
     entries = ", ".join(f"i64 {number}" for number in numbers)
     return f"@{program}.{name} = internal constant [{len(numbers)} x i64] [{entries}]"
 
 
-def _entry(name: str) -> str:
+def _entry_function(name: str) -> str:
     """Print the entry point from outside, which reads from the table what its caller does not pass."""
     lines = []
     for array in (*ARRAYS, "apart"):
         if array in _GIVEN:
             continue
         # for rows of the log, the length of the last dimension: the distance between their elements
-        place = WORDS * TABLE.index(array) if array in ARRAYS else WORDS * TABLE.index("rows") + 2
+        word_index = WORDS * TABLE.index(array) if array in ARRAYS else WORDS * TABLE.index("rows") + 2
         kind = "ptr" if array in ARRAYS else "i64"
-        lines.append(f"%{array}_at = getelementptr i64, ptr %table, i64 {place}")
+        lines.append(f"%{array}_at = getelementptr i64, ptr %table, i64 {word_index}")
         lines.append(f"%_{array} = load {kind}, ptr %{array}_at, align 8, !invariant.load !0")
     parameters = ", ".join(f"ptr noalias %_{array}" for array in _GIVEN)
     body = "\n  ".join(lines)

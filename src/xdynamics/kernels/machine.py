@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels import cache
-from xdynamics.kernels.heap_arrays import LACKING, refuse
+from xdynamics.kernels.heap_arrays import LACKING, note_refusal
 
 # what the engine's texts call of the C library: functions whose results are exact, so that all libraries have one
 HELPERS = {f"numba_{name}": name for name in ("nextafter", "frexp", "ldexp")}
@@ -41,7 +41,7 @@ def provide_helpers() -> None:
 @lru_cache
 def provide_refusal() -> None:
     """Make known to LLVM what a program calls that was given no memory."""
-    llvm.add_symbol(LACKING, ctypes.cast(refuse, ctypes.c_void_p).value)
+    llvm.add_symbol(LACKING, ctypes.cast(note_refusal, ctypes.c_void_p).value)
 
 
 def address_of(array: Any) -> int:
@@ -78,7 +78,7 @@ class Code:
         provide_refusal()
         module = llvm.parse_assembly("")
         module.triple = llvm.get_process_triple()
-        self._engine = llvm.create_mcjit_compiler(module, _machine())
+        self._engine = llvm.create_mcjit_compiler(module, _target_machine())
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(content))
         self._engine.finalize_object()
         self.addresses = {name: int(self._engine.get_function_address(name)) for name in names}
@@ -98,22 +98,22 @@ def compiled(text: str, names: Iterable[str], functions: Mapping[str, Callable[.
     if functions:
         symbols = _symbols(text, functions)
         return Code(_object(symbols), names)
-    key = cache.digest(text, *processor())
+    key = cache.text_digest(text, *processor())
     content = cache.read(f"law-{key}.o")
     if content is None:
-        content = built(text)
+        content = build_object(text)
         cache.write(f"law-{key}.o", content)
     return Code(content, names)
 
 
-def built(text: str) -> bytes:
+def build_object(text: str) -> bytes:
     """Compile LLVM text to an object file; warn if that takes long."""
-    with _told(text):
+    with _warn_if_slow(text):
         return _object(text)
 
 
 @contextmanager
-def _told(text: str) -> Iterator[None]:
+def _warn_if_slow(text: str) -> Iterator[None]:
     """Warn if compiling takes longer than `PATIENCE`."""
     lines = text.count("\n")
     message = "xdynamics: compiling the model and its method, %d lines"
@@ -129,14 +129,14 @@ def _told(text: str) -> Iterator[None]:
 def _symbols(text: str, functions: Mapping[str, Callable[..., float]]) -> str:
     """Name the functions by their addresses in this process, which no later text can mean by accident."""
     for name, function in functions.items():
-        address = ctypes.cast(_entry(function), ctypes.c_void_p).value
+        address = ctypes.cast(_python_entry(function), ctypes.c_void_p).value
         symbol = f"xdynamics_function_{address:x}"
         llvm.add_symbol(symbol, address)
         text = text.replace(f"@{name}(", f"@{symbol}(")
     return text
 
 
-def _entry(function: Any) -> Any:
+def _python_entry(function: Any) -> Any:
     """Compile a Python function to one that takes and returns doubles; it lives as long as the process."""
     from numba import cfunc, njit, types
 
@@ -162,20 +162,20 @@ _KEPT: dict[Any, Any] = {}
 
 
 def _object(text: str) -> bytes:
-    module = _parsed(text)
+    module = _parse_module(text)
     module.triple = llvm.get_process_triple()
     # a machine of its own, as for every engine: an engine frees the one that it was given
-    machine = _machine(0 if text.count("\n") > LONG_TEXT else 2)
+    machine = _target_machine(0 if text.count("\n") > LONG_TEXT else 2)
     optimise(module, machine, 2, unrolling=not text.startswith(AS_WRITTEN))
     return bytes(machine.emit_object(module))
 
 
-def emitted(text: str) -> bytes:
+def emit_object(text: str) -> bytes:
     """Return the object file of a text that is optimised already, but for this processor."""
-    return bytes(_machine().emit_object(_parsed(text)))
+    return bytes(_target_machine().emit_object(_parse_module(text)))
 
 
-def _parsed(text: str) -> Any:
+def _parse_module(text: str) -> Any:
     # a context of its own, with which constants and types are freed: that of the process would grow by 0.1 MB a text
     module = llvm.parse_assembly(text, llvm.create_context())
     module.verify()
@@ -223,7 +223,7 @@ def plain_machine() -> Any:
     return llvm.Target.from_default_triple().create_target_machine(opt=2, jit=True)
 
 
-def _machine(level: int = 2) -> Any:
+def _target_machine(level: int = 2) -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     _, name, features = processor()

@@ -66,6 +66,6 @@ class SplitError(Exception):
 Env = Mapping[str, LoopIndex | Link]
 
 
-def known_number(number: int) -> LoopIndex:
+def known_index(number: int) -> LoopIndex:
     """Return the index of a known element."""
     return LoopIndex("", number, number, number + 1)

@@ -9,12 +9,12 @@ import numpy as np
 
 from xdynamics.expressions import Along, Negative, Node
 from xdynamics.expressions.calculus import ZERO
-from xdynamics.kernels.link_patterns import PIECES, Pattern, patterns, stretches
-from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_number
+from xdynamics.kernels.link_patterns import PIECES, Pattern, patterns, stretch_starts
+from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_index
 from xdynamics.kernels.nest_reductions import Reductions
-from xdynamics.kernels.program import Gather, Loop, Operand, Place, Reduction
+from xdynamics.kernels.program import Gather, Location, Loop, Operand, Reduction
 from xdynamics.shapes import Relation
-from xdynamics.shapes.trees import end_of
+from xdynamics.shapes.trees import end_dimension
 
 LARGEST_TABLE = 200_000
 
@@ -22,14 +22,14 @@ LARGEST_TABLE = 200_000
 class LinkSums(Reductions):
     """Writes values at the ends of links, and what links give to the elements there."""
 
-    def _end(self, relation: Relation, function: str, link: LoopIndex | Link) -> LoopIndex:
+    def _link_end(self, relation: Relation, function: str, link: LoopIndex | Link) -> LoopIndex:
         """Return the element at an end of a link."""
         if isinstance(link, Link):
             return link.first if function == "first" else link.second
         numbers = relation.first if function == "first" else relation.second
         if not link.name:
-            return known_number(int(numbers[link.shift]))
-        starts = stretches(numbers)
+            return known_index(int(numbers[link.shift]))
+        starts = stretch_starts(numbers)
         if len(starts) <= PIECES and not link.gathered:
             later = [start for start in starts if start > link.first]
             if later and later[0] < link.last:
@@ -40,20 +40,20 @@ class LinkSums(Reductions):
         key, memo = (table, link), self._memos[link.level]
         if key not in memo:
             memo[key] = f"_i{next(self._serial)}"
-            place = Place(self._table(table, numbers.tolist()), link.shift, ((link.name, 1),))
-            self._scopes[link.level].lines.append(Gather(str(memo[key]), place))
+            location = Location(self._add_table(table, numbers.tolist()), link.shift, ((link.name, 1),))
+            self._scopes[link.level].lines.append(Gather(str(memo[key]), location))
         dim = relation.source if function == "first" else relation.target
         return LoopIndex(str(memo[key]), 0, 0, self.shapes.extent(dim).size, link.level, gathered=True)
 
-    def _table(self, name: str, numbers: list[int]) -> str:
+    def _add_table(self, name: str, numbers: list[int]) -> str:
         if len(numbers) > LARGEST_TABLE:
             raise UnprintedError
         self.tables.setdefault(name, tuple(numbers))
         return name
 
-    def _onto(self, number: int, node: Along, env: Env) -> Operand:
+    def _onto_sum(self, number: int, node: Along, env: Env) -> Operand:
         """Write the sum of what links give to an element."""
-        relation, dim = self.shapes.relations[node.dims[0]], end_of(node, self.shapes)
+        relation, dim = self.shapes.relations[node.dims[0]], end_dimension(node, self.shapes)
         index = env[dim]
         if isinstance(index, Link):
             raise UnprintedError
@@ -83,24 +83,30 @@ class LinkSums(Reductions):
                 first, last = (stride * n + far for n in (index.first, index.last - 1))
                 link = LoopIndex(index.name, index.shift, first, last + 1, index.level)
             else:
-                link = known_number(index.shift * stride + far)
-            terms.append(self._of_link(self._parts.operands[number][end], node.dims[0], link, (stride, far), env))
-        return self._chained("add", terms) if terms else 0.0
+                link = known_index(index.shift * stride + far)
+            terms.append(self._link_operand(self._parts.operands[number][end], node.dims[0], link, (stride, far), env))
+        return self._chain_operations("add", terms) if terms else 0.0
 
-    def _of_link(self, number: int, dim: str, link: LoopIndex, by: tuple[int, int], env: Env) -> Operand:
+    def _link_operand(
+        self, number: int, dim: str, link: LoopIndex, stride_and_shift: tuple[int, int], env: Env
+    ) -> Operand:
         """Read what a link gives, after that was computed for all links."""
         if isinstance(self._parts.nodes[number], Negative):
-            return self.compute("negative", self._of_link(self._parts.operands[number][0], dim, link, by, env))
+            return self.compute(
+                "negative", self._link_operand(self._parts.operands[number][0], dim, link, stride_and_shift, env)
+            )
         if dim not in self._parts.dims[number]:
             return self.value(number, env)
-        (stride, far), place = by, self._staged(number)
-        dims = self._order(number)
+        (stride, far), staged_location = stride_and_shift, self._staged(number)
+        dims = self._array_dims(number)
         if not link.name:
-            return self._load(self._at(place, dims, {**env, dim: link}), dims, {**env, dim: link})
-        apart = math.prod(self.shapes.shape(dims[dims.index(dim) + 1 :]))
-        at = self._at(place, dims, {**env, dim: known_number(link.shift * stride + far)})
-        at = Place(at.array, at.offset, (*at.strides, (link.name, stride * apart)))
-        return self._load(at, dims, {**env, dim: link})
+            return self._load_element(
+                self._element_location(staged_location, dims, {**env, dim: link}), dims, {**env, dim: link}
+            )
+        element_stride = math.prod(self.shapes.shape(dims[dims.index(dim) + 1 :]))
+        location = self._element_location(staged_location, dims, {**env, dim: known_index(link.shift * stride + far)})
+        location = Location(location.array, location.offset, (*location.strides, (link.name, stride * element_stride)))
+        return self._load_element(location, dims, {**env, dim: link})
 
     def _stage_pairs(self, relation: Relation) -> None:
         """Write for every element the sum over all others, those before it and then those after it; each pair once."""
@@ -113,52 +119,56 @@ class LinkSums(Reductions):
         ]
         sums: list[tuple[int, Env]] = []  # an onto and the place of each of its elements along small dimensions
         for number in numbers:
-            others = tuple(other for other in self._dims(number) if other != dim)
-            if not self._written_out(others):
+            other_dims = tuple(other_dim for other_dim in self._part_dims(number) if other_dim != dim)
+            if not self._is_written_out(other_dims):
                 raise UnprintedError
-            self._arrays[number], self._orders[number] = self._new_array(number), (*others, dim)
-            sums += [(number, env) for env in self._all(others)]
+            self._arrays[number], self._orders[number] = self._new_array(number), (*other_dims, dim)
+            sums += [(number, env) for env in self._all_elements(other_dims)]
         size = self.shapes.extent(dim).size
 
-        def write(env: Env) -> None:
+        def write_element(env: Env) -> None:
             i = env[dim]
             assert isinstance(i, LoopIndex)  # noqa: S101 - elements, no links
             if not i.name or (i.first, i.last) != (0, size):
                 raise UnprintedError
-            totals = self._over_others(relation, i, sums)
+            totals = self._sum_over_pairs(relation, i, sums)
             for (number, inner), total in zip(sums, totals, strict=True):
-                self._store(self._at(self._arrays[number], self._order(number), {**env, **inner}), total)
+                self._store_line(
+                    self._element_location(self._arrays[number], self._array_dims(number), {**env, **inner}), total
+                )
 
         if size <= 1:
             raise UnprintedError
-        with self._outside():
-            self._nest((dim,), write, whole=True)
+        with self._outside_loops():
+            self._nest((dim,), write_element, unsplit=True)
 
-    def _over_others(self, relation: Relation, i: LoopIndex, sums: Sequence[tuple[int, Env]]) -> list[Operand]:
+    def _sum_over_pairs(self, relation: Relation, i: LoopIndex, sums: Sequence[tuple[int, Env]]) -> list[Operand]:
         """Write the links to all elements before one: sums of what they give to it, as their second; add to the others.
 
         Elements come in order, so that each has got all sums before it when the next begin to add to it.
         """
         acting = [k for k, (number, _) in enumerate(sums) if self._gives(number, 1)]
-        with self._scope() as level:
+        with self._loop_scope() as level:
             j = LoopIndex(f"_i{next(self._serial)}", 0, 0, i.last, level)
             links = {relation.name: Link(j, i)}
-            now, new = [self._total(level) for _ in acting], []
-            with self._whole(i, j):
+            now, new = [self._name_total(level) for _ in acting], []
+            with self._unsplit_indices(i, j):
                 for name, k in zip(now, acting, strict=True):
                     number, env = sums[k]
                     new.append(self.compute("add", name, self.value(self._parts.operands[number][1], {**env, **links})))
                 for number, env in sums:
                     if self._gives(number, 0):
-                        dims, here = self._order(number), {**env, relation.source: j}
-                        place = self._at(self._arrays[number], dims, here)
+                        dims, pair_env = self._array_dims(number), {**env, relation.source: j}
+                        location = self._element_location(self._arrays[number], dims, pair_env)
                         term = self.value(self._parts.operands[number][0], {**env, **links})
-                        self._store(place, self.compute("add", self._load(place, dims, here), term))
+                        self._store_line(
+                            location, self.compute("add", self._load_element(location, dims, pair_env), term)
+                        )
             body = tuple(self._scopes[-1].lines)
         start = (-0.0,) * len(acting)
         line = Reduction(j.name, i.last, body, tuple(map(str, new)), tuple(now), "newest", start, below=i.name)
-        joined = dict(zip(acting, self._joined(line), strict=True))
-        return [joined.get(k, -0.0) for k in range(len(sums))]
+        totals_by_sum = dict(zip(acting, self._add_reduction(line), strict=True))
+        return [totals_by_sum.get(k, -0.0) for k in range(len(sums))]
 
     def _gives(self, number: int, end: int) -> bool:
         """Whether links give something to the elements at one of their ends."""
@@ -167,73 +177,73 @@ class LinkSums(Reductions):
 
     def _stage_links(self, number: int, node: Along, relation: Relation) -> None:
         """Write what links give, and then add it to the elements at their ends, link by link."""
-        array, dims, dim = self._new_array(number), self._dims(number), end_of(node, self.shapes)
+        array, dims, dim = self._new_array(number), self._part_dims(number), end_dimension(node, self.shapes)
         acting = [end for end in (0, 1) if node.arguments[end] != ZERO]
-        others = tuple(other for other in dims if other != dim)
+        other_dims = tuple(other_dim for other_dim in dims if other_dim != dim)
         ends = (relation.first, relation.second)
         touched = np.unique(np.concatenate([ends[end] for end in acting]))
         lonely = np.setdiff1d(np.arange(self.shapes.extent(dim).size), touched).tolist()
-        with self._outside():
+        with self._outside_loops():
             values = [self._parts.operands[number][end] for end in acting]
             for value in values:
                 if relation.name in self._parts.dims[value]:
                     self._staged(value)
-            self._nest(dims, lambda env: self._store(self._at(array, dims, env), -0.0))
-            self._nest((relation.name,), lambda env: self._add_links(number, array, others, env), whole=True)
+            self._nest(dims, lambda env: self._store_line(self._element_location(array, dims, env), -0.0))
+            self._nest((relation.name,), lambda env: self._add_links(number, array, other_dims, env), unsplit=True)
             if lonely:
-                self._nest_lonely(self._table(f"{relation.name}_lonely_{number}", lonely), dim, array, dims)
+                self._nest_lonely(self._add_table(f"{relation.name}_lonely_{number}", lonely), dim, array, dims)
         self._arrays[number] = array
 
-    def _add_links(self, number: int, array: Place, others: tuple[str, ...], env: Env) -> None:
-        node, dims = self._parts.nodes[number], self._dims(number)
+    def _add_links(self, number: int, array: Location, other_dims: tuple[str, ...], env: Env) -> None:
+        node, dims = self._parts.nodes[number], self._part_dims(number)
         assert isinstance(node, Along)  # noqa: S101 - it is what links give
         relation = self.shapes.relations[node.dims[0]]
         link, size = env[relation.name], relation.size
         if not isinstance(link, LoopIndex) or (link.first, link.last) != (0, size):
             raise UnprintedError
-        if not self._written_out(others):
+        if not self._is_written_out(other_dims):
             raise UnprintedError
-        dim = end_of(node, self.shapes)
+        dim = end_dimension(node, self.shapes)
         for end, function in enumerate(("first", "second")):
             if node.arguments[end] == ZERO:
                 continue
-            at = self._gathered(relation, function, link)
-            for inner in self._all(others):
-                here = {**env, **inner, dim: at}
-                place = self._at(array, dims, here)
+            end_index = self._gathered_end(relation, function, link)
+            for inner in self._all_elements(other_dims):
+                end_env = {**env, **inner, dim: end_index}
+                location = self._element_location(array, dims, end_env)
                 part = self._parts.operands[number][end]
-                term = self._load_staged(part, here) if part in self._arrays else self.value(part, here)
-                self._store(place, self.compute("add", self._load(place, dims, here), term))
+                term = self._load_staged(part, end_env) if part in self._arrays else self.value(part, end_env)
+                self._store_line(location, self.compute("add", self._load_element(location, dims, end_env), term))
 
-    def _gathered(self, relation: Relation, function: str, link: LoopIndex) -> LoopIndex:
+    def _gathered_end(self, relation: Relation, function: str, link: LoopIndex) -> LoopIndex:
         """Return the element at an end, read from a table."""
         numbers = relation.first if function == "first" else relation.second
         name = f"_i{next(self._serial)}"
-        table = self._table(f"{relation.name}_{function}", numbers.tolist())
-        self._scopes[link.level].lines.append(Gather(name, Place(table, link.shift, ((link.name, 1),))))
+        table = self._add_table(f"{relation.name}_{function}", numbers.tolist())
+        self._scopes[link.level].lines.append(Gather(name, Location(table, link.shift, ((link.name, 1),))))
         dim = relation.source if function == "first" else relation.target
         return LoopIndex(name, 0, 0, self.shapes.extent(dim).size, link.level, gathered=True)
 
-    def _nest_lonely(self, table: str, dim: str, array: Place, dims: tuple[str, ...]) -> None:
+    def _nest_lonely(self, table: str, dim: str, array: Location, dims: tuple[str, ...]) -> None:
         """Set elements without links to 0."""
-        others = tuple(other for other in dims if other != dim)
+        other_dims = tuple(other_dim for other_dim in dims if other_dim != dim)
         size = len(self.tables[table])
-        with self._scope() as level:
-            index, at = f"_i{next(self._serial)}", f"_i{next(self._serial)}"
-            self._scopes[-1].lines.append(Gather(at, Place(table, 0, ((index, 1),))))
-            here = LoopIndex(at, 0, 0, size, level, gathered=True)
-            for inner in self._all(others):
-                self._store(self._at(array, dims, {**inner, dim: here}), 0.0)
+        with self._loop_scope() as level:
+            index, element_name = f"_i{next(self._serial)}", f"_i{next(self._serial)}"
+            self._scopes[-1].lines.append(Gather(element_name, Location(table, 0, ((index, 1),))))
+            lonely_element = LoopIndex(element_name, 0, 0, size, level, gathered=True)
+            for inner in self._all_elements(other_dims):
+                self._store_line(self._element_location(array, dims, {**inner, dim: lonely_element}), 0.0)
             body = tuple(self._scopes[-1].lines)
         self._scopes[-1].lines.append(Loop(index, size, body))
 
     def _nested_sums(self) -> set[int]:
         """Return the parts that depend on what links give."""
-        found: set[int] = set()
+        dependent_parts: set[int] = set()
         for number, operands in enumerate(self._parts.operands):
-            if any(operand in found or _is_onto(self._parts.nodes[operand]) for operand in operands):
-                found.add(number)
-        return found
+            if any(operand in dependent_parts or _is_onto(self._parts.nodes[operand]) for operand in operands):
+                dependent_parts.add(number)
+        return dependent_parts
 
 
 def _is_onto(node: Node, relation: str = "") -> bool:

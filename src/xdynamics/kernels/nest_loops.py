@@ -9,8 +9,8 @@ from fractions import Fraction
 from itertools import count, product
 
 from xdynamics.kernels.assignments import Assignments
-from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_number
-from xdynamics.kernels.program import Line, Loop, Operand, Place, StoreTo
+from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_index
+from xdynamics.kernels.program import Line, Location, Loop, Operand, StoreTo
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.distinct_parts import Parts
 
@@ -52,34 +52,34 @@ class NestedLoops:
     def compute(self, operation: str, *arguments: Operand) -> Operand:
         """Write an operation in the innermost loop that its operands depend on."""
         level = max((self._level(argument) for argument in arguments), default=0)
-        return self._of_level(level, self._scopes[level].compute(operation, *arguments))
+        return self._note_level(level, self._scopes[level].compute(operation, *arguments))
 
-    def _power(self, base: Operand, exponent: Fraction) -> Operand:
+    def _power_at_level(self, base: Operand, exponent: Fraction) -> Operand:
         level = self._level(base)
-        return self._of_level(level, self._scopes[level].power(base, exponent))
+        return self._note_level(level, self._scopes[level].power(base, exponent))
 
-    def _chained(self, operation: str, values: Iterable[Operand]) -> Operand:
-        first, *others = values
-        for value in others:
+    def _chain_operations(self, operation: str, values: Iterable[Operand]) -> Operand:
+        first, *later_values = values
+        for value in later_values:
             first = self.compute(operation, first, value)
         return first
 
     # ------------------------------------------------------------------------------------------------------------ arrays
 
-    def _new_array(self, number: int) -> Place:
-        size = math.prod(self.shapes.shape(self._dims(number)))
+    def _new_array(self, number: int) -> Location:
+        size = math.prod(self.shapes.shape(self._part_dims(number)))
         if sum(self.local.values()) + size > LARGEST_LOCAL:
             raise UnprintedError
         name = f"part{number}_"
         self.local[name] = size
-        return Place(name)
+        return Location(name)
 
-    def _dims(self, number: int) -> tuple[str, ...]:
+    def _part_dims(self, number: int) -> tuple[str, ...]:
         return self.shapes.ordered(set(self._parts.dims[number]))
 
-    def _at(self, place: Place, dims: tuple[str, ...], env: Env) -> Place:
+    def _element_location(self, location: Location, dims: tuple[str, ...], env: Env) -> Location:
         """Return the place of an element of an array."""
-        offset, strides, stride = place.offset, [], 1
+        offset, strides, stride = location.offset, [], 1
         for dim in reversed(dims):
             index = env[dim]
             if isinstance(index, Link):
@@ -88,49 +88,49 @@ class NestedLoops:
             if index.name:
                 strides.append((index.name, stride))
             stride *= self.shapes.extent(dim).size
-        return Place(place.array, offset, tuple(reversed(strides)))
+        return Location(location.array, offset, tuple(reversed(strides)))
 
-    def _load(self, place: Place, dims: tuple[str, ...], env: Env) -> Operand:
+    def _load_element(self, location: Location, dims: tuple[str, ...], env: Env) -> Operand:
         level = max((env[dim].level for dim in dims), default=0)
-        return self._of_level(level, self._scopes[level].load(place))
+        return self._note_level(level, self._scopes[level].load(location))
 
-    def _store(self, place: Place, value: Operand) -> None:
-        self._scopes[-1].lines.append(StoreTo(place, value))
+    def _store_line(self, location: Location, value: Operand) -> None:
+        self._scopes[-1].lines.append(StoreTo(location, value))
 
     # ------------------------------------------------------------------------------------------------------------- loops
 
-    def _nest(self, dims: tuple[str, ...], write: Callable[[Env], None], *, whole: bool = False) -> None:
+    def _nest(self, dims: tuple[str, ...], write: Callable[[Env], None], *, unsplit: bool = False) -> None:
         """Write loops over dimensions; small ones are written out.
 
         Of others the last, whose elements are next to one another, is the outermost, so that it goes side by side.
         """
-        large = [dim for dim in dims if whole or not self._written_out((dim,))]
+        large = [dim for dim in dims if unsplit or not self._is_written_out((dim,))]
         small = tuple(dim for dim in dims if dim not in large)
 
-        def inside(env: Env, waiting: list[str]) -> None:
+        def nest_remaining(env: Env, waiting: list[str]) -> None:
             if waiting:
-                self._looped(waiting[0], env, lambda inner: inside(inner, waiting[1:]), whole=whole)
+                self._write_loop(waiting[0], env, lambda inner: nest_remaining(inner, waiting[1:]), unsplit=unsplit)
             else:
-                for further in self._all(small):
+                for further in self._all_elements(small):
                     write({**env, **further})
 
-        inside({}, [*large[-1:], *large[:-1]])
+        nest_remaining({}, [*large[-1:], *large[:-1]])
 
-    def _looped(self, dim: str, env: Env, inside: Callable[[Env], None], *, whole: bool) -> None:
+    def _write_loop(self, dim: str, env: Env, write_body: Callable[[Env], None], *, unsplit: bool) -> None:
         waiting = [(0, self.shapes.extent(dim).size)]
         while waiting:
             first, last = waiting.pop(0)
-            if last - first == 1 and not whole:
-                inside({**env, dim: known_number(first)})
+            if last - first == 1 and not unsplit:
+                write_body({**env, dim: known_index(first)})
                 continue
-            with self._scope() as level:
+            with self._loop_scope() as level:
                 index = LoopIndex(f"_i{next(self._serial)}", first, first, last, level)
                 try:
-                    inside({**env, dim: index})
+                    write_body({**env, dim: index})
                 except SplitError as split:
                     if split.index != index.name:
                         raise
-                    if whole:
+                    if unsplit:
                         raise UnprintedError from None
                     waiting[:0] = [(first, first + split.count), (first + split.count, last)]
                     continue
@@ -138,7 +138,7 @@ class NestedLoops:
             self._scopes[-1].lines.append(Loop(index.name, last - first, body))
 
     @contextmanager
-    def _whole(self, *indices: LoopIndex) -> Iterator[None]:
+    def _unsplit_indices(self, *indices: LoopIndex) -> Iterator[None]:
         """Give up where an index of these would have to be split."""
         try:
             yield
@@ -148,7 +148,7 @@ class NestedLoops:
             raise
 
     @contextmanager
-    def _scope(self) -> Iterator[int]:
+    def _loop_scope(self) -> Iterator[int]:
         """Write what is in a loop; yield how many loops are around it."""
         self._scopes.append(Assignments(self._find, f"_{next(self._serial)}_"))
         self._memos.append({})
@@ -159,7 +159,7 @@ class NestedLoops:
             self._memos.pop()
 
     @contextmanager
-    def _outside(self) -> Iterator[None]:
+    def _outside_loops(self) -> Iterator[None]:
         """Write outside all loops, before those that are being written."""
         inner = self._scopes[1:], self._memos[1:]
         del self._scopes[1:], self._memos[1:]
@@ -169,32 +169,32 @@ class NestedLoops:
             self._scopes += inner[0]
             self._memos += inner[1]
 
-    def _written_out(self, dims: Iterable[str]) -> bool:
+    def _is_written_out(self, dims: Iterable[str]) -> bool:
         return all(self.shapes.extent(dim).size <= SMALL for dim in dims)
 
-    def _all(self, dims: tuple[str, ...]) -> Iterator[dict[str, LoopIndex]]:
+    def _all_elements(self, dims: tuple[str, ...]) -> Iterator[dict[str, LoopIndex]]:
         for numbers in product(*map(range, self.shapes.shape(dims))):
-            yield dict(zip(dims, map(known_number, numbers), strict=True))
+            yield dict(zip(dims, map(known_index, numbers), strict=True))
 
     # ------------------------------------------------------------------------------------------------------------ memory
 
-    def _key(self, dims: Iterable[str], env: Env) -> tuple[LoopIndex | Link, ...]:
+    def _index_key(self, dims: Iterable[str], env: Env) -> tuple[LoopIndex | Link, ...]:
         return tuple(env[dim] for dim in dims)
 
     def _depth(self, number: int, env: Env) -> int:
         return max((env[dim].level for dim in self._parts.dims[number]), default=0)
 
-    def _known(self, number: int, env: Env) -> Operand | None:
-        return self._memos[self._depth(number, env)].get((number, self._key(self._dims(number), env)))
+    def _known_operand(self, number: int, env: Env) -> Operand | None:
+        return self._memos[self._depth(number, env)].get((number, self._index_key(self._part_dims(number), env)))
 
     def _remember(self, number: int, env: Env, value: Operand) -> Operand:
-        self._memos[self._depth(number, env)][number, self._key(self._dims(number), env)] = value
+        self._memos[self._depth(number, env)][number, self._index_key(self._part_dims(number), env)] = value
         return value
 
     def _level(self, operand: Operand) -> int:
         return self._levels.get(operand, 0) if isinstance(operand, str) else 0
 
-    def _of_level(self, level: int, operand: Operand) -> Operand:
+    def _note_level(self, level: int, operand: Operand) -> Operand:
         if isinstance(operand, str):
             self._levels.setdefault(operand, level)
         return operand

@@ -1,6 +1,6 @@
 """Expressions with dimensions as lines with loops: what is computed for every element, however many there are.
 
-Bits are those of the expressions that `shapes.at` gives for each element: sums are ascending, from -0.0, to which any
+Bits are those of the expressions that `shapes.at_element` gives for each element: sums are ascending, from -0.0, to which any
 number can be added without a change.
 """
 
@@ -12,13 +12,13 @@ from itertools import groupby
 
 from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, exponent_of
 from xdynamics.kernels.assignments import CALLED, OPERATIONS, Assignments
-from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_number
+from xdynamics.kernels.nest_indices import Env, Link, LoopIndex, SplitError, UnprintedError, known_index
 from xdynamics.kernels.nest_numbers import TakenNumbers
-from xdynamics.kernels.program import Operand, Ordinal, Place
+from xdynamics.kernels.program import Location, Operand, Ordinal
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.trees import element_numbers
 
-Result = tuple[str, tuple[str, ...], Node, Place]  # a name, its dimensions, what it is, where its first element goes
+Result = tuple[str, tuple[str, ...], Node, Location]  # a name, its dimensions, what it is, where its first element goes
 
 
 class Nests(TakenNumbers):
@@ -34,56 +34,58 @@ class Nests(TakenNumbers):
     """
 
     def __init__(
-        self, shapes: Shapes, find: Callable[[Assignments, str], Operand], place: Callable[[str], Place]
+        self, shapes: Shapes, find: Callable[[Assignments, str], Operand], first_location: Callable[[str], Location]
     ) -> None:
         super().__init__(shapes, find)
-        self._place = place
+        self._first_location = first_location
 
     def results(self, results: Iterable[Result]) -> None:
         """Write quantities to their places; those of the same dimensions, one after the other, share their loops."""
-        numbered = [(name, dims, self._parts.number(tree), place) for name, dims, tree, place in results]
+        numbered = [(name, dims, self._parts.number(tree), location) for name, dims, tree, location in results]
         for dims, group in groupby(numbered, key=lambda result: result[1]):
             together = list(group)
 
-            def write(env: Env, together: list[tuple[str, tuple[str, ...], int, Place]] = together) -> None:
-                for name, dims, number, place in together:
+            def write_group(env: Env, together: list[tuple[str, tuple[str, ...], int, Location]] = together) -> None:
+                for name, dims, number, location in together:
                     value = self.value(number, env)
-                    self._store(self._at(place, dims, env), value)
-                    self._memos[-1][name, self._key(dims, env)] = value
+                    self._store_line(self._element_location(location, dims, env), value)
+                    self._memos[-1][name, self._index_key(dims, env)] = value
 
-            self._nest(dims, write)
+            self._nest(dims, write_group)
 
     def value(self, number: int, env: Env) -> Operand:
         """Write what a part of an expression needs at an element; return its operand."""
         nodes, operands, links = self._parts.nodes, self._parts.operands, []
-        while isinstance(nodes[number], Binary) and self._known(number, env) is None:  # a sum may have any length
+        while (
+            isinstance(nodes[number], Binary) and self._known_operand(number, env) is None
+        ):  # a sum may have any length
             links.append(number)
             number = operands[number][0]
-        found = self._known(number, env)
-        if found is None:
-            found = self._remember(number, env, self._of(number, env))
+        operand = self._known_operand(number, env)
+        if operand is None:
+            operand = self._remember(number, env, self._operand_of_part(number, env))
         for link in reversed(links):
             node = nodes[link]
             assert isinstance(node, Binary)  # noqa: S101 - all links are
             if node.operator == "**":
-                found = self._power(found, exponent_of(node.right) or Fraction(0))
+                operand = self._power_at_level(operand, exponent_of(node.right) or Fraction(0))
             else:
-                found = self.compute(OPERATIONS[node.operator], found, self.value(operands[link][1], env))
-            self._remember(link, env, found)
-        return found
+                operand = self.compute(OPERATIONS[node.operator], operand, self.value(operands[link][1], env))
+            self._remember(link, env, operand)
+        return operand
 
-    def _of(self, number: int, env: Env) -> Operand:
+    def _operand_of_part(self, number: int, env: Env) -> Operand:
         node, operands = self._parts.nodes[number], self._parts.operands[number]
         match node:
             case Number():
                 return node.value
             case Name():
-                return self._named(node.name, env)
+                return self._operand_of_name(node.name, env)
             case Element():
-                name = self.shapes.element(node.name, element_numbers(node, self.shapes))
-                return self._scopes[0].named(name)
+                name = self.shapes.element_at(node.name, element_numbers(node, self.shapes))
+                return self._scopes[0].operand_of(name)
             case Along():
-                return self._along(number, node, env)
+                return self._operand_along(number, node, env)
         values = [self.value(operand, env) for operand in operands]
         match node:
             case Negative():
@@ -91,42 +93,42 @@ class Nests(TakenNumbers):
             case Compare():
                 return self.compute(OPERATIONS[node.operator], *values)
             case Call(function="min" | "max"):
-                return self._chained(CALLED[node.function], values)
+                return self._chain_operations(CALLED[node.function], values)
         assert isinstance(node, Call)  # noqa: S101 - all others are above
         return self.compute(CALLED.get(node.function, node.function), *values)
 
-    def _named(self, name: str, env: Env) -> Operand:
+    def _operand_of_name(self, name: str, env: Env) -> Operand:
         dims = self.shapes.dims.get(name, ())
-        key = name, self._key(dims, env)
+        key = name, self._index_key(dims, env)
         for memo in self._memos:
             if key in memo:
                 return memo[key]
         if not dims:
-            return self._scopes[0].named(name)
-        return self._load(self._at(self._place(name), dims, env), dims, env)
+            return self._scopes[0].operand_of(name)
+        return self._load_element(self._element_location(self._first_location(name), dims, env), dims, env)
 
-    def _along(self, number: int, node: Along, env: Env) -> Operand:
+    def _operand_along(self, number: int, node: Along, env: Env) -> Operand:
         match node.function:
             case "index":
-                return self._ordinal(env[node.dims[0]])
+                return self._index_ordinal(env[node.dims[0]])
             case "size":
                 return float(self.shapes.extent(node.dims[0]).size)
             case "first" | "second":
                 relation = self.shapes.relations[node.dims[0]]
                 dim = relation.source if node.function == "first" else relation.target
-                end = self._end(relation, node.function, env[relation.name])
+                end = self._link_end(relation, node.function, env[relation.name])
                 return self.value(self._parts.operands[number][0], {**env, dim: end})
             case "shift" | "roll":
-                return self._moved(number, node, env)
+                return self._shifted_operand(number, node, env)
             case "take":
-                return self.value(self._parts.operands[number][0], {**env, node.dims[0]: self._taken(node, env)})
+                return self.value(self._parts.operands[number][0], {**env, node.dims[0]: self._taken_index(node, env)})
             case "cross":
-                return self._crossed(number, node, env)
+                return self._cross_product(number, node, env)
             case "onto":
-                return self._onto(number, node, env)
-        return self._reduced(number, node, env)
+                return self._onto_sum(number, node, env)
+        return self._reduce_part(number, node, env)
 
-    def _ordinal(self, index: LoopIndex | Link) -> Operand:
+    def _index_ordinal(self, index: LoopIndex | Link) -> Operand:
         if isinstance(index, Link):
             raise UnprintedError
         if not index.name:
@@ -135,10 +137,10 @@ class Nests(TakenNumbers):
         if key not in memo:
             target = f"_{next(self._serial)}_o"
             self._scopes[index.level].lines.append(Ordinal(target, index.name))
-            memo[key] = self._of_level(index.level, target)
+            memo[key] = self._note_level(index.level, target)
         return self.compute("add", memo[key], float(index.shift)) if index.shift else memo[key]
 
-    def _moved(self, number: int, node: Along, env: Env) -> Operand:
+    def _shifted_operand(self, number: int, node: Along, env: Env) -> Operand:
         """Write the value some places before; values beyond an end are apart."""
         dim, n, operands = node.dims[0], node.places, self._parts.operands[number]
         size, index = self.shapes.extent(dim).size, env[dim]
@@ -150,16 +152,16 @@ class Nests(TakenNumbers):
         if turns and node.function == "shift":
             return self.value(operands[1], env)
         far = -n - turns * size
-        moved = index._replace(shift=index.shift + far, first=index.first + far, last=index.last + far)
-        return self.value(operands[0], {**env, dim: moved})
+        shifted_index = index._replace(shift=index.shift + far, first=index.first + far, last=index.last + far)
+        return self.value(operands[0], {**env, dim: shifted_index})
 
-    def _crossed(self, number: int, node: Along, env: Env) -> Operand:
+    def _cross_product(self, number: int, node: Along, env: Env) -> Operand:
         dim, (a, b) = node.dims[0], self._parts.operands[number]
         index = env[dim]
         assert isinstance(index, LoopIndex)  # noqa: S101 - no relation of every two has three links and a cross product
         if index.name:
             raise SplitError(index, index.first + 1)
-        i, j = (known_number((index.shift + k) % 3) for k in (1, 2))
+        i, j = (known_index((index.shift + k) % 3) for k in (1, 2))
         plus, minus = (
             self.compute("multiply", self.value(a, {**env, dim: of_a}), self.value(b, {**env, dim: of_b}))
             for of_a, of_b in ((i, j), (j, i))

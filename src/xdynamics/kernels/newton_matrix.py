@@ -72,21 +72,23 @@ class Coupling:
         (name, i), (variable, k) = target, unknown
         of_state, by_state = name[0] == "x", variable[0] == "x"
         entries = []
-        if i == k and of_state == by_state and (place := self._direct(name, variable)) is not None:
-            entries.append((row, column, place, DIRECT))
+        if i == k and of_state == by_state and (slot := self._direct_slot(name, variable)) is not None:
+            entries.append((row, column, slot, DIRECT))
         layout = self._layout
         dependent = rate(layout.states[i]) if of_state else layout.coordinates[i]
         for number, evaluation in enumerate(self._line.evaluations):
             for vector in (evaluation.state,) if by_state else (evaluation.position, evaluation.velocity):
                 owner = layout.states[k] if by_state else layout.coordinates[k]
                 slope = self._jacobian.get((dependent, layout.argument(vector[0], owner)))
-                place = (
+                slot = (
                     None
                     if slope is None
-                    else self._through(name, evaluation.rate if of_state else evaluation.acceleration, vector, variable)
+                    else self._force_slot(
+                        name, evaluation.rate if of_state else evaluation.acceleration, vector, variable
+                    )
                 )
-                if slope is not None and place is not None:
-                    entries.append((row, column, place, self._slopes[number] + slope))
+                if slope is not None and slot is not None:
+                    entries.append((row, column, slot, self._slopes[number] + slope))
         return entries
 
     def weights(self) -> int:
@@ -109,17 +111,21 @@ class Coupling:
         first, *_ = [self._coefficient(*pair) for pair in zip(terms, insides, strict=True)]
         return first
 
-    def _direct(self, name: str, unknown: str) -> int | None:
-        return self._placed((name, unknown), derivative(self._outer[name], {unknown: Number(1.0)}))
+    def _direct_slot(self, name: str, unknown: str) -> int | None:
+        return self._coefficient_slot((name, unknown), derivative(self._outer[name], {unknown: Number(1.0)}))
 
-    def _through(self, name: str, slope: str, vector: str, unknown: str) -> int | None:
+    def _force_slot(self, name: str, slope: str, vector: str, unknown: str) -> int | None:
         weight = derivative(self._outer[name], {slope: Number(1.0)})
-        inside = derivative(expand(Name(vector), self._inner), {unknown: Number(1.0)})
-        return None if inside == Number(0.0) else self._placed((name, slope, vector, unknown), weight, inside)
+        inner_derivative = derivative(expand(Name(vector), self._inner), {unknown: Number(1.0)})
+        return (
+            None
+            if inner_derivative == Number(0.0)
+            else self._coefficient_slot((name, slope, vector, unknown), weight, inner_derivative)
+        )
 
-    def _placed(self, key: tuple[str, ...], weight: Node, inside: Node | None = None) -> int | None:
+    def _coefficient_slot(self, key: tuple[str, ...], weight: Node, inner_derivative: Node | None = None) -> int | None:
         """Return the place of a coefficient; None if it is zero."""
         if key not in self._places:
             zero = weight == Number(0.0)
-            self._places[key] = None if zero else self._coefficient(weight, inside)
+            self._places[key] = None if zero else self._coefficient(weight, inner_derivative)
         return self._places[key]

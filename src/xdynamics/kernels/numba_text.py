@@ -20,7 +20,7 @@ from numba.extending import overload
 
 from xdynamics.elementary import numbers
 from xdynamics.kernels import machine
-from xdynamics.kernels.compiling import UNCOUNTED, hand_over
+from xdynamics.kernels.compiling import UNCOUNTED, install_numba_functions
 from xdynamics.kernels.entry_points import Signature
 from xdynamics.kernels.entry_text import entry_text, in_numba
 from xdynamics.runtime.fork_safety import waited_for
@@ -55,8 +55,8 @@ def text_of(functions: Sequence[tuple[Any, Signature]]) -> str:
     """
     # in LLVM's context of the whole process, as numba's own modules, which its lock keeps to one thread
     with global_compiler_lock, _without_collection():
-        hand_over()
-        module = _linked(functions)
+        install_numba_functions()
+        module = _link_functions(functions)
         entries = {function.__name__ for function, _ in functions}
         for symbol in (*module.functions, *module.global_variables):
             if not symbol.is_declaration and symbol.name not in entries:
@@ -79,15 +79,15 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _linked(functions: Sequence[tuple[Any, Signature]]) -> Any:
+def _link_functions(functions: Sequence[tuple[Any, Signature]]) -> Any:
     """Return a module of all functions, their entries, and what they call."""
     module = llvm.parse_assembly(_SQUARE_ROOT)
     with _plain_processor() as context:
         for function, signature in functions:
-            given = in_numba(signature)
+            numba_signature = in_numba(signature)
             dispatcher: Any = njit(**UNCOUNTED)(function)
-            dispatcher.compile(given)
-            compiled = dispatcher.overloads[given.args]
+            dispatcher.compile(numba_signature)
+            compiled = dispatcher.overloads[numba_signature.args]
             _, _, bitcode = compiled.library.serialize_using_bitcode()
             module.link_in(llvm.parse_bitcode(bitcode))
             entry = entry_text(context, compiled.fndesc, signature, function.__name__)
@@ -132,9 +132,9 @@ class _Codegen(AOTCPUCodegen):
 def _plain_processor() -> Iterator[Any]:
     """Let numba compile for a plain processor; under its lock, no other thread compiles meanwhile."""
     context: Any = cpu_target.target_context
-    own = context._internal_codegen  # noqa: SLF001 - nested functions are compiled for this context alone
+    original_codegen = context._internal_codegen  # noqa: SLF001 - nested functions are compiled for this context alone
     context._internal_codegen = _Codegen("xdynamics")  # noqa: SLF001
     try:
         yield context
     finally:
-        context._internal_codegen = own  # noqa: SLF001
+        context._internal_codegen = original_codegen  # noqa: SLF001

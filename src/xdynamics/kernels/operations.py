@@ -25,11 +25,11 @@ from xdynamics.elementary.numbers import (
     choose,
     exponent,
     floor,
-    greatest,
-    least,
+    maximum_of_two,
+    minimum_of_two,
     modulo,
-    nearest,
-    positive,
+    positive_or_nan,
+    round_half_even,
     sign,
     significand,
     sqrt,
@@ -63,12 +63,12 @@ RULES: Mapping[str, Callable[..., Any]] = {
     "sqrt": sqrt,
     "choose": choose,
     "sign": sign,
-    "least": least,
-    "greatest": greatest,
-    "positive": positive,
+    "least": minimum_of_two,
+    "greatest": maximum_of_two,
+    "positive": positive_or_nan,
     "floor": floor,
     "ceil": ceiling,
-    "round": nearest,
+    "round": round_half_even,
     "mod": modulo,
     "fma": fma,
     "significand": significand,
@@ -83,7 +83,7 @@ def unsound(numbers: NDArray[np.float64]) -> float:
     return 0.0 if np.isfinite(numbers).all() else math.nan
 
 
-def _kept(function: Callable[..., float]) -> Callable[..., float]:
+def _as_numpy_float(function: Callable[..., float]) -> Callable[..., float]:
     """Make a function return NumPy floats, which divide by zero as IEEE 754 requires, unlike Python's."""
 
     @wraps(function)
@@ -96,10 +96,10 @@ def _kept(function: Callable[..., float]) -> Callable[..., float]:
 # by their names in printed Python, where a model's own names cannot collide with those that have an underscore
 _PRIVATE = ("positive", "power", *CALLED_ALONE)
 PYTHON: dict[str, Any] = {
-    **{f"_{name}" if name in _PRIVATE else name: _kept(function) for name, function in NUMERIC.items()},
-    "_least": _kept(least),
-    "_greatest": _kept(greatest),
-    "_fma": _kept(fma),
+    **{f"_{name}" if name in _PRIVATE else name: _as_numpy_float(function) for name, function in NUMERIC.items()},
+    "_least": _as_numpy_float(minimum_of_two),
+    "_greatest": _as_numpy_float(maximum_of_two),
+    "_fma": _as_numpy_float(fma),
     "_ordinal": np.float64,
     "_unsound": unsound,
 }
@@ -108,6 +108,7 @@ PYTHON: dict[str, Any] = {
 def python_of_set(math_functions: str) -> dict[str, Any]:
     """Return what printed Python calls, with the elementary functions of a set."""
     functions = {
-        f"_{name}" if name == "power" else name: _kept(function) for name, function in SETS[math_functions].items()
+        f"_{name}" if name == "power" else name: _as_numpy_float(function)
+        for name, function in SETS[math_functions].items()
     }
     return PYTHON | functions | {"_double_double": DoubleDoubles()}

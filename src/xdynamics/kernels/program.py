@@ -30,7 +30,7 @@ DEVIATION = 2 * len(AT)  # behind them and their rests: how far from 1 a step ha
 
 
 @dataclass(frozen=True)
-class Place:
+class Location:
     """An element of an array, of a view or of a table: an offset and strides times indices.
 
     Attributes
@@ -46,9 +46,9 @@ class Place:
     strides: tuple[tuple[str, int], ...] = ()
 
 
-def element(array: str, offset: int = 0, index: str = "i") -> Place:
+def loop_element(array: str, offset: int = 0, index: str = "i") -> Location:
     """Return the place of the element of a vector that a loop is at."""
-    return Place(array, offset, ((index, 1),))
+    return Location(array, offset, ((index, 1),))
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,14 @@ class Load:
     """``target = place``."""
 
     target: str
-    place: Place
+    location: Location
 
 
 @dataclass(frozen=True)
 class StoreTo:
     """``place = value``."""
 
-    place: Place
+    location: Location
     value: Operand
 
 
@@ -109,7 +109,7 @@ class Gather:
     """``index = place``, a whole number of one of the program's tables: an index for the places that follow."""
 
     index: str
-    place: Place
+    location: Location
 
 
 @dataclass(frozen=True)
@@ -129,43 +129,45 @@ class Loop:
     index : str
     count : int
     body : tuple of Line
-    own : frozenset of str
+    exclusive_arrays : frozenset of str
         Arrays of which every pass reads and writes elements that no other does.
     """
 
     index: str
     count: int
     body: tuple[Line, ...]
-    own: frozenset[str] = frozenset()
+    exclusive_arrays: frozenset[str] = frozenset()
 
     @property
     def independent(self) -> bool:
         """Whether no pass reads or writes what another writes, so that some can be made side by side."""
-        lines = list(nested(self.body))
+        lines = list(nested_lines(self.body))
         counts = {line.index: line.count for line in (self, *lines) if isinstance(line, Loop | Reduction)}
         indices = {*counts, *(line.index for line in lines if isinstance(line, Gather))}
 
-        def inside(place: Place) -> Place:  # indices of loops around are the same in all passes
-            return replace(place, strides=tuple((index, by) for index, by in place.strides if index in indices))
+        def without_outer_indices(location: Location) -> Location:  # indices of loops around are the same in all passes
+            return replace(
+                location, strides=tuple((index, stride) for index, stride in location.strides if index in indices)
+            )
 
-        loads = {inside(line.place) for line in lines if isinstance(line, Load)}
-        written: dict[str, list[Place]] = {}
+        loads = {without_outer_indices(line.location) for line in lines if isinstance(line, Load)}
+        stored_locations: dict[str, list[Location]] = {}
         for line in lines:
             if isinstance(line, StoreTo):
-                written.setdefault(line.place.array, []).append(inside(line.place))
+                stored_locations.setdefault(line.location.array, []).append(without_outer_indices(line.location))
         return all(
             self.index in dict(places[0].strides)
-            and apart(places, counts)
+            and are_distinct(places, counts)
             and all(load in places for load in loads if load.array == array)
-            for array, places in written.items()
-            if array not in self.own
+            for array, places in stored_locations.items()
+            if array not in self.exclusive_arrays
         )
 
 
-def apart(places: list[Place], counts: Mapping[str, int]) -> bool:
+def are_distinct(places: list[Location], counts: Mapping[str, int]) -> bool:
     """Whether places of an array are other elements for any other values of their indices."""
-    first = min(place.offset for place in places)
-    distances = [place.offset - first for place in places]
+    first = min(location.offset for location in places)
+    distances = [location.offset - first for location in places]
     between = math.gcd(*distances)
     # as if a further index numbered the places
     strides = [(between, max(distances) // between + 1)] if between else []
@@ -178,7 +180,7 @@ def apart(places: list[Place], counts: Mapping[str, int]) -> bool:
         if stride <= reach:
             return False
         reach += stride * (count - 1)
-    return len({place.strides for place in places}) == 1
+    return len({location.strides for location in places}) == 1
 
 
 @dataclass(frozen=True)
@@ -232,7 +234,7 @@ class Reduction:
 class When:
     """A call made if a number is nonzero; in lanes, if it is nonzero in any of them."""
 
-    place: Place
+    location: Location
     call: ProgramCall
 
 
@@ -240,7 +242,7 @@ class When:
 class While:
     """A call repeated until a number is zero; in lanes, until it is zero in all of them."""
 
-    place: Place
+    location: Location
     call: ProgramCall
 
 
@@ -248,30 +250,30 @@ Line = Compute | Load | StoreTo | Gather | Ordinal | Loop | Reduction  # what lo
 Instruction = Line | ProgramCall | EngineCall | When | While
 
 
-def nested(body: Iterable[Instruction]) -> Iterator[Instruction]:
+def nested_lines(body: Iterable[Instruction]) -> Iterator[Instruction]:
     """Yield every line that is executed, and those of loops after the loop."""
     for line in body:
         yield line
         if isinstance(line, Loop | Reduction) and line.count:
-            yield from nested(line.body)
+            yield from nested_lines(line.body)
 
 
-def arrays_of(line: Instruction) -> set[str]:
+def named_arrays(line: Instruction) -> set[str]:
     """Return the arrays that a line names: that of its place, or those that it hands to another program."""
     match line:
         case Load() | StoreTo():
-            return {line.place.array}
+            return {line.location.array}
         case ProgramCall():
             return {line.at, line.y, line.z, line.e}
         case When() | While():
-            return {line.place.array} | arrays_of(line.call)
+            return {line.location.array} | named_arrays(line.call)
         case _:
             return set()
 
 
-def size(body: Iterable[Instruction]) -> int:
+def line_count(body: Iterable[Instruction]) -> int:
     """Return the number of lines when loops are written out."""
-    return sum(line.count * size(line.body) if isinstance(line, Loop | Reduction) else 1 for line in body)
+    return sum(line.count * line_count(line.body) if isinstance(line, Loop | Reduction) else 1 for line in body)
 
 
 @dataclass(frozen=True)
@@ -306,29 +308,30 @@ class Program:
     tables: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
 
-def moved(program: Program, array: str, by: int) -> Program:
+def shift_array(program: Program, array: str, distance: int) -> Program:
     """Return a program whose places in an array are so much further on."""
 
-    def place(of: Place) -> Place:
-        return replace(of, offset=of.offset + by) if of.array == array else of
+    def shift_location(location: Location) -> Location:
+        return replace(location, offset=location.offset + distance) if location.array == array else location
 
-    def line(of: Any) -> Any:
-        match of:
+    def shift_line(instruction: Any) -> Any:
+        match instruction:
             case Load() | StoreTo() | Gather():
-                return replace(of, place=place(of.place))
+                return replace(instruction, location=shift_location(instruction.location))
             case When() | While():
-                return replace(of, place=place(of.place))
+                return replace(instruction, location=shift_location(instruction.location))
             case Loop() | Reduction():
-                return replace(of, body=tuple(map(line, of.body)))
-        return of
+                return replace(instruction, body=tuple(map(shift_line, instruction.body)))
+        return instruction
 
     views = {
-        name: (of, first + by if of == array else first, count) for name, (of, first, count) in program.views.items()
+        name: (viewed_array, first + distance if viewed_array == array else first, count)
+        for name, (viewed_array, first, count) in program.views.items()
     }
-    return replace(program, body=tuple(map(line, program.body)), views=views)
+    return replace(program, body=tuple(map(shift_line, program.body)), views=views)
 
 
 def soundness(array: str, first: int, count: int, total: str) -> Reduction:
     """Sum numbers less themselves: 0 if all are finite, else nan."""
-    lines = Load("_number", element(array, first)), Compute("_nothing", "subtract", ("_number", "_number"))
+    lines = Load("_number", loop_element(array, first)), Compute("_nothing", "subtract", ("_number", "_number"))
     return Reduction("i", count, lines, ("_nothing",), (total,), in_any_order=True)

@@ -18,10 +18,10 @@ from xdynamics.kernels.program import (
     Gather,
     Instruction,
     Load,
+    Location,
     Loop,
     Operand,
     Ordinal,
-    Place,
     Program,
     ProgramCall,
     Reduction,
@@ -41,11 +41,11 @@ Text = tuple[str, int]  # an expression and how strongly it binds
 def python_of(program: Program) -> str:
     """Print a program as a function of arrays; a value that is used once is written where it is used."""
     lines = [f'"""{program.about}"""']
-    given = {name: view for name, view in program.views.items() if view[0] in ARRAYS}
-    own = {name: view for name, view in program.views.items() if name not in given}
-    lines += [_view(name, *view) for name, view in given.items()]
+    array_views = {name: view for name, view in program.views.items() if view[0] in ARRAYS}
+    local_views = {name: view for name, view in program.views.items() if name not in array_views}
+    lines += [_view_line(name, *view) for name, view in array_views.items()]
     lines += [f"{name} = _empty({count})" for name, count in program.local.items()]
-    lines += [_view(name, *view) for name, view in own.items()]
+    lines += [_view_line(name, *view) for name, view in local_views.items()]
     lines += [f"{name} = {numbers}" for name, numbers in program.tables.items()]
     lines += _PythonPrinter(program.body).lines
     if program.sound:
@@ -55,11 +55,13 @@ def python_of(program: Program) -> str:
     return f"def {program.name}({SIGNATURE}):\n{body}\n"
 
 
-def function_text(name: str, given: Iterable[str], body: Iterable[Instruction], results: Iterable[Operand]) -> str:
+def function_text(
+    name: str, argument_names: Iterable[str], body: Iterable[Instruction], results: Iterable[Operand]
+) -> str:
     """Print instructions as a function of numbers that returns numbers."""
     printer = _PythonPrinter(tuple(body), returned=tuple(results))
     lines = [*printer.lines, f"return {', '.join(map(printer.text, results))}"]
-    return f"def {name}({', '.join(given)}):\n" + "".join(f"    {line}\n" for line in lines)
+    return f"def {name}({', '.join(argument_names)}):\n" + "".join(f"    {line}\n" for line in lines)
 
 
 class _PythonPrinter:
@@ -68,45 +70,45 @@ class _PythonPrinter:
     def __init__(
         self,
         body: tuple[object, ...],
-        known: dict[str, Text] | None = None,
+        outer_texts: dict[str, Text] | None = None,
         returned: tuple[Operand, ...] = (),
     ) -> None:
         self.lines: list[str] = []
-        self._texts: dict[str, Text] = dict(known or {})
+        self._texts: dict[str, Text] = dict(outer_texts or {})
         self._heights: dict[Operand, int] = {}  # of expressions written where they are used
-        self._uses = Counter([*_operands(body), *returned])
+        self._uses = Counter([*_operands_read(body), *returned])
         for line in body:
-            self._print(line)
+            self._print_line(line)
 
-    def _print(self, line: object) -> None:
+    def _print_line(self, line: object) -> None:
         match line:
             case Load():
-                self._define(line.target, (_element(line.place), _ATOM))
+                self._define_value(line.target, (_element_text(line.location), _ATOM))
             case Gather():
-                self.lines.append(f"{line.index} = {_element(line.place)}")
+                self.lines.append(f"{line.index} = {_element_text(line.location)}")
             case Ordinal():
-                self._define(line.target, (f"_ordinal({line.index})", _ATOM))
+                self._define_value(line.target, (f"_ordinal({line.index})", _ATOM))
             case Compute():
                 height = 1 + max((self._heights.get(entry, 0) for entry in line.arguments), default=0)
-                self._define(line.target, self._computed(line), height)
+                self._define_value(line.target, self._computed_text(line), height)
             case StoreTo():
-                self.lines.append(f"{_element(line.place)} = {self.text(line.value)}")
+                self.lines.append(f"{_element_text(line.location)} = {self.text(line.value)}")
             case ProgramCall():
                 passed = {"at": line.at, "y": line.y, "z": line.z, "e": line.e}
                 places = (passed.get(entry, entry) for entry in ARRAYS)
-                self.lines.append(f"{line.program}({', '.join(_array(entry) for entry in places)})")
+                self.lines.append(f"{line.program}({', '.join(_array_name(entry) for entry in places)})")
             case EngineCall():
                 words = f"_p[{line.first}], _p[{line.first + 1}]"
                 self.lines.append(f"_entered({words}, _at[{AT.index('t')}], _z)")
             case When() | While():
                 word, inner = "while" if isinstance(line, While) else "if", _PythonPrinter((line.call,)).lines
-                self.lines += [f"{word} {_element(line.place)}:", *(f"    {entry}" for entry in inner)]
+                self.lines += [f"{word} {_element_text(line.location)}:", *(f"    {entry}" for entry in inner)]
             case Loop() if line.count:
-                self._pass(line, _PythonPrinter(line.body, self._texts).lines)
+                self._print_pass(line, _PythonPrinter(line.body, self._texts).lines)
             case Reduction():
                 self._reduction(line)
 
-    def _pass(self, line: Loop | Reduction, inner: list[str]) -> None:
+    def _print_pass(self, line: Loop | Reduction, inner: list[str]) -> None:
         """Print a loop of these lines."""
         passes = str(line.count)
         if isinstance(line, Reduction) and (line.below or line.above):
@@ -122,76 +124,85 @@ class _PythonPrinter:
             )
         read = (*line.terms, *([line.where] if line.where else ()))
         inner = _PythonPrinter(line.body, self._texts, read)
-        joined = [
-            f"{total} = {inner._computed(Compute(total, line.operation, (total, term), line.kind))[0]}"
+        join_lines = [
+            f"{total} = {inner._computed_text(Compute(total, line.operation, (total, term), line.kind))[0]}"
             for total, term in zip(line.totals, line.terms, strict=True)
         ]
         if line.where:
-            joined = [f"if {inner.text(line.where)}:", *(f"    {entry}" for entry in joined)]
+            join_lines = [f"if {inner.text(line.where)}:", *(f"    {entry}" for entry in join_lines)]
         if line.count:
-            self._pass(line, [*inner.lines, *joined])
+            self._print_pass(line, [*inner.lines, *join_lines])
 
-    def _define(self, target: str, text: Text, height: int = 0) -> None:
+    def _define_value(self, target: str, text: Text, height: int = 0) -> None:
         if target.startswith("_") and self._uses[target] == 1 and height < HIGHEST:
             self._texts[target], self._heights[target] = text, height
             return
         self._texts[target] = (target, _ATOM)
         self.lines.append(f"{target} = {text[0]}")
 
-    def _computed(self, line: Compute) -> Text:
+    def _computed_text(self, line: Compute) -> Text:
         name, arguments = line.operation, line.arguments
         if line.kind != FLOAT:
             return f"_{line.kind}.of({', '.join([repr(name), *map(self.text, arguments)])})", _ATOM
         if name in INFIX:
             sign, strength = INFIX[name]
             if name == "divide" and arguments[1] == 0.0:
-                return f"{self._bound(arguments[0], _PRODUCT)}/_zero", _PRODUCT
-            return f"{self._bound(arguments[0], strength)}{sign}{self._bound(arguments[1], strength + 1)}", strength
+                return f"{self._parenthesised(arguments[0], _PRODUCT)}/_zero", _PRODUCT
+            return (
+                f"{self._parenthesised(arguments[0], strength)}{sign}{self._parenthesised(arguments[1], strength + 1)}",
+                strength,
+            )
         if name in COMPARISONS:
-            return f"{self._bound(arguments[0], _SUM)}{COMPARISONS[name]}{self._bound(arguments[1], _SUM)}", 0
+            return (
+                f"{self._parenthesised(arguments[0], _SUM)}{COMPARISONS[name]}{self._parenthesised(arguments[1], _SUM)}",
+                0,
+            )
         if name == "newest":
-            return self._expression(arguments[1])
+            return self._expression_text(arguments[1])
         if name == "negative":
-            return f"-{self._bound(arguments[0], _ATOM)}", _ATOM
+            return f"-{self._parenthesised(arguments[0], _ATOM)}", _ATOM
         if name == "choose":
-            condition, yes, no = self.text(arguments[0]), *(self._bound(argument, _SUM) for argument in arguments[1:])
+            condition, yes, no = (
+                self.text(arguments[0]),
+                *(self._parenthesised(argument, _SUM) for argument in arguments[1:]),
+            )
             return f"{yes} if {condition} else {no}", 0
         if f"_{name}" in PYTHON_TABLES:
             extra = ", ".join(["_tables, _pieces", *(self.text(argument) for argument in arguments)])
             return f"_{name}({extra})", _ATOM
-        called = name if name in PYTHON else f"_{name}"
-        return f"{called}({', '.join(self.text(argument) for argument in arguments)})", _ATOM
+        function_name = name if name in PYTHON else f"_{name}"
+        return f"{function_name}({', '.join(self.text(argument) for argument in arguments)})", _ATOM
 
-    def _bound(self, operand: Operand, needed: int) -> str:
-        text, strength = self._expression(operand)
+    def _parenthesised(self, operand: Operand, needed: int) -> str:
+        text, strength = self._expression_text(operand)
         return f"({text})" if strength < needed else text
 
     def text(self, operand: Operand) -> str:
         """Return the expression of an operand."""
-        return self._expression(operand)[0]
+        return self._expression_text(operand)[0]
 
-    def _expression(self, operand: Operand) -> Text:
+    def _expression_text(self, operand: Operand) -> Text:
         if isinstance(operand, str):
             return self._texts.get(operand, (operand, _ATOM))
         return repr(operand) if math.isfinite(operand) else f"float('{operand}')", _ATOM
 
 
-def _element(place: Place) -> str:
-    terms = [index if stride == 1 else f"{stride}*{index}" for index, stride in place.strides]
-    if place.offset or not terms:
-        terms.insert(0, str(place.offset))
-    return f"{_array(place.array)}[{' + '.join(terms)}]"
+def _element_text(location: Location) -> str:
+    terms = [index if stride == 1 else f"{stride}*{index}" for index, stride in location.strides]
+    if location.offset or not terms:
+        terms.insert(0, str(location.offset))
+    return f"{_array_name(location.array)}[{' + '.join(terms)}]"
 
 
-def _view(name: str, array: str, first: int, count: int) -> str:
-    return f"{name} = {_array(array)}[{first}:{first + count}]"
+def _view_line(name: str, array: str, first: int, count: int) -> str:
+    return f"{name} = {_array_name(array)}[{first}:{first + count}]"
 
 
-def _array(name: str) -> str:
+def _array_name(name: str) -> str:
     return f"_{name}" if name in ARRAYS else name
 
 
-def _operands(body: tuple[object, ...]) -> Iterator[Operand]:
+def _operands_read(body: tuple[object, ...]) -> Iterator[Operand]:
     for line in body:
         match line:
             case Compute():
@@ -201,4 +212,4 @@ def _operands(body: tuple[object, ...]) -> Iterator[Operand]:
             case Loop() | Reduction():
                 yield from line.starts if isinstance(line, Reduction) else ()
                 # a value that a loop reads from outside is computed before it
-                yield from (operand for operand in _operands(line.body) for _ in range(2))
+                yield from (operand for operand in _operands_read(line.body) for _ in range(2))

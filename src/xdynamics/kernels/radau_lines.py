@@ -28,7 +28,7 @@ CONSTANTS = {
 
 # Differences of a component of the collocation polynomial, from the end of the step backwards; its continuation to the
 # stage at c of the next step, `relative` times as long, or rest where that is 0
-POLYNOMIAL = """
+RADAU_POLYNOMIAL = """
 middle = (z0 - z1)/c12
 first = (z1 - z2)/c21
 second = (middle - first)/c11

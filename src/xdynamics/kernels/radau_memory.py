@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from xdynamics.kernels import radau_lines
 from xdynamics.kernels.formulas import Formulas
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import Operand, Place
+from xdynamics.kernels.program import Location, Operand
 from xdynamics.kernels.step_polynomial import curve_size
 
 # Further numbers of a lane: those of `march.run.KEPT`; iterations of its last step, and counts since it was entered;
@@ -34,38 +34,38 @@ class RadauMemory:
         Where in `w` this memory begins.
     """
 
-    def __init__(self, layout: Layout, places: dict[str, Place], first: int) -> None:
+    def __init__(self, layout: Layout, places: dict[str, Location], first: int) -> None:
         self.layout = layout
         self.used, self.n = layout.used.size, layout.coordinates.size
         self.size = self.used - self.n
-        self.places = places | {name: Place("w", first + i) for i, name in enumerate(KEPT)}
+        self.places = places | {name: Location("w", first + i) for i, name in enumerate(KEPT)}
         self._first: dict[str, int] = {}
         first += len(KEPT)
         for name, length in lengths(layout).items():
             self._first[name] = first
             first += length
 
-    def formulas(self, prefix: str, known: Mapping[str, Operand] | None = None) -> Formulas:
+    def formulas(self, prefix: str, operands: Mapping[str, Operand] | None = None) -> Formulas:
         """Begin lines whose names are those of the lane, of constants, or known."""
-        return Formulas(self.places, prefix, {**radau_lines.CONSTANTS, **(known or {})})
+        return Formulas(self.places, prefix, {**radau_lines.CONSTANTS, **(operands or {})})
 
-    def place(self, name: str, i: int) -> Place:
+    def vector_location(self, name: str, i: int) -> Location:
         """Return the place of an element of a vector."""
-        return Place("w", self._first[name] + i)
+        return Location("w", self._first[name] + i)
 
-    def vectors(self, f: Formulas, name: str) -> list[list[Operand]]:
+    def load_vectors(self, f: Formulas, name: str) -> list[list[Operand]]:
         """Read three vectors, stored one after the other."""
-        return [[f.load(self.place(name, k * self.used + i)) for i in range(self.used)] for k in range(3)]
+        return [[f.load(self.vector_location(name, k * self.used + i)) for i in range(self.used)] for k in range(3)]
 
-    def put(self, f: Formulas, name: str, vectors: list[list[Operand]]) -> None:
+    def store_vectors(self, f: Formulas, name: str, vectors: list[list[Operand]]) -> None:
         """Write three vectors."""
         for k, vector in enumerate(vectors):
             for i, value in enumerate(vector):
-                f.store(self.place(name, k * self.used + i), value)
+                f.store(self.vector_location(name, k * self.used + i), value)
 
-    def update(self, f: Formulas, updates: Mapping[str, str], **given: Operand) -> None:
+    def update_numbers(self, f: Formulas, updates: Mapping[str, str], **operands: Operand) -> None:
         """Write numbers of the lane, each from what it had before."""
-        values = {name: f.of(text, **given) for name, text in updates.items()}
+        values = {name: f.formula(text, **operands) for name, text in updates.items()}
         for name, value in values.items():
             f.store(self.places[name], value)
 
@@ -85,6 +85,6 @@ def lengths(layout: Layout) -> dict[str, int]:
     return lasting | {"reached": 3 * used if curve else 0, "curve": curve}
 
 
-def width(layout: Layout) -> int:
+def memory_width(layout: Layout) -> int:
     """Return the length of that memory in all."""
     return len(KEPT) + sum(lengths(layout).values())

@@ -52,13 +52,13 @@ class _StepWriting:
         return Steps((linearised(layout, "w", first),) if exact else (), (), first + len(layout.couplings))
 
 
-def step(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
+def step_program_set(layout: Layout, scheme: Scheme, *, sampled: bool) -> Steps:
     """Write one step of a method, with the estimate of its error where an embedded formula gives it."""
     steps = scheme.method.stepper.programs(_StepWriting(layout, scheme, sampled))
     return replace(steps, memory=steps.memory + curve_size(layout))
 
 
-def polynomial(layout: Layout, curve: int, stages: int = 0) -> Program:
+def polynomial_program(layout: Layout, curve: int, stages: int = 0) -> Program:
     """Write the coefficients in s of a step's polynomial, power by power, to `w` from `curve` on.
 
     It takes the states at the step's ends in `y` and `z`, and those of its stages in `w` from `stages` on; where these do
@@ -66,7 +66,7 @@ def polynomial(layout: Layout, curve: int, stages: int = 0) -> Program:
     """
     write, scheme = LineWriter(layout, sampled=False, working=False), layout.scheme
     assert scheme is not None  # noqa: S101 - a layout of steps has one
-    if scheme.interpolant.given:
+    if scheme.interpolant.needs_no_stages:
         write.ends_given()
         write.stages_given(stages)
     else:
@@ -78,10 +78,10 @@ def polynomial(layout: Layout, curve: int, stages: int = 0) -> Program:
     return write.finished(POLYNOMIAL, f"The polynomial of a step by {scheme.method.name}.").programs[0]
 
 
-def inside(layout: Layout, scheme: Scheme) -> Program:
+def interpolation_program(layout: Layout, scheme: Scheme) -> Program:
     """Write the state at t + s*h, to `e`: from the states at both ends of the step, or with the step's own stages."""
     write = LineWriter(layout, sampled=False, working=False)
-    if scheme.interpolant.given:
+    if scheme.interpolant.needs_no_stages:
         write.ends_given()
         write.stages_given()
     else:

@@ -21,9 +21,9 @@ from xdynamics.kernels.program import (
     Instruction,
     Line,
     Load,
+    Location,
     Loop,
     Operand,
-    Place,
     Program,
     Reduction,
     StoreTo,
@@ -36,7 +36,7 @@ _EXTREMA = ("least", "greatest")
 _SCALED = ("multiply", "divide")
 
 
-def term_sizes(layout: Layout) -> Program:
+def term_sizes_program(layout: Layout) -> Program:
     """Write the size of the terms of every acceleration and rate at a state, where `forces` writes these themselves.
 
     What contacts of many links add is no part of it: they bear what the other terms press them with.
@@ -56,127 +56,127 @@ class _TermSizes:
     """Writes the lines of one program with those of sizes; without one of its own, the size of a value is its absolute value."""
 
     program: Program
-    wanted: range  # places of `z`
+    slope_range: range  # places of `z`
     _numbers: Iterator[int] = field(default_factory=count)
     _sizes: dict[Operand, str] = field(default_factory=dict)
 
     def lines(self, body: Iterable[Instruction]) -> tuple[Instruction, ...]:
         """Return lines with sizes."""
-        return tuple(new for line in body for new in self._written(line))
+        return tuple(new for line in body for new in self._rewrite_line(line))
 
-    def _written(self, line: Instruction) -> Iterator[Instruction]:
+    def _rewrite_line(self, line: Instruction) -> Iterator[Instruction]:
         match line:
             case EngineCall():
                 return
             case Load():
                 yield line
-                if line.place.array in self.program.local:
-                    yield Load(self._size_of_target(line.target), self._beside(line.place))
+                if line.location.array in self.program.local:
+                    yield Load(self._size_of_target(line.target), self._size_location(line.location))
             case StoreTo():
-                yield from self._stored(line)
+                yield from self._rewrite_store(line)
             case Compute():
                 yield line
-                yield from self._computed(line)
+                yield from self._size_computation(line)
             case Loop():
                 yield replace(line, body=cast("tuple[Line, ...]", self.lines(line.body)))
             case Reduction():
-                yield from self._reduced(line)
+                yield from self._rewrite_reduction(line)
             case _:
                 yield line
 
-    def _beside(self, place: Place) -> Place:
+    def _size_location(self, location: Location) -> Location:
         """Return the place of a size: behind all numbers of an array of the program."""
-        return replace(place, offset=place.offset + self.program.local[place.array])
+        return replace(location, offset=location.offset + self.program.local[location.array])
 
-    def _stored(self, line: StoreTo) -> Iterator[Line]:
-        if line.place.array in self.program.local:
+    def _rewrite_store(self, line: StoreTo) -> Iterator[Line]:
+        if line.location.array in self.program.local:
             yield line
-            yield from self._put(self._beside(line.place), line.value)
-        elif line.place.offset in self.wanted:
-            yield from self._put(line.place, line.value)
+            yield from self._store_size(self._size_location(line.location), line.value)
+        elif line.location.offset in self.slope_range:
+            yield from self._store_size(line.location, line.value)
 
-    def _put(self, place: Place, value: Operand) -> Iterator[Line]:
-        size, lines = self._size(value)
+    def _store_size(self, location: Location, value: Operand) -> Iterator[Line]:
+        size, lines = self._size_of(value)
         yield from lines
-        yield StoreTo(place, size)
+        yield StoreTo(location, size)
 
-    def _new(self) -> str:
+    def _new_name(self) -> str:
         """Return a name for a value that stands nowhere in the program."""
         return f"_term{next(self._numbers)}"
 
     def _size_of_target(self, target: str) -> str:
-        self._sizes[target] = self._new()
+        self._sizes[target] = self._new_name()
         return self._sizes[target]
 
-    def _size(self, operand: Operand) -> tuple[Operand, list[Line]]:
+    def _size_of(self, operand: Operand) -> tuple[Operand, list[Line]]:
         """Return the size of an operand, and the lines that it needs."""
         if operand in self._sizes:
             return self._sizes[operand], []
         if not isinstance(operand, str):
             return abs(operand), []
-        name = self._new()
+        name = self._new_name()
         return name, [Compute(name, "abs", (operand,))]
 
-    def _computed(self, line: Compute) -> Iterator[Line]:
+    def _size_computation(self, line: Compute) -> Iterator[Line]:
         """Write the size of a value where it is not its absolute value."""
-        operation, given = line.operation, line.arguments
-        cancels = operation in ("add", "subtract") or any(operand in self._sizes for operand in given)
+        operation, operands = line.operation, line.arguments
+        cancels = operation in ("add", "subtract") or any(operand in self._sizes for operand in operands)
         if operation in ("negative", "abs", "positive", "newest"):
-            if given[-1] in self._sizes:
-                self._sizes[line.target] = self._sizes[given[-1]]
+            if operands[-1] in self._sizes:
+                self._sizes[line.target] = self._sizes[operands[-1]]
         elif cancels and operation in _SCALED:
-            yield from self._scaled(line)
+            yield from self._size_of_product(line)
         elif cancels and operation in _EXTREMA:
-            yield from self._selected(line)
+            yield from self._size_of_extremum(line)
         elif cancels and operation in _JOINED:
-            *truth, left, right = given
-            (size, first), (other, second) = map(self._size, (left, right))
-            sizes = (*truth, size, other)
+            *truth, left, right = operands
+            (size, first), (second_size, second) = map(self._size_of, (left, right))
+            sizes = (*truth, size, second_size)
             yield from (*first, *second, Compute(self._size_of_target(line.target), _JOINED[operation], sizes))
 
-    def _selected(self, line: Compute) -> Iterator[Line]:
+    def _size_of_extremum(self, line: Compute) -> Iterator[Line]:
         """Write the size of the less or the greater of two: that of the one it is, since the other may be any number."""
         left, right = line.arguments
-        (size, first), (other, second) = map(self._size, (left, right))
-        is_left = self._new()
+        (size, first), (second_size, second) = map(self._size_of, (left, right))
+        is_left = self._new_name()
         yield from (*first, *second, Compute(is_left, "equal", (line.target, left)))
-        yield Compute(self._size_of_target(line.target), "choose", (is_left, size, other))
+        yield Compute(self._size_of_target(line.target), "choose", (is_left, size, second_size))
 
-    def _scaled(self, line: Compute) -> Iterator[Line]:
+    def _size_of_product(self, line: Compute) -> Iterator[Line]:
         """Write the size of a product, or of a quotient: what the size of either operand makes of it."""
         left, right = line.arguments
-        (size, first), (other, second) = map(self._size, line.arguments)
+        (size, first), (second_size, second) = map(self._size_of, line.arguments)
         yield from (*first, *second)
-        beside, of_left, of_right = self._new(), self._new(), self._new()
+        quotient_share, of_left, of_right = self._new_name(), self._new_name(), self._new_name()
         if line.operation == "multiply":  # |a| size(b), size(a) |b|
-            sizes = ("multiply", size, right), ("multiply", other, left)
+            sizes = ("multiply", size, right), ("multiply", second_size, left)
         else:  # size(a)/|b|, |a/b| size(b)/|b|
-            yield Compute(beside, "divide", (line.target, right))
-            sizes = ("divide", size, right), ("multiply", other, beside)
-        for name, (operation, grown, by) in zip((of_left, of_right), sizes, strict=True):
-            signed = self._new()
-            yield Compute(signed, operation, (grown, by))
+            yield Compute(quotient_share, "divide", (line.target, right))
+            sizes = ("divide", size, right), ("multiply", second_size, quotient_share)
+        for name, (operation, grown, factor) in zip((of_left, of_right), sizes, strict=True):
+            signed = self._new_name()
+            yield Compute(signed, operation, (grown, factor))
             yield Compute(name, "abs", (signed,))
         yield Compute(self._size_of_target(line.target), "greatest", (of_left, of_right))
 
-    def _reduced(self, line: Reduction) -> Iterator[Line]:
+    def _rewrite_reduction(self, line: Reduction) -> Iterator[Line]:
         """Write a reduction with the sizes of its totals."""
         if line.operation not in ("add", "newest"):
             yield replace(line, body=cast("tuple[Line, ...]", self.lines(line.body)))
             return
-        starts, before = list(line.starts), list[Line]()
+        starts, lines_before = list(line.starts), list[Line]()
         for start in line.starts:
-            size, lines = self._size(start)
-            before += lines
+            size, lines = self._size_of(start)
+            lines_before += lines
             starts.append(size)
         totals = [self._size_of_target(total) for total in line.totals]  # also read inside, as the totals so far
         body = [*self.lines(line.body)]
         terms = list(line.terms)
         for term in line.terms:
-            size, lines = self._size(term)
+            size, lines = self._size_of(term)
             body += lines
             terms.append(size)
-        yield from before
+        yield from lines_before
         yield replace(
             line,
             body=cast("tuple[Line, ...]", tuple(body)),

@@ -6,9 +6,9 @@ from math import nan
 
 import numpy as np
 
-from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
 from xdynamics.kernels.step_control import SMALL
-from xdynamics.march.control import accepts, error_norm
+from xdynamics.march.control import accepts, trial_error_norm
 from xdynamics.march.outcomes import COMPLETED, EVENT_AT_ZERO, SOUND
 from xdynamics.march.past import pass_breaks
 from xdynamics.march.run import BEGUN, MOVED, Run
@@ -19,24 +19,24 @@ from xdynamics.schema import REASON_DOMAIN, REASON_ERROR, REASON_EVENT_FUNCTION,
 AT_GRID, AT_NODE, AT_BOTH, AT_BORDER, AT_BREAK, AT_BREAK_AND_GRID = range(1, 7)
 
 
-@compiled
-def judge(run: Run) -> int:
+@jit_inline
+def judge_trial(run: Run) -> int:
     """Return SOUND for a trial that may be accepted, else the reason for its rejection; store its error norm."""
     now, trial = run.now[0], run.trial[0]
     now.norm = nan
     if trial.iterations < 0:
         return REASON_NEWTON
     if trial.unsound != 0.0:
-        return nonfinite(run)
+        return nonfinite_reason(run)
     if trial.unsound_events != 0.0:
         return REASON_EVENT_FUNCTION
-    now.norm = error_norm(run) if run.plan[0].estimates else 0.0
+    now.norm = trial_error_norm(run) if run.plan[0].estimates else 0.0
     if run.plan[0].rounding > 0.0:
         run.kept[0].weighs = weighs_next(run)
     return REASON_ERROR if run.plan[0].adaptive and not accepts(now.norm) else SOUND
 
 
-@compiled
+@jit_inline
 def weighs_next(run: Run) -> int:
     """Return whether the next trial is weighed by its terms: after one that was, or while errors are small and steps grow."""
     norm, trial = run.now[0].norm, run.trial[0]
@@ -45,8 +45,8 @@ def weighs_next(run: Run) -> int:
     return 0 if norm > SMALL or trial.h >= run.plan[0].max_step else int(run.kept[0].weighs)
 
 
-@shared
-def nonfinite(run: Run) -> int:
+@jit_separate
+def nonfinite_reason(run: Run) -> int:
     """Return why a state is not finite: nan means that a function or table was evaluated outside its domain."""
     undefined = False
     if run.plan[0].held > 0 and np.isnan(run.z[run.plan[0].moved]) and np.isfinite(run.z[0]):
@@ -56,8 +56,8 @@ def nonfinite(run: Run) -> int:
     return REASON_DOMAIN if undefined and run.plan[0].limited else REASON_NONFINITE
 
 
-@compiled
-def land(run: Run) -> None:
+@jit_inline
+def count_landing(run: Run) -> None:
     """Count the grid time or node that the trial ends at; after the last one the run is complete."""
     now, trial = run.now[0], run.trial[0]
     if run.delays.shape[0] > 0:
@@ -72,7 +72,7 @@ def land(run: Run) -> None:
         pass_node(run)
 
 
-@compiled
+@jit_inline
 def pass_node(run: Run) -> None:
     """Count a node; after the last one, the end, the run is complete."""
     now = run.now[0]
@@ -84,8 +84,8 @@ def pass_node(run: Run) -> None:
                 now.status = EVENT_AT_ZERO
 
 
-@compiled
-def move(run: Run) -> None:
+@jit_inline
+def move_to_trial_end(run: Run) -> None:
     """Move the march to the end of the trial."""
     now, trial = run.now[0], run.trial[0]
     now.t, now.h, now.rest = trial.t, trial.h, trial.rest
@@ -100,10 +100,14 @@ def move(run: Run) -> None:
         run.y[i] = run.z[i]
 
 
-@compiled
-def end(run: Run, why: int) -> None:
+@jit_inline
+def end_march(run: Run, why: int) -> None:
     """End the march where it stands; `h` is the step that failed."""
     run.now[0].status, run.now[0].h = why, run.trial[0].h
 
 
-judge_apart, land_apart, move_apart = apart(judge), apart(land), apart(move)
+judge_trial_apart, count_landing_apart, move_to_end_apart = (
+    noinline(judge_trial),
+    noinline(count_landing),
+    noinline(move_to_trial_end),
+)

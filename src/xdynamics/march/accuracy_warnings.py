@@ -13,11 +13,11 @@ from xdynamics.expressions import free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.assembly.broad_phase import NEEDED, NEEDED_AT, OUTSIDE, OUTSIDE_LINK, OUTSIDE_OF
-from xdynamics.march.energy_gains import energy_dimension
+from xdynamics.march.energy_gains import impact_energy_dimension
 from xdynamics.march.events.departures import STRAYS
 from xdynamics.march.runner import March
 from xdynamics.march.timescales import jacobian_at
-from xdynamics.march.uncontrolled_errors import LOSS, effect_of, passed_over
+from xdynamics.march.uncontrolled_errors import LOSS, error_effect, passed_over
 from xdynamics.model import Model, Trait
 from xdynamics.model.assemblies import assemblies
 from xdynamics.model.constraint_consistency import implied_at_start
@@ -27,7 +27,7 @@ from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC, POISSON
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import MOST_SWITCHES, STEPPED_OVER, are_too_many, count_of_switches, owners_of_switches
-from xdynamics.model.tangent_space import independent
+from xdynamics.model.tangent_space import independent_counts
 from xdynamics.model.traits import curved_contacts
 from xdynamics.stability import decay_limit, fastest_rate, rough_rate, stiffness
 from xdynamics.units import TIME, parse_unit, spell, unit_suffix
@@ -40,37 +40,37 @@ NOT_STIFF = 0.45  # of the decay limit; steps from half of it on count as limite
 WELL_CONDITIONED = 1e10  # leaves six digits of the accelerations
 
 
-def doubts(march: March) -> list[str]:
+def accuracy_doubts(march: March) -> list[str]:
     """Return, each in a sentence, why the numbers of a finished march may be less accurate than they look."""
     return [
-        *_of_tolerances(march),
-        *_of_first_step(march),
-        *_of_mass(march),
-        *_of_switches(march),
-        *_of_contacts(march.model),
-        *_of_gains(march),
-        *_of_places(march),
-        *_of_stopped_slips(march),
-        *_of_held_links(march),
-        *_of_constraints(march.model),
-        *_of_resets(march),
+        *_loose_tolerance_doubts(march),
+        *_first_step_doubts(march),
+        *_mass_condition_doubts(march),
+        *_switch_count_doubts(march),
+        *_friction_direction_doubts(march.model),
+        *_energy_gain_doubts(march),
+        *_event_position_doubts(march),
+        *_stopped_slip_doubts(march),
+        *_held_link_doubts(march),
+        *_implied_condition_doubts(march.model),
+        *_reset_doubts(march),
     ]
 
 
-def _of_tolerances(march: March) -> Iterator[str]:
+def _loose_tolerance_doubts(march: March) -> Iterator[str]:
     """Name the variables whose given absolute tolerances allow errors that matter to the final state."""
-    effect, tolerances, model = effect_of(march), march.settings.tolerances, march.model
+    effect, tolerances, model = error_effect(march), march.settings.tolerances, march.model
     march.atol_effect = effect.words
     if tolerances is None or not effect.loose.any():
         return
-    places, loose, scales = np.flatnonzero(effect.loose).tolist(), [], march.settings.scales
-    for place in places[:MOST_NAMED]:
-        name, largest = march.layout.used[place], float(march.run.largest[place])
-        atol, unit, factor = tolerances.of(name) or 0.0, model.units[name].text, float(model.units[name].factor)
+    loose_indices, loose, scales = np.flatnonzero(effect.loose).tolist(), [], march.settings.scales
+    for variable_index in loose_indices[:MOST_NAMED]:
+        name, largest = march.layout.used[variable_index], float(march.run.largest[variable_index])
+        atol, unit, factor = tolerances.atol_of(name) or 0.0, model.units[name].text, float(model.units[name].factor)
         unit = "" if unit == "1" else f" {unit}"
-        size = largest * scales.of(model.dimensions[name])
+        size = largest * scales.si_factor(model.dimensions[name])
         loose.append(f"{name} (largest value {size / factor:.3g}{unit}, atol {atol / factor:.3g}{unit})")
-    remainder = f" and {len(places) - MOST_NAMED} more" if len(places) > MOST_NAMED else ""
+    remainder = f" and {len(loose_indices) - MOST_NAMED} more" if len(loose_indices) > MOST_NAMED else ""
     yield (
         f"the tolerances did not control {', '.join(loose)}{remainder}: errors of atol in each of"
         f" {march.accepted} steps may come to more than {LOSS:.0%} of the motion; give smaller ones by atol, or none:"
@@ -78,16 +78,16 @@ def _of_tolerances(march: March) -> Iterator[str]:
     )
 
 
-def passing(march: March, how: int) -> list[str]:
+def resets_passed_through(march: March, how: int) -> list[str]:
     """Name the resets that ever failed to turn the motion back, in the way of a bit of `events.departures`."""
     departures = march.run.departures
     passed = zip(march.layout.watched, departures["goes_on"].tolist(), strict=True) if departures.size else ()
     return [f"'{detector.name}'" for detector, passes in passed if passes & how]
 
 
-def _of_resets(march: March) -> Iterator[str]:
+def _reset_doubts(march: March) -> Iterator[str]:
     """Name the resets that turned a motion back which errors of steps had carried through zero: it may never return."""
-    if names := passing(march, STRAYS):
+    if names := resets_passed_through(march, STRAYS):
         yield (
             f"event {' and '.join(names)} set the motion back when errors of steps had carried it through zero by more than"
             " time tolerances allow, and it need not come back from there; give a smaller rtol or step, a method of higher"
@@ -95,7 +95,7 @@ def _of_resets(march: March) -> Iterator[str]:
         )
 
 
-def _of_first_step(march: March) -> Iterator[str]:
+def _first_step_doubts(march: March) -> Iterator[str]:
     """Report a given first step over which forces at the start change many times."""
     times = passed_over(march)
     if times:
@@ -105,7 +105,7 @@ def _of_first_step(march: March) -> Iterator[str]:
         )
 
 
-def _of_mass(march: March) -> Iterator[str]:
+def _mass_condition_doubts(march: March) -> Iterator[str]:
     """Report how nearly singular the mass matrix was, at some of the run's rows."""
     model = march.model
     if not model.mass_is_full:
@@ -113,8 +113,8 @@ def _of_mass(march: March) -> Iterator[str]:
     moving = {"t", *march.layout.used, *model.drives}
     varies = any(model.reads(entry) & moving for entry in model.statement.mass_entries.values())
     stride = max(1, march.witnesses.steps.shape[1] // FEW_LOOKS) if varies else march.witnesses.steps.shape[1]
-    states = _states(march, march.witnesses.rows[1:, ::stride])
-    conditions = [_condition(mass) for mass in mass_matrices(model, states)]
+    states = _si_states_of_rows(march, march.witnesses.rows[1:, ::stride])
+    conditions = [_scaled_condition_number(mass) for mass in mass_matrices(model, states)]
     worst = int(np.argmax(conditions))
     if conditions[worst] > WELL_CONDITIONED:
         digits = max(0.0, -math.log10(conditions[worst] * EPS))
@@ -125,7 +125,7 @@ def _of_mass(march: March) -> Iterator[str]:
         )
 
 
-def _of_switches(march: March) -> Iterator[str]:
+def _switch_count_doubts(march: March) -> Iterator[str]:
     """Report a model with more hidden switches than can be located."""
     model = march.model
     if march.settings.switches == STEPPED_OVER and are_too_many(model):
@@ -137,7 +137,7 @@ def _of_switches(march: March) -> Iterator[str]:
         )
 
 
-def of_smooth_switches(march: March) -> str:
+def smooth_switch_remark(march: March) -> str:
     """Return which switches declared smooth were stepped over, and what that costs."""
     counts, times = march.passed
     if not counts.any():
@@ -152,7 +152,7 @@ def of_smooth_switches(march: March) -> str:
     )
     descriptions = [
         f"{name} {'once' if count == 1 else f'{count} times'}, first before t ="
-        f" {time * march.settings.scales.of(TIME):.6g}{'' if unit == '1' else f' {unit}'}"
+        f" {time * march.settings.scales.si_factor(TIME):.6g}{'' if unit == '1' else f' {unit}'}"
         for time, name, count in passings[:MOST_NAMED]
     ]
     remainder = f" and {len(passings) - MOST_NAMED} more" if len(passings) > MOST_NAMED else ""
@@ -162,7 +162,7 @@ def of_smooth_switches(march: March) -> str:
     )
 
 
-def _of_contacts(model: Model) -> Iterator[str]:
+def _friction_direction_doubts(model: Model) -> Iterator[str]:
     """Report friction whose gap is not a distance or whose slip leaves the surface, by directions at the start."""
     if not model.contacts:
         return
@@ -174,11 +174,11 @@ def _of_contacts(model: Model) -> Iterator[str]:
         rows = [reaction.row.get(name, ZERO) for reaction in (all_reactions[entry.normal], entry) for name in lengths]
         if entry.sort != TANGENT or any(free_names(tree) - set(values) for tree in rows):
             continue
-        normal, along = np.array([evaluate(tree, values) for tree in rows]).reshape(2, -1)
-        size, slip = float(np.linalg.norm(normal)), float(np.linalg.norm(along))
+        normal, tangent = np.array([evaluate(tree, values) for tree in rows]).reshape(2, -1)
+        size, slip = float(np.linalg.norm(normal)), float(np.linalg.norm(tangent))
         if size == 0.0 or slip == 0.0:
             continue
-        if abs(float(normal @ along)) > ALIKE * size * slip:
+        if abs(float(normal @ tangent)) > ALIKE * size * slip:
             yield (
                 f"the slip of contact '{entry.owner}' is not along its surface: its direction at the start is not at"
                 " right angles to the gap's gradient"
@@ -190,13 +190,13 @@ def _of_contacts(model: Model) -> Iterator[str]:
             )
 
 
-def _of_gains(march: March) -> Iterator[str]:
+def _energy_gain_doubts(march: March) -> Iterator[str]:
     """Report impacts that created energy."""
     gains, model = march.gains, march.model
     if not gains.groups:
         return
     contacts = model.contacts | model.assemblies
-    law, unit = next(iter(contacts.values())).law, spell(energy_dimension(model)).text
+    law, unit = next(iter(contacts.values())).law, spell(impact_energy_dimension(model)).text
     name = f"'{march.layout.watched[int(gains.detector)].name}'"
     for assembly in assemblies(model):
         if gains.link >= 0 and name == f"'{assembly.name}'":
@@ -219,7 +219,7 @@ def _of_gains(march: March) -> Iterator[str]:
     )
 
 
-def _of_places(march: March) -> Iterator[str]:
+def _event_position_doubts(march: March) -> Iterator[str]:
     """Report events that were not located within their position tolerance."""
     names = dict.fromkeys(
         f"'{detector.name}'" for detector, missed in zip(march.layout.watched, march.misplaced, strict=True) if missed
@@ -231,11 +231,11 @@ def _of_places(march: March) -> Iterator[str]:
         )
 
 
-def _of_constraints(model: Model) -> Iterator[str]:
+def _implied_condition_doubts(model: Model) -> Iterator[str]:
     """Report conditions that others imply but for a share which is too small to be kept."""
     implied = implied_at_start(model.statement) if model.constraints else ()
-    if implied and len(conditions(model)) - len(implied) < independent(model)[0]:
-        names = ", ".join(f"'{conditions(model)[place].name}'" for place in implied)
+    if implied and len(conditions(model)) - len(implied) < independent_counts(model)[0]:
+        names = ", ".join(f"'{conditions(model)[condition_index].name}'" for condition_index in implied)
         yield (
             f"of the constraints {names} one is at the start all but implied by others, and what little it adds is not kept:"
             " its constraint_residual says how far it is off; write what it adds by itself"
@@ -245,27 +245,27 @@ def _of_constraints(model: Model) -> Iterator[str]:
         )
 
 
-def _of_stopped_slips(march: March) -> Iterator[str]:
+def _stopped_slip_doubts(march: March) -> Iterator[str]:
     """Report impulses that stopped slips which wedged, and rubbed by more than friction allows."""
     run, model = march.run, march.model
-    count = int(run.tallies[OUTSIDE]) if model.assemblies else 0
+    count = int(run.counters[OUTSIDE]) if model.assemblies else 0
     if not count:
         return
-    assembly = assemblies(model)[int(run.tallies[OUTSIDE_OF])]
-    time = float(run.spans[NEEDED_AT]) * march.settings.scales.of(TIME)
+    assembly = assemblies(model)[int(run.counters[OUTSIDE_OF])]
+    time = float(run.spans[NEEDED_AT]) * march.settings.scales.si_factor(TIME)
     needed = float(run.spans[NEEDED])
-    most = (
+    excess_text = (
         f"{needed:.3g} times what its friction allows" if needed < math.inf else "by a pull, which no friction allows"
     )
     yield (
         f"{count} of the slow slips were stopped by impulses outside their cone of friction, most of all that of"
-        f" contact '{assembly.name}' of {assembly.label(int(run.tallies[OUTSIDE_LINK]))} at t ="
-        f" {time:.6g}{unit_suffix(model.time_unit)}, {most}: what follows is not Coulomb's law to the last; a smaller"
+        f" contact '{assembly.name}' of {assembly.label(int(run.counters[OUTSIDE_LINK]))} at t ="
+        f" {time:.6g}{unit_suffix(model.time_unit)}, {excess_text}: what follows is not Coulomb's law to the last; a smaller"
         " rest_height stops fewer"
     )
 
 
-def _of_held_links(march: March) -> Iterator[str]:
+def _held_link_doubts(march: March) -> Iterator[str]:
     """Report that bodies which were to bounce for ever were held, by forces of which the method loses its order."""
     method, model = march.settings.method, march.model
     curved = curved_contacts(model) if march.held_links and Trait.HELD_LINKS in method.refuses else []
@@ -276,7 +276,7 @@ def _of_held_links(march: March) -> Iterator[str]:
         )
 
 
-def _condition(mass: NDArray[np.float64]) -> float:
+def _scaled_condition_number(mass: NDArray[np.float64]) -> float:
     """Return the condition number of a mass matrix scaled to a unit diagonal, so that it does not depend on units."""
     size = np.sqrt(np.abs(np.diagonal(mass)))
     if not (np.isfinite(mass).all() and size.all()):
@@ -284,10 +284,10 @@ def _condition(mass: NDArray[np.float64]) -> float:
     return float(np.linalg.cond(mass / np.outer(size, size)))
 
 
-def _states(march: March, rows: NDArray[np.float64]) -> list[dict[str, float]]:
+def _si_states_of_rows(march: March, rows: NDArray[np.float64]) -> list[dict[str, float]]:
     """Return rows of time, step, state as SI numbers by name."""
     scales, names = march.settings.scales, march.layout.used
-    time, factors = scales.of(TIME), march.layout.sizes(scales).tolist()
+    time, factors = scales.si_factor(TIME), march.layout.sizes(scales).tolist()
     return [
         {"t": t * time} | {name: x * f for name, x, f in zip(names, state, factors, strict=True)}
         for t, _, *state in rows.T.tolist()
@@ -301,18 +301,18 @@ def advice_on_stiffness(march: March) -> str:
         return ""
     if beyond_trees(model) or model.delays:
         return ""
-    time, rows = march.settings.scales.of(TIME), march.witnesses.rows[1:]
+    time, rows = march.settings.scales.si_factor(TIME), march.witnesses.rows[1:]
 
-    def limited(first: int, last: int) -> float:
-        chosen = rows[:, first:last]
-        return stiffness(model, method, _states(march, chosen), (chosen[1] * time).tolist())
+    def limited_share(first: int, last: int) -> float:
+        chosen_rows = rows[:, first:last]
+        return stiffness(model, method, _si_states_of_rows(march, chosen_rows), (chosen_rows[1] * time).tolist())
 
     # most runs are not stiff: one row first, by bounds from its compiled forces, before its exact derivatives
     middle = rows.shape[1] // 2
     jacobian, step = jacobian_at(march, middle), float(rows[1, middle])
     if any(rate(jacobian) * step < NOT_STIFF * decay_limit(method) for rate in (rough_rate, fastest_rate)):
         return ""
-    if limited(middle, middle + 1) and limited(0, rows.shape[1]) > 0.5:
+    if limited_share(middle, middle + 1) and limited_share(0, rows.shape[1]) > 0.5:
         return (
             f"stiffness suspected: stability, not accuracy, limits the steps of '{method.name}' for most of the run;"
             " radau_iia takes longer ones"

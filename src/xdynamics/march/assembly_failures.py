@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from xdynamics.expressions import dimension_of
 from xdynamics.march.assembly import broad_phase
 from xdynamics.march.assembly.broad_phase import CULPRIT, CULPRIT_LINK, FAULT
-from xdynamics.march.energy_gains import energy_dimension
+from xdynamics.march.energy_gains import impact_energy_dimension
 from xdynamics.march.run import STEP_LINKS
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
@@ -23,13 +23,13 @@ OVER_IMPACTS = "moreau_jean"  # the method for heaps
 def assembly_dispute(march: March) -> str:
     """Name the link that ended a march, from the march's last state; nothing if none did."""
     run, model = march.run, march.model
-    if not model.assemblies or run.tallies[FAULT] == 0:
+    if not model.assemblies or run.counters[FAULT] == 0:
         return ""
-    assembly, name = assemblies(model)[int(run.tallies[CULPRIT])], _link(march)
+    assembly, name = assemblies(model)[int(run.counters[CULPRIT])], _link(march)
     gap = dimension_of(assembly.contact.gap, model.dimensions)
-    match int(run.tallies[FAULT]):
+    match int(run.counters[FAULT]):
         case broad_phase.OVERLAP:
-            size = run.spans[broad_phase.DEPTH] * march.settings.scales.of(gap)
+            size = run.spans[broad_phase.DEPTH] * march.settings.scales.si_factor(gap)
             if march.now.rows > 1:
                 return (
                     f"the gap of {name} is {size:.3g} {gap}, more than the location of impacts leaves: the step jumped"
@@ -55,16 +55,16 @@ def assembly_dispute(march: March) -> str:
             )
         case broad_phase.UNSOLVED:
             rate = gap / model.time_unit.dimension
-            left = run.spans[broad_phase.RESIDUAL] * march.settings.scales.of(rate)
+            left = run.spans[broad_phase.RESIDUAL] * march.settings.scales.si_factor(rate)
             if run.plan[0].links == STEP_LINKS:
                 return (
-                    f"no impulses were found for the {run.tallies[broad_phase.TOGETHER]} links that are closed in one"
+                    f"no impulses were found for the {run.counters[broad_phase.TOGETHER]} links that are closed in one"
                     f" step: with the best of them bodies still move into or along each other by {left:.3g} {rate}, and"
                     " 1e-6 of the largest speed is allowed; take a smaller step, less friction, masses that differ less, or"
                     " fewer bodies"
                 )
             return (
-                f"no impulses were found for the {run.tallies[broad_phase.TOGETHER]} links that are struck together, {name}"
+                f"no impulses were found for the {run.counters[broad_phase.TOGETHER]} links that are struck together, {name}"
                 f" the first: with the best of them bodies still move into or along each other by {left:.3g} {rate}, which"
                 f" is more than rounding; law = 'sequential' takes one after the other{_or_over_impacts(march)}"
             )
@@ -85,17 +85,17 @@ def _or_over_impacts(march: March) -> str:
 
 def _link(march: March) -> str:
     """Name the link to which it happened."""
-    assembly = assemblies(march.model)[int(march.run.tallies[CULPRIT])]
-    return f"contact '{assembly.name}' of {assembly.label(int(march.run.tallies[CULPRIT_LINK]))}"
+    assembly = assemblies(march.model)[int(march.run.counters[CULPRIT])]
+    return f"contact '{assembly.name}' of {assembly.label(int(march.run.counters[CULPRIT_LINK]))}"
 
 
 def _of_closed(march: March, gap: Dimension) -> str:
     """Say what is wrong with forces, gaps or energy of closed links."""
     run, count = march.run, int(march.run.closed[0])
-    match int(run.tallies[FAULT]):
+    match int(run.counters[FAULT]):
         case broad_phase.STRAINED:
             return (
-                f"no forces were found that hold the {count or int(run.tallies[broad_phase.TOGETHER])} links that touch:"
+                f"no forces were found that hold the {count or int(run.counters[broad_phase.TOGETHER])} links that touch:"
                 f" with the best of them bodies still accelerate into or along each other by"
                 f" {run.spans[broad_phase.STRAIN]:.1e} of what the forces give, and 1e-9 is allowed; bodies may be wedged so"
                 " that friction has no answer, or are too many to solve for: give less friction, masses that differ less,"
@@ -103,25 +103,25 @@ def _of_closed(march: March, gap: Dimension) -> str:
             )
         case broad_phase.HASTY:
             return (
-                f"{run.tallies[broad_phase.HASTE]} events of links followed each other within what their times are located"
+                f"{run.counters[broad_phase.HASTE]} events of links followed each other within what their times are located"
                 " to, and no motion came of them: which links hold and which slide cannot be decided here; start a little"
                 f" later or elsewhere, or change friction a little{_or_over_impacts(march)}"
             )
         case broad_phase.UNDECIDED:
             return (
-                f"{run.tallies[broad_phase.IDLE]} times in a row, each soon after the last, the forces of {count} links that"
+                f"{run.counters[broad_phase.IDLE]} times in a row, each soon after the last, the forces of {count} links that"
                 f" touch seemed to let go of one, now {_link(march)}, and with all of them together none lifted, slid or"
                 " stuck: they hold more than needs holding, and which forces hold it cannot be decided here; start a little"
                 f" elsewhere, or change friction or a radius a little{_or_over_impacts(march)}"
             )
         case broad_phase.SHIFTED:
-            far = run.spans[broad_phase.ASTRAY] * march.settings.scales.of(gap)
+            far = run.spans[broad_phase.ASTRAY] * march.settings.scales.si_factor(gap)
             return (
                 f"one of {count} closed links has a gap that is {far:.3g} {gap} farther from zero than rounding and the"
                 " location of events leave: positions could not be put back on all of them; take a smaller step"
             )
-    lost = run.spans[broad_phase.FIGURE] * march.settings.scales.of(energy_dimension(march.model))
+    lost = run.spans[broad_phase.FIGURE] * march.settings.scales.si_factor(impact_energy_dimension(march.model))
     return (
-        f"kinetic energy differs by {lost:.3g} {energy_dimension(march.model)} from what impulses of the recorded"
+        f"kinetic energy differs by {lost:.3g} {impact_energy_dimension(march.model)} from what impulses of the recorded"
         " impacts changed, which is more than rounding; this is a fault of the program, please report it"
     )

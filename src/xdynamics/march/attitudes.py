@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import nan, sqrt
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.force_evaluation import evaluate_held, finite_state
 from xdynamics.march.run import Run
@@ -18,13 +18,13 @@ PARTS = 4
 ROUNDING = 4.0 * EPS  # of the square of a length that needs no projection
 
 
-@shared
+@jit_separate
 def hold_attitudes(run: Run, t: float) -> None:
     """Bring the quaternions of the trial's state back to unit length, and evaluate the forces there.
 
     Numbers of two floats are left as the method has them: their lengths are off by its error alone.
     """
-    trial, moved = run.trial[0], False
+    trial, any_moved = run.trial[0], False
     trial.deviation = 0.0
     for k in range(run.attitudes.shape[0]):
         square = 0.0
@@ -32,19 +32,19 @@ def hold_attitudes(run: Run, t: float) -> None:
             square += run.z[run.attitudes[k, i]] * run.z[run.attitudes[k, i]]
         trial.deviation = max(trial.deviation, abs(sqrt(square) - 1.0))
         if abs(square - 1.0) > ROUNDING and run.plan[0].doubled == 0:
-            shorten(run, k, sqrt(square))
-            moved = True
-    if moved:
+            normalise_quaternion(run, k, sqrt(square))
+            any_moved = True
+    if any_moved:
         evaluate_held(run, t, run.z, trial.h)
         run.at[UNSOUND] = 0.0 if finite_state(run) else nan
 
 
-@shared
-def shorten(run: Run, k: int, length: float) -> None:
+@jit_separate
+def normalise_quaternion(run: Run, k: int, length: float) -> None:
     """Divide a quaternion by its length; rounding carried for the value before is not that of the new one."""
-    carried = run.plan[0].used + run.plan[0].evaluated
+    first_compensation = run.plan[0].used + run.plan[0].evaluated
     for i in range(PARTS):
-        place = run.attitudes[k, i]
-        run.z[place] = run.z[place] / length
-        if carried < run.z.shape[0]:
-            run.z[carried + place] = 0.0
+        part_index = run.attitudes[k, i]
+        run.z[part_index] = run.z[part_index] / length
+        if first_compensation < run.z.shape[0]:
+            run.z[first_compensation + part_index] = 0.0

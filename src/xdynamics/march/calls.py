@@ -13,10 +13,10 @@ import numpy as np
 from xdynamics.kernels.compiling import UNCOMPILED, in_code
 
 
-def _made(name: str) -> Any:
-    from xdynamics.march.calls_in_code import made
+def _instruction_named(name: str) -> Any:
+    from xdynamics.march.calls_in_code import instruction_named
 
-    return made(name)
+    return instruction_named(name)
 
 
 def _itself(run: Any) -> Any:
@@ -31,29 +31,29 @@ def _by_key(entry: int, *arguments: Any) -> None:
     UNCOMPILED[int(entry)](*arguments)
 
 
-def called_plainly(address: int, run: Any, y: Any, z: Any, sample: int) -> None:
+def call_law_plainly(address: int, run: Any, y: Any, z: Any, sample: int) -> None:
     """Call the Python function that stands for an address where nothing is compiled."""
     UNCOMPILED[int(address)](run.at, y, run.p, run.tables, run.places, z, run.e, run.samples[sample:], run.w)
 
 
-def applied_plainly(address: int, x: float) -> Any:
+def apply_plainly(address: int, x: float) -> Any:
     """Call the function of one number that stands for an address where nothing is compiled."""
     return np.float64(UNCOMPILED[int(address)](float(x)))
 
 
-def noted_plainly(address: int, run: Any, y: Any, row: int) -> None:
+def write_row_plainly(address: int, run: Any, y: Any, row: int) -> None:
     """Call the Python function that fills a row of the log where nothing is compiled."""
-    called_plainly(address, run, y, run.log_rows[:, row], 0)
+    call_law_plainly(address, run, y, run.log_rows[:, row], 0)
 
 
-run_at: Any = in_code(_itself, "run_at", _made)
-floats_at: Any = in_code(_itself, "floats_at", _made)
-stepped_by: Any = in_code(_by_key, "stepped_by", _made)
-enclosed_by: Any = in_code(_by_key, "enclosed_by", _made)
-row_by: Any = in_code(_by_key, "row_by", _made)
-entered_by: Any = in_code(_by_key, "entered_by", _made)
-march_by: Any = in_code(_march_plainly, "march_by", _made)
-strode_by: Any = in_code(_by_key, "strode_by", _made)  # without a compiler there are no lanes
-applied: Any = in_code(applied_plainly, "applied", _made)
-called: Any = in_code(called_plainly, "called", _made)
-noted: Any = in_code(noted_plainly, "noted", _made)
+run_at: Any = in_code(_itself, "run_at", _instruction_named)
+floats_at: Any = in_code(_itself, "floats_at", _instruction_named)
+stepped_by: Any = in_code(_by_key, "stepped_by", _instruction_named)
+enclosed_by: Any = in_code(_by_key, "enclosed_by", _instruction_named)
+row_by: Any = in_code(_by_key, "row_by", _instruction_named)
+call_phase: Any = in_code(_by_key, "entered_by", _instruction_named)
+march_by: Any = in_code(_march_plainly, "march_by", _instruction_named)
+strode_by: Any = in_code(_by_key, "strode_by", _instruction_named)  # without a compiler there are no lanes
+apply_function: Any = in_code(apply_plainly, "applied", _instruction_named)
+call_law: Any = in_code(call_law_plainly, "called", _instruction_named)
+call_row_writer: Any = in_code(write_row_plainly, "noted", _instruction_named)

@@ -21,14 +21,14 @@ from xdynamics.march.run_in_code import (
     RUN,
     RUN_ARRAYS,
     WORD,
-    data_of,
+    array_data,
+    column_offset,
     marked,
-    times_apart,
     word_of,
 )
 
 
-def made(name: str) -> Any:
+def instruction_named(name: str) -> Any:
     """Return the instruction of a name."""
     return intrinsic(_DEFINED[name])
 
@@ -84,15 +84,15 @@ def _row_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, row: Any) -> Any
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         entry, run, y, z, row = arguments
         rows = cgutils.gep_inbounds(builder, run, WORDS * PLACES["rows"])
-        row = builder.gep(data_of(builder, rows), [builder.mul(row, word_of(builder, rows, 2))])
-        given = [run, data_of(builder, y), data_of(builder, z), row]
-        builder.call(builder.inttoptr(entry, _LAW.as_pointer()), given)
+        row = builder.gep(array_data(builder, rows), [builder.mul(row, word_of(builder, rows, 2))])
+        call_arguments = [run, array_data(builder, y), array_data(builder, z), row]
+        builder.call(builder.inttoptr(entry, _LAW.as_pointer()), call_arguments)
         return context.get_dummy_value()
 
     return types.void(entry, run, y, z, row), generate
 
 
-def _entered_by(_typing: Any, entry: Any, run: Any, number: Any, count: Any) -> Any:
+def _call_phase(_typing: Any, entry: Any, run: Any, number: Any, count: Any) -> Any:
     """Call an entry of the engine at an address, with a float and an integer."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -129,33 +129,33 @@ def _strode_by(_typing: Any, stride: Any, table: Any, y: Any, z: Any, samples: A
 _LAW = ir.FunctionType(ir.VoidType(), [POINTER] * 4)  # a run, and where y, z and the samples begin
 
 
-def _call(builder: Any, address: Any, arguments: list[Any]) -> None:
+def _call_program(builder: Any, address: Any, arguments: list[Any]) -> None:
     line = builder.call(builder.inttoptr(address, _LAW.as_pointer()), arguments)
     marked(builder, line, LAWS)
 
 
-def _called(_typing: Any, address: Any, run: Any, y: Any, z: Any, sample: Any) -> Any:
+def _call_law(_typing: Any, address: Any, run: Any, y: Any, z: Any, sample: Any) -> Any:
     """Call the program at an address; `sample` is the offset in the run's samples at which it writes."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         address, run, y, z, sample = arguments
-        samples = data_of(builder, cgutils.gep_inbounds(builder, run, WORDS * PLACES["samples"]))
+        samples = array_data(builder, cgutils.gep_inbounds(builder, run, WORDS * PLACES["samples"]))
         samples = builder.gep(samples, [sample])
-        _call(builder, address, [run, data_of(builder, y), data_of(builder, z), samples])
+        _call_program(builder, address, [run, array_data(builder, y), array_data(builder, z), samples])
         return context.get_dummy_value()
 
     return types.void(address, run, y, z, sample), generate
 
 
-def _noted(_typing: Any, address: Any, run: Any, y: Any, row: Any) -> Any:
+def _call_row_writer(_typing: Any, address: Any, run: Any, y: Any, row: Any) -> Any:
     """Call the program at an address to fill a row of the log."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         address, run, y, row = arguments
         table = cgutils.gep_inbounds(builder, run, WORDS * PLACES["log_rows"])
-        rows = data_of(builder, table)
-        place = builder.gep(rows, [times_apart(builder, table, row)])
-        _call(builder, address, [run, data_of(builder, y), place, rows])
+        rows = array_data(builder, table)
+        row_address = builder.gep(rows, [column_offset(builder, table, row)])
+        _call_program(builder, address, [run, array_data(builder, y), row_address, rows])
         return context.get_dummy_value()
 
     return types.void(address, run, y, row), generate
@@ -164,7 +164,7 @@ def _noted(_typing: Any, address: Any, run: Any, y: Any, row: Any) -> Any:
 _FUNCTION = ir.FunctionType(ir.DoubleType(), [ir.DoubleType()])
 
 
-def _applied(_typing: Any, address: Any, _x: Any) -> Any:
+def _apply_function(_typing: Any, address: Any, _x: Any) -> Any:
     """Call the function of one number at an address."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -180,10 +180,10 @@ _DEFINED = {
     "stepped_by": _stepped_by,
     "enclosed_by": _enclosed_by,
     "row_by": _row_by,
-    "entered_by": _entered_by,
+    "entered_by": _call_phase,
     "march_by": _march_by,
     "strode_by": _strode_by,
-    "applied": _applied,
-    "called": _called,
-    "noted": _noted,
+    "applied": _apply_function,
+    "called": _call_law,
+    "noted": _call_row_writer,
 }

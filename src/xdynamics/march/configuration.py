@@ -13,7 +13,16 @@ import numpy as np
 from xdynamics import schema
 from xdynamics.elementary import NAME
 from xdynamics.faults import InputError
-from xdynamics.keywords import FULL, KEYWORDS, PACING, STATES, columns_of, joined, meant, number
+from xdynamics.keywords import (
+    FULL,
+    KEYWORDS,
+    PACING,
+    STATES,
+    keyword_hint,
+    merge_settings,
+    read_log_columns,
+    read_number,
+)
 from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED
 from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings
 from xdynamics.march.tolerances import OF_TERMS, Tolerances, least_rtol
@@ -47,7 +56,7 @@ RECORDING: dict[str, Any] = {
 }  # settings that concern the record alone, and their values for a complete one
 
 
-def settings_for(model: Model, **asked: Any) -> Settings:
+def settings_for(model: Model, **requested_settings: Any) -> Settings:
     """Join the requested settings with the model's `[run]` defaults, and check them.
 
     Raises
@@ -56,44 +65,52 @@ def settings_for(model: Model, **asked: Any) -> Settings:
         If a setting is missing or wrong; the message names it.
     """
     check_model(model)
-    if unknown := [name for name in asked if name not in KEYWORDS]:
-        raise InputError(f"there is no setting '{unknown[0]}'; {meant(unknown[0], tuple(KEYWORDS))}")
-    chosen = _joined(model.run, {k: v for k, v in asked.items() if v is not None})
+    if unknown := [name for name in requested_settings if name not in KEYWORDS]:
+        raise InputError(f"there is no setting '{unknown[0]}'; {keyword_hint(unknown[0], tuple(KEYWORDS))}")
+    joined_settings = _join_with_run(model.run, {k: v for k, v in requested_settings.items() if v is not None})
     for key in ("method", "until"):
-        if chosen.get(key) is None:
+        if joined_settings.get(key) is None:
             raise InputError(f"model '{model.name}' has no {key} in its [run]; give {key}=…")
-    if chosen["force_samples"] not in FORCE_SAMPLES:
-        raise InputError(f"force_samples is {chosen['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
-    jacobian = str(chosen.get("jacobian", EXACT))
-    method = method_named(str(chosen["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
-    step, scales = _step(model, chosen.get("step")), Scales.parse(chosen["scales"])
-    tolerances = _tolerances(model, chosen, scales)
+    if joined_settings["force_samples"] not in FORCE_SAMPLES:
+        raise InputError(f"force_samples is {joined_settings['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
+    jacobian = str(joined_settings.get("jacobian", EXACT))
+    method = method_named(str(joined_settings["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
+    step, scales = _step_setting(model, joined_settings.get("step")), Scales.parse(joined_settings["scales"])
+    tolerances = _tolerance_settings(model, joined_settings, scales)
     if step is None and tolerances is None:
         if not method.estimate:
             raise InputError(f"model '{model.name}' has no step in its [run]; give step=…, or rtol=… for chosen steps")
         tolerances = Tolerances(DEFAULT_RTOL, {}, _own_units(model, scales))
-    order = KEYWORDS["order"].read(chosen["order"], model.time_unit) if chosen.get("order") is not None else None
-    method = _of_order(method, order, tolerances, least_rtol(str(chosen.get("precision"))))
+    order = (
+        KEYWORDS["order"].read(joined_settings["order"], model.time_unit)
+        if joined_settings.get("order") is not None
+        else None
+    )
+    method = _method_of_order(method, order, tolerances, least_rtol(str(joined_settings.get("precision"))))
     if tolerances is None:
-        _refuse_pacing([key for key in PACING if key in chosen])
-    read = {name: KEYWORDS[name].read(value, model.time_unit) for name, value in chosen.items() if value is not None}
+        _refuse_pacing([key for key in PACING if key in joined_settings])
+    read = {
+        name: KEYWORDS[name].read(value, model.time_unit)
+        for name, value in joined_settings.items()
+        if value is not None
+    }
     settings = Settings(
         method,
         read["until"],
         step,
         tolerances,
-        _pacing(read),
-        read.get("estimator") or _estimator(method, tolerances),
+        _pacing_settings(read),
+        read.get("estimator") or _default_estimator(method, tolerances),
         read["force_samples"] == "all",
         scales,
-        _jacobian(jacobian, method, model),
-        read.get("summation") or _summation(method, model, read.get("precision")),
-        _nodes(model, read.get("nodes")),
-        _switches(model, read.get("switches")),
-        _time_tolerance(model, read),
+        _jacobian_source(jacobian, method, model),
+        read.get("summation") or _default_summation(method, model, read.get("precision")),
+        _node_times(model, read.get("nodes")),
+        _switch_treatment(model, read.get("switches")),
+        _event_time_tolerance(model, read),
         read.get("math_functions", NAME),
         read.get("keep_every", 1),
-        _log(model, read.get("log", _default_log(model))),
+        _logged_columns(model, read.get("log", _default_log(model))),
         read.get("compress", False),
         read.get("event_root_method", EARLIEST_FIRST),
         "order" in read,
@@ -114,17 +131,17 @@ def _refuse_pacing(paced: list[str]) -> None:
         )
 
 
-def _jacobian(asked: str, method: Method, model: Model) -> str:
+def _jacobian_source(requested_source: str, method: Method, model: Model) -> str:
     """Return where derivatives come from: differences, too, where constraints couple too many coordinates for trees."""
-    return DIFFERENCES if beyond_trees(model) and DIFFERENCES in method.stepper.jacobians else asked
+    return DIFFERENCES if beyond_trees(model) and DIFFERENCES in method.stepper.jacobians else requested_source
 
 
-def _log(model: Model, asked: Any) -> str | tuple[str, ...]:
+def _logged_columns(model: Model, requested_log: Any) -> str | tuple[str, ...]:
     """Return the columns that are recorded, elements by their numbers from the front."""
-    log = columns_of(asked)
+    log = read_log_columns(requested_log)
     if isinstance(log, str):
         return log
-    return (*dict.fromkeys(model.shapes.inside(name, "log names") for name in log),)
+    return (*dict.fromkeys(model.shapes.internal_name(name, "log names") for name in log),)
 
 
 def _default_log(model: Model) -> str:
@@ -133,7 +150,7 @@ def _default_log(model: Model) -> str:
     return STATES if large else FULL
 
 
-def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
+def unthinned_settings_for(model: Model, **requested_settings: Any) -> Settings:
     """Return the settings of a march that needs all rows and columns, also those that the model file leaves out.
 
     Raises
@@ -141,12 +158,12 @@ def unthinned_settings_for(model: Model, **asked: Any) -> Settings:
     InputError
         If rows or columns are to be left out, or a setting is missing or wrong.
     """
-    if left := [name for name in THINNING if asked.get(name) is not None]:
+    if left := [name for name in THINNING if requested_settings.get(name) is not None]:
         raise InputError(
             f"{' and '.join(left)} {'is' if len(left) == 1 else 'are'} of `simulate` and `xdynamics run`: here all rows"
             " and columns of a march are needed"
         )
-    return replace(settings_for(model, **asked), **RECORDING)
+    return replace(settings_for(model, **requested_settings), **RECORDING)
 
 
 def with_run(model: Model, section: Mapping[str, Any]) -> Model:
@@ -154,16 +171,16 @@ def with_run(model: Model, section: Mapping[str, Any]) -> Model:
     return model.with_statement(replace(model.statement, run=dict(section)))
 
 
-def rerun(model: Model, **asked: Any) -> Model:
+def rerun(model: Model, **requested_settings: Any) -> Model:
     """Return a model whose `[run]` has some other settings."""
-    given = {name: value for name, value in asked.items() if value is not None}
-    return with_run(model, joined(model.run, given)) if given else model
+    provided_settings = {name: value for name, value in requested_settings.items() if value is not None}
+    return with_run(model, merge_settings(model.run, provided_settings)) if provided_settings else model
 
 
-def _joined(defaults: Mapping[str, Any], requested: dict[str, Any]) -> dict[str, Any]:
+def _join_with_run(defaults: Mapping[str, Any], requested: dict[str, Any]) -> dict[str, Any]:
     """Join the two, and what holds where neither says it."""
     requested = {key: _in_unit_of(defaults.get(key), value) for key, value in requested.items()}
-    return {"force_samples": "all", "scales": None} | joined(defaults, requested)
+    return {"force_samples": "all", "scales": None} | merge_settings(defaults, requested)
 
 
 def _in_unit_of(default: Any, value: Any) -> Any:
@@ -173,7 +190,7 @@ def _in_unit_of(default: Any, value: Any) -> Any:
     return value
 
 
-def _step(model: Model, value: Any) -> float | tuple[float, ...] | None:
+def _step_setting(model: Model, value: Any) -> float | tuple[float, ...] | None:
     if value is None or isinstance(value, str | int | float):
         return None if value is None else time_in(model.time_unit, value, "step")
     try:
@@ -189,7 +206,7 @@ def _step(model: Model, value: Any) -> float | tuple[float, ...] | None:
     return tuple(steps[steps != 0.0].tolist())  # the row after an event has no step
 
 
-def _nodes(model: Model, values: Any) -> tuple[float, ...]:
+def _node_times(model: Model, values: Any) -> tuple[float, ...]:
     """Return the times to land on, ascending."""
     if values is None:
         return ()
@@ -198,31 +215,31 @@ def _nodes(model: Model, values: Any) -> tuple[float, ...]:
     return tuple(sorted({time_in(model.time_unit, time, "nodes") for time in values}))
 
 
-def _tolerances(model: Model, chosen: Mapping[str, Any], scales: Scales) -> Tolerances | None:
-    rtol, atol = chosen.get("rtol"), chosen.get("atol")
+def _tolerance_settings(model: Model, joined_settings: Mapping[str, Any], scales: Scales) -> Tolerances | None:
+    rtol, atol = joined_settings.get("rtol"), joined_settings.get("atol")
     if rtol is None and atol is None:
         return None
-    relative = DEFAULT_RTOL if rtol is None else number(rtol, "rtol")
+    relative = DEFAULT_RTOL if rtol is None else read_number(rtol, "rtol")
     units = _own_units(model, scales)
     if atol is None:
         return Tolerances(relative, {}, units)
     if isinstance(atol, Mapping) and not atol:
         raise InputError("atol is an empty mapping, needs a number or at least one name")
     if not isinstance(atol, Mapping):
-        return Tolerances(relative, {}, units, number(atol, "atol"))
+        return Tolerances(relative, {}, units, read_number(atol, "atol"))
     # an element's own tolerance counts before that of its block, whichever is written first
     blocks = model.shapes.dims
-    named_inside = model.shapes.all_inside(atol, "atol names")
+    named_inside = model.shapes.with_internal_names(atol, "atol names")
     atol = dict(sorted(named_inside.items(), key=lambda entry: entry[0] not in blocks))
     firsts = {name: model.shapes.first(name) if name in blocks else name for name in atol if name}
     for name, first in firsts.items():
         if first not in units:
-            raise InputError(f"atol names {name!r}; there are {_named(model)}")
-    named = {name: _absolute(units[first], name, atol[name]) for name, first in firsts.items()}
-    return Tolerances(relative, named, units, number(atol[""], "atol") if "" in atol else None)
+            raise InputError(f"atol names {name!r}; there are {_tolerance_names(model)}")
+    atol_by_name = {name: _absolute_tolerance(units[first], name, atol[name]) for name, first in firsts.items()}
+    return Tolerances(relative, atol_by_name, units, read_number(atol[""], "atol") if "" in atol else None)
 
 
-def _named(model: Model) -> str:
+def _tolerance_names(model: Model) -> str:
     """Return the names that may have a tolerance; of a block with one element as an example."""
     shaped = model.shaped
     blocks = [*shaped.coordinates, *map(schema.velocity, shaped.coordinates), *shaped.states]
@@ -235,13 +252,13 @@ def _own_units(model: Model, scales: Scales) -> dict[str, Unit]:
     if scales == UNSCALED:
         return model.units
     sizes = {name: model.dimensions[name] for name in variables(model)}
-    return {name: Unit("", dimension, Fraction(scales.of(dimension))) for name, dimension in sizes.items()}
+    return {name: Unit("", dimension, Fraction(scales.si_factor(dimension))) for name, dimension in sizes.items()}
 
 
-def _absolute(unit: Unit, name: str, value: Any) -> float:
+def _absolute_tolerance(unit: Unit, name: str, value: Any) -> float:
     """Read an absolute tolerance, SI; a number without a unit has the variable's own."""
     if not isinstance(value, str | Quantity):
-        return _in_unit(unit, number(value, f"atol of '{name}'"))
+        return _in_unit(unit, read_number(value, f"atol of '{name}'"))
     try:
         quantity = value if isinstance(value, Quantity) else parse_quantity(value)
     except InputError as error:
@@ -259,18 +276,18 @@ def _in_unit(unit: Unit, value: float) -> float:
     )  # values that are not finite are refused with the other faults
 
 
-def _pacing(read: Mapping[str, Any]) -> Pacing:
+def _pacing_settings(read: Mapping[str, Any]) -> Pacing:
     return Pacing(**{key: read[key] for key in PACING if key in read})
 
 
-def _estimator(method: Method, tolerances: Tolerances | None) -> str:
+def _default_estimator(method: Method, tolerances: Tolerances | None) -> str:
     """Return the default estimator."""
     if method.estimate:
         return EMBEDDED
     return NO_ESTIMATE if tolerances is None else STEP_DOUBLING
 
 
-def _of_order(method: Method, order: int | None, tolerances: Tolerances | None, least: float) -> Method:
+def _method_of_order(method: Method, order: int | None, tolerances: Tolerances | None, lowest_rtol: float) -> Method:
     """Return a method of the order that is asked for, or that its tolerance asks for.
 
     Raises
@@ -284,8 +301,8 @@ def _of_order(method: Method, order: int | None, tolerances: Tolerances | None, 
         raise InputError(f"order is {order!r}, and '{method.name}' is of order {method.order}; order is for taylor")
     if order is None:
         # a tolerance that is out of range is refused with the other settings
-        known = tolerances is not None and least <= tolerances.rtol < 1
-        order = order_for(tolerances.rtol) if tolerances is not None and known else DEFAULT_ORDER
+        is_usable = tolerances is not None and lowest_rtol <= tolerances.rtol < 1
+        order = order_for(tolerances.rtol) if tolerances is not None and is_usable else DEFAULT_ORDER
     if order < LEAST_ORDER:
         raise InputError(
             f"order is {order!r}, needs to be at least {LEAST_ORDER}: a step is chosen by the last two terms of the series,"
@@ -294,12 +311,12 @@ def _of_order(method: Method, order: int | None, tolerances: Tolerances | None, 
     if order > MOST_ORDER:
         raise InputError(
             f"order is {order!r}, needs to be at most {MOST_ORDER}: the last terms are rounding alone from"
-            f" {order_for(least)} on, and longer series only let steps be longer"
+            f" {order_for(lowest_rtol)} on, and longer series only let steps be longer"
         )
     return method_of(method.name, order)
 
 
-def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
+def _event_time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
     """Return the default time tolerance of events: 1 ps, or 1e-12 of a run shorter than a second."""
     if "time_tolerance" in read:
         return float(read["time_tolerance"])
@@ -307,7 +324,7 @@ def _time_tolerance(model: Model, read: Mapping[str, Any]) -> float:
     return TIME_TOLERANCE * (min(1.0, span) if span > 0.0 else 1.0)
 
 
-def _switches(model: Model, choice: str | None) -> str:
+def _switch_treatment(model: Model, choice: str | None) -> str:
     """Return how to treat hidden switches: located only if there are any, everywhere only if some are nested."""
     watched, tables = watched_switches(model), landed_on(model).values()
     if not choice:
@@ -319,7 +336,7 @@ def _switches(model: Model, choice: str | None) -> str:
     return STEPPED_OVER if choice == LOCATED and not watched else choice
 
 
-def _summation(method: Method, model: Model, precision: str | None) -> str:
+def _default_summation(method: Method, model: Model, precision: str | None) -> str:
     """Return the default summation: compensated where rounding is what is left of the error, in long runs and tight ones."""
     if precision == DOUBLE_DOUBLE or (model.constraints and method.kept):
         return PLAIN

@@ -9,7 +9,7 @@ from xdynamics.expressions import free_names
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.march.contacts.active_set import FLAT
 from xdynamics.march.contacts.delassus import ABSENT, SLIDING
-from xdynamics.march.energy_gains import energy_dimension
+from xdynamics.march.energy_gains import impact_energy_dimension
 from xdynamics.march.outcomes import CONTACT_PENETRATED
 from xdynamics.march.run import APART, BOUND, FIGURE, GUARD, OWNER, SHIFTED, SLOWED, WORK
 from xdynamics.model.detectors import GAP, GRIP, PULL, SLIP, function_dimension
@@ -27,12 +27,12 @@ PAINLEVE = (
 _REMEDY = "; a smaller coefficient of friction, or a compliant contact force, has an answer"
 
 
-def dispute(march: March) -> str:
+def contact_dispute(march: March) -> str:
     """Name the contact without a solution, from the march's last state."""
     all_reactions, run = reactions(march.model), march.run
     if int(march.now.status) == CONTACT_PENETRATED:
         return _penetrated(march, run.links["gap"].tolist())
-    if why := undefined(march):
+    if why := undefined_contact(march):
         return why
     for k, reaction in enumerate(all_reactions):
         touch = run.touches[k]
@@ -58,13 +58,13 @@ def dispute(march: March) -> str:
         return why
     for k, reaction in enumerate(all_reactions):
         if run.touches[k].part == SLIDING and not _pressed_apart(march, k):
-            return painleve(reaction, float(run.touches[k].coefficient))
-    held = ", ".join(
+            return painleve_message(reaction, float(run.touches[k].coefficient))
+    owners = ", ".join(
         f"'{reaction.owner}'"
         for reaction, touch in zip(all_reactions, run.touches, strict=True)
         if touch.part != ABSENT
     )
-    return f"the forces of {held} together are not determined: they hold the same motion twice, or cannot hold it"
+    return f"the forces of {owners} together are not determined: they hold the same motion twice, or cannot hold it"
 
 
 def _struck_together(march: March, rates: list[float]) -> str:
@@ -74,21 +74,28 @@ def _struck_together(march: March, rates: list[float]) -> str:
     approach = any(rates[k] < -touches[k].slack for k in near)
     if not approach or any(march.model.contacts[all_reactions[k].owner].law != ENERGETIC for k in near):
         return ""
-    named = ", ".join(f"'{all_reactions[k].owner}'" for k in near)
+    owners = ", ".join(f"'{all_reactions[k].owner}'" for k in near)
     if len(near) == 1:
-        return f"the impact of contact {named} does not end: friction holds it as fast as it is pressed"
+        return f"the impact of contact {owners} does not end: friction holds it as fast as it is pressed"
     return (
-        f"contacts {named} touch at once and act on each other, and law = '{ENERGETIC}' is for one contact at a time:"
+        f"contacts {owners} touch at once and act on each other, and law = '{ENERGETIC}' is for one contact at a time:"
         " how several share an impulse depends on their stiffnesses; choose law = 'poisson' or 'sequential'"
     )
 
 
-def undefined(march: March) -> str:
+def undefined_contact(march: March) -> str:
     """Name the contact or friction element that is not finite in the proposed state, or return nothing."""
     layout, values = march.layout, dict(constants(march.model, march.settings.scales))
     values |= dict(zip(layout.record, march.run.z.tolist(), strict=True)) | {"t": float(march.now.t)}
     for reaction in reactions(march.model):
-        trees = [reaction.gap, reaction.rate, reaction.bias, reaction.size, reaction.most, *reaction.row.values()]
+        trees = [
+            reaction.gap,
+            reaction.rate,
+            reaction.bias,
+            reaction.size,
+            reaction.sticking_limit,
+            *reaction.row.values(),
+        ]
         evaluable = [tree for tree in trees if not free_names(tree) - set(values)]
         if not all(isfinite(evaluate(tree, values)) for tree in evaluable):
             kind = "gap of contact" if reaction.sort == NORMAL else "slip or friction of"
@@ -99,9 +106,9 @@ def undefined(march: March) -> str:
     return ""
 
 
-def painleve(one: Reaction, coefficient: float) -> str:
+def painleve_message(reaction: Reaction, coefficient: float) -> str:
     """Return the message that friction is too large for a unique solution."""
-    return f"friction of contact '{one.owner}', with the coefficient {coefficient:.6g}: {PAINLEVE}{_REMEDY}"
+    return f"friction of contact '{reaction.owner}', with the coefficient {coefficient:.6g}: {PAINLEVE}{_REMEDY}"
 
 
 def _pressed_apart(march: March, k: int) -> bool:
@@ -111,7 +118,7 @@ def _pressed_apart(march: March, k: int) -> bool:
     return bool(delassus[normal, normal] - touch.way * touch.coefficient * delassus[normal, k] > 0.0)
 
 
-def inconsistency(march: March) -> str:
+def balance_inconsistency(march: March) -> str:
     """Name the group of events whose record disagrees with its effect, with the figures."""
     run, model, all_reactions = march.run, march.model, reactions(march.model)
     guard, owner = int(run.balance[GUARD]), int(run.balance[OWNER])
@@ -131,13 +138,13 @@ def inconsistency(march: March) -> str:
         verb = "acts where its gap is" if guard == APART else "loses, without an impulse, a rate of"
         finding = f"'{all_reactions[owner].owner}' {verb}"
     else:
-        dimension = energy_dimension(model)
+        dimension = impact_energy_dimension(model)
         finding = (
             "kinetic energy changes by more than the work of the recorded impulses, by"
             if guard == WORK
             else "the recorded losses differ from what the impulses took, by"
         )
-    scale = march.settings.scales.of(dimension)
+    scale = march.settings.scales.si_factor(dimension)
     figure, bound = run.balance[FIGURE] * scale, run.balance[BOUND] * scale
     return (
         f"in the group of events of {group or 'contacts'} {finding} {figure:.6g} {dimension}, and tolerances and"
@@ -145,12 +152,12 @@ def inconsistency(march: March) -> str:
     )
 
 
-def violation(march: March) -> str:
+def law_violation(march: March) -> str:
     """Say which contact pulls, holds more than friction can, slips against its friction, or is penetrated."""
     run = march.run
     detector = march.layout.watched[int(run.balance[OWNER])]
     dimension = function_dimension(march.model, detector)
-    figure = abs(float(run.balance[FIGURE])) * march.settings.scales.of(dimension)
+    figure = abs(float(run.balance[FIGURE])) * march.settings.scales.si_factor(dimension)
     does = {
         PULL: "pulls with",
         GRIP: "holds more than friction can, by",
@@ -164,11 +171,11 @@ def violation(march: March) -> str:
 
 
 def _penetrated(march: March, gaps: list[float]) -> str:
-    named = []
+    gap_texts = []
     for reaction, gap in zip(reactions(march.model), gaps, strict=True):
         dimension = rate_dimension(march.model, reaction) * march.model.time_unit.dimension
         if reaction.sort == NORMAL and gap < 0.0:
-            named.append(
-                f"the gap of contact '{reaction.owner}' is {gap * march.settings.scales.of(dimension):.6g} {dimension}"
+            gap_texts.append(
+                f"the gap of contact '{reaction.owner}' is {gap * march.settings.scales.si_factor(dimension):.6g} {dimension}"
             )
-    return f"{', '.join(named)}: one body is inside the other; begin, or set the state, where gaps are not negative"
+    return f"{', '.join(gap_texts)}: one body is inside the other; begin, or set the state, where gaps are not negative"

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels import step_control
-from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.formulas import function_of, larger
+from xdynamics.kernels.compiling import jit_inline, jit_separate
+from xdynamics.kernels.formulas import compiled_function_of, larger
 from xdynamics.kernels.law import EXP, FORCES, LOG
 from xdynamics.kernels.program import T
 from xdynamics.kernels.step_control import CONSTANTS, LEAST_LOGARITHM
-from xdynamics.march.calls import applied, called
-from xdynamics.march.force_evaluation import find_term_sizes, slope_of
+from xdynamics.march.calls import apply_function, call_law
+from xdynamics.march.force_evaluation import find_term_sizes, state_slope
 from xdynamics.march.log import note_sample
 from xdynamics.march.run import Run
 from xdynamics.march.tolerance_sizes import settle_tolerances, tops_of
@@ -39,36 +39,36 @@ def first_step_rule(method: Method) -> str:
 
 
 # the lines as functions of numbers
-_allowed = function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
-_of_rate = function_of(step_control.LEAST_OF_RATE, "rounding width terms", "least")
-_of_coordinate = function_of(step_control.LEAST_OF_COORDINATE, "rounding width terms", "least")
-_floored_norm = function_of(step_control.FLOORED_NORM, "norm error before after allowed rtol least", "norm")
-_norm = function_of(step_control.NORM, "norm error before after allowed rtol", "norm")
-_exponent = function_of(step_control.EXPONENT, "norm logarithm step_log k", "exponent")
-_proportional = function_of(
+_allowed = compiled_function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed")
+_of_rate = compiled_function_of(step_control.LEAST_OF_RATE, "rounding width terms", "least")
+_of_coordinate = compiled_function_of(step_control.LEAST_OF_COORDINATE, "rounding width terms", "least")
+_floored_norm = compiled_function_of(step_control.FLOORED_NORM, "norm error before after allowed rtol least", "norm")
+_norm = compiled_function_of(step_control.NORM, "norm error before after allowed rtol", "norm")
+_exponent = compiled_function_of(step_control.EXPONENT, "norm logarithm step_log k", "exponent")
+_proportional = compiled_function_of(
     step_control.PROPORTIONAL, "norm logarithm power safety least greatest", "factor next_log shrink", CONSTANTS
 )
-_predicted = function_of(step_control.PREDICTED, "growth least greatest", "factor next_log shrink", CONSTANTS)
-_next = function_of(step_control.NEXT, "width factor cut rejected step min_step max_step", "next_step")
+_predicted = compiled_function_of(step_control.PREDICTED, "growth least greatest", "factor next_log shrink", CONSTANTS)
+_next = compiled_function_of(step_control.NEXT, "width factor cut rejected step min_step max_step", "next_step")
 
 
-@compiled
+@jit_inline
 def accepts(norm: float) -> bool:
     """Whether a trial passes the error test; nan does not."""
     return norm <= 1.0
 
 
-@compiled
+@jit_inline
 def allowed_of(run: Run, state: State, i: int) -> float:
     """Return the error that a variable may have at a state, besides its share of the value there."""
     plan, atol = run.plan[0], run.atol[i]
-    if plan.follows and run.followers[i]:  # variables that start from zero are measured by others of their kind
-        atol = _allowed(atol, plan.rtol, plan.rest, plan.floor, run.tops[run.kinds[i]], slope_of(run, state, i))
+    if plan.follows and run.adaptive_atol[i]:  # variables that start from zero are measured by others of their kind
+        atol = _allowed(atol, plan.rtol, plan.rest, plan.floor, run.tops[run.kinds[i]], state_slope(run, state, i))
     return float(atol)
 
 
-@compiled
-def error_norm(run: Run) -> float:
+@jit_inline
+def trial_error_norm(run: Run) -> float:
     """Return the largest ratio of the trial's errors to their scales: the tolerances allow 1.
 
     Of a trial that fails, errors may be the rounding of forces that cancel: it is weighed again, with a floor from these;
@@ -87,30 +87,30 @@ def error_norm(run: Run) -> float:
     return norm
 
 
-@shared
+@jit_separate
 def largest_ratio(run: Run, width: float) -> float:
     """Return the largest ratio of the trial's errors to their scales, with a floor from terms over a step, or none (0)."""
     plan, norm = run.plan[0], 0.0
     for i in range(plan.used):
         allowed = allowed_of(run, run.z, i)
-        if width > 0.0 and run.followers[i]:
-            least = rounding_of(run, i, width)
-            norm = _floored_norm(norm, run.e[i], run.y[i], run.z[i], allowed, plan.rtol, least)
+        if width > 0.0 and run.adaptive_atol[i]:
+            error_floor = term_rounding(run, i, width)
+            norm = _floored_norm(norm, run.e[i], run.y[i], run.z[i], allowed, plan.rtol, error_floor)
         else:
             norm = _norm(norm, run.e[i], run.y[i], run.z[i], allowed, plan.rtol)
     return norm
 
 
-@compiled
-def rounding_of(run: Run, i: int, width: float) -> float:
+@jit_inline
+def term_rounding(run: Run, i: int, width: float) -> float:
     """Return what rounding of its terms, whose sizes were found, makes of a variable in a step."""
     n, rounding = run.plan[0].coordinates, run.plan[0].rounding
     if i < n:
-        return float(_of_coordinate(rounding, width, slope_of(run, run.probe, n + i)))
-    return float(_of_rate(rounding, width, slope_of(run, run.probe, i)))
+        return float(_of_coordinate(rounding, width, state_slope(run, run.probe, n + i)))
+    return float(_of_rate(rounding, width, state_slope(run, run.probe, i)))
 
 
-@shared
+@jit_separate
 def forget_rounding(run: Run) -> None:
     """Forget sizes of what has moved by no more than the rounding of forces since the start: it has rested, and is let go."""
     plan, now = run.plan[0], run.now[0]
@@ -118,53 +118,53 @@ def forget_rounding(run: Run) -> None:
         return
     find_term_sizes(run, now.t, run.y)
     for i in range(plan.used):
-        if run.largest[i] <= rounding_of(run, i, now.t - plan.start):
+        if run.largest[i] <= term_rounding(run, i, now.t - plan.start):
             run.largest[i] = 0.0
     settle_tolerances(run)
 
 
-@compiled
-def shortest(run: Run) -> float:
+@jit_inline
+def shortest_step(run: Run) -> float:
     """Return the shortest step that may be tried where the march stands."""
     t = run.now[0].t
     return max(run.plan[0].min_step, SPACINGS * (np.nextafter(t, np.inf) - t))
 
 
-@compiled
-def factors(run: Run) -> tuple[float, float, float]:
+@jit_inline
+def step_factors(run: Run) -> tuple[float, float, float]:
     """Return the factor after an accepted step, what the next one remembers, and the factor after a rejected one."""
     plan, now = run.plan[0], run.now[0]
     if run.kept[0].growth > 0.0:  # the stepper proposes it
         return _predicted(run.kept[0].growth, plan.least, plan.greatest)
-    logarithm = applied(run.law[LOG], now.norm) if now.norm > 0.0 else LEAST_LOGARITHM
-    power = applied(run.law[EXP], _exponent(now.norm, logarithm, now.step_log, plan.order))
+    logarithm = apply_function(run.law[LOG], now.norm) if now.norm > 0.0 else LEAST_LOGARITHM
+    power = apply_function(run.law[EXP], _exponent(now.norm, logarithm, now.step_log, plan.order))
     return _proportional(now.norm, logarithm, power, plan.safety, plan.least, plan.greatest)
 
 
-@compiled
-def grow(run: Run, h: float, cut: bool) -> None:
+@jit_inline
+def grow_step(run: Run, h: float, cut: bool) -> None:
     """Choose the step after an accepted one: no growth right after a rejection, no loss from a cut step."""
     plan, now = run.plan[0], run.now[0]
     if plan.series > 0:  # the next step is foreseen at its start
         now.rejected = 0
         return
-    factor, now.step_log, _ = factors(run)
+    factor, now.step_log, _ = step_factors(run)
     now.step = _next(h, factor, cut, now.rejected, now.step, plan.min_step, plan.max_step)
     now.rejected = 0
 
 
-@compiled
-def reduce(run: Run, h: float, failed_test: bool) -> None:
+@jit_inline
+def reduce_step(run: Run, h: float, failed_test: bool) -> None:
     """Choose the step after a rejected trial of step h."""
     now, factor = run.now[0], NONFINITE_FACTOR
     unsolved = run.kept[0].growth > 0.0 and run.trial[0].iterations < 0
     if unsolved or (failed_test and math.isfinite(now.norm)):
-        _, _, factor = factors(run)
-    now.step = max(h * factor, shortest(run))
+        _, _, factor = step_factors(run)
+    now.step = max(h * factor, shortest_step(run))
     now.rejected = 1
 
 
-@shared
+@jit_separate
 def first_step(run: Run) -> float:
     """Choose the first step from the sizes of the state, its slope and its curvature, all over their tolerances.
 
@@ -180,26 +180,28 @@ def first_step(run: Run) -> float:
         scale = run.atol[i] + plan.rtol * abs(y[i])
         if scale > 0.0:  # a tolerance that follows a size of 0 is 0 for now
             size = larger(size, abs(y[i]) / scale)
-            slope = larger(slope, abs(slope_of(run, y, i)) / scale)
+            slope = larger(slope, abs(state_slope(run, y, i)) / scale)
     if not size > 0.0:  # natural sizes where tolerances follow them
         size = 1.0 / plan.rtol if plan.follows else 1.0
     time = size / slope if slope > 0.0 else 1e-4 * span
     guess = min(0.01 * time, span, plan.max_step)
     for i in range(plan.used):
-        probe[i] = y[i] + guess * slope_of(run, y, i)
+        probe[i] = y[i] + guess * state_slope(run, y, i)
     run.at[T] = t + guess
-    called(run.law[FORCES], run, probe, probe, 0)
+    call_law(run.law[FORCES], run, probe, probe, 0)
     run.now[0].evaluations += 1
     note_sample(run, t + guess, probe, 0)
     for i in range(plan.used):
         scale = run.atol[i] + plan.rtol * abs(y[i])
         if scale > 0.0:
-            change = larger(change, abs(slope_of(run, probe, i) - slope_of(run, y, i)) / scale)
+            change = larger(change, abs(state_slope(run, probe, i) - state_slope(run, y, i)) / scale)
     curvature = change / guess
     if curvature > 0.0:  # the slope of a body at rest says little
         time = max(time, math.sqrt(size / curvature))
     steepest = max(slope * time, curvature * time * time)
     step = guess
     if 0.0 < steepest < math.inf:
-        step = min(time, time * applied(run.law[EXP], applied(run.law[LOG], 0.01 / steepest) / plan.order))
-    return min(max(step, shortest(run)), plan.max_step)
+        step = min(
+            time, time * apply_function(run.law[EXP], apply_function(run.law[LOG], 0.01 / steepest) / plan.order)
+        )
+    return min(max(step, shortest_step(run)), plan.max_step)

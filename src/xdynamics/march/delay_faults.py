@@ -13,7 +13,7 @@ from xdynamics.march.past_arrays import delay_times
 from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.motion import tables_of
+from xdynamics.model.motion import drive_pieces
 from xdynamics.units import unit_suffix
 
 
@@ -51,17 +51,17 @@ def delay_faults(settings: Any, model: Model) -> list[str]:
     if faults:
         return faults
     return [
-        *_of_steps(settings, float(times.min()), second),
-        *_of_methods(settings),
-        *_of_models(settings, model),
-        *_of_tables(model, times, second),
+        *_long_step_faults(settings, float(times.min()), second),
+        *_interpolation_faults(settings),
+        *_state_change_faults(settings, model),
+        *_short_table_faults(model, times, second),
     ]
 
 
-def _of_steps(settings: Any, shortest: float, second: str) -> list[str]:
+def _long_step_faults(settings: Any, shortest: float, second: str) -> list[str]:
     """Refuse given steps beyond the shortest delay: they would read what they are about to find."""
-    given = settings.step if isinstance(settings.step, tuple) else (settings.step or 0.0,)
-    longest = max((step for step in given if isinstance(step, float | int)), default=0.0)
+    given_steps = settings.step if isinstance(settings.step, tuple) else (settings.step or 0.0,)
+    longest = max((step for step in given_steps if isinstance(step, float | int)), default=0.0)
     if not longest > shortest * (1.0 + 1e-12):
         return []
     return [
@@ -69,38 +69,38 @@ def _of_steps(settings: Any, shortest: float, second: str) -> list[str]:
     ]
 
 
-def _of_methods(settings: Any) -> list[str]:
+def _interpolation_faults(settings: Any) -> list[str]:
     """Refuse estimators by which steps are of a higher order than what they interpolate by."""
     method, scheme = settings.method, settings.scheme
     if scheme.order > scheme.interpolant.order + 1:
         estimated = f" with estimator = '{settings.estimator}'" if scheme.steps > 1 else ""
         left = f"errors of h**{scheme.interpolant.order + 1}, which would be all that is left of it"
         remedy = "take dop853 or dormand_prince with their embedded formulas, or a method of order 4 at most"
-        own = f"method '{method.name}'{estimated} is of order {scheme.order}"
-        return [f"{own}, and delayed values are interpolated with {left}; {remedy}"]
+        subject = f"method '{method.name}'{estimated} is of order {scheme.order}"
+        return [f"{subject}, and delayed values are interpolated with {left}; {remedy}"]
     return []
 
 
-def _of_tables(model: Model, times: NDArray[np.float64], second: str) -> list[str]:
+def _short_table_faults(model: Model, times: NDArray[np.float64], second: str) -> list[str]:
     """Refuse tables of time that end at their beginning, and do not reach back by their delays."""
     faults, start, tables = (
         [],
         model.statement.initial["t"].si,
-        dict(zip(model.looked_up_at, tables_of(model), strict=True)),
+        dict(zip(model.looked_up_at, drive_pieces(model), strict=True)),
     )
     for call in model.statement.delayed:
-        what, by = (expand(part, model.definitions) for part in call.arguments)
-        for name in sorted(free_names(what) & {*model.drives}):
-            first, back = float(tables[name][0][0]), start - float(times[model.delays.index(by)])
-            if model.drives[name].outside == "error" and model.looked_up_at[name] == CLOCK and first > back:
+        delayed_tree, delay = (expand(part, model.definitions) for part in call.arguments)
+        for name in sorted(free_names(delayed_tree) & {*model.drives}):
+            first, earliest_time = float(tables[name][0][0]), start - float(times[model.delays.index(delay)])
+            if model.drives[name].outside == "error" and model.looked_up_at[name] == CLOCK and first > earliest_time:
                 faults.append(
-                    f"the table of drive '{name}' begins at t = {first!r}{second}, and is read from t = {back!r}{second} on, by"
-                    f" its delay '{text_of(by)}'; begin it there, or give it outside = 'hold'"
+                    f"the table of drive '{name}' begins at t = {first!r}{second}, and is read from t = {earliest_time!r}{second} on, by"
+                    f" its delay '{text_of(delay)}'; begin it there, or give it outside = 'hold'"
                 )
     return faults
 
 
-def _of_models(settings: Any, model: Model) -> list[str]:
+def _state_change_faults(settings: Any, model: Model) -> list[str]:
     """Refuse what changes states behind steps, and numbers that are sums."""
     faults = []
     if model.constraints or model.bodies:

@@ -15,7 +15,7 @@ from xdynamics.kernels import Law, Layout
 from xdynamics.march.engine import engine
 from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.ensemble import Runs
-from xdynamics.march.initial_run import posed, rest_of_time
+from xdynamics.march.initial_run import pose_run, rest_of_time
 from xdynamics.march.log import allocate
 from xdynamics.march.past_arrays import Past, lend_past
 from xdynamics.march.run import Run
@@ -34,13 +34,13 @@ class ListedLinks(NamedTuple):
     Attributes
     ----------
     spans : ndarray, shape (2, k)
-        Where those of each step begin in `listed`, and how many there are.
-    listed : ndarray of int, shape (2, c)
+        Where those of each step begin in `link_columns`, and how many there are.
+    link_columns : ndarray of int, shape (2, c)
         Number of each link among those of all contacts, and what it does along its slip.
     """
 
     spans: Floats
-    listed: NDArray[np.int64]
+    link_columns: NDArray[np.int64]
 
 
 def states_within(
@@ -52,14 +52,14 @@ def states_within(
     factors: Floats,
     *,
     reintegrated: bool,
-    judged: bool = True,
+    with_distances: bool = True,
     parameters: Floats | None = None,
     runs: NDArray[np.int64] | None = None,
     past: Past | None = None,
-    rests: Floats | None = None,
+    low_parts: Floats | None = None,
     links: ListedLinks | None = None,
     run: Run | None = None,
-    found: Floats | None = None,
+    state_room: Floats | None = None,
 ) -> Floats:
     """Evaluate states inside steps, and the distance of each from a more accurate one.
 
@@ -78,7 +78,7 @@ def states_within(
         From internal units to those of the record.
     reintegrated : bool
         Whether to make a shorter step, or to use the interpolant of the whole one.
-    judged : bool
+    with_distances : bool
         Whether to compute the distances too; else they are nan.
     parameters : ndarray, shape (m, …), optional
         Of many runs, in internal units.
@@ -86,13 +86,13 @@ def states_within(
         The run that each time belongs to.
     past : Past, optional
         Of a run with delayed values: its steps, as `past_of` makes them.
-    rests : ndarray, shape (k,), s, optional
+    low_parts : ndarray, shape (k,), s, optional
         Of the wanted times, where numbers are sums of two; by default of the decimal numbers that they are written as.
     links : ListedLinks, optional
         By default closed links of many are found from the states at the starts, as a march does that begins there.
     run : Run, optional
         What steps are made in, for those who ask again and again, one at a time: as `posed_inside` makes it.
-    found : ndarray, contiguous, shape as below, optional
+    state_room : ndarray, contiguous, shape as below, optional
         Room for the result.
 
     Returns
@@ -100,7 +100,7 @@ def states_within(
     ndarray, shape (2*n, k) or (3*n, k)
         The states, and their distances; where numbers are sums of two, then the rests of the states. At an accepted time the state is the accepted one, to the bit.
     """
-    scale, n, reaction_count = settings.scales.of(TIME), law.layout.used.size, len(reactions(model))
+    scale, n, reaction_count = settings.scales.si_factor(TIME), law.layout.used.size, len(reactions(model))
     times, starts, ends = where / scale
     moving = np.flatnonzero(times > starts)
     size, regime, after_event = columns[0], columns[1], columns[2] == schema.EVENT_AFTER
@@ -109,30 +109,34 @@ def states_within(
     if not moving.size:
         return _at_rest(columns, n, doubled=doubled)
     owners = np.zeros(times.size) if runs is None else runs
-    spans, listed = links or ListedLinks(np.full((2, times.size), -1.0), np.zeros((2, 0), np.int64))
+    spans, link_columns = links or ListedLinks(np.full((2, times.size), -1.0), np.zeros((2, 0), np.int64))
     steps = np.stack([starts, ends, size / scale, times, owners, regime, after_event, *spans, *states])
     if doubled:
-        left = [rest_of_time(time) for time in times.tolist()] if rests is None else rests
+        left = [rest_of_time(time) for time in times.tolist()] if low_parts is None else low_parts
         steps = np.vstack([steps, columns[2 * n], left])
-        inputs = [steps, _sums(model, law.layout, columns), columns[:0]]
+        inputs = [steps, _doubled_states(model, law.layout, columns), columns[:0]]
     else:
-        inputs = [steps, *(_in_units(part, factors) for part in (columns[:n], columns[n:]))]
-    whole = moving.size == times.size
-    inner = found if found is not None and whole and not doubled else np.empty((2 * len(inputs[1]), moving.size))
+        inputs = [steps, *(_in_internal_units(part, factors) for part in (columns[:n], columns[n:]))]
+    all_inside = moving.size == times.size
+    inner = (
+        state_room
+        if state_room is not None and all_inside and not doubled
+        else np.empty((2 * len(inputs[1]), moving.size))
+    )
     # by default a run of its own: this is called in several threads
     run = posed_inside(model, settings, law, reintegrated=reintegrated) if run is None else run
     if past is not None:
         past.lend(run)
-    chosen = slice(None) if whole else moving  # which copies nothing
-    inputs = [np.ascontiguousarray(array[:, chosen]) for array in inputs]
+    selection = slice(None) if all_inside else moving  # which copies nothing
+    inputs = [np.ascontiguousarray(array[:, selection]) for array in inputs]
     run_parameters = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
-    engine().states_inside(run, run_parameters, *inputs, listed, inner, reintegrated, judged)
+    engine().states_inside(run, run_parameters, *inputs, link_columns, inner, reintegrated, with_distances)
     if doubled:
-        inner = _recorded(model, law.layout, inner)
+        inner = _recorded_states(model, law.layout, inner)
     else:
         inner[:n] *= factors
         inner[n:] *= factors
-    if whole:
+    if all_inside:
         return inner
     results = _at_rest(columns, n, doubled=doubled)
     results[:, moving] = inner
@@ -142,7 +146,7 @@ def states_within(
 def posed_inside(model: Model, settings: Settings, law: Law, *, reintegrated: bool) -> Run:
     """Return a run in which steps are made again, to end inside, or up to their ends for the interpolant."""
     addresses = law.addresses if reintegrated else law.addresses_inside
-    return posed(model, settings, law, allocate(law.layout, 1, sampled=0, samples_kept=False), addresses)
+    return pose_run(model, settings, law, allocate(law.layout, 1, sampled=0, samples_kept=False), addresses)
 
 
 def _at_rest(columns: Floats, n: int, *, doubled: bool) -> Floats:
@@ -150,7 +154,7 @@ def _at_rest(columns: Floats, n: int, *, doubled: bool) -> Floats:
     return np.vstack([columns[:n], np.zeros_like(columns[:n]), columns[n : 2 * n] if doubled else columns[:0]])
 
 
-def _in_units(numbers: Floats, factors: Floats) -> Floats:
+def _in_internal_units(numbers: Floats, factors: Floats) -> Floats:
     """Return recorded numbers in internal units: the same array where these are the same."""
     return numbers if not len(numbers) or (factors == 1.0).all() else numbers / factors
 
@@ -168,8 +172,8 @@ def past_of(model: Model, settings: Settings, law: Law, columns: Floats, factors
     factors : ndarray, shape (n, 1) or (1, 1)
         From internal units to those of the record.
     """
-    run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
-    first, scale = 4 + len(reactions(model)), settings.scales.of(TIME)
+    run = pose_run(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
+    first, scale = 4 + len(reactions(model)), settings.scales.si_factor(TIME)
     steps, width = columns[:first].copy(), int(run.book[0].width)
     steps[:2] /= scale
     lend_past(run, np.empty(0), width * columns.shape[1])
@@ -177,19 +181,19 @@ def past_of(model: Model, settings: Settings, law: Law, columns: Floats, factors
     return Past(run.past_steps[: int(run.book[0].pieces) * width].copy(), run.book.copy())
 
 
-def _sums(model: Model, layout: Layout, columns: Floats) -> Floats:
+def _doubled_states(model: Model, layout: Layout, columns: Floats) -> Floats:
     """Return states as a march has them, with their rests at the end, from recorded ones."""
     n, between = layout.used.size, layout.evaluation.size
     numbers = multiply(DoubleDouble(columns[:n], columns[n : 2 * n]), _exact_factors(model, layout, inverse=False))
     return np.vstack([numbers.high, np.zeros((between, columns.shape[1])), numbers.low])
 
 
-def _recorded(model: Model, layout: Layout, inner: Floats) -> Floats:
+def _recorded_states(model: Model, layout: Layout, inner: Floats) -> Floats:
     """Return recorded states, their distances and their rests from those of a march."""
     n, width = layout.used.size, len(inner) // 2
-    rests = slice(width - n, width)
+    low_parts = slice(width - n, width)
     exact = _exact_factors(model, layout, inverse=True)
-    numbers = multiply(DoubleDouble(inner[:n], inner[rests]), exact)
+    numbers = multiply(DoubleDouble(inner[:n], inner[low_parts]), exact)
     return np.vstack([numbers.high, inner[width : width + n] * exact.high, numbers.low])
 
 
@@ -217,13 +221,13 @@ class PartsAbreast:
 
     def __init__(self, model: Model, settings: Settings, law: Law, factors: Floats, lanes: int) -> None:
         self._law = law  # keeps the code at the addresses alive
-        self._run = run = posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
-        self._factors = np.array([settings.scales.of(TIME), *factors])
+        self._run = run = pose_run(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
+        self._factors = np.array([settings.scales.si_factor(TIME), *factors])
         self._blocks = {name: np.zeros((len(getattr(run, name)), lanes)) for name in ("at", "y", "p", "z", "e")}
         self._blocks["pieces"] = np.zeros((len(run.places), lanes), np.int64)
         self._blocks["w"] = np.zeros((max(1, law.memory), lanes))
         self._room = np.zeros((3, lanes)), np.zeros(lanes, np.int64)
-        self._table, self._addresses = table_of(self._blocks | {"tables": run.tables}), law.parting(lanes)
+        self._table, self._addresses = table_of(self._blocks | {"tables": run.tables}), law.parting_addresses(lanes)
 
     def states(self, runs: Runs, jobs: NDArray[np.int64], times: Floats) -> Floats:
         """Evaluate the states.
@@ -240,7 +244,7 @@ class PartsAbreast:
         -------
         ndarray, shape (n, k)
         """
-        result, log = np.empty((len(self._factors) - 1, times.size)), runs.kept.log
+        result, log = np.empty((len(self._factors) - 1, times.size)), runs.log_block.log
         blocks = (self._blocks[name] for name in ("at", "y", "p", "pieces", "z"))
         inputs = (log.rows, log.flags, np.ascontiguousarray(runs.parameters), self._factors)
         side_by_side().parts(
@@ -257,10 +261,10 @@ class PartsAbreast:
         return result
 
 
-def rows_of_times(
-    time: Floats, low: NDArray[np.int64], high: NDArray[np.int64], wanted: Floats, *, after: bool
+def step_start_rows(
+    time: Floats, low: NDArray[np.int64], high: NDArray[np.int64], times: Floats, *, last_at_time: bool
 ) -> NDArray[np.int64]:
-    """Return the row at the start of the step to each time, between two rows; see `entries.rows_of_times`."""
-    rows = np.empty(wanted.size, np.int64)
-    engine().rows_of_times(np.ascontiguousarray(time), low, high, np.ascontiguousarray(wanted), after, rows)
+    """Return the row at the start of the step to each time, between two rows; see `row_search.rows_of_times`."""
+    rows = np.empty(times.size, np.int64)
+    engine().rows_of_times(np.ascontiguousarray(time), low, high, np.ascontiguousarray(times), last_at_time, rows)
     return rows

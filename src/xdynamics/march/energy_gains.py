@@ -53,7 +53,7 @@ class EventEnergies(NamedTuple):
     work: Floats
 
 
-def energy_dimension(model: Model) -> Dimension:
+def impact_energy_dimension(model: Model) -> Dimension:
     """Return the dimension of the energy that an impact dissipates."""
     name, dimensions = next(iter(model.statement.coordinates)), model.dimensions
     return dimension_of(model.mass[0][0], dimensions) * dimensions[velocity(name)] ** 2
@@ -68,17 +68,21 @@ def place_of_loss(layout: Layout) -> int:
 
 def impacts_of(layout: Layout, scales: Scales, log: Log, count: int) -> EventEnergies:
     """Return the first events of a block of a log, in SI units."""
-    events, energy, n = log.events[:count], scales.of(energy_dimension(layout.model)), place_of_loss(layout)
-    first = [layout.row.place(velocity(name)) for name in layout.coordinates]
+    events, energy, n = (
+        log.events[:count],
+        scales.si_factor(impact_energy_dimension(layout.model)),
+        place_of_loss(layout),
+    )
+    first = [layout.row.offset_of(velocity(name)) for name in layout.coordinates]
     rows = [events[row] - int(log.base[0]["rows"]) for row in ("row_before", "row_after")]
-    before, after = (np.abs(log.rows[first][:, np.minimum(row, log.rows.shape[1] - 1)]) for row in rows)
-    work = work_of(layout, log.impulses[:n, :count], before + after)
+    speeds_before, speeds_after = (np.abs(log.rows[first][:, np.minimum(row, log.rows.shape[1] - 1)]) for row in rows)
+    work = work_of(layout, log.impulses[:n, :count], speeds_before + speeds_after)
     return EventEnergies(
         events["kind"],
         events["row_before"],
         events["detector"],
         events["link"],
-        events["time"] * scales.of(TIME),
+        events["time"] * scales.si_factor(TIME),
         log.impulses[n, :count] * energy,
         work * energy,
     )
@@ -99,32 +103,36 @@ def work_of(layout: Layout, impulses: Floats, speeds: Floats) -> Floats:
 
 def _groups_of(layout: Layout, impacts: EventEnergies, indices: NDArray[np.int64]) -> NDArray[np.int64]:
     """Number the groups of impacts of many links that are at one time and connected by the bodies they act on."""
-    group, owners, moved = np.arange(indices.size), dict[tuple[int, int], int](), _coordinates_of(layout, impacts)
+    group, owners, moved_coordinates = (
+        np.arange(indices.size),
+        dict[tuple[int, int], int](),
+        _coordinates_of(layout, impacts),
+    )
     for k, event in enumerate(indices.tolist()):
-        for place in moved[event]:
-            other = group[owners.setdefault((int(impacts.row[event]), place), k)]
-            if other != group[k]:
-                group[group == group[k]] = other
+        for coordinate in moved_coordinates[event]:
+            group_number = group[owners.setdefault((int(impacts.row[event]), coordinate), k)]
+            if group_number != group[k]:
+                group[group == group[k]] = group_number
     return group
 
 
 def _coordinates_of(layout: Layout, impacts: EventEnergies) -> list[list[int]]:
     """Return the places of the coordinates that the link of each event moves."""
-    moved: list[list[int]] = [[] for _ in impacts.link]
+    moved_coordinates: list[list[int]] = [[] for _ in impacts.link]
     names = [detector.name for detector in layout.watched]
     for assembly in assemblies(layout.model):
-        own = np.flatnonzero(impacts.detector == names.index(assembly.name))
-        links = impacts.link[own].astype(np.int64)
+        event_indices = np.flatnonzero(impacts.detector == names.index(assembly.name))
+        links = impacts.link[event_indices].astype(np.int64)
         first, second = assembly.ends(links)
-        for leaf in assembly.leaves[: assembly.coordinates]:
-            begin = layout.coordinates.place(layout.model.shapes.first(leaf.quantity))
+        for leaf in assembly.pattern_inputs[: assembly.coordinates]:
+            begin = layout.coordinates.offset_of(layout.model.shapes.first(leaf.quantity))
             places = begin + assembly.elements(leaf, first, second, assembly.numbers(links))
-            for event, place in zip(own.tolist(), places.tolist(), strict=True):
-                moved[event].append(place)
-    return moved
+            for event, coordinate in zip(event_indices.tolist(), places.tolist(), strict=True):
+                moved_coordinates[event].append(coordinate)
+    return moved_coordinates
 
 
-def with_more(gains: Gains, layout: Layout, impacts: EventEnergies, first: int) -> Gains:
+def add_gains(gains: Gains, layout: Layout, impacts: EventEnergies, first: int) -> Gains:
     """Return the gains up to the end of a further part of a run, whose events are numbered from `first`.
 
     Impacts at one time are one group, which may share energy; those of bodies that do not touch are several.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 from xdynamics.faults import InputError
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.engine_part import EnginePart
-from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Kind, array, returning
+from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Kind, array_kind, signature_of
 from xdynamics.kernels.heap_arrays import forget_refusal, was_refused
 from xdynamics.march import engine_entries, loop, row_search, trial_step
 from xdynamics.march.assembly import dispatch as assembly_dispatch
@@ -70,36 +70,41 @@ class Watchers(NamedTuple):
 
     enclose: int  # `enclosures.enclose_between`
     substep: int  # `trial_step.part_of_step`
-    watch: int  # `events.dispatch.watch`
+    watch: int  # `events.dispatch.run_event_command`
 
 
-_WHOLE, _LISTS, _FLAGS = array("i8", 1), array("i8", 2), array("i1", 2)
-_ROW, _BLOCK = array("f8", 1), array("f8", 2)
-_ROWS: tuple[Kind, ...] = (array("f8", 3), array("i1", 3), _LISTS)  # with their flags and owners
-_STEP = returning(NOTHING, INTEGER, *[FLOAT] * 3, *[INTEGER] * 3)
-_ENTERED = returning(NOTHING, INTEGER, FLOAT, INTEGER)
-_RUNS: tuple[Kind, ...] = (array(PLAN, 1), *[_BLOCK] * 3, array(NOW, 1), *[_BLOCK] * 3)  # from plans and starts to ends
-_OF_LANES: tuple[Kind, ...] = (*[INTEGER] * 2, _WHOLE)  # addresses of programs, and the table of their arrays
-_MARCH_LANES = returning(
+_INT_ARRAY, _LISTS, _FLAGS = array_kind("i8", 1), array_kind("i8", 2), array_kind("i1", 2)
+_ROW, _BLOCK = array_kind("f8", 1), array_kind("f8", 2)
+_ROWS: tuple[Kind, ...] = (array_kind("f8", 3), array_kind("i1", 3), _LISTS)  # with their flags and owners
+_STEP = signature_of(NOTHING, INTEGER, *[FLOAT] * 3, *[INTEGER] * 3)
+_ENTERED = signature_of(NOTHING, INTEGER, FLOAT, INTEGER)
+_RUNS: tuple[Kind, ...] = (
+    array_kind(PLAN, 1),
+    *[_BLOCK] * 3,
+    array_kind(NOW, 1),
+    *[_BLOCK] * 3,
+)  # from plans and starts to ends
+_OF_LANES: tuple[Kind, ...] = (*[INTEGER] * 2, _INT_ARRAY)  # addresses of programs, and the table of their arrays
+_MARCH_LANES = signature_of(
     FLAG,
-    _WHOLE,
+    _INT_ARRAY,
     *_OF_LANES,
     *[_BLOCK] * 4,
     _LISTS,
     *[_BLOCK] * 2,
-    *[_WHOLE] * 2,
+    *[_INT_ARRAY] * 2,
     *_RUNS,
-    array(EVENT_ROW, 1),
+    array_kind(EVENT_ROW, 1),
     *[_BLOCK] * 2,
-    _WHOLE,
+    _INT_ARRAY,
     _BLOCK,
     _LISTS,
     *_ROWS,
     _ROW,
     _FLAGS,
 )
-_GATHER_ROWS = returning(NOTHING, *_ROWS, _LISTS, _WHOLE, _BLOCK, _FLAGS)
-_PARTS_OF_STEPS = returning(
+_GATHER_ROWS = signature_of(NOTHING, *_ROWS, _LISTS, _INT_ARRAY, _BLOCK, _FLAGS)
+_PARTS_OF_STEPS = signature_of(
     NOTHING,
     INTEGER,
     *_OF_LANES,
@@ -112,7 +117,7 @@ _PARTS_OF_STEPS = returning(
     _LISTS,
     _ROW,
     _BLOCK,
-    _WHOLE,
+    _INT_ARRAY,
     _BLOCK,
 )
 
@@ -122,13 +127,13 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
         "the engine",
         18,
         (
-            (loop.march, returning(NOTHING, INTEGER, INTEGER)),
-            (engine_entries.march_many, returning(INTEGER, INTEGER, INTEGER, *_RUNS, INTEGER, FLAG)),
-            (engine_entries.states_inside, returning(NOTHING, INTEGER, *[_BLOCK] * 4, _LISTS, _BLOCK, FLAG, FLAG)),
-            (engine_entries.fastest_rates, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
-            (engine_entries.growths, returning(NOTHING, INTEGER, *[_BLOCK] * 4)),
-            (row_search.rows_of_times, returning(NOTHING, _ROW, *[_WHOLE] * 2, _ROW, FLAG, _WHOLE)),
-            (retrace, returning(NOTHING, INTEGER, *[_BLOCK] * 2)),
+            (loop.march, signature_of(NOTHING, INTEGER, INTEGER)),
+            (engine_entries.march_in_turn, signature_of(INTEGER, INTEGER, INTEGER, *_RUNS, INTEGER, FLAG)),
+            (engine_entries.states_inside, signature_of(NOTHING, INTEGER, *[_BLOCK] * 4, _LISTS, _BLOCK, FLAG, FLAG)),
+            (engine_entries.fastest_rates, signature_of(NOTHING, INTEGER, *[_BLOCK] * 2)),
+            (engine_entries.follow_growths, signature_of(NOTHING, INTEGER, *[_BLOCK] * 4)),
+            (row_search.rows_of_times, signature_of(NOTHING, _ROW, *[_INT_ARRAY] * 2, _ROW, FLAG, _INT_ARRAY)),
+            (retrace, signature_of(NOTHING, INTEGER, *[_BLOCK] * 2)),
         ),
     ),
     EnginePart(
@@ -146,17 +151,17 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
         "the search for events",
         22,
         (
-            (enclosures.enclose_between, returning(NOTHING, *[INTEGER] * 6)),
+            (enclosures.enclose_between, signature_of(NOTHING, *[INTEGER] * 6)),
             (trial_step.part_of_step, _ENTERED),
-            (event_dispatch.watch, _ENTERED),
+            (event_dispatch.run_event_command, _ENTERED),
         ),
     ),
-    EnginePart("contacts", "contacts and friction", 12, ((contact_dispatch.touch, _ENTERED),)),
+    EnginePart("contacts", "contacts and friction", 12, ((contact_dispatch.run_contact_command, _ENTERED),)),
     EnginePart(
         "assemblies",
         "contacts of many bodies",
         38,
-        ((assembly_dispatch.meet, _ENTERED), (holding.press, _ENTERED)),
+        ((assembly_dispatch.run_assembly_command, _ENTERED), (holding.add_closed_link_forces, _ENTERED)),
     ),
     EnginePart(
         "lanes",
@@ -175,70 +180,70 @@ def engine() -> Engine:
     march, march_many, states_inside, fastest_rates, growths, rows_of_times, retraced = ENGINE.entries()
     call = march.call
     return Engine(
-        _judged(lambda run, rows: call(run.address, rows)),
-        _judged(lambda run, *arguments: march_many(run.address, march.address, *arguments)),
-        _judged(lambda run, *arguments: states_inside(run.address, *arguments)),
-        _judged(lambda run, *arguments: fastest_rates(run.address, *arguments)),
-        _judged(lambda run, *arguments: growths(run.address, *arguments)),
+        _raising_no_memory(lambda run, rows: call(run.address, rows)),
+        _raising_no_memory(lambda run, *arguments: march_many(run.address, march.address, *arguments)),
+        _raising_no_memory(lambda run, *arguments: states_inside(run.address, *arguments)),
+        _raising_no_memory(lambda run, *arguments: fastest_rates(run.address, *arguments)),
+        _raising_no_memory(lambda run, *arguments: growths(run.address, *arguments)),
         rows_of_times,
-        _judged(lambda run, *arguments: retraced(run.address, *arguments)),
+        _raising_no_memory(lambda run, *arguments: retraced(run.address, *arguments)),
         march.address,
     )
 
 
-def _judged(call: Callable[..., R]) -> Callable[..., R]:
+def _raising_no_memory(call: Callable[..., R]) -> Callable[..., R]:
     """Let a call of compiled code raise `NoMemoryError` where a program in it was given none."""
 
-    def judged(*arguments: Any) -> R:
+    def call_or_raise(*arguments: Any) -> R:
         forget_refusal()
         result = call(*arguments)
         if was_refused():
             raise NoMemoryError
         return result
 
-    return judged
+    return call_or_raise
 
 
 def _plain_engine() -> Engine:
-    march_many = engine_entries.march_many
-    others = (
+    march_many = engine_entries.march_in_turn
+    further_entries = (
         engine_entries.states_inside,
         engine_entries.fastest_rates,
-        engine_entries.growths,
+        engine_entries.follow_growths,
         row_search.rows_of_times,
         retrace,
     )
-    return Engine(loop.march, lambda run, *arguments: march_many(run, loop.march, *arguments), *others, 0)
+    return Engine(loop.march, lambda run, *arguments: march_many(run, loop.march, *arguments), *further_entries, 0)
 
 
 @lru_cache(maxsize=1)
 def solvers() -> Solvers:
     """Return the solvers of implicit methods, made or loaded at the first call."""
-    return Solvers(*_addresses(SOLVERS))
+    return Solvers(*_part_addresses(SOLVERS))
 
 
 @lru_cache(maxsize=1)
 def watchers() -> Watchers:
     """Return the search for events, made or loaded at the first call."""
-    return Watchers(*_addresses(WATCHERS))
+    return Watchers(*_part_addresses(WATCHERS))
 
 
 @lru_cache(maxsize=1)
-def contacts() -> int:
+def contact_address() -> int:
     """Return the address of the contact code, made or loaded at the first call."""
-    (address,) = _addresses(CONTACTS)
+    (address,) = _part_addresses(CONTACTS)
     return address
 
 
 @lru_cache(maxsize=1)
-def assemblies() -> int:
+def assembly_address() -> int:
     """Return the address of the code of contacts of many bodies, made or loaded at the first call."""
-    return _addresses(ASSEMBLIES)[0]
+    return _part_addresses(ASSEMBLIES)[0]
 
 
-def pressing() -> int:
+def pressing_address() -> int:
     """Return the address of the code that finds forces of closed links."""
-    return _addresses(ASSEMBLIES)[1]
+    return _part_addresses(ASSEMBLIES)[1]
 
 
 @lru_cache(maxsize=1)
@@ -255,18 +260,18 @@ def lanes() -> Lanes:
     march_at = engine().march_at
     march, gather, parts = LANES.entries()
     return Lanes(
-        _judged(lambda runs, *arguments: bool(march(runs, march_at, *arguments))),
+        _raising_no_memory(lambda runs, *arguments: bool(march(runs, march_at, *arguments))),
         gather,
-        _judged(lambda run, *arguments: parts(run.address, *arguments)),
+        _raising_no_memory(lambda run, *arguments: parts(run.address, *arguments)),
     )
 
 
-def origin() -> str:
+def engine_origin() -> str:
     """Return where the engine's code is from: the text of a wheel, or numba; or that it is not compiled."""
     return "plain Python" if PLAINLY else ENGINE.origin()
 
 
-def _addresses(part: EnginePart) -> Sequence[int]:
+def _part_addresses(part: EnginePart) -> Sequence[int]:
     """Return where the functions of a part begin; where nothing is compiled, their keys in `UNCOMPILED`."""
     if not PLAINLY:
         return [entry.address for entry in part.entries()]

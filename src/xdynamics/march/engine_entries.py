@@ -7,20 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
 from xdynamics.march.assembly.closed_links import recall_closed
-from xdynamics.march.calls import called, entered_by, floats_at, march_by, run_at
-from xdynamics.march.force_evaluation import evaluate
+from xdynamics.march.calls import call_law, call_phase, floats_at, march_by, run_at
+from xdynamics.march.force_evaluation import evaluate_forces
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
 from xdynamics.march.inside_errors import judge_inside
-from xdynamics.march.log import begin_anew, events_fit, is_empty
+from xdynamics.march.log import events_fit, is_empty, overwrite_log
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past import enter_past
-from xdynamics.march.perturbation import follow
+from xdynamics.march.perturbation import follow_error
 from xdynamics.march.run import (
     ASSEMBLY_PHASE,
     BEGUN,
@@ -40,11 +40,11 @@ from xdynamics.march.run import (
 )
 from xdynamics.march.series import series_step
 from xdynamics.march.spread_impulses import part_with_impulses, steps_over_links
-from xdynamics.march.tolerance_sizes import derivatives, fastest_rate, natural_sizes
-from xdynamics.march.trial_step import copy, propose_apart
+from xdynamics.march.tolerance_sizes import estimate_fastest_rate, fill_derivatives, natural_sizes
+from xdynamics.march.trial_step import copy_numbers, propose_step_apart
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 Records = NDArray[Any]
 
 END = 1 << 62  # more rows than any run has
@@ -52,7 +52,7 @@ _NO_TRIAL, _NO_PIECE, _NOT_KEPT = np.zeros(1, TRIAL), np.zeros(1, PIECE), np.zer
 _NO_WATCH, _NO_TOUCH = np.zeros(1, WATCH), np.zeros(1, TOUCH)
 
 
-def march_many(
+def march_in_turn(
     address: Any,
     march_at: Any,
     plans: Records,
@@ -64,7 +64,7 @@ def march_many(
     largest: Floats,
     passed: Floats,
     first: int,
-    kept: bool,
+    keeps_rows: bool,
 ) -> int:
     """March many runs one after the other through one `Run`, from arrays of starts and parameters to the ends.
 
@@ -86,7 +86,7 @@ def march_many(
         Of each switch declared smooth its side at the end, how often it was passed, and when first; filled.
     first : int
         The run to begin with, or to go on with if it is already marching.
-    kept : bool
+    keeps_rows : bool
         Whether rows of the log are kept from run to run; otherwise they are overwritten, and only events are kept.
 
     Returns
@@ -98,26 +98,26 @@ def march_many(
     now = run.now[0]
     for k in range(first, starts.shape[0]):
         if now.status != RUNNING or now.rows == 0:
-            begin(run, plans, starts, parameters, atols, k)
+            begin_run(run, plans, starts, parameters, atols, k)
         while now.status == RUNNING:
-            noted = run.log_links[0] if run.plan[0].assemblies > 0 else 0
+            links_before = run.log_links[0] if run.plan[0].assemblies > 0 else 0
             march_by(march_at, address, END)
             keep_last(run, lasts, k)
-            if kept and run.plan[0].assemblies > 0:
-                for i in range(noted, run.log_links[0]):
+            if keeps_rows and run.plan[0].assemblies > 0:
+                for i in range(links_before, run.log_links[0]):
                     run.log_closed[0, i] -= run.base[0].rows  # rows of the log, which has those of other runs
             if now.status == RUNNING:
-                if kept or not events_fit(run) or is_empty(run):
+                if keeps_rows or not events_fit(run) or is_empty(run):
                     return k
-                begin_anew(run)
+                overwrite_log(run)
         ends[k] = run.now[0]
         for i in range(largest.shape[1]):
             largest[k, i] = run.largest[i]
-        keep_passed(run, passed, k)
+        keep_smooth_passages(run, passed, k)
     return int(starts.shape[0])
 
 
-@shared
+@jit_separate
 def keep_last(run: Run, lasts: Floats, k: int) -> None:
     """Copy the last row of the log, if any was written since it was emptied."""
     row = run.now[0].rows - run.base[0].rows - 1
@@ -126,16 +126,16 @@ def keep_last(run: Run, lasts: Floats, k: int) -> None:
             lasts[k, i] = run.log_rows[i, row]
 
 
-@shared
-def keep_passed(run: Run, passed: Floats, k: int) -> None:
+@jit_separate
+def keep_smooth_passages(run: Run, passed: Floats, k: int) -> None:
     """Copy the numbers of switches declared smooth, which are the end of the working memory."""
     count = passed.shape[1]
     for i in range(count):
         passed[k, i] = run.w[run.w.shape[0] - count + i]
 
 
-@compiled
-def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: Floats, k: int) -> None:
+@jit_inline
+def begin_run(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: Floats, k: int) -> None:
     """Set a run to its start; the log continues after the previous run."""
     now, base = run.now[0], run.base[0]
     base.rows, base.trials, base.events, base.samples = (
@@ -151,7 +151,7 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
     now.grid, now.node, now.crossed, now.on_grid, now.rejected = 0, 0, 0, 1, 0
     now.evaluations, now.jacobians, now.factorisations = 0, 0, 0
     now.regime = plans[k].regime
-    forget(run)
+    clear_previous_run(run)
     for i in range(run.y.shape[0]):  # no rounding is carried along yet
         run.y[i] = starts[k, i] if i < starts.shape[1] else 0.0
     for i in range(parameters.shape[1]):
@@ -160,8 +160,8 @@ def begin(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: F
         run.atol[i] = atols[k, i]
 
 
-@shared
-def forget(run: Run) -> None:
+@jit_separate
+def clear_previous_run(run: Run) -> None:
     """Clear everything that the previous run left."""
     run.trial[0], run.piece[0], run.kept[0] = _NO_TRIAL[0], _NO_PIECE[0], _NOT_KEPT[0]
     for i in range(run.watches.shape[0]):
@@ -182,10 +182,10 @@ def states_inside(
     steps: Floats,
     states: Floats,
     ends: Floats,
-    closed: Whole,
-    found: Floats,
+    closed: IntArray,
+    interior_states: Floats,
     reintegrated: bool,
-    judged: bool,
+    with_distances: bool,
 ) -> None:
     """Evaluate the state at each time inside its step, and its distance from a more accurate one.
 
@@ -205,12 +205,12 @@ def states_inside(
         The state at the end, of a method that does not reach it twice by the same iterations.
     closed : ndarray of int, shape (2, c)
         Number of each closed link, and what it does along its slip.
-    found : ndarray, shape (2*n, k)
+    interior_states : ndarray, shape (2*n, k)
         Filled: the state, and its distance from two steps of half the length, extrapolated; nan where equations were
         not solved.
     reintegrated : bool
         Whether to make a shorter step, or to use the interpolant of the whole one.
-    judged : bool
+    with_distances : bool
         Whether to compute the distances, which takes two more steps; else they are nan.
     """
     run = run_at(address)
@@ -225,36 +225,38 @@ def states_inside(
         run.now[0].regime, run.now[0].step = np.int64(steps[5, k]), h
         for i in range(run.touches.shape[0]):
             run.touches[i].state = np.int64(steps[9 + i, k])
-        rest, left = 0.0, 0.0
+        start_rest, end_rest = 0.0, 0.0
         if run.plan[0].doubled > 0:
-            rest, left = steps[steps.shape[0] - 2, k], steps[steps.shape[0] - 1, k]
-        run.now[0].rest = rest
-        known = recall_closed(run, closed, np.int64(steps[7, k]), np.int64(steps[8, k]))
-        enter(run, t, states, k, steps[6, k] != 0.0, known)
-        begun, run.now[0].status = run.now[0].status == RUNNING, RUNNING  # whether closed links were found
-        solved = (part_with_impulses(run, steps, k, s) if stepped else shorter(run, t, time, s * h, left)) and begun
+            start_rest, end_rest = steps[steps.shape[0] - 2, k], steps[steps.shape[0] - 1, k]
+        run.now[0].rest = start_rest
+        links_known = recall_closed(run, closed, np.int64(steps[7, k]), np.int64(steps[8, k]))
+        enter_step(run, t, states, k, steps[6, k] != 0.0, links_known)
+        links_found, run.now[0].status = run.now[0].status == RUNNING, RUNNING  # whether closed links were found
+        solved = (
+            part_with_impulses(run, steps, k, s) if stepped else make_apart_step(run, t, time, s * h, end_rest)
+        ) and links_found
         for i in range(n):
-            found[i, k] = found[n + i, k] = run.z[i] if solved else np.nan
+            interior_states[i, k] = interior_states[n + i, k] = run.z[i] if solved else np.nan
         if not reintegrated or ends.shape[0] > 0:
-            solved = shorter(run, t, t1, h, 0.0) and begun
-            copy(run.z, run.located_z)
+            solved = make_apart_step(run, t, t1, h, 0.0) and links_found
+            copy_numbers(run.z, run.located_z)
         if not reintegrated:
             run.at[T], run.at[T1], run.at[H], run.at[S] = t, t1, h, s
-            called(run.law[INSIDE], run, run.y, run.located_z, 0)
+            call_law(run.law[INSIDE], run, run.y, run.located_z, 0)
             for i in range(n):
-                found[i, k] = run.e[i] if solved else np.nan
-        if judged and not stepped:
-            solved = shorter(run, t, t + (time - t) / 2.0, s * h / 2.0, 0.0)
-            copy(run.z, run.y)
+                interior_states[i, k] = run.e[i] if solved else np.nan
+        if with_distances and not stepped:
+            solved = make_apart_step(run, t, t + (time - t) / 2.0, s * h / 2.0, 0.0)
+            copy_numbers(run.z, run.y)
             run.now[0].rest = 0.0
-            solved = shorter(run, t + (time - t) / 2.0, time, s * h / 2.0, left) and solved
+            solved = make_apart_step(run, t + (time - t) / 2.0, time, s * h / 2.0, end_rest) and solved
         else:
             solved = False
-        judge_inside(run, s, states, ends, found, k, solved)
+        judge_inside(run, s, states, ends, interior_states, k, solved)
 
 
-def growths(address: Any, states: Floats, moves: Floats, work: Floats, found: Floats) -> None:
-    """Follow the growth of an error along a run from each state; see `perturbation.follow`.
+def follow_growths(address: Any, states: Floats, moves: Floats, work: Floats, growth_rows: Floats) -> None:
+    """Follow the growth of an error along a run from each state; see `perturbation.follow_error`.
 
     Parameters
     ----------
@@ -265,17 +267,17 @@ def growths(address: Any, states: Floats, moves: Floats, work: Floats, found: Fl
     moves : ndarray, shape (1 + n, 2)
         First the final time; then the error and the size of each variable.
     work : ndarray, shape (12, n)
-    found : ndarray, shape (2*k, m)
+    growth_rows : ndarray, shape (2*k, m)
         Filled: for each state the times, and the ratio of the error to its initial size.
     """
     run = run_at(address)
     for k in range(states.shape[1]):
-        stand_at(run, states, k)
-        follow(run, states[0, k], moves, work, found, 2 * k)
+        stand_at_state(run, states, k)
+        follow_error(run, states[0, k], moves, work, growth_rows, 2 * k)
 
 
-def fastest_rates(address: Any, states: Floats, found: Floats) -> None:
-    """Estimate the fastest rate of the motion about each state, contacts open; see `tolerance_sizes.fastest_rate`.
+def fastest_rates(address: Any, states: Floats, rates: Floats) -> None:
+    """Estimate the fastest rate of the motion about each state, contacts open; see `tolerance_sizes.estimate_fastest_rate`.
 
     Parameters
     ----------
@@ -283,7 +285,7 @@ def fastest_rates(address: Any, states: Floats, found: Floats) -> None:
         Of a `Run`, whose state is changed.
     states : ndarray, shape (1 + n, k)
         Time and state; of shape (1, 1) the time alone where the run has the state.
-    found : ndarray, shape (1 + n, n or k)
+    rates : ndarray, shape (1 + n, n or k)
         Filled: in the first row the rate at each state; in the rows after it, if there are any, the derivatives of
         the slope of variable i by variable j at the only state, each over its size.
     """
@@ -291,39 +293,39 @@ def fastest_rates(address: Any, states: Floats, found: Floats) -> None:
     for i in range(run.touches.shape[0]):
         run.touches[i] = _NO_TOUCH[0]
     for k in range(states.shape[1]):
-        slopes_at(run, states, k)
+        set_slopes_at_state(run, states, k)
         natural_sizes(run, run.y)
-        found[0, k] = fastest_rate(run, states[0, k], run.y)
-    if found.shape[0] > 1:
-        derivatives(run, states[0, 0], run.y, found)
+        rates[0, k] = estimate_fastest_rate(run, states[0, k], run.y)
+    if rates.shape[0] > 1:
+        fill_derivatives(run, states[0, 0], run.y, rates)
 
 
-@shared
-def stand_at(run: Run, states: Floats, k: int) -> None:
+@jit_separate
+def stand_at_state(run: Run, states: Floats, k: int) -> None:
     """Set the run to a time and a state, between steps; errors of rounding are not read there, and not written."""
     for i in range(run.y.shape[0] if run.plan[0].doubled > 0 else run.plan[0].used + run.plan[0].evaluated):
         run.y[i] = states[1 + i, k] if 1 + i < states.shape[0] else 0.0
     enter_here(run, states[0, k])
 
 
-@shared
-def slopes_at(run: Run, states: Floats, k: int) -> None:
+@jit_separate
+def set_slopes_at_state(run: Run, states: Floats, k: int) -> None:
     """Do the same for slopes alone, without touching force terms; a time alone stands for the state that is there."""
     used, t, size, doubled = run.plan[0].used, states[0, k], run.y.shape[0], run.plan[0].doubled > 0
     for i in range(0 if states.shape[0] == 1 else size if doubled else used):
         run.y[i] = states[1 + i, k] if 1 + i < states.shape[0] else 0.0
-    stand(run, t)
+    set_sides_at_time(run, t)
     if run.plan[0].reactions > 0:
-        entered_by(run.functions[CONTACT_PHASE], run, t, INFORM)
+        call_phase(run.functions[CONTACT_PHASE], run, t, INFORM)
     for i in range(size if doubled else used):
         run.probe[i] = run.y[i]
-    evaluate(run, t, run.probe)
+    evaluate_forces(run, t, run.probe)
     for i in range(used, size if doubled else 2 * used - run.plan[0].coordinates):
         run.y[i] = run.probe[i]
 
 
-@shared
-def enter(run: Run, t: float, states: Floats, k: int, behind: bool, known: bool) -> None:
+@jit_separate
+def enter_step(run: Run, t: float, states: Floats, k: int, behind: bool, links_known: bool) -> None:
     """Set the run to the start of a step: on the far side of any change, and after an event with contacts settled.
 
     Closed links of many are known, or found as a march does that begins there: not as one does that has come there, which
@@ -331,42 +333,42 @@ def enter(run: Run, t: float, states: Floats, k: int, behind: bool, known: bool)
     """
     for i in range(run.y.shape[0]):  # no rounding is carried along
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
-    if known:
-        entered_by(run.functions[ASSEMBLY_PHASE], run, t, GO_ON)
+    if links_known:
+        call_phase(run.functions[ASSEMBLY_PHASE], run, t, GO_ON)
     enter_here(run, t)
     if behind and run.plan[0].reactions > 0:
-        entered_by(run.functions[CONTACT_PHASE], run, t, SETTLE)
-    if run.plan[0].assemblies > 0 and not known:
-        entered_by(run.functions[ASSEMBLY_PHASE], run, t, FIND_CLOSED)
-        evaluate(run, t, run.y)
+        call_phase(run.functions[CONTACT_PHASE], run, t, SETTLE)
+    if run.plan[0].assemblies > 0 and not links_known:
+        call_phase(run.functions[ASSEMBLY_PHASE], run, t, FIND_CLOSED)
+        evaluate_forces(run, t, run.y)
 
 
-@shared
-def stand(run: Run, t: float) -> None:
+@jit_separate
+def set_sides_at_time(run: Run, t: float) -> None:
     """Set tables and switches to a time and the state in `y`."""
     enter_pieces(t, run.tables, run.places, run.of_time)
     run.at[REGIME] = run.now[0].regime
     run.now[0].t = t
     enter_past(run, t)
     if run.plan[0].switches > 0:
-        entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
+        call_phase(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
 
 
-@shared
+@jit_separate
 def enter_here(run: Run, t: float) -> None:
     """Set forces, sides and contacts to a time and the state in `y`."""
-    stand(run, t)
+    set_sides_at_time(run, t)
     if run.plan[0].reactions > 0:
-        entered_by(run.functions[CONTACT_PHASE], run, t, INFORM)
-    evaluate(run, t, run.y)
+        call_phase(run.functions[CONTACT_PHASE], run, t, INFORM)
+    evaluate_forces(run, t, run.y)
 
 
-@shared
-def shorter(run: Run, t: float, t1: float, h: float, rest: float) -> bool:
-    """Make a step without memory of previous ones; return whether its equations were solved; `rest` is left of its end."""
-    run.now[0].t, run.trial[0].rest = t, rest
+@jit_separate
+def make_apart_step(run: Run, t: float, t1: float, h: float, end_rest: float) -> bool:
+    """Make a step without memory of previous ones; return whether its equations were solved; `end_rest` is left of its end."""
+    run.now[0].t, run.trial[0].rest = t, end_rest
     run.kept[0].since = BEGUN
-    propose_apart(run, t1, h)
+    propose_step_apart(run, t1, h)
     return run.trial[0].iterations >= 0
 
 

@@ -15,8 +15,8 @@ from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.delay_faults import check_alone
 from xdynamics.march.engine import NoMemoryError, engine
-from xdynamics.march.ensemble_part import EnsemblePart, emptied, inputs_of, log_of_many
-from xdynamics.march.initial_run import addresses_of, posed
+from xdynamics.march.ensemble_part import EnsemblePart, inputs_of_runs, log_of_many, take_out_log
+from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import Log, LogBlock, Room, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.run import Run
@@ -47,7 +47,7 @@ class Runs:
         The largest absolute value of each coordinate, velocity and state, in internal units, where steps are chosen.
     passed : ndarray of int, shape (n, k)
         How often each switch declared smooth was passed, in the order of `layout.smooth`.
-    kept : Block
+    log_block : LogBlock
         Rows of the logs of all runs, one run after the other: all rows, or the last of each. Always all events.
     parameters : ndarray, shape (n, …)
         Of each run, in internal units, in the order of `motion.constants`.
@@ -62,7 +62,7 @@ class Runs:
     ends: NDArray[Any]
     largest: Floats
     passed: NDArray[np.int64]
-    kept: LogBlock
+    log_block: LogBlock
     parameters: Floats
     first_event: NDArray[np.int64]
     first_row: NDArray[np.int64]
@@ -71,14 +71,14 @@ class Runs:
     @property
     def time(self) -> Floats:
         """Final time of each run, s."""
-        return np.array(self.ends["t"] * self.scales.of(TIME))
+        return np.array(self.ends["t"] * self.scales.si_factor(TIME))
 
     @property
     def state(self) -> Floats:
         """Final coordinates, velocities and first-order states, SI, shape (n, m), in the order of `layout.used`."""
         used = self.layout.used
-        factors = np.array([self.scales.of(self.layout.model.dimensions[name]) for name in used])
-        return np.ascontiguousarray(self.kept.log.rows[2 : 2 + len(used), self.last_rows].T) * factors
+        factors = np.array([self.scales.si_factor(self.layout.model.dimensions[name]) for name in used])
+        return np.ascontiguousarray(self.log_block.log.rows[2 : 2 + len(used), self.last_rows].T) * factors
 
     @property
     def status(self) -> NDArray[np.int64]:
@@ -94,10 +94,12 @@ class Runs:
     def accepted(self) -> NDArray[np.int64]:
         """Accepted steps of each run; the second row of an event does not count."""
         runs = np.repeat(np.arange(len(self.ends)), np.diff(self.first_event))
-        before, after = self.events["row_before"], self.events["row_after"]
-        again = np.zeros(len(runs), bool)
-        again[1:] = (after[1:] == after[:-1]) & (runs[1:] == runs[:-1])  # events of one time share their rows
-        pairs = np.bincount(runs[(after > before) & ~again], minlength=len(self.ends))
+        row_before, row_after = self.events["row_before"], self.events["row_after"]
+        is_repeated = np.zeros(len(runs), bool)
+        is_repeated[1:] = (row_after[1:] == row_after[:-1]) & (
+            runs[1:] == runs[:-1]
+        )  # events of one time share their rows
+        pairs = np.bincount(runs[(row_after > row_before) & ~is_repeated], minlength=len(self.ends))
         return self.rows - 1 - pairs
 
     @property
@@ -113,7 +115,7 @@ class Runs:
     @property
     def events(self) -> NDArray[Any]:
         """Located events of all runs, one run after the other; times in internal units."""
-        return self.kept.log.events
+        return self.log_block.log.events
 
     @property
     def outcomes(self) -> list[str]:
@@ -137,9 +139,9 @@ class Runs:
         InputError
             If no logs were kept.
         """
-        if self.kept.rows != self.ends["rows"].sum():
+        if self.log_block.rows != self.ends["rows"].sum():
             raise InputError("no logs were kept; march with logs=True")
-        return self.kept.log.rows[:, self.first_row[run] : self.first_row[run + 1]]
+        return self.log_block.log.rows[:, self.first_row[run] : self.first_row[run + 1]]
 
 
 def march_many(
@@ -195,7 +197,7 @@ def march_many(
     starts = model.started(parameters or {}) | dict(initial or {})
     varied |= {("initial value", name): values for name, values in starts.items()}
     varied |= {(kind, ""): values for kind, values in (("step", steps), ("rtol", rtols)) if values is not None}
-    arrays = _checked(model, settings, varied)
+    arrays = _read_run_arrays(model, settings, varied)
     n = len(next(iter(arrays.values())))
     law = law_of(settings.layout(model), sampled=False)
     addresses_of(law)
@@ -205,28 +207,32 @@ def march_many(
     changes = [1 + np.flatnonzero(np.diff(values)) for values in timed.values()]
     parts = [slice(a, b) for a, b in pairwise(np.unique(np.concatenate([cuts, *changes])).tolist())]
 
-    alone = timed or may_slide(model, settings)
-    side_by_side, kept = 1 if alone else lanes_for(law, settings, n, lanes), bool(logs)
+    needs_own_march = timed or may_slide(model, settings)
+    side_by_side, keeps_logs = 1 if needs_own_march else lanes_for(law, settings, n, lanes), bool(logs)
     columns = (tuple(law.layout.row) if logs else ()) if isinstance(logs, bool) else tuple(logs)
-    meant = columns if kept and side_by_side > 1 else tuple(law.layout.row)
+    filled_columns = columns if keeps_logs and side_by_side > 1 else tuple(law.layout.row)
 
-    def marched(part: slice) -> EnsemblePart:
+    def march_slice(part: slice) -> EnsemblePart:
         part_arrays = {key: array[part] for key, array in arrays.items()}
         try:
             if side_by_side > 1:
                 return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
             log = log_of_many(law.layout, settings)
-            own = {name: f"{float(values[part.start])!r} {_si(model, name)}" for name, values in timed.items()}
-            member = model.replace(parameters=own) if own else model, settings
-            run = posed(*member, law, log, addresses_of(law))
-            return _march(member, run, log, law, inputs_of(model, settings, law, run, part_arrays), logs=kept)
+            slice_parameters = {
+                name: f"{float(values[part.start])!r} {_si(model, name)}" for name, values in timed.items()
+            }
+            member = model.replace(parameters=slice_parameters) if slice_parameters else model, settings
+            run = pose_run(*member, law, log, addresses_of(law))
+            return _march_part(
+                member, run, log, law, inputs_of_runs(model, settings, law, run, part_arrays), logs=keeps_logs
+            )
         except NoMemoryError:
             raise NoMemoryError(f"the model '{model.name}'", f", in one of {n} runs") from None
 
     if len(parts) == 1:
-        return _joined(law, settings, [marched(parts[0])], meant, logs=kept)
+        return _join_parts(law, settings, [march_slice(parts[0])], filled_columns, logs=keeps_logs)
     with ThreadPoolExecutor(min(threads, len(parts))) as pool:
-        return _joined(law, settings, list(pool.map(marched, parts)), meant, logs=kept)
+        return _join_parts(law, settings, list(pool.map(march_slice, parts)), filled_columns, logs=keeps_logs)
 
 
 def _si(model: Model, name: str) -> str:
@@ -260,7 +266,7 @@ def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False)
     law = law_of(settings.layout(model), sampled=False)
     addresses, log = addresses_of(law), log_of_many(law.layout, settings)
     small = allocate(law.layout, 1, sampled=0)
-    runs = [posed(*member, law, small, addresses) for member in members]
+    runs = [pose_run(*member, law, small, addresses) for member in members]
     inputs = (
         np.concatenate([run.plan for run in runs]),
         *(np.stack([getattr(run, name) for run in runs]) for name in ("y", "p", "atol")),
@@ -269,39 +275,44 @@ def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False)
     ends = [k for k in range(1, len(members)) if timed[k] != timed[k - 1] or model.delays]
     try:
         parts = [
-            _march(
-                member, posed(*member, law, log, addresses), log, law, tuple(part[a:b] for part in inputs), logs=logs
+            _march_part(
+                member, pose_run(*member, law, log, addresses), log, law, tuple(part[a:b] for part in inputs), logs=logs
             )
             for a, b in pairwise([0, *ends, len(members)])
             for member in members[a : a + 1]
         ]
     except NoMemoryError:
         raise NoMemoryError(f"the model '{model.name}'", f", in one of {len(members)} runs") from None
-    return _joined(law, settings, parts, tuple(law.layout.row), logs=logs)
+    return _join_parts(law, settings, parts, tuple(law.layout.row), logs=logs)
 
 
-def _march(
+def _march_part(
     member: tuple[Model, Settings], run: Run, log: Log, law: Law, inputs: tuple[NDArray[Any], ...], *, logs: bool
 ) -> EnsemblePart:
     if may_slide(*member) or member[0].delays:
         return march_watched(*member, law, inputs, logs=logs)
     n, first, reached = len(inputs[0]), 0, None
-    part = EnsemblePart.of(n, law, inputs[2])
+    part = EnsemblePart.empty(n, law, inputs[2])
     while True:
         first = engine().march_many(run, *inputs, part.ends, part.lasts, part.largest, part.passed, first, logs)
-        part.logs.append(emptied(run, log, logs=logs))
+        part.logs.append(take_out_log(run, log, logs=logs))
         if first == n:
             return part
         now = run.now[0]
-        before, reached = reached, (first, float(now.t), int(now.rows), int(now.trials), int(now.events))
-        if reached == before:  # else it would be emptied for ever
+        stopped_before, reached = reached, (first, float(now.t), int(now.rows), int(now.trials), int(now.events))
+        if reached == stopped_before:  # else it would be emptied for ever
             moment = f"at t = {reached[1]!r}{unit_suffix(member[0].time_unit)}"
             raise RuntimeError(f"{moment}: the empty log has no room for a step of run {first} of {n}")
 
 
-def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tuple[str, ...], *, logs: bool) -> Runs:
+def _join_parts(
+    law: Law, settings: Settings, parts: list[EnsemblePart], columns: tuple[str, ...], *, logs: bool
+) -> Runs:
     """Concatenate the pieces of the logs, or only the last rows."""
-    ends, pieces = _beside([piece.ends for piece in parts], 0), [piece for part in parts for piece in part.logs]
+    ends, pieces = (
+        _concatenate_blocks([piece.ends for piece in parts], 0),
+        [piece for part in parts for piece in part.logs],
+    )
     rows, flags, counts = [piece.rows for piece in pieces], [piece.flags for piece in pieces], ends["rows"]
     if not logs:
         rows, counts = [np.ascontiguousarray(piece.lasts.T) for piece in parts], np.ones(len(ends), np.int64)
@@ -310,34 +321,36 @@ def _joined(law: Law, settings: Settings, parts: list[EnsemblePart], columns: tu
         piece.closed[:1] += first  # their rows among those of all runs
     log = Log(
         pieces[0].base,
-        _beside(rows),
-        _beside(flags),
+        _concatenate_blocks(rows),
+        _concatenate_blocks(flags),
         pieces[0].samples,
         pieces[0].trials,
         np.concatenate([piece.events for piece in pieces]),
         np.hstack([piece.rates for piece in pieces]),
         np.hstack([piece.impulses for piece in pieces]),
-        _beside([piece.closed for piece in pieces]),
+        _concatenate_blocks([piece.closed for piece in pieces]),
     )
     return Runs(
         law.layout,
         settings.scales,
         ends,
-        _beside([piece.largest for piece in parts], 0),
+        _concatenate_blocks([piece.largest for piece in parts], 0),
         np.concatenate([piece.passed for piece in parts])[:, 1::3].astype(np.int64),
         LogBlock(log, log.rows.shape[1], 0, len(log.events), 0),
-        _beside([piece.parameters for piece in parts], 0),
+        _concatenate_blocks([piece.parameters for piece in parts], 0),
         np.concatenate([[0], np.cumsum(ends["events"])]),
         np.concatenate([[0], np.cumsum(counts)]),
         columns,
     )
 
 
-def _beside(blocks: list[NDArray[Any]], axis: int = 1) -> NDArray[Any]:
+def _concatenate_blocks(blocks: list[NDArray[Any]], axis: int = 1) -> NDArray[Any]:
     return blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis)
 
 
-def _checked(model: Model, settings: Settings, inputs: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Floats]:
+def _read_run_arrays(
+    model: Model, settings: Settings, inputs: Mapping[tuple[str, str], Any]
+) -> dict[tuple[str, str], Floats]:
     """Read the arrays, collecting every fault."""
     ledger = Ledger(f"many runs of '{model.name}'")
     arrays: dict[tuple[str, str], Floats] = {}
@@ -392,7 +405,12 @@ def _check_settings(model: Model, settings: Settings, arrays: Mapping[tuple[str,
             with ledger.entry(f"a run with {kind} {value!r}"):
                 varied.check(model)
         tolerances = settings.tolerances
-        if kind == "initial value" and tolerances is not None and tolerances.of(name) == 0.0 and (values == 0.0).any():
+        if (
+            kind == "initial value"
+            and tolerances is not None
+            and tolerances.atol_of(name) == 0.0
+            and (values == 0.0).any()
+        ):
             ledger.note(
                 f"atol of '{name}' is 0 and a run starts at {name} = 0: its error would have no scale; give it a"
                 " positive one"

@@ -37,14 +37,14 @@ class EnsemblePart:
     logs: list[Log]
 
     @classmethod
-    def of(cls, runs: int, law: Law, parameters: Floats) -> EnsemblePart:
+    def empty(cls, runs: int, law: Law, parameters: Floats) -> EnsemblePart:
         """Return room for a number of runs."""
         used, row, smooth = law.layout.used.size, law.layout.row.size, len(law.layout.smooth)
         lasts, largest, passed = (np.zeros((runs, width)) for width in (row, used, 3 * smooth))
         return cls(np.zeros(runs, NOW), lasts, largest, passed, parameters, [])
 
 
-def inputs_of(
+def inputs_of_runs(
     model: Model, settings: Settings, law: Law, run: Run, arrays: Arrays
 ) -> tuple[NDArray[Any], Floats, Floats, Floats]:
     """Return plan, start, parameters and absolute tolerances of every run, in internal units."""
@@ -55,34 +55,34 @@ def inputs_of(
     places = {name: i for i, name in enumerate(constants(model))}
     for (kind, name), values in arrays.items():
         if kind == "parameter":
-            parameters[:, places[name]] = values / scales.of(model.dimensions[name])
+            parameters[:, places[name]] = values / scales.si_factor(model.dimensions[name])
         elif kind == "initial value":
-            starts[:, layout.used.place(name)] = values / scales.of(model.dimensions[name])
+            starts[:, layout.used.offset_of(name)] = values / scales.si_factor(model.dimensions[name])
         elif kind == "step":
-            plans["first_step" if settings.adaptive else "step_size"] = values / scales.of(TIME)
+            plans["first_step" if settings.adaptive else "step_size"] = values / scales.si_factor(TIME)
         elif settings.tolerances is not None:
             plans["rtol"] = [law.scheme.inner(value) for value in values.tolist()]
             factors = np.array([widened(law, value) for value in values.tolist()])
             plans["floor"] = [floor_of(rtol) for rtol in plans["rtol"].tolist()]
             for i, used in enumerate(layout.used):
-                atol = settings.tolerances.of(used)
+                atol = settings.tolerances.atol_of(used)
                 if atol is not None:
-                    atols[:, i] = atol / scales.of(model.dimensions[used]) * factors
+                    atols[:, i] = atol / scales.si_factor(model.dimensions[used]) * factors
     return plans, starts, parameters, atols
 
 
 def log_of_many(layout: Layout, settings: Settings) -> Log:
     """Return a log for many runs, which is filled repeatedly."""
     rows = rows_of_many(LOG_ROWS, layout.row.size)
-    return allocate(layout, rows, sampled=0, apart=settings.apart, by_rows=is_wide(layout))
+    return allocate(layout, rows, sampled=0, one_by_one=settings.locates_one_by_one, by_rows=is_wide(layout))
 
 
-def rows_of_many(most: int, numbers: int) -> int:
+def rows_of_many(max_rows: int, numbers: int) -> int:
     """Return how many rows of so many numbers many runs fill at a time: some megabytes, and a step at least."""
-    return max(FEWEST_ROWS, min(most, LOG_BYTES // (8 * max(1, numbers))))
+    return max(FEWEST_ROWS, min(max_rows, LOG_BYTES // (8 * max(1, numbers))))
 
 
-def copied(log: Log, rows: int, events: int) -> Log:
+def copy_log_start(log: Log, rows: int, events: int) -> Log:
     """Copy the first rows and events of a log, with closed links where there are rows."""
     return Log(
         log.base,
@@ -97,10 +97,10 @@ def copied(log: Log, rows: int, events: int) -> Log:
     )
 
 
-def emptied(run: Run, log: Log, *, logs: bool) -> Log:
+def take_out_log(run: Run, log: Log, *, logs: bool) -> Log:
     """Copy what is kept out of the log, and have it filled from its beginning."""
     now, base = run.now[0], log.base[0]
     rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
-    kept = copied(log, rows, events)
+    log_part = copy_log_start(log, rows, events)
     log.follow(*(int(now[count]) for count in LOG_COUNTS))
-    return kept
+    return log_part

@@ -81,10 +81,13 @@ def _newton_arrays(law: Law) -> Arrays:
     largest = int(max(rows["unknowns"]))
     arrays: Arrays = {"equations": rows, "unknowns": np.concatenate(unknowns), "right": np.zeros(largest)}
     if (rows["state"] < 0).all():
-        whole: Arrays = {"entries": np.array(entries, np.int32).reshape(-1, 4), "matrix": np.zeros(largest * largest)}
-        whole["shifted"] = np.zeros(2 * largest)
-        return _NOTHING | arrays | whole
-    system, height = _system(law.layout, largest)
+        dense_arrays: Arrays = {
+            "entries": np.array(entries, np.int32).reshape(-1, 4),
+            "matrix": np.zeros(largest * largest),
+        }
+        dense_arrays["shifted"] = np.zeros(2 * largest)
+        return _NOTHING | arrays | dense_arrays
+    system, height = _matrix_system(law.layout, largest)
     lengths = dict.fromkeys(("stage", "shifted"), law.layout.record.size) | {"matrix": largest * height}
     scratch: Arrays = {name: unwritten(length) for name, length in lengths.items()}
     return _NOTHING | arrays | system | scratch | {"pivots": unwritten(3 * largest, np.int32)}
@@ -94,20 +97,24 @@ def _simplified_arrays(law: Law) -> Arrays:
     layout, used = law.layout, law.layout.used.size
     size = used - layout.coordinates.size
     lengths = dict.fromkeys(("stages", "turned", "past"), 3 * used)
-    system, height = _system(layout, size)
+    system, height = _matrix_system(layout, size)
     lengths |= dict.fromkeys(("stage", "shifted"), layout.record.size) | {"matrix": 3 * size * height}
     arrays: Arrays = {name: unwritten(length) for name, length in lengths.items()}
     arrays["right"] = arrays["stage"]  # while equations are solved nothing is evaluated
     return _NOTHING | arrays | system | {"pivots": unwritten(6 * size, np.int32)}
 
 
-def _system(layout: Layout, size: int) -> tuple[Arrays, int]:
+def _matrix_system(layout: Layout, size: int) -> tuple[Arrays, int]:
     """Return the entries of a matrix and the order of its unknowns, and how many numbers a column has."""
     if not is_compressed(layout):
         entries = np.array(layout.couplings, np.int32).reshape(-1, 2)
-        known: Arrays = {"entries": entries, "order": np.arange(size, dtype=np.int32)}
+        written_system: Arrays = {"entries": entries, "order": np.arange(size, dtype=np.int32)}
         band = band_as_written(entries, layout.coordinates.size, size)
-        return (known, size) if band is None else (known | {"band": np.array([band.lower, band.upper])}, band.height)
+        return (
+            (written_system, size)
+            if band is None
+            else (written_system | {"band": np.array([band.lower, band.upper])}, band.height)
+        )
     pattern = pattern_of(layout)
     band = pattern.band
     system: Arrays = {"entries": pattern.entries, "groups": pattern.groups}
@@ -128,7 +135,7 @@ def _simplified_sizes(law: Law) -> dict[str, float]:
     """
     layout, used = law.layout, law.layout.used.size
     size = used - layout.coordinates.size
-    system, height = _system(layout, size)
+    system, height = _matrix_system(layout, size)
     entries = system["entries"]
     return {
         "factors of a real and a complex matrix": 24.0 * size * height + 8.0 * size,
@@ -169,9 +176,12 @@ def _series_reported(settings: Settings, law: Law) -> dict[str, Any]:
 def _newton_corrections(run: Run, n: int) -> tuple[Floats, Floats]:
     last = run.equations[-1]
     first, unknowns = int(last["first_unknown"]), int(last["unknowns"])
-    places, before = run.unknowns[first : first + unknowns, 0], run.unknowns[first : first + unknowns, 1]
+    places, variable_indices = run.unknowns[first : first + unknowns, 0], run.unknowns[first : first + unknowns, 1]
     corrections, sizes = np.zeros(n), np.zeros(n)
-    corrections[before], sizes[before] = run.right[:unknowns], np.abs(run.w[places]) + np.abs(run.y[before])
+    corrections[variable_indices], sizes[variable_indices] = (
+        run.right[:unknowns],
+        np.abs(run.w[places]) + np.abs(run.y[variable_indices]),
+    )
     return corrections, sizes
 
 
@@ -185,7 +195,7 @@ def _simplified_in_lanes(law: Law, settings: Settings) -> bool:
     scheme, layout = law.scheme, law.layout
     small = layout.used.size - layout.coordinates.size <= MOST_FACTORISED
     exact = scheme.estimator == EMBEDDED and scheme.jacobian == EXACT
-    return settings.adaptive and small and exact and not layout.carried
+    return settings.adaptive and small and exact and not layout.compensation
 
 
 def _series_in_lanes(law: Law, _settings: Settings) -> bool:

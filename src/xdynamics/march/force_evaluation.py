@@ -7,52 +7,52 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import H, T
-from xdynamics.march.calls import called
+from xdynamics.march.calls import call_law
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.run import Run
 
 State = NDArray[Any]
 
 
-@shared
-def evaluate(run: Run, t: float, state: State) -> None:
+@jit_separate
+def evaluate_forces(run: Run, t: float, state: State) -> None:
     """Evaluate the forces at a state; they are stored after it in the same array."""
     set_time(run, T, t)
-    called(run.law[FORCES], run, state, state, 0)
+    call_law(run.law[FORCES], run, state, state, 0)
     run.now[0].evaluations += 1
 
 
-@shared
+@jit_separate
 def evaluate_held(run: Run, t: float, state: State, h: float) -> None:
     """Evaluate the forces at a state, which is put where constraints hold, if there are any, after a step or none (0)."""
     if run.plan[0].held > 0:
         settle_constraints(run, t, state, h)
     else:
-        evaluate(run, t, state)
+        evaluate_forces(run, t, state)
 
 
-@shared
+@jit_separate
 def settle_constraints(run: Run, t: float, state: State, h: float) -> None:
     """Put a state where constraints hold, after a step or none (0), and evaluate the forces there."""
     set_time(run, T, t)
     run.at[H] = h
-    called(run.law[run.plan[0].held], run, state, state, 0)
+    call_law(run.law[run.plan[0].held], run, state, state, 0)
     run.now[0].evaluations += 1
 
 
-@shared
+@jit_separate
 def find_term_sizes(run: Run, t: float, state: State) -> None:
     """Find the sizes of the terms of accelerations and rates at a state; they are stored in `probe`, where these would be."""
     time = run.at[T]
     run.at[T] = t
-    called(run.law[run.law.shape[0] - 2], run, state, run.probe, 0)
+    call_law(run.law[run.law.shape[0] - 2], run, state, run.probe, 0)
     run.at[T] = time
 
 
-@shared
+@jit_separate
 def finite_state(run: Run) -> bool:
     """Whether every number of the trial's state is finite."""
     finite = True
@@ -61,20 +61,20 @@ def finite_state(run: Run) -> bool:
     return finite
 
 
-@compiled
-def slope_of(run: Run, state: State, i: int) -> float:
+@jit_inline
+def state_slope(run: Run, state: State, i: int) -> float:
     """Return the time derivative of a variable: v for q, a for v, and the rate of a first-order state."""
     n, used = run.plan[0].coordinates, run.plan[0].used
     return state[n + i] if i < n else state[used + i - n]
 
 
-@compiled
+@jit_inline
 def leaves_samples(run: Run) -> bool:
     """Whether force samples are counted and not kept, since no column of the record shows them."""
     return run.base[0].room == 0
 
 
-@shared
+@jit_separate
 def keep_sample(run: Run, t: float, state: State, first: int) -> None:
     """Store a force evaluation of the trial, from place `first` of its samples on."""
     used, samples, evaluated = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used

@@ -15,14 +15,14 @@ from xdynamics.expressions import Node, limits_domain
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.constraint_programs import CONSTRAIN
-from xdynamics.kernels.drive_tables import flattened
+from xdynamics.kernels.drive_tables import concatenated_tables
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.machine import aligned_zeros
 from xdynamics.kernels.program import AT, DEVIATION
 from xdynamics.kernels.step_polynomial import curve_degree
-from xdynamics.march.assembly.assembly_arrays import assembled
+from xdynamics.march.assembly.assembly_arrays import arrays_of_assemblies
 from xdynamics.march.attitudes import PARTS
-from xdynamics.march.engine import pressing
+from xdynamics.march.engine import pressing_address
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.log import Log, allocate, unwritten
 from xdynamics.march.outcomes import RUNNING
@@ -38,23 +38,23 @@ from xdynamics.march.run import (
     TRIAL,
     Run,
 )
-from xdynamics.march.search_arrays import watching
+from xdynamics.march.search_arrays import event_search_arrays
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
 from xdynamics.march.tolerances import OF_TERMS
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, EXTRAPOLATED, UNIT_OF
 from xdynamics.methods.steppers import DIFFERENCES, NOTHING
 from xdynamics.model import Function, Model
-from xdynamics.model.assemblies import together
+from xdynamics.model.assemblies import max_simultaneous
 from xdynamics.model.controllers import Action, actions, alarms, exact_ticks, exact_time, ticks
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elementwise import put_in_si
-from xdynamics.model.motion import constant_names, constant_values, first_regime, tables_of
-from xdynamics.model.reactions import modes
+from xdynamics.model.motion import constant_names, constant_values, drive_pieces, first_regime
+from xdynamics.model.reactions import mode_names
 from xdynamics.model.regime_model import switch_inputs
 from xdynamics.model.switches import LANDED_ON
-from xdynamics.model.whole import acting, has_wholes, written_out
+from xdynamics.model.whole import expanded_tree, forces_by_coordinate, prints_quantities
 from xdynamics.reaction_names import PROJECTION
 from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, constant
 from xdynamics.units.rounded import exact_value
@@ -62,39 +62,41 @@ from xdynamics.units.rounded import exact_value
 Floats = NDArray[np.float64]
 
 
-def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArray[np.int64]) -> Run:
+def pose_run(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArray[np.int64]) -> Run:
     """Return a run that has not begun."""
     model = settings.layout(model).model  # the model with the sides of its switches
-    scales, plan = settings.scales, planned(model, settings, law)
+    scales, plan = settings.scales, march_plan(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
-    tables, places = flattened(tables_of(model, scales))
+    tables, places = concatenated_tables(drive_pieces(model, scales))
     instants, actions_there = _ticks_of(actions(model.controllers), model, settings)
     rings, alarms_there = _ticks_of(alarms(model.events), model, settings)
-    requested_nodes = np.concatenate([np.array(settings.nodes) / scales.of(TIME), instants, rings])
-    knots = nodes_of(model, scales)
+    requested_nodes = np.concatenate([np.array(settings.nodes) / scales.si_factor(TIME), instants, rings])
+    knots = table_nodes(model, scales)
     nodes = np.union1d(knots, requested_nodes) if requested_nodes.size else knots
     nodes = nodes[(nodes > start) & (nodes < end)]
     plan["rest"] = BEGINNING * (
         nodes[0] - start if len(nodes) else end - start
     )  # nothing beyond the first node matters
-    given_steps = tuple(step / scales.of(TIME) for step in settings.step) if isinstance(settings.step, tuple) else ()
-    grid, steps = _given(start, given_steps, np.append(nodes, end), float(plan["snap"][0]))
+    given_steps = (
+        tuple(step / scales.si_factor(TIME) for step in settings.step) if isinstance(settings.step, tuple) else ()
+    )
+    grid, steps = _given_grid(start, given_steps, np.append(nodes, end), float(plan["snap"][0]))
     solver, now = solver_of(law.scheme.method), np.zeros(1, NOW)
     now["rest"] = plan["start_rest"]
     now["t"], now["on_grid"], now["status"], now["regime"] = start, 1, RUNNING, first_regime(model)
-    assembly, patterns = assembled(model, settings, law, _pattern)
+    assembly, patterns = arrays_of_assemblies(model, settings, law, _pattern)
     run = Run(
         plan=plan,
         now=now,
         trial=np.zeros(1, TRIAL),
         located=np.zeros(1, TRIAL),
         at=np.zeros(DEVIATION + 1 if law.layout.attitudes else len(AT) * (1 + law.layout.is_doubled)),
-        **_states(model, settings, law, int(plan["samples"][0])),
-        **_following(settings, law.layout),
-        **_parameters(model, scales, doubled=law.layout.is_doubled),
+        **_state_arrays(model, settings, law, int(plan["samples"][0])),
+        **_following_tolerances(settings, law.layout),
+        **_law_parameters(model, scales, doubled=law.layout.is_doubled),
         **past_arrays(model, law, scales, tables, places),
         jumps=jumps_at(nodes, knots, np.append(instants, rings)),
-        of_time=np.array([i for i, at in enumerate(model.looked_up_at.values()) if at == CLOCK], np.int64),
+        of_time=np.array([i for i, argument in enumerate(model.looked_up_at.values()) if argument == CLOCK], np.int64),
         attitudes=np.array(law.layout.attitudes, np.int64).reshape(-1, PARTS),
         nodes=nodes,
         ticks=_ticks_at(instants, actions_there, np.array([start, *nodes, end])),
@@ -103,38 +105,38 @@ def posed(model: Model, settings: Settings, law: Law, log: Log, addresses: NDArr
         snaps=float(plan["snap"][0]) * np.maximum(abs(start), np.abs(np.append(nodes, end))),
         grid=grid,
         steps=steps,
-        **watching(model, law, settings) | assembly,
+        **event_search_arrays(model, law, settings) | assembly,
         w=aligned_zeros(law.memory * (1 + law.layout.is_doubled) + 3 * len(law.layout.smooth)),
         kept=np.zeros(1, KEPT),
         **solver.arrays(law),
-        law=np.append(addresses, [law.sizing if plan["rounding"][0] > 0.0 else 0, solver.address()]),
-        **log.named(),
+        law=np.append(addresses, [law.sizing_address if plan["rounding"][0] > 0.0 else 0, solver.address()]),
+        **log.arrays_by_name(),
     )
-    run.holds = tuple(patterns)
+    run.keepalive = tuple(patterns)
     if model.assemblies:
-        run.p[-2:] = _words(run)
+        run.p[-2:] = _address_words(run)
     return run
 
 
 def _pattern(model: Model, settings: Settings, law: Law) -> Run:
     """Return the run of the pattern of an assembly."""
-    return posed(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
+    return pose_run(model, settings, law, allocate(law.layout, 1, sampled=0), law.addresses)
 
 
-def _words(run: Run) -> Floats:
+def _address_words(run: Run) -> Floats:
     """Return the addresses of a run, and of the code that finds forces of closed links, as a law reads them."""
     if PLAINLY:
-        return np.array([keys_of([run])[0], pressing()], float)
-    return np.array([run.address, pressing()], np.int64).view(float)
+        return np.array([keys_of([run])[0], pressing_address()], float)
+    return np.array([run.address, pressing_address()], np.int64).view(float)
 
 
 def addresses_of(law: Law) -> NDArray[np.int64]:
     """Return the addresses of a march's programs; with the interpolant where an event is located on it."""
-    inside = any(detector.event.root_state == "interpolant" for detector in law.layout.watched)
-    return law.addresses_inside if inside else law.addresses
+    on_interpolant = any(detector.event.root_state == "interpolant" for detector in law.layout.watched)
+    return law.addresses_inside if on_interpolant else law.addresses
 
 
-def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
+def _state_arrays(model: Model, settings: Settings, law: Law, sampled: int) -> dict[str, Floats]:
     """Return the initial state, its tolerances, and room for trial states."""
     layout = law.layout
     n, events = layout.used.size, len(layout.watched)
@@ -149,36 +151,36 @@ def _states(model: Model, settings: Settings, law: Law, sampled: int) -> dict[st
     layout.divide_by_sizes(arrays["y"], settings.scales)
     if layout.is_doubled:
         first = n + layout.evaluation.size
-        arrays["y"][first : first + n] = [rest_of(model.statement.initial[name]) for name in layout.used]
-    arrays["atol"] = _tolerances(law, settings)
+        arrays["y"][first : first + n] = [quantity_rest(model.statement.initial[name]) for name in layout.used]
+    arrays["atol"] = _initial_atol(law, settings)
     arrays["probe"], arrays["turning"] = unwritten(layout.record.size), unwritten(3 * n - layout.coordinates.size)
     arrays["tops"] = np.zeros(2 * (1 + int(layout.kinds.max())) + 1)
     return arrays
 
 
-def _tolerances(law: Law, settings: Settings) -> Floats:
+def _initial_atol(law: Law, settings: Settings) -> Floats:
     """Return the absolute tolerances; without any an error may have any size."""
     layout, tolerances = law.layout, settings.tolerances
     if tolerances is None:
-        judged = layout.estimates or law.scheme.method.solver != NOTHING
-        return np.full(layout.used.size, np.inf) if judged else unwritten(layout.used.size)
+        needs_tolerance = layout.estimates or law.scheme.method.solver != NOTHING
+        return np.full(layout.used.size, np.inf) if needs_tolerance else unwritten(layout.used.size)
     atols = tolerances.of_all(layout.used)
     # a tolerance that follows its variable is not known yet
     return np.where(np.isnan(atols), 0.0, atols / layout.sizes(settings.scales) * widened(law, tolerances.rtol))
 
 
-def _following(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int16]]:
+def _following_tolerances(settings: Settings, layout: Layout) -> dict[str, NDArray[np.int16]]:
     """Return which absolute tolerances follow their variables, and the kind of each variable."""
     tolerances = settings.tolerances
     follow = unwritten(layout.used.size, np.int16)
     if tolerances is not None and (nan := np.isnan(tolerances.of_all(layout.used))).any():
         follow[:] = nan
-    return {"followers": follow, "kinds": layout.kinds}
+    return {"adaptive_atol": follow, "kinds": layout.kinds}
 
 
-def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
+def march_plan(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
     """Return the numbers that the march does not change."""
-    scale, scheme, pacing, layout = settings.scales.of(TIME), law.scheme, settings.pacing, law.layout
+    scale, scheme, pacing, layout = settings.scales.si_factor(TIME), law.scheme, settings.pacing, law.layout
     start, end = model.statement.initial["t"].si / scale, settings.until / scale
     adaptive, tolerances = settings.adaptive, settings.tolerances
     single = settings.step / scale if isinstance(settings.step, float | int) else 0.0
@@ -216,14 +218,14 @@ def planned(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "regime": first_regime(model),
         "evaluated": layout.evaluation.size,
         "reactions": layout.reactions.size,
-        **_switching(layout, settings),
-        "apart": settings.apart,
-        "margin": LEAST_OF_0_2 if settings.apart else LEAST,
+        **_switch_plan(layout, settings),
+        "apart": settings.locates_one_by_one,
+        "margin": LEAST_OF_0_2 if settings.locates_one_by_one else LEAST,
         "pressed": layout.state.size - layout.reactions.size,
-        **_of_contacts(model, law),
+        **_contact_phases(model, law),
         **_left_polynomial(law),
         **_rests_of_grid(model, layout, single),
-        **_held(model, law),
+        **_constraint_plan(model, law),
         "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
@@ -236,18 +238,18 @@ def _weighs(settings: Settings, law: Law) -> bool:
     return follows and settings.atol_floor == OF_TERMS and law.is_sized
 
 
-def _of_contacts(model: Model, law: Law) -> dict[str, int]:
+def _contact_phases(model: Model, law: Law) -> dict[str, int]:
     """Return how many assemblies of bodies there are, and which phases hold or step their contacts."""
     located = law.scheme.method.stepper.locates
     return {
         "contacts": HOLD if located else STEP_IN_TIME,
         "assemblies": len(model.assemblies),
         "links": HOLD_LINKS if located else STEP_LINKS,
-        "together": together(model),
+        "together": max_simultaneous(model),
     }
 
 
-def _switching(layout: Layout, settings: Settings) -> dict[str, int]:
+def _switch_plan(layout: Layout, settings: Settings) -> dict[str, int]:
     """Return the number of switches, and whether those at points of tables are passed without events."""
     count = sum(detector.role in (SWITCH, KINK) for detector in layout.watched)
     return {"switches": count, "passing": int(settings.switches == LANDED_ON)}
@@ -257,7 +259,7 @@ def _rests_of_grid(model: Model, layout: Layout, step: float) -> dict[str, float
     """Return whether numbers are sums of two, and then what is left of the start and of the step."""
     if not layout.is_doubled:
         return {"doubled": 0, "start_rest": 0.0, "step_rest": 0.0}
-    return {"doubled": 1, "start_rest": rest_of(model.statement.initial["t"]), "step_rest": rest_of_time(step)}
+    return {"doubled": 1, "start_rest": quantity_rest(model.statement.initial["t"]), "step_rest": rest_of_time(step)}
 
 
 def _left_polynomial(law: Law) -> dict[str, int]:
@@ -266,12 +268,16 @@ def _left_polynomial(law: Law) -> dict[str, int]:
     return {"degree": curve_degree(law.layout), "curve": law.curve, "polynomial": program}
 
 
-def _held(model: Model, law: Law) -> dict[str, int]:
+def _constraint_plan(model: Model, law: Law) -> dict[str, int]:
     """Return the number of the program for constraints, where a state has what it did, whether it moves the start."""
     if not model.constraints:
         return {"held": 0, "moved": 0, "consistent": 0}
-    moved = law.layout.record.place(PROJECTION.name)
-    return {"held": FORCES + law.printed.names.index(CONSTRAIN), "moved": moved, "consistent": int(model.consistent)}
+    projection_index = law.layout.record.offset_of(PROJECTION.name)
+    return {
+        "held": FORCES + law.printed.names.index(CONSTRAIN),
+        "moved": projection_index,
+        "consistent": int(model.consistent),
+    }
 
 
 def floor_of(rtol: float, unit: float = EPS) -> float:
@@ -284,10 +290,10 @@ def widened(law: Law, rtol: float) -> float:
     return law.scheme.inner(rtol) / rtol
 
 
-def nodes_of(model: Model, scales: Scales) -> Floats:
+def table_nodes(model: Model, scales: Scales) -> Floats:
     """Return the breakpoints of drives of time, ascending."""
-    pairs = zip(model.looked_up_at.values(), tables_of(model, scales), strict=True)
-    times = [origins[np.isfinite(origins)] for at, (origins, _) in pairs if at == CLOCK]
+    pairs = zip(model.looked_up_at.values(), drive_pieces(model, scales), strict=True)
+    times = [origins[np.isfinite(origins)] for argument, (origins, _) in pairs if argument == CLOCK]
     return np.unique(np.concatenate(times)) if times else np.empty(0)
 
 
@@ -297,7 +303,7 @@ def _ticks_of(acting: tuple[Action, ...], model: Model, settings: Settings) -> t
         return np.empty(0), np.empty(0, np.int64)
     first, last = exact_time(model.statement.initial["t"]), exact_value(settings.until)
     instants, actions_there = ticks(acting, first, last)
-    return instants / settings.scales.of(TIME), actions_there
+    return instants / settings.scales.si_factor(TIME), actions_there
 
 
 def _ticks_at(instants: Floats, actions_there: NDArray[np.int64], times: Floats) -> NDArray[np.int64]:
@@ -308,7 +314,7 @@ def _ticks_at(instants: Floats, actions_there: NDArray[np.int64], times: Floats)
     return np.where(instants[places] == times, actions_there[places], 0)
 
 
-def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -> tuple[Floats, Floats]:
+def _given_grid(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -> tuple[Floats, Floats]:
     """Return the times that given steps lead to, snapped to nodes close by, and the steps."""
     times, t, end = [], start, float(nodes[-1])
     for aim, step in zip(given_times(start, steps, end), steps, strict=True):
@@ -319,26 +325,26 @@ def _given(start: float, steps: tuple[float, ...], nodes: Floats, snap: float) -
     return np.array(times, np.float64), np.array(steps, np.float64)
 
 
-def _parameters(model: Model, scales: Scales, *, doubled: bool) -> dict[str, Floats]:
+def _law_parameters(model: Model, scales: Scales, *, doubled: bool) -> dict[str, Floats]:
     """Return the parameters that a law reads; the modes of contacts are the end of them."""
-    known = constant_values(model, scales)
-    values = np.append(known, [0.0] * (2 * bool(model.assemblies)))  # room for addresses, see `_entered`
+    known_values = constant_values(model, scales)
+    values = np.append(known_values, [0.0] * (2 * bool(model.assemblies)))  # room for addresses, see `_entered`
     if doubled:
-        values = np.append(values, [_rest_of(model, name) for name in constant_names(model)])
-    changing = len(modes(model)) + len(switch_inputs(model))
-    return {"p": values, "modes": values[known.size - changing : known.size]}
+        values = np.append(values, [_constant_rest(model, name) for name in constant_names(model)])
+    changing = len(mode_names(model)) + len(switch_inputs(model))
+    return {"p": values, "modes": values[known_values.size - changing : known_values.size]}
 
 
-def _rest_of(model: Model, name: str) -> float:
+def _constant_rest(model: Model, name: str) -> float:
     """Return what is left of a constant beside the nearest float."""
     if name in model.statement.parameters:
-        return rest_of(model.statement.parameters[name].quantity)
+        return quantity_rest(model.statement.parameters[name].quantity)
     if name == "pi":
         return PI.low
     return nearest(constant(name).factor).low if name in CONSTANTS or name in model.shaped.calendar else 0.0
 
 
-def rest_of(quantity: Quantity) -> float:
+def quantity_rest(quantity: Quantity) -> float:
     """Return what is left of a quantity in SI units beside the nearest float."""
     return nearest(exact_value(quantity.value) * quantity.unit.factor).low
 
@@ -352,32 +358,34 @@ def _node_rests(model: Model, settings: Settings, nodes: Floats) -> Floats:
     """Return what is left of every node and of the end; breakpoints of tables are floats as they are."""
     if settings.precision != DOUBLE_DOUBLE:
         return np.empty(0)
-    rests = {time: rest_of_time(time) for time in (*settings.nodes, settings.until)}
+    low_parts = {time: rest_of_time(time) for time in (*settings.nodes, settings.until)}
     first, last = exact_time(model.statement.initial["t"]), exact_value(settings.until)
-    rests |= {
+    low_parts |= {
         float(time): nearest(time).low
         for time in exact_ticks((*actions(model.controllers), *alarms(model.events)), first, last)
     }
-    return np.array([rests.get(time, 0.0) for time in (*nodes.tolist(), settings.until)])
+    return np.array([low_parts.get(time, 0.0) for time in (*nodes.tolist(), settings.until)])
 
 
 @lru_cache(maxsize=64)
 def _limits_domain(model: Model) -> bool:
     """Whether the model has functions or tables with a limited domain."""
-    limited = any(map(limits_domain, _wholes(model) if has_wholes(model) else _elements(model)))
+    limited = any(
+        map(limits_domain, _moving_quantities(model) if prints_quantities(model) else _moving_elements(model))
+    )
     return limited or any(drive.outside == "error" for drive in model.drives.values())
 
 
-def _wholes(model: Model) -> Iterator[Node]:
+def _moving_quantities(model: Model) -> Iterator[Node]:
     """Yield what moves a model with dimensions, without functions in Python."""
-    parts = [part for terms in acting(model).values() for part in terms.values()]
+    parts = [part for terms in forces_by_coordinate(model).values() for part in terms.values()]
     masses = [model.shaped.mass[i][i] for i in range(len(model.shaped.coordinates))]
     for part in (*parts, *masses, *(state.rate for state in model.shaped.states.values())):
         if not isinstance(part, Function):
-            yield written_out(model, part)
+            yield expanded_tree(model, part)
 
 
-def _elements(model: Model) -> Iterator[Node]:
+def _moving_elements(model: Model) -> Iterator[Node]:
     """Yield what moves a model, without functions in Python."""
     parts = [part for terms in model.force_components.values() for part in terms.values()]
     rates = [part.rate for part in model.statement.states.values()]

@@ -6,14 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.run import Run
 
 Floats = NDArray[np.float64]
 
 
-@shared
-def judge_inside(run: Run, s: float, states: Floats, ends: Floats, found: Floats, k: int, solved: bool) -> None:
+@jit_separate
+def judge_inside(
+    run: Run, s: float, states: Floats, ends: Floats, interior_states: Floats, k: int, solved: bool
+) -> None:
     """Replace the single step by the state's distance from two half steps, extrapolated with it.
 
     Two half steps have 2**-p of the error of the whole one. Rounding is added, one spacing of the numbers that
@@ -23,8 +25,8 @@ def judge_inside(run: Run, s: float, states: Floats, ends: Floats, found: Floats
     if run.plan[0].extrapolated:
         divisor = 2.0 * divisor + 1.0  # one order higher
     for i in range(n):
-        value, whole, halves = found[i, k], found[n + i, k], run.z[i] if solved else np.nan
-        off = abs((value - halves) + (whole - halves) / divisor)
+        value, whole_step, halves = interior_states[i, k], interior_states[n + i, k], run.z[i] if solved else np.nan
+        off = abs((value - halves) + (whole_step - halves) / divisor)
         missing = cube * cube * (ends[i, k] - run.located_z[i]) if ends.shape[0] > 0 else 0.0
-        found[i, k] = value + missing
-        found[n + i, k] = off + abs(missing) + EPS * max(abs(states[i, k]), abs(value))
+        interior_states[i, k] = value + missing
+        interior_states[n + i, k] = off + abs(missing) + EPS * max(abs(states[i, k]), abs(value))

@@ -7,30 +7,37 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import borrowing
+from xdynamics.kernels.compiling import jit_uncounted
 from xdynamics.kernels.lane_numbers import PLACES as L
 from xdynamics.march.run import Run
 from xdynamics.schema import NODE, STEP
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 Flags = NDArray[np.int8]
 Blocks = NDArray[np.float64]  # of three dimensions
 FlagBlocks = NDArray[np.int8]
 
 NONE = -1  # no run is in the lane
-LIVING, FOLLOWING, EVENTS, ROWS = range(4)  # of `standing`: lanes with a run, next run, events and rows handed out
-OF_LANE, OF_STATE, OF_NOTED = range(3)  # where a lane holds a number of a row: in `w`, in `y`, in `noted`
+LIVING, FOLLOWING, EVENTS, ROWS = range(4)  # of `lane_counters`: lanes with a run, next run, events and rows handed out
+OF_LANE, OF_STATE, OF_NOTED = range(3)  # where a lane holds a number of a row: in `w`, in `y`, in `logged_numbers`
 
 
-@borrowing
-def take(
-    standing: Whole, members: Whole, reached: Floats, marks: Flags, y: Floats, w: Floats, noted: Floats, keeping: Any
+@jit_uncounted
+def keep_step_rows(
+    lane_counters: IntArray,
+    members: IntArray,
+    reached: Floats,
+    marks: Flags,
+    y: Floats,
+    w: Floats,
+    logged_numbers: Floats,
+    keeping: Any,
 ) -> None:
     """Keep the rows after a step in all lanes; the row of a lane that did not move belongs to no run."""
-    to, lanes, (columns, rows, flags, owners) = standing[ROWS], members.shape[0], keeping
+    to, lanes, (columns, rows, flags, owners) = lane_counters[ROWS], members.shape[0], keeping
     for k in range(columns.shape[0]):
-        source = y if columns[k, 1] == OF_STATE else w if columns[k, 1] == OF_LANE else noted
+        source = y if columns[k, 1] == OF_STATE else w if columns[k, 1] == OF_LANE else logged_numbers
         for lane in range(lanes):
             rows[to, k, lane] = source[columns[k, 2], lane]
     for lane in range(lanes):
@@ -39,17 +46,17 @@ def take(
     for k in range(1, flags.shape[1]):
         for lane in range(lanes):
             flags[to, k, lane] = marks[k, lane]
-    standing[ROWS] += 1
+    lane_counters[ROWS] += 1
 
 
-@borrowing
-def take_noted(run: Run, first: int, member: int, standing: Whole, keeping: Any) -> None:
+@jit_uncounted
+def keep_single_rows(run: Run, first: int, member: int, lane_counters: IntArray, keeping: Any) -> None:
     """Keep the rows that the single march wrote, from row `first` on."""
     columns, rows, flags, owners = keeping
     if columns.shape[0] == 0:
         return
     for row in range(first - run.base[0].rows, run.now[0].rows - run.base[0].rows):
-        to = standing[ROWS]
+        to = lane_counters[ROWS]
         for k in range(columns.shape[0]):
             rows[to, k, 0] = run.log_rows[columns[k, 0], row]
         for k in range(flags.shape[1]):
@@ -57,27 +64,33 @@ def take_noted(run: Run, first: int, member: int, standing: Whole, keeping: Any)
         for lane in range(owners.shape[1]):
             owners[to, lane] = NONE
         owners[to, 0] = member
-        standing[ROWS] += 1
+        lane_counters[ROWS] += 1
 
 
-@borrowing
-def hand_out(run: Run, member: int, standing: Whole, events: Any) -> None:
+@jit_uncounted
+def hand_out(run: Run, member: int, lane_counters: IntArray, events: Any) -> None:
     """Move the events out of a run's log, and record the run that they belong to."""
     now, base, (met, rates, impulses, owners) = run.now[0], run.base[0], events
     for k in range(now.events - base.events):
-        to = standing[EVENTS]
+        to = lane_counters[EVENTS]
         met[to] = run.log_events[k]
         for i in range(rates.shape[0]):
             rates[i, to] = run.log_rates[i, k]
         for i in range(impulses.shape[0]):
             impulses[i, to] = run.log_impulses[i, k]
         owners[to] = member
-        standing[EVENTS] += 1
+        lane_counters[EVENTS] += 1
     base.events = now.events
 
 
 def gather_rows(
-    rows: Blocks, flags: FlagBlocks, owners: Whole, columns: Whole, places: Whole, to_rows: Floats, to_flags: Flags
+    rows: Blocks,
+    flags: FlagBlocks,
+    owners: IntArray,
+    columns: IntArray,
+    places: IntArray,
+    to_rows: Floats,
+    to_flags: Flags,
 ) -> None:
     """Sort rows of many runs, kept in turn, into one run after the other.
 

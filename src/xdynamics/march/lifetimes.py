@@ -63,7 +63,7 @@ Address = Annotated[T, Lifetime.ADDRESS]
 Log = Annotated[T, Lifetime.LOG]
 
 
-def row_of(floats: str, integers: str) -> np.dtype[Any]:
+def record_type(floats: str, integers: str) -> np.dtype[Any]:
     """Return the type of a row of named numbers, floats and then whole ones."""
     fields = [(name, "f8") for name in floats.split()] + [(name, "i8") for name in integers.split()]
     return np.dtype((np.record, fields))

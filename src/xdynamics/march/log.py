@@ -9,17 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import ROW
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import DEVIATION, NORM, TURNS, UNSOUND, H, T
-from xdynamics.march.calls import entered_by, noted
+from xdynamics.march.calls import call_phase, call_row_writer
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import leaves_samples
 from xdynamics.march.past import has_room_for_past
 from xdynamics.march.run import ASSEMBLY_PHASE, BASE, EVENT_ROW, NOTE_LINKS, TRIAL_ROW, Run
 from xdynamics.march.settings import Settings
-from xdynamics.model.assemblies import slots_of, together
+from xdynamics.model.assemblies import max_simultaneous, slots_of
 
 _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
 _WIDE = 100  # columns from which huge pages pay: a row then spans more pages than the processor's TLB holds
@@ -53,7 +53,7 @@ class Log(NamedTuple):
     closed: NDArray[np.float64] = np.zeros((0, 0))
     links: NDArray[np.int64] = np.zeros(0, np.int64)
 
-    def named(self) -> dict[str, NDArray[Any]]:
+    def arrays_by_name(self) -> dict[str, NDArray[Any]]:
         """Return its arrays by the names that a run has for them."""
         return {f"log_{name}" if name != "base" else name: array for name, array in self._asdict().items()}
 
@@ -63,7 +63,7 @@ class Log(NamedTuple):
 
     def lend(self, run: Run) -> None:
         """Have a run write to this log from now on."""
-        run.put(**self.named())
+        run.put(**self.arrays_by_name())
 
     @property
     def closed_rows(self) -> NDArray[np.float64]:
@@ -131,13 +131,13 @@ class Room:
         return self._kept[name][:size].reshape(shape)
 
 
-@compiled
+@jit_inline
 def most_trials(events: int) -> int:
     """Return the most rejected trials of a step: one; where substeps count, also border, search and brackets."""
     return 8 + 2 * MOST_SUBSTEPS + events * (MOST_SUBSTEPS + 3) if events > 0 else 1
 
 
-@compiled
+@jit_inline
 def has_room(run: Run) -> bool:
     """Whether one more step, with all its possible events and nodes, fits into the blocks."""
     now, base, events = run.now[0], run.base[0], run.detectors.shape[0]
@@ -150,28 +150,28 @@ def has_room(run: Run) -> bool:
     )
 
 
-@compiled
+@jit_inline
 def has_room_for_events(run: Run) -> bool:
     """Whether all events of a step fit, and the rows of links that are closed in it."""
     return events_fit(run) and (run.plan[0].assemblies == 0 or has_room_for_links(run))
 
 
-@compiled
+@jit_inline
 def events_fit(run: Run) -> bool:
     """Whether all events of a step fit."""
-    now, base, most = run.now[0], run.base[0], run.detectors.shape[0] + 2 * run.plan[0].together
-    return bool(now.events - base.events + most <= run.log_events.shape[0])
+    now, base, max_events = run.now[0], run.base[0], run.detectors.shape[0] + 2 * run.plan[0].together
+    return bool(now.events - base.events + max_events <= run.log_events.shape[0])
 
 
-@shared
+@jit_separate
 def is_empty(run: Run) -> bool:
     """Whether it has neither rows nor rejected trials since it was emptied."""
     now, base = run.now[0], run.base[0]
     return bool(now.rows == base.rows and now.trials == base.trials)
 
 
-@shared
-def begin_anew(run: Run) -> None:
+@jit_separate
+def overwrite_log(run: Run) -> None:
     """Have the log overwritten, but for events."""
     now, base = run.now[0], run.base[0]
     base.rows, base.trials, base.samples = now.rows, now.trials, now.samples
@@ -179,61 +179,65 @@ def begin_anew(run: Run) -> None:
         run.log_links[i] = 0
 
 
-@compiled
+@jit_inline
 def has_room_for_samples(run: Run) -> bool:
     """Whether force samples fit, of a step and of a node in it."""
     now, base = run.now[0], run.base[0]
     return now.samples - base.samples + run.plan[0].samples + 2 <= base.room or leaves_samples(run)
 
 
-@compiled
+@jit_inline
 def has_room_for_links(run: Run) -> bool:
     """Whether rows of closed links fit, of a step and of an event in it."""
     return run.log_links[0] + 3 * (run.closed[0] + run.plan[0].together) <= run.log_closed.shape[1]
 
 
-@compiled
-def note(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
+@jit_inline
+def append_row(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> bool:
     """Write one row of the log, and count it if its energies and observables are finite."""
-    now, at = run.now[0], run.at
+    now, step_numbers = run.now[0], run.at
     row = now.rows - run.base[0].rows
     reached = h > 0.0  # by a step, so that there is an error
-    at[H], at[NORM], at[TURNS] = h, now.norm if reached else 0.0, run.trial[0].iterations if reached else 0
-    if at.shape[0] > DEVIATION:
-        at[DEVIATION] = run.trial[0].deviation if reached else 0.0
+    step_numbers[H], step_numbers[NORM], step_numbers[TURNS] = (
+        h,
+        now.norm if reached else 0.0,
+        run.trial[0].iterations if reached else 0,
+    )
+    if step_numbers.shape[0] > DEVIATION:
+        step_numbers[DEVIATION] = run.trial[0].deviation if reached else 0.0
     set_time(run, T, t)
-    noted(run.law[ROW], run, state, row)
+    call_row_writer(run.law[ROW], run, state, row)
     run.log_flags[0, row], run.log_flags[1, row] = kind, now.regime
     for k in range(run.touches.shape[0]):
         run.log_flags[2 + k, row] = run.touches[k].state
     if run.plan[0].switches > 0:
         note_sides(run, row)
-    finite = at[UNSOUND] == 0.0
+    finite = step_numbers[UNSOUND] == 0.0
     if finite:
         if run.plan[0].assemblies > 0:
-            entered_by(run.functions[ASSEMBLY_PHASE], run, t, NOTE_LINKS)
+            call_phase(run.functions[ASSEMBLY_PHASE], run, t, NOTE_LINKS)
         now.rows += 1
     return finite
 
 
-@compiled
+@jit_inline
 def note_sides(run: Run, row: int) -> None:
     """Write the side of each hidden switch in a row; for a table, the number of the piece."""
-    place = 2 + run.touches.shape[0]
+    flag_row = 2 + run.touches.shape[0]
     for i in range(run.detectors.shape[0] - run.plan[0].switches, run.detectors.shape[0]):
         detector = run.detectors[i]
         if detector.drive < 0:
-            run.log_flags[place, row] = np.int8(run.modes[detector.to])
-            place += 1
+            run.log_flags[flag_row, row] = np.int8(run.modes[detector.to])
+            flag_row += 1
         else:
             piece = run.places[3 * detector.drive + 2]
             for k in range(3):
-                run.log_flags[place + k, row] = piece % PIECES
+                run.log_flags[flag_row + k, row] = piece % PIECES
                 piece //= PIECES
-            place += 3
+            flag_row += 3
 
 
-@compiled
+@jit_inline
 def note_trial(run: Run, h: float, norm: float, reason: int) -> None:
     """Write one rejected trial."""
     now = run.now[0]
@@ -242,16 +246,16 @@ def note_trial(run: Run, h: float, norm: float, reason: int) -> None:
     now.trials += 1
 
 
-@shared
+@jit_separate
 def first_of_group(run: Run, row: int) -> int:
     """Return the first of the newest events, those after a row; earlier runs may have others in the same log."""
-    first, least = run.now[0].events - run.base[0].events, max(0, -run.base[0].events)
-    while first > least and run.log_events[first - 1].row_before == row:
+    first, first_possible = run.now[0].events - run.base[0].events, max(0, -run.base[0].events)
+    while first > first_possible and run.log_events[first - 1].row_before == row:
         first -= 1
     return first
 
 
-@compiled
+@jit_inline
 def note_samples(run: Run, row: int) -> None:
     """Store the force evaluations of the accepted trial that led to a row."""
     now, plan, samples = run.now[0], run.plan[0], run.log_samples
@@ -268,26 +272,26 @@ def note_samples(run: Run, row: int) -> None:
             samples[2 + i, first + stage] = run.samples[stage * width + i]
 
 
-@shared
+@jit_separate
 def note_sample(run: Run, t: float, state: NDArray[Any], row: int) -> None:
     """Store one force evaluation outside steps: at the start, or after a node of a drive."""
     now, plan, samples = run.now[0], run.plan[0], run.log_samples
     if plan.samples == 0:
         return
-    at, used = now.samples - run.base[0].samples, plan.used
+    column, used = now.samples - run.base[0].samples, plan.used
     now.samples += 1
     if leaves_samples(run):
         return
-    samples[0, at], samples[1, at], samples[2, at] = t, row, 0
+    samples[0, column], samples[1, column], samples[2, column] = t, row, 0
     for i in range(used):
-        samples[3 + i, at] = state[i]
+        samples[3 + i, column] = state[i]
     evaluated = samples.shape[0] - 3 - used
     for i in range(evaluated):
-        samples[3 + used + i, at] = state[state.shape[0] - evaluated + i]
+        samples[3 + used + i, column] = state[state.shape[0] - evaluated + i]
 
 
 def _memory_of(array: NDArray[Any]) -> mmap.mmap | None:
-    """Return the memory map of an array made by `_pages`, if it has one."""
+    """Return the memory map of an array made by `_plain_pages`, if it has one."""
     base: Any = array.base
     while isinstance(base, np.ndarray):
         base = base.base
@@ -300,13 +304,13 @@ def allocate(
     rows: int,
     *,
     sampled: int,
-    apart: bool = False,
+    one_by_one: bool = False,
     samples_kept: bool = True,
     by_rows: bool = False,
 ) -> Log:
     """Return an empty log for `rows` rows, with `sampled` force samples a step, whether these are kept or counted alone.
 
-    If `apart`, substeps are trials too; if `by_rows`, numbers of a row stand side by side.
+    If `one_by_one`, substeps are trials too; if `by_rows`, numbers of a row stand side by side.
     """
     events = len(layout.watched)
     # an odd stride: columns a power of two apart would share one cache set
@@ -314,37 +318,41 @@ def allocate(
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
     samples = samples if samples_kept else 0
     plain: Any = getattr(most_trials, "py_func", most_trials)
-    trials = min(rows, 20_000) + int(plain(events * int(apart)))
-    links = together(layout.model) if layout.model.assemblies else 0
+    trials = min(rows, 20_000) + int(plain(events * int(one_by_one)))
+    links = max_simultaneous(layout.model) if layout.model.assemblies else 0
     event_rows = (min(rows, 4_000) if events else 0) + events + 2 * links
-    rest: tuple[NDArray[Any], ...] = ()  # of links
+    link_arrays: tuple[NDArray[Any], ...] = ()  # of links
     if links:
         closed = rows * min(links, layout.coordinates.size) + 6 * links
-        rest = _pages((OF_CLOSED, closed), np.float64), np.zeros(1, np.int64)
+        link_arrays = _plain_pages((OF_CLOSED, closed), np.float64), np.zeros(1, np.int64)
     base = np.zeros(1, BASE)
     base["room"] = samples
     return Log(
         base,
-        _table(layout.row.size, rows, by_rows=by_rows),
-        _pages((layout.flags, rows), np.int8),
-        _table(layout.sample.size, samples, by_rows=by_rows),
+        _row_table(layout.row.size, rows, by_rows=by_rows),
+        _plain_pages((layout.flags, rows), np.int8),
+        _row_table(layout.sample.size, samples, by_rows=by_rows),
         np.empty(trials, TRIAL_ROW),
         np.empty(event_rows, EVENT_ROW),
         np.empty((layout.followed.size, event_rows)),
-        np.empty((_acting(layout), event_rows)),
-        *rest,
+        np.empty((_effect_columns(layout), event_rows)),
+        *link_arrays,
     )
 
 
 def log_of(layout: Layout, settings: Settings, rows: int, sampled: int = 0) -> Log:
     """Return an empty log of a march with its settings; of no row, one that nothing is written to."""
-    form = {"apart": settings.apart, "samples_kept": settings.keeps_samples, "by_rows": is_wide(layout)}
+    form = {
+        "one_by_one": settings.locates_one_by_one,
+        "samples_kept": settings.keeps_samples,
+        "by_rows": is_wide(layout),
+    }
     return allocate(layout, rows, sampled=sampled, **form)
 
 
-def _table(numbers: int, rows: int, *, by_rows: bool) -> NDArray[np.float64]:
+def _row_table(numbers: int, rows: int, *, by_rows: bool) -> NDArray[np.float64]:
     """Return room for rows; where numbers of a row stand side by side, rows that are not written take no memory."""
-    return np.empty((rows, numbers)).T if by_rows else _pages((numbers, rows), np.float64)
+    return np.empty((rows, numbers)).T if by_rows else _plain_pages((numbers, rows), np.float64)
 
 
 def is_wide(layout: Layout) -> bool:
@@ -359,7 +367,7 @@ def misplaced_events(detectors: NDArray[Any], log: Log, count: int) -> NDArray[n
     return misplaced
 
 
-def _acting(layout: Layout) -> int:
+def _effect_columns(layout: Layout) -> int:
     """Return the number of columns for an event's effect: impulses and energy of contacts, offsets of positions."""
     n = layout.coordinates.size
     if layout.model.assemblies:  # at both ends of a link, the energy, and what is left unsolved
@@ -372,7 +380,7 @@ def most_recycled(layout: Layout) -> int:
     return max(1 << 9, _HUGE // (8 * layout.row.size) - 8)
 
 
-def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
+def _plain_pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
     """Return an array on plain pages of memory, which are touched when it is filled.
 
     numpy asks the system for huge pages, and assembling those can stall a first run longer than it marches:
@@ -383,7 +391,7 @@ def _pages(shape: tuple[int, int], dtype: type[Any]) -> NDArray[Any]:
     wide = shape[0] >= _WIDE and shape[1] <= _SHORT  # a page holds some columns, not a part of one that is never filled
     if size < _HUGE or wide or not hasattr(mmap, "MAP_PRIVATE"):
         return np.empty(shape, dtype)
-    return np.frombuffer(mapped(size), dtype).reshape(shape)
+    return np.frombuffer(map_pages(size), dtype).reshape(shape)
 
 
 def unwritten(count: int, dtype: type[Any] = np.float64) -> NDArray[Any]:
@@ -394,9 +402,9 @@ def unwritten(count: int, dtype: type[Any] = np.float64) -> NDArray[Any]:
     size = count * np.dtype(dtype).itemsize
     if size < _HUGE or not hasattr(mmap, "MAP_PRIVATE"):
         return np.zeros(count, dtype)
-    return np.frombuffer(mapped(size), dtype)
+    return np.frombuffer(map_pages(size), dtype)
 
 
-def mapped(size: int) -> mmap.mmap:
+def map_pages(size: int) -> mmap.mmap:
     """Return pages of memory of their own, which take none before they are written."""
     return mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)

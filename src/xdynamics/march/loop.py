@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.lane_writing import STRETCH
 from xdynamics.kernels.law import DETECT
@@ -21,23 +21,23 @@ from xdynamics.march.acceptance import (
     AT_BREAK_AND_GRID,
     AT_GRID,
     AT_NODE,
-    end,
-    judge,
-    land,
-    move,
-    nonfinite,
+    count_landing,
+    end_march,
+    judge_trial,
+    move_to_trial_end,
+    nonfinite_reason,
 )
 from xdynamics.march.assembly.broad_phase import MEETS
 from xdynamics.march.attitudes import hold_attitudes
-from xdynamics.march.calls import called, entered_by, run_at
-from xdynamics.march.control import first_step, grow, reduce, shortest
+from xdynamics.march.calls import call_law, call_phase, run_at
+from xdynamics.march.control import first_step, grow_step, reduce_step, shortest_step
 from xdynamics.march.events.event_free_region import end_region
-from xdynamics.march.events.isolation import quiet
+from xdynamics.march.events.isolation import is_event_free
 from xdynamics.march.events.ticks import rings_at_end, tick_at_end, tick_at_start
 from xdynamics.march.events.zero_tests import enclose_constants
 from xdynamics.march.exact_times import grid_rest, set_time
-from xdynamics.march.force_evaluation import evaluate, finite_state, settle_constraints
-from xdynamics.march.log import has_room, note, note_sample, note_samples, note_trial
+from xdynamics.march.force_evaluation import evaluate_forces, finite_state, settle_constraints
+from xdynamics.march.log import append_row, has_room, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     CONSTRAINT_VIOLATED,
     NONFINITE_OBSERVABLE,
@@ -63,9 +63,9 @@ from xdynamics.march.run import (
     TAKE_SIDES,
     Run,
 )
-from xdynamics.march.series import foresee
+from xdynamics.march.series import choose_series_step
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
-from xdynamics.march.trial_step import copy, propose
+from xdynamics.march.trial_step import copy_numbers, propose_step
 from xdynamics.model.constraint_consistency import CONSISTENT
 from xdynamics.schema import (
     INITIAL,
@@ -79,7 +79,7 @@ from xdynamics.schema import (
 
 ROUNDS = 4  # of attitudes and constraints at a start that is moved: what is left falls as the square
 _INITIAL = np.int64(INITIAL)  # no literal: numba compiles a copy of a function for every literal argument
-note_apart = apart(note)
+append_row_apart = noinline(append_row)
 
 
 def march(address: Any, rows: int) -> None:
@@ -97,30 +97,30 @@ def march(address: Any, rows: int) -> None:
     if run.detectors.shape[0] > 0:
         enclose_constants(run)
     if now.rows == 0 and now.status == RUNNING and has_room(run):
-        start(run)
+        begin_march(run)
     elif run.plan[0].follows:
         settle_tolerances(run)  # of a march that goes on
     pause = now.rows + rows
     while now.status == RUNNING and 0 < now.rows < pause and has_room(run):
         if run.instant.shape[0] > 0 and run.instant[0].meets > 0:
-            entered_by(run.functions[EVENT_PHASE], run, 0.0, MEET_HERE)
+            call_phase(run.functions[EVENT_PHASE], run, 0.0, MEET_HERE)
             continue
         if now.crossed != now.node or has_crossed(run):
             cross_node(run)
         if now.status == RUNNING:
-            aim(run)
+            aim_step(run)
         if now.status != RUNNING:
             break
-        propose(run, run.trial[0].t, run.trial[0].h)
-        reason = judge(run)
-        together = reason == SOUND and meets(run)
-        if run.detectors.shape[0] > 0 and (reason == REASON_DOMAIN or (reason == SOUND and not quiet(run))):
+        propose_step(run, run.trial[0].t, run.trial[0].h)
+        reason = judge_trial(run)
+        links_met = reason == SOUND and links_meet(run)
+        if run.detectors.shape[0] > 0 and (reason == REASON_DOMAIN or (reason == SOUND and not is_event_free(run))):
             run.piece[0].verdict = reason
-            entered_by(run.functions[EVENT_PHASE], run, 0.0, FIND_EVENTS)
+            call_phase(run.functions[EVENT_PHASE], run, 0.0, FIND_EVENTS)
             reason = run.piece[0].verdict
-        reason = landed(run, reason, together)
+        reason = verdict_on_landing(run, reason, links_met)
         if reason == SOUND and rings_at_end(run):
-            entered_by(run.functions[EVENT_PHASE], run, 0.0, RING)
+            call_phase(run.functions[EVENT_PHASE], run, 0.0, RING)
             reason = run.piece[0].verdict
         if reason == SOUND:
             accept(run)
@@ -128,32 +128,32 @@ def march(address: Any, rows: int) -> None:
             reject(run, reason)
 
 
-@compiled
-def meets(run: Run) -> bool:
+@jit_inline
+def links_meet(run: Run) -> bool:
     """Whether bodies of an assembly meet in the trial, which then ends there, or cannot be watched."""
     if run.plan[0].assemblies == 0:
         return False
-    entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, FIND_MEETING)
-    return bool(run.tallies[MEETS] > 0)
+    call_phase(run.functions[ASSEMBLY_PHASE], run, 0.0, FIND_MEETING)
+    return bool(run.counters[MEETS] > 0)
 
 
-@compiled
-def landed(run: Run, reason: int, together: bool) -> int:
+@jit_inline
+def verdict_on_landing(run: Run, reason: int, links_met: bool) -> int:
     """Return the verdict on a trial: of one in which bodies meet, and nothing else came first, that after their impacts."""
-    if together and reason == SOUND:
-        entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, LAND_ON_MEETING)
+    if links_met and reason == SOUND:
+        call_phase(run.functions[ASSEMBLY_PHASE], run, 0.0, LAND_ON_MEETING)
         return int(run.piece[0].verdict)
     return reason
 
 
-@compiled
+@jit_inline
 def has_crossed(run: Run) -> bool:
     """Whether the march stands right after a breaking point of delayed values."""
     return bool(run.delays.shape[0] > 0 and run.book[0].crossing > 0)
 
 
-@shared
-def start(run: Run) -> None:
+@jit_separate
+def begin_march(run: Run) -> None:
     """Evaluate and log the initial state; choose the first step."""
     now, plan = run.now[0], run.plan[0]
     run.at[REGIME] = now.regime  # until an event changes it
@@ -162,32 +162,32 @@ def start(run: Run) -> None:
     begin_past(run)
     tick_at_start(run)
     if plan.switches > 0:
-        entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
+        call_phase(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
     if plan.reactions > 0:  # closing and sticking depend on forces with their sides set
-        entered_by(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
+        call_phase(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
     if plan.reactions > 0 and plan.switches > 0:  # sides at a zero depend on what closed, and what sticks on these
-        entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
-        entered_by(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
+        call_phase(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
+        call_phase(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
     if plan.assemblies > 0:
-        entered_by(run.functions[ASSEMBLY_PHASE], run, 0.0, BEGIN_LINKS)
+        call_phase(run.functions[ASSEMBLY_PHASE], run, 0.0, BEGIN_LINKS)
     if plan.held > 0:
         begin_constraints(run)
-    evaluate(run, now.t, run.y)
+    evaluate_forces(run, now.t, run.y)
     note_sample(run, now.t, run.y, 0)
     set_time(run, T, now.t)
-    called(run.law[DETECT], run, run.y, run.g, 0)
+    call_law(run.law[DETECT], run, run.y, run.g, 0)
     sound_events = run.at[UNSOUND] == 0.0
-    copy(run.y, run.z)
+    copy_numbers(run.y, run.z)
     if run.detectors.shape[0] > 0:
-        entered_by(run.functions[EVENT_PHASE], run, 0.0, BEGIN_EVENTS)
+        call_phase(run.functions[EVENT_PHASE], run, 0.0, BEGIN_EVENTS)
     for i in range(run.largest.shape[0]):
         run.largest[i] = abs(run.y[i])
-    noted = note_apart(run, _INITIAL, now.t, 0.0, run.y)
+    row_is_finite = append_row_apart(run, _INITIAL, now.t, 0.0, run.y)
     if not finite_state(run):
-        now.status = nonfinite(run)
+        now.status = nonfinite_reason(run)
     elif not sound_events:
         now.status = REASON_EVENT_FUNCTION
-    elif not noted:
+    elif not row_is_finite:
         now.status = NONFINITE_OBSERVABLE
     now.rows = 1  # every run has an initial row, whatever it holds
     longest = begin_sizes(run) if plan.follows and now.status == RUNNING else np.inf
@@ -198,24 +198,24 @@ def start(run: Run) -> None:
         settle_tolerances(run)
 
 
-@shared
+@jit_separate
 def begin_constraints(run: Run) -> None:
     """Put the start where constraints hold, if that was asked for; else end a run that begins elsewhere."""
     now, plan = run.now[0], run.plan[0]
-    copy(run.y, run.z)
+    copy_numbers(run.y, run.z)
     settle_constraints(run, now.t, run.z, 0.0)
     holds = run.z[plan.moved] <= CONSISTENT
     if plan.consistent > 0:
         for _ in range(ROUNDS):
             hold_attitudes(run, now.t)
     if plan.consistent > 0 and finite_state(run):
-        copy(run.z, run.y)
+        copy_numbers(run.z, run.y)
     elif not holds:
         now.status = CONSTRAINT_VIOLATED
 
 
-@compiled
-def aim(run: Run) -> None:
+@jit_inline
+def aim_step(run: Run) -> None:
     """Choose the end and size of the next step; end the run where it cannot or may not advance."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     node = run.nodes[now.node] if now.node < run.nodes.shape[0] else plan.end
@@ -230,12 +230,12 @@ def aim(run: Run) -> None:
     if plan.doubled > 0:
         trial.rest = landing_rest(run)
     if not (now.t + trial.h > now.t and trial.t > now.t):
-        end(run, STEP_TOO_SMALL)
+        end_march(run, STEP_TOO_SMALL)
     elif now.rows + now.trials > plan.most_steps:
-        end(run, STEP_LIMIT)
+        end_march(run, STEP_LIMIT)
 
 
-@compiled
+@jit_inline
 def aim_at_grid(run: Run, node: float) -> None:
     """Aim at the next grid time or an earlier node; from a grid time the step is that of the grid, to the bit."""
     now, plan, trial, snap = run.now[0], run.plan[0], run.trial[0], run.snaps[run.now[0].node]
@@ -254,12 +254,12 @@ def aim_at_grid(run: Run, node: float) -> None:
     trial.h = step if now.on_grid and trial.landing != AT_NODE else trial.t - now.t
 
 
-@compiled
+@jit_inline
 def aim_freely(run: Run, node: float) -> None:
     """Take the step that control proposes, or the rest up to the next node."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     if plan.series > 0:
-        foresee(run)
+        choose_series_step(run)
     remaining = node - now.t
     trial.t = now.t + now.step
     if trial.t >= node - run.snaps[now.node] or (remaining <= STRETCH * now.step and remaining <= plan.max_step):
@@ -268,7 +268,7 @@ def aim_freely(run: Run, node: float) -> None:
         trial.h, trial.landing = trial.t - now.t, AT_GRID  # so that t + h is the target to the bit
 
 
-@shared
+@jit_separate
 def landing_rest(run: Run) -> float:
     """Return what is left of the time that the trial aims at."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
@@ -279,24 +279,24 @@ def landing_rest(run: Run) -> float:
     return grid_rest(plan.start, plan.start_rest, plan.step_size, plan.step_rest, now.grid + 1)
 
 
-@shared
+@jit_separate
 def reject(run: Run, reason: int) -> None:
     """Log a rejected trial; repeat it with a shorter step from the unchanged state, or end the run."""
     now, plan, h = run.now[0], run.plan[0], run.trial[0].h
     note_trial(run, h, now.norm, reason)
     if not plan.adaptive:
-        end(run, reason)
+        end_march(run, reason)
         return
-    least = shortest(run)
-    if min(h, now.step) > least:  # h includes the rounding of t + h, the proposal does not
-        reduce(run, h, reason == REASON_ERROR)
-    elif reason == REASON_ERROR and plan.min_step < least:
-        end(run, STEP_TOO_SMALL)
+    shortest = shortest_step(run)
+    if min(h, now.step) > shortest:  # h includes the rounding of t + h, the proposal does not
+        reduce_step(run, h, reason == REASON_ERROR)
+    elif reason == REASON_ERROR and plan.min_step < shortest:
+        end_march(run, STEP_TOO_SMALL)
     else:
-        end(run, reason)
+        end_march(run, reason)
 
 
-@compiled
+@jit_inline
 def accept(run: Run) -> None:
     """Log an accepted state and go on from it."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
@@ -306,20 +306,20 @@ def accept(run: Run) -> None:
     if trial.landing != AT_GRID:
         kind = kind_at_node(run)
         if tick_at_end(run) and not finite_state(run):
-            end(run, nonfinite(run))
+            end_march(run, nonfinite_reason(run))
             return
-    if not note(run, kind, trial.t, trial.h, run.z):
-        end(run, NONFINITE_OBSERVABLE)
+    if not append_row(run, kind, trial.t, trial.h, run.z):
+        end_march(run, NONFINITE_OBSERVABLE)
         return
     if plan.samples > 0:
         note_samples(run, now.rows - 1)
     if plan.adaptive:
-        grow(run, trial.h, trial.landing != AT_GRID)
-    land(run)
-    move(run)
+        grow_step(run, trial.h, trial.landing != AT_GRID)
+    count_landing(run)
+    move_to_trial_end(run)
 
 
-@compiled
+@jit_inline
 def kind_at_node(run: Run) -> int:
     """Return the kind of row at the end of a trial that lands on more than a time of the grid."""
     landing, inner = run.trial[0].landing, run.now[0].node < run.nodes.shape[0]  # the end of the run is no breakpoint
@@ -327,7 +327,7 @@ def kind_at_node(run: Run) -> int:
     return NODE if at_break or (landing in (AT_NODE, AT_BOTH) and inner) else STEP
 
 
-@shared
+@jit_separate
 def cross_node(run: Run) -> None:
     """After a node, evaluate the forces on its far side, with which the next step starts."""
     now = run.now[0]
@@ -338,10 +338,10 @@ def cross_node(run: Run) -> None:
     if run.delays.shape[0] > 0:
         run.book[0].crossing = 0
         enter_past(run, now.t)
-    copy(run.y, run.z)
-    evaluate(run, now.t, run.z)
+    copy_numbers(run.y, run.z)
+    evaluate_forces(run, now.t, run.z)
     note_sample(run, now.t, run.z, now.rows - 1)
     if finite_state(run):
-        copy(run.z, run.y)
+        copy_numbers(run.z, run.y)
     else:
-        now.status = nonfinite(run)
+        now.status = nonfinite_reason(run)

@@ -14,7 +14,7 @@ from xdynamics.kernels.program import REGIME
 from xdynamics.march.lifetimes import Lifetime
 from xdynamics.march.log import unwritten
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.past_arrays import fit, trim
+from xdynamics.march.past_arrays import fit_past_room, trim_past
 from xdynamics.march.run import ARRAYS, CHANGING, Run
 
 Array = NDArray[Any]
@@ -33,7 +33,7 @@ LATER = ("swiftest", "lingering")
 AT_END = tuple(name for name in CHANGING if ARRAYS[name].lifetime == Lifetime.LASTING and name not in LATER)
 
 
-def arrays_of(run: Run) -> dict[str, Array]:
+def changing_arrays(run: Run) -> dict[str, Array]:
     """Return a copy of every array that a march changes, except its log."""
     return {name: getattr(run, name).copy() for name in CHANGING}
 
@@ -47,7 +47,7 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
         If an array has a different form; the message names the first one.
     """
     if run.delays.size:
-        fit(run, arrays["past_steps"].size, arrays["breaks"].shape[1])
+        fit_past_room(run, arrays["past_steps"].size, arrays["breaks"].shape[1])
     for name in CHANGING:
         target, source = getattr(run, name), arrays.get(name)
         if (
@@ -61,17 +61,17 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
             getattr(run, name)[...] = arrays[name]
 
 
-def numbers_at_end(run: Run) -> tuple[str, Floats]:
+def final_numbers(run: Run) -> tuple[str, Floats]:
     """Return the numbers that a march needs to go on after its end, and the names of their arrays and fields."""
-    trim(run)
-    return _numbers(run)
+    trim_past(run)
+    return _named_final_numbers(run)
 
 
-def _numbers(run: Run) -> tuple[str, Floats]:
+def _named_final_numbers(run: Run) -> tuple[str, Floats]:
     names, parts = [], []
-    for name in _at_end(run):
+    for name in _final_array_names(run):
         array = getattr(run, name)
-        fields = _fields(run, name)
+        fields = _kept_field_names(run, name)
         names += [f"{name}.{field}" for field in fields] if fields else [f"{name}[{array.size}]"]
         parts += [array[field] for field in fields] if fields else [array.ravel()]
     return " ".join(names), np.concatenate(parts, dtype=float, casting="unsafe")
@@ -82,8 +82,8 @@ def rest_on(run: Run, numbers: Floats) -> None:
     if numbers.nbytes < LARGE:
         return
     first = 0
-    for name in _at_end(run):
-        array, fields = getattr(run, name), _fields(run, name)
+    for name in _final_array_names(run):
+        array, fields = getattr(run, name), _kept_field_names(run, name)
         if not fields and array.dtype == numbers.dtype and array.nbytes >= LARGE:
             run.put(**{name: numbers[first : first + array.size].reshape(array.shape)})
         first += array.size * max(1, len(fields))
@@ -93,24 +93,24 @@ def march_apart(march: Callable[[Run, int], None], run: Run, rows: int) -> None:
     """March as many rows; what a start alone needs is given back after it, before a step is made."""
     if run.probe.nbytes >= LARGE and not run.now[0].rows:
         march(run, 0)
-        _give_back(run, OF_START)
+        _unwrite_arrays(run, OF_START)
     else:
         march(run, rows)
 
 
-def give_back(run: Run) -> None:
+def give_back_memory(run: Run) -> None:
     """Give back the memory of steps of a march that has ended."""
-    _give_back(run, (*OF_TRIALS, *OF_SOLVERS))
+    _unwrite_arrays(run, (*OF_TRIALS, *OF_SOLVERS))
 
 
-def _give_back(run: Run, names: Iterable[str]) -> None:
+def _unwrite_arrays(run: Run, names: Iterable[str]) -> None:
     """Put pages that are not written in the place of arrays that nothing reads any more."""
     for name in names:
         if (array := getattr(run, name)).nbytes >= LARGE:
             run.put(**{name: unwritten(array.size)})
 
 
-def go_on(run: Run, names: str, numbers: Floats) -> None:
+def go_on_from_end(run: Run, names: str, numbers: Floats) -> None:
     """Set a run to the end of another one of its model; the end is a node of this one.
 
     Raises
@@ -120,17 +120,17 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
     """
     if run.delays.size:
         sizes = {name: int(size) for name, size in re.findall(r"(past_steps|breaks)\[(\d+)\]", names)}
-        fit(run, sizes.get("past_steps", 0), sizes.get("breaks", 0) // 2)
-    expected, kept = _numbers(run)
+        fit_past_room(run, sizes.get("past_steps", 0), sizes.get("breaks", 0) // 2)
+    expected, current_numbers = _named_final_numbers(run)
     short = sum(getattr(run, name).size for name in LATER)
-    if names == expected.rsplit(maxsplit=len(LATER))[0] and numbers.size == kept.size - short:
+    if names == expected.rsplit(maxsplit=len(LATER))[0] and numbers.size == current_numbers.size - short:
         names, numbers = expected, np.append(numbers, np.zeros(short))
-    if names != expected or numbers.shape != kept.shape:
+    if names != expected or numbers.shape != current_numbers.shape:
         raise InputError("its memory of the end is of another version of xdynamics")
     first = 0
-    for name in _at_end(run):
+    for name in _final_array_names(run):
         array = getattr(run, name)
-        fields = _fields(run, name)
+        fields = _kept_field_names(run, name)
         for part in [array[field] for field in fields] if fields else [array.reshape(-1)]:
             part[...] = numbers[first : first + part.size]
             first += part.size
@@ -139,7 +139,7 @@ def go_on(run: Run, names: str, numbers: Floats) -> None:
     run.at[REGIME] = now.regime
 
 
-def _fields(run: Run, name: str) -> tuple[str, ...]:
+def _kept_field_names(run: Run, name: str) -> tuple[str, ...]:
     """Return the fields of an array whose final values a record keeps; of times rests only where numbers have them."""
     fields = getattr(run, name).dtype.names or ()
     if "rest" not in fields or run.plan[0].doubled:
@@ -147,7 +147,7 @@ def _fields(run: Run, name: str) -> tuple[str, ...]:
     return tuple(field for field in fields if field != "rest")
 
 
-def _at_end(run: Run) -> list[str]:
+def _final_array_names(run: Run) -> list[str]:
     """Return the arrays whose final values a record keeps; those of contacts and switches where there are any."""
     names = [name for name in AT_END if name not in (*_OF_CONTACTS, *_OF_DELAYS) or getattr(run, name).size]
     names += ["places"] if (run.detectors["drive"] >= 0).any() else []

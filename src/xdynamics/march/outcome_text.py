@@ -9,11 +9,22 @@ import numpy as np
 
 from xdynamics.expressions import CALLED_ALONE, Binary, Name, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.faults import spoken
-from xdynamics.march.accuracy_warnings import advice_on_stiffness, doubts, of_smooth_switches, passing
+from xdynamics.faults import display_text
+from xdynamics.march.accuracy_warnings import (
+    accuracy_doubts,
+    advice_on_stiffness,
+    resets_passed_through,
+    smooth_switch_remark,
+)
 from xdynamics.march.assembly_failures import assembly_dispute
 from xdynamics.march.chattering import NOWHERE, PASSAGES
-from xdynamics.march.contact_failures import dispute, inconsistency, painleve, undefined, violation
+from xdynamics.march.contact_failures import (
+    balance_inconsistency,
+    contact_dispute,
+    law_violation,
+    painleve_message,
+    undefined_contact,
+)
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.events.departures import GOES_ON
 from xdynamics.march.outcomes import (
@@ -37,12 +48,12 @@ from xdynamics.march.outcomes import (
     Outcome,
 )
 from xdynamics.march.runner import March
-from xdynamics.march.step_replay import retraced, undefined_part
+from xdynamics.march.step_replay import replayed_evaluations, undefined_part
 from xdynamics.march.unlocated_switches import STEPS
 from xdynamics.march.worst_component import of_error, of_newton
 from xdynamics.model import Function
 from xdynamics.model.detectors import KINK, SWITCH, Detector
-from xdynamics.model.kinks import turned
+from xdynamics.model.kinks import original_call
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import TANGENT, reactions
@@ -58,7 +69,7 @@ from xdynamics.schema import (
     rate,
     velocity,
 )
-from xdynamics.shapes.naming import element, parted
+from xdynamics.shapes.naming import join_element_name, split_element_name
 from xdynamics.units import TIME, UNSCALED, unit_suffix
 from xdynamics.units.digits import MOST, digits, known_part
 
@@ -78,10 +89,10 @@ class Ending:
 
 def ending(march: March) -> Ending:
     """Return how a march ended."""
-    now, scale = march.now, march.settings.scales.of(TIME)
+    now, scale = march.now, march.settings.scales.si_factor(TIME)
     failure = Failure(march.outcome, march.stopping_event)
     if now.status != RUNNING and not march.outcome.good:
-        failure = diagnose(march)
+        failure = diagnose_failure(march)
     t, h = float(now.t) * scale, float(now.h) * scale
     second = unit_suffix(march.model.time_unit)
     text = failure.outcome.sentence.format(
@@ -89,16 +100,16 @@ def ending(march: March) -> Ending:
     )
     # advice on steps makes sense for a run that finished or ran out of steps
     advice = advice_on_stiffness(march) if now.status in (COMPLETED, STOPPED, STEP_LIMIT) else ""
-    march.doubts = doubts(march)
+    march.doubts = accuracy_doubts(march)
     remarks = (
         _chattering(march),
         _passed_over(march),
         _going_on(march),
         *march.doubts,
-        of_smooth_switches(march),
+        smooth_switch_remark(march),
         advice,
     )
-    return Ending(failure.outcome, spoken("; ".join(filter(None, (text, *remarks)))))
+    return Ending(failure.outcome, display_text("; ".join(filter(None, (text, *remarks)))))
 
 
 def _digits(march: March, t: float, h: float) -> int:
@@ -107,7 +118,7 @@ def _digits(march: March, t: float, h: float) -> int:
     if status == COMPLETED:
         return MOST
     if status != STOPPED:
-        return max(FEWEST, digits(t, apart=h))
+        return max(FEWEST, digits(t, spacing=h))
     time_tolerances = [entry.time_tolerance for name, entry in events.items() if f"'{name}'" in march.stopping_event]
     located = max((march.settings.located_within(entry) for entry in time_tolerances), default=0.0)
     tolerances = march.settings.tolerances
@@ -123,7 +134,7 @@ class Failure:
     cause: str
 
 
-def diagnose(march: March) -> Failure:
+def diagnose_failure(march: March) -> Failure:
     """Find the cause that ended a run.
 
     The failed step is repeated in plain numbers; the first quantity that is not finite is the cause. Where that
@@ -133,38 +144,40 @@ def diagnose(march: March) -> Failure:
     if status == REASON_EVENT_FUNCTION:
         return Failure(OUTCOMES[status], _undefined_events(march))
     if status == EVENT_AT_ZERO:
-        named = zip(march.layout.watched, march.run.watches["ever"].tolist(), strict=True)
-        cause = ", ".join(f"the function of event '{detector.name}' is 0" for detector, ever in named if not ever)
+        watched_events = zip(march.layout.watched, march.run.watches["ever"].tolist(), strict=True)
+        cause = ", ".join(
+            f"the function of event '{detector.name}' is 0" for detector, ever in watched_events if not ever
+        )
         return Failure(OUTCOMES[status], cause)
     if status in (SLIDING_MODE, EVENT_ACCUMULATION):
         acting = _crowding(march)
         return Failure(OUTCOMES[status], acting or _sliding(march))
     if status == CONTACT_VIOLATED:
-        return Failure(OUTCOMES[status], violation(march))
+        return Failure(OUTCOMES[status], law_violation(march))
     if status == NONFINITE_OBSERVABLE:
-        return _in_row(march)
+        return _row_failure(march)
     if status == CONSTRAINT_VIOLATED:
         return Failure(OUTCOMES[status], _violated(march))
     if status in (REASON_CONTACT, CONTACT_PENETRATED, CONTACT_INCONSISTENT):
-        few = inconsistency if status == CONTACT_INCONSISTENT else dispute
+        few = balance_inconsistency if status == CONTACT_INCONSISTENT else contact_dispute
         say = assembly_dispute if march.model.assemblies else few
         return Failure(OUTCOMES[status], say(march))
     if status not in (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON):
-        return Failure(OUTCOMES[status], _cause(march))
-    for values in () if march.model.delays else retraced(march):
-        if failure := _in_evaluation(march, values):
+        return Failure(OUTCOMES[status], _finite_cause(march))
+    for values in () if march.model.delays else replayed_evaluations(march):
+        if failure := _evaluation_failure(march, values):
             return failure
     if status == REASON_NEWTON:
-        return Failure(OUTCOMES[status], _cause(march))
-    return _in_state(march, dict(zip(march.layout.record, march.run.z.tolist(), strict=True)))
+        return Failure(OUTCOMES[status], _finite_cause(march))
+    return _state_failure(march, dict(zip(march.layout.record, march.run.z.tolist(), strict=True)))
 
 
 def _undefined_events(march: March) -> str:
     """Name the event functions that have no value; at the start the trial has none yet."""
     values = march.run.g if float(march.now.h) == 0.0 else march.run.g1
-    what = {SWITCH: "the switch", KINK: "the switch"}
+    kind_by_role = {SWITCH: "the switch", KINK: "the switch"}
     return ", ".join(
-        f"the function of {what.get(detector.role, 'event')} '{detector.name}' is {value}"
+        f"the function of {kind_by_role.get(detector.role, 'event')} '{detector.name}' is {value}"
         for detector, value in zip(march.layout.watched, values.tolist(), strict=True)
         if not isfinite(value)
     )
@@ -174,13 +187,13 @@ def _sliding(march: March) -> str:
     """Name the switch to which both sides drive the motion back."""
     if march.slides is not None:
         return (
-            f"{_jump(march, march.slides)}, and the last {STEPS} steps went to and fro across it: it slides along the switch"
+            f"{_jump_text(march, march.slides)}, and the last {STEPS} steps went to and fro across it: it slides along the switch"
             f" (Filippov), which is no motion by this force; {_SMOOTHER}"
         )
     watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
     switch = next(switch for switch, hit in watched if hit and switch.role == SWITCH)
     return (
-        f"{_jump(march, switch)}, and either side drives the motion back: it slides along the switch (Filippov), which is"
+        f"{_jump_text(march, switch)}, and either side drives the motion back: it slides along the switch (Filippov), which is"
         f" no motion by this force; {_SMOOTHER}"
     )
 
@@ -204,7 +217,7 @@ def _crowding(march: March) -> str:
     time = accumulation(march)
     if (
         time is not None
-        and time[1] > march.settings.scales.of(TIME) * float(march.run.detectors["tolerance"].min()) * 2.0
+        and time[1] > march.settings.scales.si_factor(TIME) * float(march.run.detectors["tolerance"].min()) * 2.0
     ):
         when = f"after ever shorter pauses, of which the last would end at t = {time[0]:.15g}{unit_suffix(march.model.time_unit)}"
     else:
@@ -217,7 +230,7 @@ def _crowding(march: March) -> str:
 
 def accumulation(march: March) -> tuple[float, float] | None:
     """Return when actions of events that crowd together end, and its uncertainty, in the unit of time; None if none do."""
-    departures, scale = march.run.departures, march.settings.scales.of(TIME)
+    departures, scale = march.run.departures, march.settings.scales.si_factor(TIME)
     if int(march.now.status) != EVENT_ACCUMULATION or not departures.size:
         return None
     last = departures[int(np.argmax(departures["limit"]))]
@@ -244,7 +257,7 @@ def _passed_over(march: March) -> str:
 
 def _going_on(march: March) -> str:
     """Name the resets that bring a motion to rest at their zero, from where it goes on in their direction."""
-    names = passing(march, GOES_ON)
+    names = resets_passed_through(march, GOES_ON)
     if not names:
         return ""
     return (
@@ -258,25 +271,27 @@ def _chattering(march: March) -> str:
     if march.chattering == NOWHERE:
         return ""
     return (
-        f"{_jump(march, march.layout.watched[march.chattering])}, and either side drives the motion back: it rests there,"
+        f"{_jump_text(march, march.layout.watched[march.chattering])}, and either side drives the motion back: it rests there,"
         f" and the last {PASSAGES} passages are made by rounding alone, whatever the tolerances; {_SMOOTHER}"
     )
 
 
-def _jump(march: March, switch: Detector | Switch) -> str:
+def _jump_text(march: March, switch: Detector | Switch) -> str:
     """Say where a force switches."""
-    whole, labels = parted(switch.name)
-    owner, function = whole.split(".")
+    quantity, labels = split_element_name(switch.name)
+    owner, function = quantity.split(".")
     kind = function.split("_")[0]
     if kind in CALLED_ALONE:
-        where = f"jumps where {text_of(turned(kind, switch.function))} does"
+        where = f"jumps where {text_of(original_call(kind, switch.function))} does"
     else:
         where = f"switches where {_equation(switch.function)}, the argument of its {function}"
     if switch.drive:
         drive = march.model.drives[switch.drive]
-        at = _asked(march, switch.drive) * march.settings.scales.of(drive.table.argument_unit.dimension)
-        where = f"jumps at {text_of(drive.argument)} = {at:.15g} (SI units), a point of the table '{drive.table.name}'"
-    return f"'{element(owner, labels)}' {where}"
+        table_point = _drive_argument(march, switch.drive) * march.settings.scales.si_factor(
+            drive.table.argument_unit.dimension
+        )
+        where = f"jumps at {text_of(drive.argument)} = {table_point:.15g} (SI units), a point of the table '{drive.table.name}'"
+    return f"'{join_element_name(owner, labels)}' {where}"
 
 
 def _equation(function: Node) -> str:
@@ -285,7 +300,7 @@ def _equation(function: Node) -> str:
     return " = ".join(map(text_of, sides)) if sides else f"{text_of(function)} = 0"
 
 
-def _cause(march: March) -> str:
+def _finite_cause(march: March) -> str:
     """Say why a march cannot go on though everything is finite."""
     norm, plan = float(march.now.norm), march.run.plan[0]
     match int(march.now.status):
@@ -330,12 +345,12 @@ def _unresolved(march: March) -> str:
     i, n = march.layout.used.index(name), march.layout.coordinates.size
     singular = "the solution has a singularity here, or t is too large for its time scale"
     remedy = f"give {name} an atol"
-    if not run.followers[i]:
+    if not run.adaptive_atol[i]:
         return singular
     if plan.rounding == 0.0:
         return f"{singular}, or forces that cancel hold {name}, whose rounding alone moves it: {remedy}"
-    place = march.layout.used.size + (i if i < n else i - n)  # of its rate, or of a coordinate its acceleration
-    rate, terms = abs(float(run.z[place])), float(run.probe[place])
+    rate_index = march.layout.used.size + (i if i < n else i - n)  # of its rate, or of a coordinate its acceleration
+    rate, terms = abs(float(run.z[rate_index])), float(run.probe[rate_index])
     if rate <= CANCELLED * terms:
         return f"what is left of the forces that cancel there, {rate / terms:.1g} of their sizes, is rounding: {remedy}"
     return singular
@@ -343,68 +358,66 @@ def _unresolved(march: March) -> str:
 
 def _unmet(march: March) -> str:
     """Say that the result of a step could not be put where constraints hold."""
-    named = ", ".join(f"'{name}'" for name in march.model.constraints)
+    constraint_names = ", ".join(f"'{name}'" for name in march.model.constraints)
     remedy = (
         "they contradict each other, or the motion is singular here"
         if march.run.plan[0].adaptive
         else "take a shorter step"
     )
-    return f"no state near the step's result satisfies the constraints {named}; {remedy}"
+    return f"no state near the step's result satisfies the constraints {constraint_names}; {remedy}"
 
 
 def _violated(march: March) -> str:
     """Say that constraints do not hold at the start."""
-    named = ", ".join(f"'{name}'" for name in march.model.constraints)
-    return (
-        f"constraints ({named}) do not hold at the start; give values that satisfy them, or [initial] consistent = true"
-    )
+    constraint_names = ", ".join(f"'{name}'" for name in march.model.constraints)
+    return f"constraints ({constraint_names}) do not hold at the start; give values that satisfy them, or [initial] consistent = true"
 
 
-def _in_row(march: March) -> Failure:
+def _row_failure(march: March) -> Failure:
     """Name the energy or observable that is not finite in the last row, which was not kept."""
     column = march.bad_values
     bad = ", ".join(f"{name} is {column[name]}" for name in march.layout.derived if not isfinite(column[name]))
     for name in march.layout.drives:
-        if _leaves(march, name):
-            return Failure(OUTSIDE_TABLE, f"{bad}: {_outside(march, name, _asked(march, name))}")
+        if _leaves_table(march, name):
+            return Failure(OUTSIDE_TABLE, f"{bad}: {_outside_table_text(march, name, _drive_argument(march, name))}")
     return Failure(OUTCOMES[NONFINITE_OBSERVABLE], bad)
 
 
-def _asked(march: March, name: str) -> float:
+def _drive_argument(march: March, name: str) -> float:
     """Return a drive's argument after the last trial, in internal units; without a state, from the old velocity."""
     now, layout, argument = march.now, march.layout, march.model.drives[name].argument
     if not isinstance(argument, Name) or argument.name not in layout.used:
         state = dict(zip(layout.used, march.run.z.tolist(), strict=False)) | {"t": float(now.t + now.h)}
-        tree, known = march.model.expanded(argument), constants(march.model, march.settings.scales)
-        return evaluate(tree, {**known, **state})
-    at = layout.record.index(argument.name)
-    if isfinite(march.run.z[at]) or argument.name in layout.velocities:
-        return float(march.run.z[at])
-    return float(march.run.y[at] + now.h * march.run.y[layout.record.index(velocity(argument.name))])
+        tree, constant_values = march.model.expanded(argument), constants(march.model, march.settings.scales)
+        return evaluate(tree, {**constant_values, **state})
+    argument_index = layout.record.index(argument.name)
+    if isfinite(march.run.z[argument_index]) or argument.name in layout.velocities:
+        return float(march.run.z[argument_index])
+    return float(march.run.y[argument_index] + now.h * march.run.y[layout.record.index(velocity(argument.name))])
 
 
-def _argument(march: March, name: str, values: dict[str, float]) -> float:
+def _argument_at_state(march: March, name: str, values: dict[str, float]) -> float:
     """Return a drive's argument at a state, in internal units."""
-    known = constants(march.model, march.settings.scales)
-    return evaluate(march.model.expanded(march.model.drives[name].argument), {**known, **values})
+    constant_values = constants(march.model, march.settings.scales)
+    return evaluate(march.model.expanded(march.model.drives[name].argument), {**constant_values, **values})
 
 
-def _leaves(march: March, name: str) -> bool:
+def _leaves_table(march: March, name: str) -> bool:
     drive = march.model.drives[name]
-    value = _asked(march, name) * march.settings.scales.of(drive.table.argument_unit.dimension)
+    value = _drive_argument(march, name) * march.settings.scales.si_factor(drive.table.argument_unit.dimension)
     return drive.outside == "error" and not drive.table.argument[0] <= value <= drive.table.argument[-1]
 
 
-def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
+def _evaluation_failure(march: March, values: dict[str, float]) -> Failure | None:
     """Examine one force evaluation: the state it used, the drives, the force terms, the rates."""
     layout, model = march.layout, march.model
-    when = f"in the evaluation at t = {values['t'] * march.settings.scales.of(TIME):.15g}{unit_suffix(march.model.time_unit)}"
+    when = f"in the evaluation at t = {values['t'] * march.settings.scales.si_factor(TIME):.15g}{unit_suffix(march.model.time_unit)}"
     for name in layout.used:
         if not isfinite(values[name]):
             return Failure(NONFINITE, f"{name} is {values[name]} {when}")
     for name in layout.drives:
         if not isfinite(values[name]):
-            return Failure(OUTSIDE_TABLE, _outside(march, name, _argument(march, name, values)))
+            return Failure(OUTSIDE_TABLE, _outside_table_text(march, name, _argument_at_state(march, name, values)))
     for reaction in reactions(model):
         # reactions that are not finite with finite forces: their matrix has no positive pivots
         if not isfinite(values[reaction.name]) and all(isfinite(values[name]) for name in layout.forces):
@@ -418,7 +431,7 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
                 None,
             )
             if sliding is not None:
-                return Failure(OUTCOMES[REASON_CONTACT], painleve(sliding, evaluate(sliding.size, values)))
+                return Failure(OUTCOMES[REASON_CONTACT], painleve_message(sliding, evaluate(sliding.size, values)))
     trees = {
         force(term, name): tree
         for term, components in model.force_components.items()
@@ -433,9 +446,9 @@ def _in_evaluation(march: March, values: dict[str, float]) -> Failure | None:
     return None
 
 
-def _outside(march: March, name: str, value: float) -> str:
+def _outside_table_text(march: March, name: str, value: float) -> str:
     drive = march.model.drives[name]
-    value *= march.settings.scales.of(drive.table.argument_unit.dimension)
+    value *= march.settings.scales.si_factor(drive.table.argument_unit.dimension)
     low, high = drive.table.argument[0], drive.table.argument[-1]
     return (
         f"drive '{name}' was evaluated at {text_of(drive.argument)} = {value:.15g}, and its table '{drive.table.name}' reaches from"
@@ -450,18 +463,18 @@ def _at_end_of_table(march: March) -> str:
         if drive.outside != "error" or not isinstance(argument, Name) or argument.name not in march.layout.used:
             continue
         value = float(march.run.y[march.layout.record.index(argument.name)])
-        at = value * march.settings.scales.of(drive.table.argument_unit.dimension)
-        if min(abs(at - low), abs(at - high)) <= AT_END * (high - low):
-            return _outside(march, name, value)
+        argument_value = value * march.settings.scales.si_factor(drive.table.argument_unit.dimension)
+        if min(abs(argument_value - low), abs(argument_value - high)) <= AT_END * (high - low):
+            return _outside_table_text(march, name, value)
     return ""
 
 
-def _in_state(march: March, state: dict[str, float]) -> Failure:
+def _state_failure(march: March, state: dict[str, float]) -> Failure:
     """Examine a proposed state: drives, forces, then accelerations and what follows from them."""
     layout = march.layout
     for name in layout.drives:
-        if _leaves(march, name):
-            return Failure(OUTSIDE_TABLE, _outside(march, name, _asked(march, name)))
+        if _leaves_table(march, name):
+            return Failure(OUTSIDE_TABLE, _outside_table_text(march, name, _drive_argument(march, name)))
     for name in (*layout.forces, *layout.used):
         if not isfinite(state[name]):
             outcome = NONFINITE_FORCE if name in layout.forces else NONFINITE
@@ -469,7 +482,7 @@ def _in_state(march: March, state: dict[str, float]) -> Failure:
     for name in layout.rates:
         if not isfinite(state[name]):
             return Failure(NONFINITE_FORCE, f"{name} is {state[name]}")
-    if why := undefined(march):
+    if why := undefined_contact(march):
         return Failure(OUTCOMES[REASON_CONTACT], why)
     bad = [name for name in layout.accelerations if not isfinite(state[name])]
     return Failure(

@@ -11,15 +11,15 @@ import numpy as np
 
 from xdynamics.elementary.past_pieces import BEGIN, HEAD, LENGTH, STRETCH
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import T1, H, T
-from xdynamics.march.calls import called
+from xdynamics.march.calls import call_law
 from xdynamics.march.run import Run
 
 ROUNDING = 8.0 * EPS  # of a time: two breaking points that differ by less are one
 
 
-@shared
+@jit_separate
 def begin_past(run: Run) -> None:
     """Have no past at the start, and the breaking points that follow from the start and from tables before it."""
     if run.delays.shape[0] == 0:
@@ -32,34 +32,34 @@ def begin_past(run: Run) -> None:
     enter_past(run, run.now[0].t)
 
 
-@shared
+@jit_separate
 def echo(run: Run, t: float, level: int) -> None:
     """Note the breaking points that follow from one, a delay later each; `level` is of the derivative that jumps there."""
     for k in range(run.delays.shape[0]):
         add_break(run, t + run.delays[k].time, level + 1)
 
 
-@shared
+@jit_separate
 def add_break(run: Run, t: float, level: int) -> None:
     """Note a breaking point to come, in its place among the others, unless it is smoother than the method can tell."""
     book = run.book[0]
     if level > book.most:
         return
-    place = book.breaks
-    while place > 0 and run.breaks[0, place - 1] > t:
-        place -= 1
+    break_index = book.breaks
+    while break_index > 0 and run.breaks[0, break_index - 1] > t:
+        break_index -= 1
     close = ROUNDING * max(abs(t), abs(run.plan[0].start))
-    for near in (place - 1, place):
+    for near in (break_index - 1, break_index):
         if 0 <= near < book.breaks and abs(run.breaks[0, near] - t) <= close:
             run.breaks[1, near] = min(run.breaks[1, near], float(level))
             return
-    for k in range(book.breaks, place, -1):
+    for k in range(book.breaks, break_index, -1):
         run.breaks[0, k], run.breaks[1, k] = run.breaks[0, k - 1], run.breaks[1, k - 1]
-    run.breaks[0, place], run.breaks[1, place] = t, level
+    run.breaks[0, break_index], run.breaks[1, break_index] = t, level
     book.breaks += 1
 
 
-@shared
+@jit_separate
 def soonest(run: Run, node: float) -> float:
     """Return the next time to land on: a node, or a breaking point before it."""
     book = run.book[0]
@@ -70,39 +70,39 @@ def soonest(run: Run, node: float) -> float:
     return node
 
 
-@shared
+@jit_separate
 def pass_breaks(run: Run, t: float, level: int) -> None:
     """Leave behind the breaking points that the march has landed on, and note what follows; a node has a level or -1."""
-    book, least = run.book[0], np.int64(level)
+    book, lowest_level = run.book[0], np.int64(level)
     close = ROUNDING * max(abs(t), abs(run.plan[0].start))
     passed = 0
     while passed < book.breaks and run.breaks[0, passed] <= t + close:
-        own = np.int64(run.breaks[1, passed])
-        least = own if least < 0 or own < least else least
+        break_level = np.int64(run.breaks[1, passed])
+        lowest_level = break_level if lowest_level < 0 or break_level < lowest_level else lowest_level
         passed += 1
     for k in range(passed, book.breaks):
         run.breaks[0, k - passed], run.breaks[1, k - passed] = run.breaks[0, k], run.breaks[1, k]
     book.breaks -= passed
-    if least >= 0:
-        break_here(run, t, least)
+    if lowest_level >= 0:
+        break_here(run, t, lowest_level)
         book.crossing = 1
 
 
-@shared
+@jit_separate
 def break_here(run: Run, t: float, level: int) -> None:
     """Begin a new stretch, since the motion has a jump or a kink here."""
     run.book[0].stretch += 1
     echo(run, t, level)
 
 
-@shared
+@jit_separate
 def note_past(run: Run) -> None:
     """Keep the polynomial of the trial, before anything changes its end."""
     book, trial, state = run.book[0], run.trial[0], run.whole
     for i in range(state.shape[0]):
         state[i] = run.z[i]
     run.at[T], run.at[T1], run.at[H] = run.now[0].t, trial.t, trial.h
-    called(run.law[run.plan[0].polynomial], run, run.y, state, 0)
+    call_law(run.law[run.plan[0].polynomial], run, run.y, state, 0)
     run.now[0].evaluations += book.evaluations
     first, curve = book.pieces * book.width, run.plan[0].curve
     run.past_steps[first + BEGIN], run.past_steps[first + LENGTH] = run.now[0].t, trial.h
@@ -112,7 +112,7 @@ def note_past(run: Run) -> None:
     book.pieces += 1
 
 
-@shared
+@jit_separate
 def enter_past(run: Run, until: float) -> None:
     """Set every delay to the pieces of the past that a step from here to a time reads, or to what was before the start.
 
@@ -124,33 +124,33 @@ def enter_past(run: Run, until: float) -> None:
     book, t, start = run.book[0], run.now[0].t, run.plan[0].start
     close = ROUNDING * max(abs(t), abs(start))
     for k in range(run.delays.shape[0]):
-        x, place = t - run.delays[k].time + close, 3 * (book.slot + k)
-        before = x < start or book.pieces == 0
-        run.p[run.delays[k].flag] = 1.0 if before else 0.0
-        run.places[place], run.places[place + 1] = book.first, 0
-        if not before:
+        x, piece_index = t - run.delays[k].time + close, 3 * (book.slot + k)
+        is_before_start = x < start or book.pieces == 0
+        run.p[run.delays[k].flag] = 1.0 if is_before_start else 0.0
+        run.places[piece_index], run.places[piece_index + 1] = book.first, 0
+        if not is_before_start:
             piece = max(0, last_within(run, BEGIN, x))
             stretch = run.past_steps[piece * book.width + STRETCH]
             low = last_within(run, STRETCH, stretch - 0.5) + 1
             read_last = last_within(run, BEGIN, until - run.delays[k].time - close)
             high = max(last_within(run, STRETCH, stretch), read_last)
-            run.places[place], run.places[place + 1] = book.first + low * book.width, high + 1 - low
+            run.places[piece_index], run.places[piece_index + 1] = book.first + low * book.width, high + 1 - low
 
 
-@shared
-def last_within(run: Run, number: int, most: float) -> int:
+@jit_separate
+def last_within(run: Run, number: int, bound: float) -> int:
     """Return the last piece whose number is at most a bound, -1 if there is none; numbers ascend."""
     low, high, width = 0, run.book[0].pieces, run.book[0].width
     while low < high:
         middle = (low + high) // 2
-        if run.past_steps[middle * width + number] <= most:
+        if run.past_steps[middle * width + number] <= bound:
             low = middle + 1
         else:
             high = middle
     return low - 1
 
 
-@shared
+@jit_separate
 def has_room_for_past(run: Run) -> bool:
     """Whether one more step fits, with all the breaking points that follow from it."""
     book = run.book[0]

@@ -17,7 +17,7 @@ from xdynamics.methods.scheme import Scheme
 from xdynamics.model import Model
 from xdynamics.model.delays import in_history
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.motion import constants, tables_of
+from xdynamics.model.motion import constants, drive_pieces
 from xdynamics.units import TIME, UNSCALED, Scales
 
 Floats = NDArray[np.float64]
@@ -40,28 +40,28 @@ def delay_times(model: Model, scales: Scales = UNSCALED) -> Floats:
     """Return the delays as numbers, in SI units over the scales."""
     if not model.delays:
         return np.zeros(0)  # without the constants of every element
-    known = constants(model, scales)
-    return np.array([evaluate(delay, known) for delay in model.delays])
+    constant_values = constants(model, scales)
+    return np.array([evaluate(delay, constant_values) for delay in model.delays])
 
 
 def past_arrays(
     model: Model, law: Law, scales: Scales, tables: Floats, places: NDArray[np.int64]
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays of a run for delayed values, none without delays; `tables` and `places` with room for them."""
-    layout, count, start = law.layout, len(model.delays), model.statement.initial["t"].si / scales.of(TIME)
+    layout, count, start = law.layout, len(model.delays), model.statement.initial["t"].si / scales.si_factor(TIME)
     first_breaks = np.zeros(0)
     delays, book = np.zeros(count, DELAY), np.zeros(min(count, 1), BOOK)
     if count:
         names = [*constants(model, scales)]
         delays["time"] = delay_times(model, scales)
         delays["flag"] = [names.index(in_history(delay)) for delay in range(count)]
-        pairs = zip(model.looked_up_at.values(), tables_of(model, scales), strict=True)
-        knots = np.concatenate([np.empty(0), *(origins for at, (origins, _) in pairs if at == CLOCK)])
+        pairs = zip(model.looked_up_at.values(), drive_pieces(model, scales), strict=True)
+        knots = np.concatenate([np.empty(0), *(origins for argument, (origins, _) in pairs if argument == CLOCK)])
         echoes = np.ravel(knots[knots <= start, None] + delays["time"])
         first_breaks = np.unique(echoes[echoes > start])
         width = width_of(layout.used.size, past_degree(layout))
         book["first"], book["width"], book["slot"] = tables.size, width, len(layout.drives)
-        book["most"], book["evaluations"] = law.scheme.order + 1, _evaluations(law.scheme)
+        book["most"], book["evaluations"] = law.scheme.order + 1, _polynomial_evaluations(law.scheme)
         tables, places = np.append(tables, np.zeros(PIECES * width)), np.append(places, np.zeros(3 * count, np.int64))
         places[3 * len(layout.drives) :: 3] = book["first"][0]
     first = int(book["first"][0]) if count else tables.size
@@ -83,9 +83,9 @@ def jumps_at(nodes: Floats, knots: Floats, ticks: Floats) -> NDArray[np.int64]:
     return np.where(np.isin(nodes, ticks), 0, np.isin(nodes, knots) * 2 - 1)
 
 
-def _evaluations(scheme: Scheme) -> int:
+def _polynomial_evaluations(scheme: Scheme) -> int:
     """Count the force evaluations that the polynomial of a step takes."""
-    if scheme.interpolant.given:
+    if scheme.interpolant.needs_no_stages:
         return 0
     return scheme.method.stepper.evaluations(scheme.method.statements, scheme.interpolant.lines)
 
@@ -111,11 +111,11 @@ def drop_old(run: Run) -> None:
     pieces = run.past_steps[: int(book.pieces * book.width)].reshape(-1, int(book.width))
     reach = float(run.now[0].t) - float(run.delays["time"].max()) * (1.0 + 1e-9)
     old = max(0, int(np.searchsorted(pieces[:, BEGIN], reach, side="right")) - 2)
-    kept = pieces[old:].ravel().copy()
-    run.past_steps[: kept.size], book.pieces = kept, len(pieces) - old
+    kept_pieces = pieces[old:].ravel().copy()
+    run.past_steps[: kept_pieces.size], book.pieces = kept_pieces, len(pieces) - old
 
 
-def trim(run: Run) -> None:
+def trim_past(run: Run) -> None:
     """Keep no more of the past than what is known and may still be needed."""
     if run.delays.size:
         drop_old(run)
@@ -124,7 +124,7 @@ def trim(run: Run) -> None:
         run.put(breaks=np.ascontiguousarray(run.breaks[:, : int(run.book[0].breaks)]))
 
 
-def fit(run: Run, past: int, breaks: int) -> None:
+def fit_past_room(run: Run, past: int, breaks: int) -> None:
     """Give a run as much room for its past as another one had."""
     lend_past(run, np.zeros(past), past)
     run.put(breaks=np.zeros((2, breaks)))

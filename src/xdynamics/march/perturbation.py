@@ -9,16 +9,17 @@ from __future__ import annotations
 from math import inf, isfinite
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.drive_tables import enter_pieces
-from xdynamics.march.force_evaluation import evaluate, slope_of
+from xdynamics.march.force_evaluation import evaluate_forces, state_slope
 from xdynamics.march.run import Run
 from xdynamics.march.tolerance_sizes import time_at
 
 State = NDArray[Any]
-Floats = NDArray[Any]
+Floats = NDArray[np.float64]
 
 STATES = 12  # two states, their ends, four slopes of each
 EVALUATIONS = 6  # per step
@@ -30,9 +31,9 @@ FIRST = 1e-2  # of a time scale from sizes and slopes: the first step
 SPARE = 1.0 / 16.0  # of the allowed error, below which the next step is twice as long
 
 
-@shared
-def follow(run: Run, t: float, moves: Floats, work: Floats, found: Floats, row: int) -> None:
-    """Fill two rows of `found` with times and ratios of the states' distance to the initial one, as far as they reach.
+@jit_separate
+def follow_error(run: Run, t: float, moves: Floats, work: Floats, growth_rows: Floats, row: int) -> None:
+    """Fill two rows of `growth_rows` with times and ratios of the states' distance to the initial one, as far as they reach.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ def follow(run: Run, t: float, moves: Floats, work: Floats, found: Floats, row: 
     moves : ndarray, shape (1 + n, 2)
         First the final time; then the displacement of the second state, and the size of each variable.
     work : ndarray, shape (12, n)
-    found : ndarray, shape (…, k)
+    growth_rows : ndarray, shape (…, k)
         Filled as far as the states were followed.
     row : int
     """
@@ -55,23 +56,23 @@ def follow(run: Run, t: float, moves: Floats, work: Floats, found: Floats, row: 
     for i in range(used):
         work[0, i] = run.y[i]
         work[6, i] = run.y[i] + SHORT / near * moves[1 + i, 0]
-    slopes_at(run, t, work[0], work[2])
-    slopes_at(run, t, work[6], work[8])
-    far = apart_by(run, work[0], work[6], moves)
+    fill_slopes(run, t, work[0], work[2])
+    fill_slopes(run, t, work[6], work[8])
+    far = state_distance(run, work[0], work[6], moves)
     first, count = far, 1
-    found[row, 0], found[row + 1, 0] = t, 1.0
-    for _ in range(found.shape[1] - 1):
+    growth_rows[row, 0], growth_rows[row + 1, 0] = t, 1.0
+    for _ in range(growth_rows.shape[1] - 1):
         h = min(h, moves[0, 0] - t)
         if not t + h > t:
             return
-        advance(run, t, h, work, 0)
-        advance(run, t, h, work, 6)
-        norm = misfit(run, h, work, far, moves)
+        advance_pair(run, t, h, work, 0)
+        advance_pair(run, t, h, work, 6)
+        norm = error_ratio(run, h, work, far, moves)
         if norm <= 1.0:
-            t, far = t + h, apart_by(run, work[1], work[7], moves)
+            t, far = t + h, state_distance(run, work[1], work[7], moves)
             for i in range(used):
                 work[0, i], work[2, i], work[6, i], work[8, i] = work[1, i], work[5, i], work[7, i], work[11, i]
-            found[row, count], found[row + 1, count] = t, far / first
+            growth_rows[row, count], growth_rows[row + 1, count] = t, far / first
             count += 1
             if not 0.0 < far < FAR * first:
                 return
@@ -79,56 +80,58 @@ def follow(run: Run, t: float, moves: Floats, work: Floats, found: Floats, row: 
         h *= 2.0 if norm < SPARE else (1.0 if norm <= 1.0 else (0.5 if norm < inf else 0.125))
 
 
-@shared
-def slopes_at(run: Run, t: float, state: State, slopes: Floats) -> None:
+@jit_separate
+def fill_slopes(run: Run, t: float, state: State, slopes: Floats) -> None:
     """Fill `slopes` with the time derivatives at a state."""
     for i in range(run.plan[0].used):
         run.probe[i] = state[i]
-    evaluate(run, t, run.probe)
+    evaluate_forces(run, t, run.probe)
     for i in range(run.plan[0].used):
-        slopes[i] = slope_of(run, run.probe, i)
+        slopes[i] = state_slope(run, run.probe, i)
 
 
-@shared
-def advance(run: Run, t: float, h: float, work: Floats, first: int) -> None:
+@jit_separate
+def advance_pair(run: Run, t: float, h: float, work: Floats, first: int) -> None:
     """Make a step from row `first` of `work` to the next row, with slopes in the four rows after that."""
     used, y, end = run.plan[0].used, work[first], work[first + 1]
     a, b, c, d = work[first + 2], work[first + 3], work[first + 4], work[first + 5]
     for i in range(used):
         end[i] = y[i] + h / 2.0 * a[i]
-    slopes_at(run, t + h / 2.0, end, b)
+    fill_slopes(run, t + h / 2.0, end, b)
     for i in range(used):
         end[i] = y[i] + 0.75 * h * b[i]
-    slopes_at(run, t + 0.75 * h, end, c)
+    fill_slopes(run, t + 0.75 * h, end, c)
     for i in range(used):
         end[i] = y[i] + h * (2.0 * a[i] + 3.0 * b[i] + 4.0 * c[i]) / 9.0
-    slopes_at(run, t + h, end, d)
+    fill_slopes(run, t + h, end, d)
 
 
-@shared
-def misfit(run: Run, h: float, work: Floats, far: float, moves: Floats) -> float:
+@jit_separate
+def error_ratio(run: Run, h: float, work: Floats, far: float, moves: Floats) -> float:
     """Return the largest ratio of a step's error to the allowed one; inf where something is not finite."""
     largest = 0.0
     for i in range(run.plan[0].used):
         error = error_of(work, 0, h, i)
-        beside = abs(error_of(work, 6, h, i) - error)
-        largest = max(largest, abs(error) / (ROUGH * moves[1 + i, 1]), beside / (ROUGHER * far * moves[1 + i, 1]))
-        if not isfinite(error + beside):
+        distance_error = abs(error_of(work, 6, h, i) - error)
+        largest = max(
+            largest, abs(error) / (ROUGH * moves[1 + i, 1]), distance_error / (ROUGHER * far * moves[1 + i, 1])
+        )
+        if not isfinite(error + distance_error):
             return inf
     return largest
 
 
-@shared
+@jit_separate
 def error_of(work: Floats, first: int, h: float, i: int) -> float:
     """Return the estimated error of a variable in a step from row `first` of `work`."""
     a, b, c, d = work[first + 2, i], work[first + 3, i], work[first + 4, i], work[first + 5, i]
     return h * (-5.0 * a + 6.0 * b + 8.0 * c - 9.0 * d) / 72.0
 
 
-@shared
-def apart_by(run: Run, one: State, other: State, moves: Floats) -> float:
+@jit_separate
+def state_distance(run: Run, first_state: State, second_state: State, moves: Floats) -> float:
     """Return the distance of two states, as the largest of their differences over the sizes."""
     distance = 0.0
     for i in range(run.plan[0].used):
-        distance = max(distance, abs(other[i] - one[i]) / moves[1 + i, 1])
+        distance = max(distance, abs(second_state[i] - first_state[i]) / moves[1 + i, 1])
     return distance

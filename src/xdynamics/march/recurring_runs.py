@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.machine import aligned_zeros
-from xdynamics.march.initial_run import addresses_of, posed
+from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import log_of
 from xdynamics.march.run import ARRAYS, Run
 from xdynamics.march.settings import Settings
@@ -31,15 +31,15 @@ def recurs(model: Model, settings: Settings, layout: Layout) -> bool:
     )
 
 
-def begun(model: Model, settings: Settings, law: Law) -> Run:
-    """Return a run that has not begun, as `posed` makes it, with arrays of its own."""
-    first, filled = _first(model, settings, law)
+def copy_template_run(model: Model, settings: Settings, law: Law) -> Run:
+    """Return a run that has not begun, as `pose_run` makes it, with arrays of its own."""
+    first, filled = _template_run(model, settings, law)
     arrays = {name: getattr(first, name).copy("K") for name in filled}
     return Run(first, **arrays | {"w": aligned_zeros(first.w.size)})
 
 
 @lru_cache(maxsize=32)
-def _first(model: Model, settings: Settings, law: Law) -> tuple[Run, tuple[str, ...]]:
+def _template_run(model: Model, settings: Settings, law: Law) -> tuple[Run, tuple[str, ...]]:
     """Return a run that does not begin, and the names of its arrays that have elements."""
-    run = posed(model, settings, law, log_of(law.layout, settings, 0), addresses_of(law))
+    run = pose_run(model, settings, law, log_of(law.layout, settings, 0), addresses_of(law))
     return run, tuple(name for name in ARRAYS if getattr(run, name).size)

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.program import REGIME
-from xdynamics.march.calls import entered_by, run_at
-from xdynamics.march.force_evaluation import evaluate
+from xdynamics.march.calls import call_phase, run_at
+from xdynamics.march.force_evaluation import evaluate_forces
 from xdynamics.march.past import begin_past, enter_past, note_past
 from xdynamics.march.run import CONTACT_PHASE, EVENT_PHASE, INFORM, SETTLE, TAKE_SIDES, Run
-from xdynamics.march.trial_step import copy
+from xdynamics.march.trial_step import copy_numbers
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, STEP
 
 Floats = NDArray[np.float64]
@@ -41,29 +41,29 @@ def retrace(address: Any, steps: Floats, states: Floats) -> None:
             note_past(run)
 
 
-@shared
+@jit_separate
 def stand_between(run: Run, steps: Floats, states: Floats, k: int) -> None:
     """Set a run to the step from row k to the next, with the forces at both of its ends."""
     now, trial = run.now[0], run.trial[0]
     t, t1, regime = steps[0, k], steps[0, k + 1], np.int64(steps[2, k])
     for i in range(run.touches.shape[0]):
         run.touches[i].state = np.int64(steps[4 + i, k])
-    copy(run.z, run.whole)
+    copy_numbers(run.z, run.whole)
     for i in range(run.y.shape[0]):
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
     now.t, now.regime, run.at[REGIME], trial.t, trial.h = t, regime, regime, t1, steps[1, k + 1]
     enter_pieces(t, run.tables, run.places, run.of_time)
     enter_past(run, t1)
     if run.plan[0].switches > 0:
-        entered_by(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
+        call_phase(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
     if run.plan[0].reactions > 0:
-        entered_by(run.functions[CONTACT_PHASE], run, t, INFORM)
+        call_phase(run.functions[CONTACT_PHASE], run, t, INFORM)
     if np.int64(steps[3, k]) == STEP and k > 0:  # forces are evaluated anew at nodes and events alone
-        copy(run.whole, run.y)
+        copy_numbers(run.whole, run.y)
     else:
-        evaluate(run, t, run.y)
+        evaluate_forces(run, t, run.y)
     if np.int64(steps[3, k]) == EVENT_AFTER and run.plan[0].reactions > 0:
-        entered_by(run.functions[CONTACT_PHASE], run, t, SETTLE)
+        call_phase(run.functions[CONTACT_PHASE], run, t, SETTLE)
     for i in range(run.z.shape[0]):  # contacts have used it
         run.z[i] = states[i, k + 1] if i < states.shape[0] else 0.0
-    evaluate(run, t1, run.z)
+    evaluate_forces(run, t1, run.z)

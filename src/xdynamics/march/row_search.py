@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 
 
-def rows_of_times(time: Floats, low: Whole, high: Whole, wanted: Floats, after: bool, found: Whole) -> None:
+def rows_of_times(
+    time: Floats, low: IntArray, high: IntArray, times: Floats, last_at_time: bool, rows: IntArray
+) -> None:
     """Find the row at the start of the step to each time.
 
     Parameters
@@ -18,20 +20,20 @@ def rows_of_times(time: Floats, low: Whole, high: Whole, wanted: Floats, after: 
         Of many runs, one after the other.
     low, high : ndarray of int, shape (k,)
         First and last row of the run of each time.
-    wanted : ndarray, shape (k,)
-    after : bool
+    times : ndarray, shape (k,)
+    last_at_time : bool
         Whether to return the last row not later than the time, or the first where several rows are at the time.
-    found : ndarray of int, shape (k,)
+    rows : ndarray of int, shape (k,)
         Filled.
     """
-    for k in range(wanted.shape[0]):
+    for k in range(times.shape[0]):
         first, last = low[k], high[k]
         while first < last:
             middle = (first + last + 1) // 2
-            if time[middle] > wanted[k]:
+            if time[middle] > times[k]:
                 last = middle - 1
             else:
                 first = middle
-        while not after and first > low[k] and time[first - 1] >= wanted[k]:
+        while not last_at_time and first > low[k] and time[first - 1] >= times[k]:
             first -= 1
-        found[k] = first
+        rows[k] = first

@@ -25,7 +25,7 @@ from xdynamics.march.lifetimes import (
     Passing,
     Scratch,
     Within,
-    row_of,
+    record_type,
 )
 from xdynamics.march.past_records import BOOK, DELAY
 
@@ -43,7 +43,7 @@ from xdynamics.march.past_records import BOOK, DELAY
 # the law's number of the program that puts a state where constraints hold, 0 without any, `moved` the place in a state of
 # how far it did, and `consistent` is 1 where the start may be moved, too; `passing` is 1 where kinks at points of tables
 # are landed on without a row of events each.
-PLAN = row_of(
+PLAN = record_type(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin start_rest step_rest rounding",
     "adaptive differences estimates steps extrapolated limited stages samples"
@@ -52,19 +52,19 @@ PLAN = row_of(
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried, `rest` what is left of the time beside `t`; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
-NOW = row_of(
+NOW = record_type(
     "t h norm step step_log first_step rest",
     "status regime rows trials events samples grid node crossed on_grid rejected evaluations jacobians factorisations",
 )
 # A step that has yet to be judged; `iterations` is -1 where Newton's method did not converge; `unsound` is 0
 # where its state is finite, and `unsound_events` where its event functions are, else nan; `deviation` is how far from 1
 # the length of a quaternion was, see `attitudes`; `weighed` is 1 where some of its errors were the rounding of terms.
-TRIAL = row_of("t h unsound unsound_events rest deviation", "landing iterations weighed")
+TRIAL = record_type("t h unsound unsound_events rest deviation", "landing iterations weighed")
 # How to look for each event: `tolerance` of its time, and `position`, how far from zero its function may be then;
 # `role` is one of `model.detectors`, `reaction` the number of its reaction. A switch at the next points of a table has
 # the number of its drive, else -1, and the places of the argument, its rate and acceleration in a state; for a velocity
 # `turn` equals `rate`.
-DETECTOR = row_of(
+DETECTOR = record_type(
     "tolerance position",
     "direction action to count value slope bend of_time role reaction at_zero interpolant sampled drive argument rate"
     " turn",
@@ -74,7 +74,7 @@ DETECTOR = row_of(
 # it may have a zero there (`alive`), its bounds and those of its slope on the current piece, from where it cannot be
 # distinguished from zero (`zone`), and what was found between which steps. One that is `asleep` is not looked for;
 # `guard` is the side that it, for instance a gap, may not leave by more than `floor`.
-WATCH = row_of(
+WATCH = record_type(
     "low high down up least_bend most_bend floor zone clear left right before greatest drift",
     "armed began ever alive state flaw broken forced hit seen asleep guard",
 )
@@ -86,34 +86,38 @@ WATCH = row_of(
 # `last` is when it acted last, `pause` and `earlier` the last two times between, `longest` the longest of `short` pauses
 # in a row that are near the time tolerance. Of actions that crowd together, `limit` is when they would end, uncertain by
 # `doubt`.
-DEPARTURE = row_of("rate last pause earlier longest limit doubt", "side leaves met short at_start from_rest goes_on")
+DEPARTURE = record_type(
+    "rate last pause earlier longest limit doubt", "side leaves met short at_start from_rest goes_on"
+)
 # The instant at which the march stands: whether events have yet to act there, how many states were met, whether any was
 # reset, and whether the last events changed the state or forces.
-AT_INSTANT = row_of("", "meets states resets changed")
+AT_INSTANT = record_type("", "meets states resets changed")
 # A piece of a trial: its ends in time, its width as a step; `wide` is 1 where errors of the step count too. `full` is
 # the width of the trial. `rough` asks for less care where it is 1, and where it is 2 for the enclosures of given bounds
 # of positions and so on; `part` is 1 where it is not the whole trial, `cut` where substeps were made in a trial that is
 # accepted nonetheless; `substeps` counts those made since its search began; `first` and `last` are its ends as shares of
 # the trial.
-PIECE = row_of("start end width wide full first last", "cut rough part verdict substeps")
+PIECE = record_type("start end width wide full first last", "cut rough part verdict substeps")
 # What Newton's method solves: unknowns and entries of the matrix are in separate lists, given by first and number; the
 # rest as in `newton_matrix.NewtonSystem`.
-EQUATIONS = row_of("", "evaluations residuals first_unknown unknowns first_entry entries state weights derivatives")
+EQUATIONS = record_type(
+    "", "evaluations residuals first_unknown unknowns first_entry entries state weights derivatives"
+)
 # What is kept from step to step, and forgotten at a node. `weighs` is above 0 where errors may be the rounding of terms, 2
 # where they were so in the last trial; the rest is of `march.implicit.radau`. The factors belong to the step size `factored`, 0 if there are
 # none; `change` and `ratio` are of Newton's last correction, `theta` and `eta` its convergence; `step` and `norm`, 0
 # after a start, those of the previous accepted step; `growth` is the factor for the next step, 0 where step control
 # chooses it. `linearised` is whether the derivatives may be used, `fresh` whether they are those at the state itself,
 # `since` what the march did since the last trial.
-KEPT = row_of("factored change ratio theta eta step norm growth", "linearised fresh since turns weighs")
+KEPT = record_type("factored change ratio theta eta step norm growth", "linearised fresh since turns weighs")
 BEGUN, STAYED, MOVED = range(3)
 # The constants of each reaction: `role`, its sort, and `normal` as in `model.reactions`, the law of impacts, and how
 # low bounces are that may be skipped; relative to the largest gap so far where `rest_height` is negative.
-REACTION = row_of("tolerance rest_height", "role normal law")
+REACTION = record_type("tolerance rest_height", "role normal law")
 # A reaction at a state: the gap of a contact, the rate of the gap or of the slip, the acceleration without reactions;
 # `coefficient` is that of restitution, or of friction in slip, and `most` that in stick; of a friction element, forces.
 # (Not `size`: a row of NumPy's has an attribute of that name.)
-LINK = row_of("gap rate free coefficient most", "")
+LINK = record_type("gap rate free coefficient most", "")
 # What a reaction does. `largest` is the largest gap so far, `fastest` the largest rate, `steepest` the largest effect
 # of a unit of it on its own rate, `limit` the time at which its bounces would end, uncertain by `doubt`, `speed` how
 # fast it opened last, and `since` when, `lost` the energy that an impact takes, or bounces that are skipped, `bounce`
@@ -123,7 +127,7 @@ LINK = row_of("gap rate free coefficient most", "")
 # of an impact and the rate after them; `near` is 1 where a contact touches, `hit` is the detector that met it, `held`
 # what it did before the event, `slack` the uncertainty of a rate; `way` is the direction of slip, and of a contact
 # whether its bounces have been examined.
-TOUCH = row_of(
+TOUCH = record_type(
     "largest fastest steepest limit doubt speed since lost bounce origin known coefficient bound scale found after"
     " slack rate total",
     "state part place way hit near held",
@@ -131,7 +135,7 @@ TOUCH = row_of(
 # A contact of many links: how many there are, or elements where they are all pairs of these; the leaves of its pattern, of
 # which `coordinates` move, and of the first of them with an interval its number and row; its detector and law of impacts;
 # whether its gap changes with time alone; where its links (among all), its leaves, its order of elements, its hulls begin, how many groups.
-ASSEMBLY = row_of(
+ASSEMBLY = record_type(
     "tolerance rest_height",
     "links first_link elements paired rubs leaves coordinates row_leaf row detector law timed first_leaf first_order first_hull groups",
 )
@@ -150,19 +154,19 @@ GUARD, OWNER, FIGURE, BOUND, BEFORE, BEHIND, TAKEN, TERMS, SKIPPED = range(9)
 BALANCE = 9
 KEPT_ALL, APART, SHIFTED, SLOWED, WORK, LOSSES = range(6)  # which guard failed, if any
 # Rows of the log.
-TRIAL_ROW = row_of("time step_size error_norm", "step reason")
-EVENT_ROW = row_of(
+TRIAL_ROW = record_type("time step_size error_norm", "step reason")
+EVENT_ROW = record_type(
     "time left residual slope uncertainty murk interpolation rest",
     "row_before row_after detector kind direction substeps link",
 )
 NO_LINK = -1  # of an event that is of no contact of many links
 # The counts of `NOW` at the log's first row, and how many samples the log has room for.
-BASE = row_of("", "rows trials events samples room")
+BASE = record_type("", "rows trials events samples room")
 
 Floats = Annotated[NDArray[np.float64], ArrayKind("Floats", "f8")]
 Columns = Annotated[NDArray[np.float64], ArrayKind("Columns", "f8", 2)]
 LogRows = Annotated[NDArray[np.float64], ArrayKind("LogRows", "f8", 2, either_order=True)]
-Whole = Annotated[NDArray[np.int64], ArrayKind("Whole", "i8")]
+IntArray = Annotated[NDArray[np.int64], ArrayKind("Whole", "i8")]
 Short = Annotated[NDArray[np.int16], ArrayKind("Short", "i2")]
 Places = Annotated[NDArray[np.int32], ArrayKind("Places", "i4")]
 Pairs = Annotated[NDArray[np.int32], ArrayKind("Pairs", "i4", 2)]
@@ -213,7 +217,7 @@ class Run:
     y: Floats  # the state at now.t
     p: Own[Floats]  # parameters, unit constants, pi
     tables: Given[Floats]
-    places: Passing[Whole]  # of the tables, and the current piece of a drive of time
+    places: Passing[IntArray]  # of the tables, and the current piece of a drive of time
     z: Passing[Floats]  # the state that the trial led to
     e: Passing[Floats]  # its error
     samples: Passing[Floats]  # force evaluations of the trial, one after the other
@@ -228,7 +232,7 @@ class Run:
     g: Floats  # event functions at y
     g1: Passing[Floats]  # at z
     region: Passing[Floats]  # see `events.event_free_region`
-    leaves: Given[Lists]  # of its box the sort, the coordinate or row, the place of its bounds
+    box_variables: Given[Lists]  # of its box the sort, the coordinate or row, the place of its bounds
     half: Passing[Floats]  # the state after half a step
     whole: Passing[Floats]  # the state after a whole one, to judge two halves
     located_z: Passing[Floats]
@@ -242,8 +246,8 @@ class Run:
     arguments: Passing[Floats]  # rates of events, then what tables are looked up at; see `Layout.tracked`
     resets: Passing[Floats]  # values to which events and controllers set the state
     targets: Given[Lists]  # event, or -1 - action of a controller, and place in the state of each
-    ticks: Given[Whole]  # actions of controllers at the start, at each node and the end, as bits; none without any
-    alarms: Given[Whole]  # the periodic events there, in the same way
+    ticks: Given[IntArray]  # actions of controllers at the start, at each node and the end, as bits; none without any
+    alarms: Given[IntArray]  # the periodic events there, in the same way
     piece: Passing[Pieces]
     near: Passing[Floats]  # states and event functions at the ends of a piece
     full: Passing[Floats]  # the state at the end of the trial in which events are looked for, `piece.full` long
@@ -256,11 +260,11 @@ class Run:
     branches: Passing[Columns]  # right ends of pieces still to be searched: step, state, event functions
     rows: Given[Lists]  # by `kernels.interval_program`: the event functions, to be computed with intervals
     numbers: Given[Floats]
-    parts: Given[Whole]
+    parts: Given[IntArray]
     under: Passing[Floats]  # the intervals
     over: Passing[Floats]
-    flaws: Passing[Whole]
-    wanted: Scratch[Whole]  # 1 where an interval is needed
+    flaws: Passing[IntArray]
+    needed_intervals: Scratch[IntArray]  # 1 where an interval is needed
     slopes: Passing[Floats]  # time derivatives of the event functions
     reactions: Given[Reactions]
     touches: Touches
@@ -273,64 +277,68 @@ class Run:
     lingering: Floats  # gap up to which an open contact counts as closed
     # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
     modes: Annotated[Floats, Within("p")]
-    contact_tables: Passing[Floats]  # contacts and friction at a state, as `model.reactions.table` lists it; its parts:
+    contact_tables: Passing[
+        Floats
+    ]  # contacts and friction at a state, as `model.reactions.reaction_table` lists it; its parts:
     links: Annotated[Links, Within("contact_tables")]
     delassus: Annotated[Columns, Within("contact_tables")]  # (k, j): effect of a unit of j on the rate of k
     directions: Annotated[Columns, Within("contact_tables")]  # derivative of a reaction's rate by each velocity
     responses: Annotated[Columns, Within("contact_tables")]  # effect of a unit of a reaction on each acceleration
     problem: Passing[Columns]  # a complementarity problem; see `march.contacts.complementarity`
-    basis: Passing[Whole]  # of the problem, and where each unknown is
+    basis: Passing[IntArray]  # of the problem, and where each unknown is
     solution: Passing[Floats]
     effects: Passing[Columns]  # contribution of each unknown to each reaction
     square: Passing[Floats]  # a linear system, and which reactions are in it
     column: Passing[Floats]
-    chosen: Passing[Whole]
+    chosen: Passing[IntArray]
     assemblies: Given[Assemblies]
-    leafs: Given[Lists]  # of patterns; see `march.assembly.links`
-    members: Given[Whole]  # the place of each leaf for every link, or element, among coordinates or parameters
-    slots: Given[Whole]  # of the impulse along each coordinate
+    pattern_inputs: Given[Lists]  # of patterns; see `march.assembly.links`
+    members: Given[IntArray]  # the place of each leaf for every link, or element, among coordinates or parameters
+    slots: Given[IntArray]  # of the impulse along each coordinate
     handed: Given[Lists]  # pattern, place of a parameter there, place here
-    patterns: Address[Whole]  # two runs of one link for each assembly
-    tallies: Scratch[Whole]  # see `march.assembly.broad_phase`, where all is made anew when a march begins or goes on
+    patterns: Address[IntArray]  # two runs of one link for each assembly
+    counters: Scratch[
+        IntArray
+    ]  # see `march.assembly.broad_phase`, where all is made anew when a march begins or goes on
     spans: Scratch[Floats]
     boxes: Scratch[Columns]  # bounds of every coordinate, and those of few steps
-    renewed: Scratch[Whole]  # which of them are new
+    renewed: Scratch[IntArray]  # which of them are new
     hulls: Scratch[Columns]  # of groups
-    grouped: Scratch[Whole]  # elements, group by group
+    grouped: Scratch[IntArray]  # elements, group by group
     candidates: Scratch[Lists]  # links that boxes do not prove apart
-    close: Scratch[Whole]  # those that may meet in the trial
-    meets: Scratch[Whole]  # 1 where one does on the piece
+    close: Scratch[IntArray]  # those that may meet in the trial
+    meets: Scratch[IntArray]  # 1 where one does on the piece
     touching: Scratch[Columns]  # links that are struck together, numbers of each; see `march.assembly.impact`
     normals: Scratch[Columns]  # the derivative of each one's rate by velocities; those of closed links come last
-    replies: Scratch[Columns]  # effect of a unit of its impulse on them
-    reads: Scratch[Lists]  # which these are
-    closed: Whole  # how many links are closed, then the number of each among all links, ascending
+    unit_responses: Scratch[Columns]  # effect of a unit of its impulse on them
+    coordinate_indices: Scratch[Lists]  # which these are
+    closed: IntArray  # how many links are closed, then the number of each among all links, ascending
     greatest: Floats  # the largest velocity so far, then for every assembly the largest speed of an impact
-    held: Scratch[Lists]  # assembly, link and elements of each closed link
+    closed_link_ends: Scratch[Lists]  # assembly, link and elements of each closed link
     loads: Scratch[Floats]  # the force of each at the last evaluation
     pulls: Scratch[Floats]  # its friction
     remains: Scratch[Floats]  # the acceleration that its gap is left with
-    lifted: Scratch[Whole]  # what passes zero in the trial: 1 the force of one, 2 its grip, 3 its slip
-    margins: Scratch[Columns]  # what may fall to zero of each in a step; see `march.assembly.releases`
-    grips: Whole  # what each does along its slip; see `march.assembly.closed_links`
+    lifted: Scratch[IntArray]  # what passes zero in the trial: 1 the force of one, 2 its grip, 3 its slip
+    release_functions: Scratch[Columns]  # what may fall to zero of each in a step; see `march.assembly.releases`
+    grips: IntArray  # what each does along its slip; see `march.assembly.closed_links`
     vectors: Scratch[Columns]  # of a system of all links that touch, or are closed; see `march.assembly.closed_links`
     paths: Scratch[Columns]  # directions and their images; see `march.assembly.friction`
     shares: Passing[Floats]  # forces of closed links, along each row, as they were shared last
     swing: Scratch[Floats]  # what forces of links do to all coordinates
-    chains: Scratch[Whole]  # rows of equations that read the same coordinate; see `march.assembly.direct_solution`
+    chains: Scratch[IntArray]  # rows of equations that read the same coordinate; see `march.assembly.direct_solution`
     stiffened: Scratch[Columns]  # masses with what links add to them, factored; see `march.assembly.banded_factors`
     changes: Scratch[Columns]  # of these since they were factored
     ordering: Scratch[Lists]  # of coordinates in these
-    of_time: Given[Whole]  # drives of time
+    of_time: Given[IntArray]  # drives of time
     delays: Given[Delays]
     book: Books  # of the past, where there are delays
     past_steps: Annotated[Floats, Within("tables")]  # their end: polynomials of accepted steps, see `march.past`
     breaks: Columns  # breaking points to come, ascending: the time, and the derivative that jumps there
     first_breaks: Given[Floats]  # those that follow from tables before the start
-    jumps: Given[Whole]  # which derivative of the motion jumps at each node: at ticks the motion itself; -1 for none
+    jumps: Given[IntArray]  # which derivative of the motion jumps at each node: at ticks the motion itself; -1 for none
     attitudes: Given[Lists]  # places in the state of the four parts of every unit quaternion
     atol: Own[Floats]
-    followers: Given[Short]  # 1 where the tolerance follows the size of its variable
+    adaptive_atol: Given[Short]  # 1 where the tolerance follows the size of its variable
     kinds: Given[Short]  # kind of each variable; coordinates, velocities, states of one dimension share one
     tops: Scratch[Floats]  # the largest of each kind, then of their slopes, then a time scale
     largest: Floats  # absolute values so far, where steps are chosen; at least a floor where tolerances follow them
@@ -347,9 +355,9 @@ class Run:
     equations: Given[Solves]
     unknowns: Given[Lists]
     entries: Given[Pairs]  # of 32 bits, as the order: a large model has millions
-    groups: Given[Whole]  # where entries of columns begin whose derivatives are found at once; none: each by itself
+    groups: Given[IntArray]  # where entries of columns begin whose derivatives are found at once; none: each by itself
     order: Given[Places]  # the place of each unknown of the matrix, which is a band in that order
-    band: Given[Whole]  # entries below and above its diagonal; none: the matrix is kept whole
+    band: Given[IntArray]  # entries below and above its diagonal; none: the matrix is kept whole
     kept: Passing[Kepts]
     stage: Passing[Floats]  # a state at which forces are evaluated
     shifted: Passing[Floats]  # a state next to it, for differences
@@ -358,8 +366,10 @@ class Run:
     past: Passing[Floats]  # differences of the previous step's collocation polynomial
     pivots: Passing[Places]  # of the real system, then the complex one: rows exchanged, first and last rows of columns
     # addresses; the last are that of the sizes of terms, 0 where nothing weighs them, and that of what solves the equations
-    law: Address[Whole]  # of a step, 0 where nothing is solved
-    functions: Address[Whole]  # of operations on intervals, see `events.intervals.rules`, and entries of the engine
+    law: Address[IntArray]  # of a step, 0 where nothing is solved
+    functions: Address[
+        IntArray
+    ]  # of operations on intervals, see `events.interval_operations.operation_addresses`, and entries of the engine
     base: Log[Bases]  # the counts of `now` at the log's first row
     log_flags: Log[Flags]  # kind, regime
     log_samples: Log[LogRows]  # `Layout.sample`: time, step, stage, state, results
@@ -367,11 +377,11 @@ class Run:
     log_events: Log[EventRows]
     log_rates: Log[Columns]  # of observables at the events
     log_closed: Log[Columns]  # row, number, gap, force, residual, friction, grip of links that are closed in it
-    log_links: Log[Whole]  # how many of these there are
+    log_links: Log[IntArray]  # how many of these there are
     log_impulses: Log[Columns]  # of contacts at events, by coordinate; energy that impacts took, offsets of positions
 
     def __init__(self, like: Run | None = None, /, **arrays: NDArray[Any]) -> None:
-        self.holds: tuple[Any, ...] = ()  # what has to live as long as the run
+        self.keepalive: tuple[Any, ...] = ()  # what has to live as long as the run
         self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # addresses for compiled code; see `handle`
         vars(self).update(vars(like) if like else {})
         self._table = self._table.copy()
@@ -391,8 +401,8 @@ class Run:
         tables[:, [_PLACES[name] for name in names], 0] = begins
         for name, array in ARRAYS.items():
             if array.owner:
-                place, owner = _PLACES[name], _PLACES[array.owner]
-                tables[:, place, 0] += tables[:, owner, 0] - self._table[owner, 0]
+                array_index, owner = _PLACES[name], _PLACES[array.owner]
+                tables[:, array_index, 0] += tables[:, owner, 0] - self._table[owner, 0]
         return Twins(tables.ctypes.data + tables[0].nbytes * np.arange(count), memory, tables)
 
     def put(self, **arrays: NDArray[Any]) -> None:

@@ -65,9 +65,9 @@ class RowType(types.Type):
         self.numpy = np.dtype(KINDS[kind].elements)
         self.record = from_dtype(self.numpy)
 
-    def can_convert_to(self, _context: Any, other: Any) -> Any:
+    def can_convert_to(self, _context: Any, target_type: Any) -> Any:
         """Allow a row to be written into an array of records that does not belong to a run."""
-        return Conversion.safe if other == self.record else None
+        return Conversion.safe if target_type == self.record else None
 
 
 RUN = RunType()
@@ -130,25 +130,25 @@ def _known_sizes(array: ArrayType) -> int:
     return 1 if KINDS[array.kind].either_order else array.ndim
 
 
-def _index(array: ArrayType) -> Any:
+def _index_type(array: ArrayType) -> Any:
     return types.intp if array.ndim == 1 else types.UniTuple(types.intp, array.ndim)
 
 
 @infer_global(operator.getitem)
 class _Read(AbstractTemplate):
-    def generic(self, given: Any, _names: Any) -> Any:
-        array = given[0]
-        return signature(array.element, array, _index(array)) if isinstance(array, ArrayType) else None
+    def generic(self, arguments: Any, _names: Any) -> Any:
+        array = arguments[0]
+        return signature(array.element, array, _index_type(array)) if isinstance(array, ArrayType) else None
 
 
 @infer_global(operator.setitem)
 class _Written(AbstractTemplate):
-    def generic(self, given: Any, _names: Any) -> Any:
-        array = given[0]
+    def generic(self, arguments: Any, _names: Any) -> Any:
+        array = arguments[0]
         if not isinstance(array, ArrayType):
             return None
         element = array.element.record if isinstance(array.element, RowType) else array.element
-        return signature(types.none, array, _index(array), element)
+        return signature(types.none, array, _index_type(array), element)
 
 
 # ------------------------------------------------------------------------------------------------------------ lowering
@@ -162,81 +162,81 @@ def word_of(builder: Any, table: Any, number: int) -> Any:
     return word
 
 
-def data_of(builder: Any, table: Any) -> Any:
+def array_data(builder: Any, table: Any) -> Any:
     """Return the address at which an array begins."""
     return builder.inttoptr(word_of(builder, table, 0), POINTER)
 
 
-def times_apart(builder: Any, table: Any, index: Any) -> Any:
+def column_offset(builder: Any, table: Any, index: Any) -> Any:
     """Return how far from the first element another one along the last dimension is, in an array of either order."""
-    length, apart = word_of(builder, table, 1), word_of(builder, table, 2)
-    by_rows = builder.icmp_signed("==", apart, ir.Constant(WORD, 1))  # also of a single row, which is the first
+    length, row_distance = word_of(builder, table, 1), word_of(builder, table, 2)
+    by_rows = builder.icmp_signed("==", row_distance, ir.Constant(WORD, 1))  # also of a single row, which is the first
     return builder.select(by_rows, builder.mul(index, length, flags=["nsw"]), index)
 
 
-def _place(context: Any, builder: Any, array: ArrayType, table: Any, index: Any) -> Any:
+def _element_address(context: Any, builder: Any, array: ArrayType, table: Any, index: Any) -> Any:
     """Return the address of an element."""
     if array.ndim == 2:
         row, column = cgutils.unpack_tuple(builder, index, 2)
-        column = times_apart(builder, table, column) if KINDS[array.kind].either_order else column
+        column = column_offset(builder, table, column) if KINDS[array.kind].either_order else column
         index = builder.add(builder.mul(row, word_of(builder, table, 2), flags=["nsw"]), column, flags=["nsw"])
     if isinstance(array.element, RowType):
         words = ir.Constant(WORD, array.numpy.itemsize // 8)
-        return builder.gep(data_of(builder, table), [builder.mul(index, words, flags=["nsw"])], inbounds=True)
-    data = builder.bitcast(data_of(builder, table), context.get_data_type(array.element).as_pointer())
+        return builder.gep(array_data(builder, table), [builder.mul(index, words, flags=["nsw"])], inbounds=True)
+    data = builder.bitcast(array_data(builder, table), context.get_data_type(array.element).as_pointer())
     return builder.gep(data, [index], inbounds=True)
 
 
 @lower_getattr_generic(RunType)
-def _array(_context: Any, builder: Any, _kind: Any, table: Any, name: str) -> Any:
+def _lower_array(_context: Any, builder: Any, _kind: Any, table: Any, name: str) -> Any:
     return cgutils.gep_inbounds(builder, table, WORDS * PLACES[name])
 
 
 @lower_getattr(ArrayType, "shape")
-def _shape(context: Any, builder: Any, array: ArrayType, table: Any) -> Any:
-    known = _known_sizes(array)
-    words = [word_of(builder, table, 1 + k) for k in range(known)]
-    return context.make_tuple(builder, types.UniTuple(types.intp, known), words)
+def _lower_shape(context: Any, builder: Any, array: ArrayType, table: Any) -> Any:
+    size_count = _known_sizes(array)
+    words = [word_of(builder, table, 1 + k) for k in range(size_count)]
+    return context.make_tuple(builder, types.UniTuple(types.intp, size_count), words)
 
 
 @lower_builtin(operator.getitem, ArrayType, types.intp)
 @lower_builtin(operator.getitem, ArrayType, types.UniTuple)
-def _read(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+def _lower_read(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
     array = kinds.args[0]
-    place = _place(context, builder, array, *arguments)
-    return place if isinstance(array.element, RowType) else marked(builder, builder.load(place), array.kind)
+    address = _element_address(context, builder, array, *arguments)
+    return address if isinstance(array.element, RowType) else marked(builder, builder.load(address), array.kind)
 
 
 @lower_builtin(operator.setitem, ArrayType, types.intp, types.Any)
 @lower_builtin(operator.setitem, ArrayType, types.UniTuple, types.Any)
-def _write(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+def _lower_write(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
     array = kinds.args[0]
-    place = _place(context, builder, array, *arguments[:2])
+    address = _element_address(context, builder, array, *arguments[:2])
     if isinstance(array.element, RowType):
         size = ir.Constant(WORD, array.numpy.itemsize)
-        cgutils.raw_memcpy(builder, place, builder.bitcast(arguments[2], POINTER), size, 1)
+        cgutils.raw_memcpy(builder, address, builder.bitcast(arguments[2], POINTER), size, 1)
     else:
-        marked(builder, builder.store(arguments[2], place), array.kind)
+        marked(builder, builder.store(arguments[2], address), array.kind)
     return context.get_dummy_value()
 
 
-def _field(context: Any, builder: Any, row: RowType, place: Any, name: str) -> Any:
+def _field_address(context: Any, builder: Any, row: RowType, row_address: Any, name: str) -> Any:
     dtype, offset = row.numpy.fields[name][:2]
-    words = cgutils.gep_inbounds(builder, place, offset // 8)
+    words = cgutils.gep_inbounds(builder, row_address, offset // 8)
     return builder.bitcast(words, context.get_data_type(from_dtype(dtype)).as_pointer())
 
 
 @lower_getattr_generic(RowType)
-def _field_read(context: Any, builder: Any, row: RowType, place: Any, name: str) -> Any:
-    return marked(builder, builder.load(_field(context, builder, row, place, name)), row.kind)
+def _lower_field_read(context: Any, builder: Any, row: RowType, row_address: Any, name: str) -> Any:
+    return marked(builder, builder.load(_field_address(context, builder, row, row_address, name)), row.kind)
 
 
 @lower_setattr_generic(RowType)
-def _field_written(context: Any, builder: Any, kinds: Any, arguments: Any, name: str) -> Any:
-    row, place, value = kinds.args[0], arguments[0], arguments[1]
-    marked(builder, builder.store(value, _field(context, builder, row, place, name)), row.kind)
+def _lower_field_write(context: Any, builder: Any, kinds: Any, arguments: Any, name: str) -> Any:
+    row, row_address, value = kinds.args[0], arguments[0], arguments[1]
+    marked(builder, builder.store(value, _field_address(context, builder, row, row_address, name)), row.kind)
 
 
 @lower_cast(RowType, types.Record)
-def _as_record(context: Any, builder: Any, _row: Any, record: Any, place: Any) -> Any:
-    return builder.bitcast(place, context.get_value_type(record))
+def _as_record(context: Any, builder: Any, _row: Any, record: Any, row_address: Any) -> Any:
+    return builder.bitcast(row_address, context.get_value_type(record))

@@ -16,18 +16,26 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.kernels.law import FORCE_SAMPLES, ROW_ENERGIES
 from xdynamics.march.chattering import NOWHERE, chattering
-from xdynamics.march.energy_gains import Gains, impacts_of, place_of_loss, with_more
+from xdynamics.march.energy_gains import Gains, add_gains, impacts_of, place_of_loss
 from xdynamics.march.engine import NoMemoryError, engine
-from xdynamics.march.initial_run import addresses_of, posed
+from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.keyboard import ending_at_interrupt
 from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, log_of, misplaced_events, most_recycled
-from xdynamics.march.memory import LARGE, arrays_of, give_back, march_apart, numbers_at_end, put_back, rest_on
+from xdynamics.march.memory import (
+    LARGE,
+    changing_arrays,
+    final_numbers,
+    give_back_memory,
+    march_apart,
+    put_back,
+    rest_on,
+)
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
 from xdynamics.march.past_arrays import make_room
-from xdynamics.march.recurring_runs import begun, recurs
+from xdynamics.march.recurring_runs import copy_template_run, recurs
 from xdynamics.march.run import NOW, Run
 from xdynamics.march.settings import Settings
-from xdynamics.march.thinning import Around, Thinning
+from xdynamics.march.thinning import RowsAroundTimes, Thinning
 from xdynamics.march.unlocated_switches import Passages
 from xdynamics.march.witnesses import Witnesses
 from xdynamics.model import Model
@@ -99,8 +107,8 @@ class March:
     def run(self) -> Run:
         """The state of the march; its log is lent to it block by block."""
         if recurs(self.model, self.settings, self.layout):
-            return begun(self.model, self.settings, self.law)
-        return posed(self.model, self.settings, self.law, self._log(0), self._addresses())
+            return copy_template_run(self.model, self.settings, self.law)
+        return pose_run(self.model, self.settings, self.law, self._log(0), self._addresses())
 
     @cached_property
     def passages(self) -> Passages:
@@ -111,8 +119,8 @@ class March:
     def thinning(self) -> Thinning | None:
         """The choice of rows; None where all are kept."""
         if self.times is not None:
-            return Around(self.times, self.settings.scales.of(TIME))
-        nodes = np.array(self.settings.nodes) / self.settings.scales.of(TIME)
+            return RowsAroundTimes(self.times, self.settings.scales.si_factor(TIME))
+        nodes = np.array(self.settings.nodes) / self.settings.scales.si_factor(TIME)
         return Thinning(self.settings.keep_every, nodes) if self.settings.keep_every > 1 else None
 
     @property
@@ -126,7 +134,7 @@ class March:
         tolerances, used = self.settings.tolerances, self.layout.used
         if not self.settings.adaptive or tolerances is None or not (tolerances.of_all(used) > 0.0).any():
             return range(0)
-        first = self.layout.row.place(self.layout.errors.blocks[1].name)
+        first = self.layout.row.offset_of(self.layout.errors.blocks[1].name)
         return range(first, first + used.size)
 
     @property
@@ -152,19 +160,19 @@ class March:
         """
         thinning = self.thinning
         if rows is None and (thinning or self.settings.partial):
-            most = THINNED_BLOCK if thinning else COPIED_BLOCK
-            rows = min(most, max(1, RECYCLED_NUMBERS // self.layout.row.size))
+            max_rows = THINNED_BLOCK if thinning else COPIED_BLOCK
+            rows = min(max_rows, max(1, RECYCLED_NUMBERS // self.layout.row.size))
         logs = 1 if rows == 1 and not thinning else 2
         size = rows or min(self.expected_rows or FIRST_BLOCK, LARGEST_BLOCK)
-        kept: list[Log] = []
+        logs_in_turn: list[Log] = []
         with ending_at_interrupt(self._end_here), self._memory():
             while not self.is_over or not self.now.rows:  # even if interrupted at once, yield the initial row
-                if rows is None or len(kept) < logs:
+                if rows is None or len(logs_in_turn) < logs:
                     log = self._log(size)
-                    kept = [*kept, log] if rows else []
+                    logs_in_turn = [*logs_in_turn, log] if rows else []
                 else:
-                    log = kept[0]  # the older one
-                    kept.reverse()
+                    log = logs_in_turn[0]  # the older one
+                    logs_in_turn.reverse()
                 block = self._filled(log, patience)
                 self.witnesses.take(block, _counts(self.run)[0])
                 self._look_at_the_end(block)
@@ -173,9 +181,9 @@ class March:
                 self.event_pairs += _rows_without_a_step(log, block.rows)
                 yield thinning.thinned(self.run, block, last=not self.unfinished) if thinning else block
                 # rows of events come as they come
-                most = max(most_recycled(self.layout), (self.expected_rows or 0) - int(self.now.rows))
-                size = rows or min(size * (4 if self.settings.adaptive else 1), most)
-        if kept:
+                max_rows = max(most_recycled(self.layout), (self.expected_rows or 0) - int(self.now.rows))
+                size = rows or min(size * (4 if self.settings.adaptive else 1), max_rows)
+        if logs_in_turn:
             self._log(0).lend(self.run)  # nothing of the others is touched any more
 
     @contextmanager
@@ -193,13 +201,13 @@ class March:
         """Return an empty log; see `log_of`."""
         return log_of(self.layout, self.settings, rows, int(self.run.plan[0].samples) if rows else 0)
 
-    def rest(self) -> LogBlock | None:
+    def waiting_block(self) -> LogBlock | None:
         """Return the last row of an interrupted march, if a march that goes on would leave it out."""
-        return self.thinning.rest(self.run) if self.thinning else None
+        return self.thinning.waiting_block(self.run) if self.thinning else None
 
     @property
     def waits(self) -> bool:
-        """Whether a row waits to be returned by `rest`."""
+        """Whether a row waits to be returned by `waiting_block`."""
         return self.thinning is not None and self.thinning.waiting is not None
 
     @property
@@ -230,14 +238,19 @@ class March:
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return everything needed to go on from here, by name."""
-        kept = {
+        own_arrays = {
             "witnesses": np.ascontiguousarray(self.witnesses.rows),
             "errors": np.ascontiguousarray(self.witnesses.errors),
             "event_pairs": np.array([self.event_pairs]),
             "gains": np.array(self.gains),
             "misplaced": self.misplaced,
         }
-        return arrays_of(self.run) | kept | self.passages.memory() | (self.thinning.memory() if self.thinning else {})
+        return (
+            changing_arrays(self.run)
+            | own_arrays
+            | self.passages.memory()
+            | (self.thinning.memory() if self.thinning else {})
+        )
 
     def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Continue from the memory of a march of the same model and settings.
@@ -265,8 +278,8 @@ class March:
         """
         ended_well = not self.unfinished and self.outcome.good
         if ended_well:
-            give_back(self.run)
-        names, numbers = numbers_at_end(self.run)
+            give_back_memory(self.run)
+        names, numbers = final_numbers(self.run)
         if not self.settings.keeps_states:  # rows by which it is judged, and which its record leaves out
             names, numbers = f"{names} {WITNESSES}", np.append(numbers, self.witnesses.rows)
             if self.witnesses.errors.size:
@@ -277,21 +290,21 @@ class March:
 
     def _filled(self, log: Log, patience: float) -> LogBlock:
         """Fill one log, with checks of clock and keyboard now and then."""
-        first, before, march, in_time = _counts(self.run), None, engine().march, True
+        first, counts_before, march, in_time = _counts(self.run), None, engine().march, True
         sampled, clock = int(self.run.plan[0].samples), time.monotonic
         pause = FIRST_PART if isfinite(patience) else SHORTEST_PART
         started = looked = clock()
         log.follow(*first)
         log.lend(self.run)
-        while before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
-            before = counts
+        while counts_before != (counts := _counts(self.run)) and in_time and (not counts[0] or not self.is_over):
+            counts_before = counts
             pause = self.passages.shortened(pause, counts[0])
             log.make_ready(counts[0] - first[0], pause, sampled)
             make_room(self.run)
             try:
                 march_apart(march, self.run, pause)
             except NoMemoryError:
-                t = self.now.t * self.settings.scales.of(TIME)
+                t = self.now.t * self.settings.scales.si_factor(TIME)
                 raise NoMemoryError(
                     f"the model '{self.model.name}'", f", at t = {t:.6g}{unit_suffix(self.model.time_unit)}"
                 ) from None
@@ -302,9 +315,11 @@ class March:
             if self.progress:
                 plan, now = self.run.plan[0], self.now
                 done = float((now.t - plan.start) / (plan.end - plan.start))
-                self.progress(done, float(now.t * self.settings.scales.of(TIME)), int(now.rows))
+                self.progress(done, float(now.t * self.settings.scales.si_factor(TIME)), int(now.rows))
             in_time = looked - started < patience
-        rows, trials, events, samples = (after - before for after, before in zip(counts, first, strict=True))
+        rows, trials, events, samples = (
+            count_after - counts_before for count_after, counts_before in zip(counts, first, strict=True)
+        )
         return LogBlock(log, rows, trials, events, samples)
 
     def _look_at_the_end(self, block: LogBlock) -> None:
@@ -329,10 +344,10 @@ class March:
             return
         self.misplaced[log.events["detector"][:count][misplaced_events(self.run.detectors, log, count)]] = True
         # in most runs no event gains energy
-        place = place_of_loss(self.layout)
-        if place >= 0 and log.impulses[place, :count].min() < 0.0:
+        loss_row = place_of_loss(self.layout)
+        if loss_row >= 0 and log.impulses[loss_row, :count].min() < 0.0:
             impacts = impacts_of(self.layout, self.settings.scales, log, count)
-            self.gains = with_more(self.gains, self.layout, impacts, int(log.base[0]["events"]))
+            self.gains = add_gains(self.gains, self.layout, impacts, int(log.base[0]["events"]))
 
     @property
     def _unread(self) -> frozenset[str]:
@@ -341,7 +356,7 @@ class March:
         are_small = 8 * self.layout.sample_width * settings.scheme.samples < LARGE
         is_read = {ROW_ENERGIES: settings.energies}
         is_read[FORCE_SAMPLES] = settings.keeps_samples or are_small
-        return frozenset(what for what, read in is_read.items() if not read)
+        return frozenset(part_name for part_name, read in is_read.items() if not read)
 
     def _addresses(self) -> NDArray[np.int64]:
         """Compile the law, or load it."""

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import Name
 from xdynamics.kernels import Law, Layout
-from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing
+from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing_rows
 from xdynamics.kernels.interval_program import TIME as INSTANTS
 from xdynamics.kernels.step_polynomial import curve_degree
-from xdynamics.march.engine import assemblies as meeting
-from xdynamics.march.engine import contacts, watchers
+from xdynamics.march.engine import assembly_address as meeting
+from xdynamics.march.engine import contact_address, watchers
 from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
-from xdynamics.march.events.interval_operations import rules
+from xdynamics.march.events.interval_operations import operation_addresses
 from xdynamics.march.root_methods import JUDGED
 from xdynamics.march.run import AT_INSTANT, BALANCE, DEPARTURE, DETECTOR, LINK, PIECE, REACTION, TOUCH, WATCH
 from xdynamics.march.settings import Settings
@@ -23,7 +23,7 @@ from xdynamics.model import Model
 from xdynamics.model.assemblies import PATTERN
 from xdynamics.model.detectors import KINK, PERIODIC, SWITCH
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS, RECORD
-from xdynamics.model.reactions import DRY, NORMAL, modes, reactions
+from xdynamics.model.reactions import DRY, NORMAL, mode_names, reactions
 from xdynamics.model.switches import borders
 from xdynamics.schema import acceleration, velocity
 from xdynamics.units import TIME
@@ -33,33 +33,33 @@ MOST_MET, LEAST_MET, NUMBERS_MET = 16, 4, 100_000  # states that are remembered 
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 
-def _of_contacts(model: Model, layout: Layout) -> list[int]:
+def _contact_addresses(model: Model, layout: Layout) -> list[int]:
     """Return the addresses of the code of contacts, and of those of many links, where a model has them."""
     if model.assemblies:
         return [0, meeting()]
-    return [contacts()] if layout.reactions and PATTERN not in model.contacts else []
+    return [contact_address()] if layout.reactions and PATTERN not in model.contacts else []
 
 
-def watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:
+def event_search_arrays(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return the arrays of the search for events."""
     watched = law.layout.watched
-    intervals, depth, events = enclosing(law.layout), DEEPEST if watched else 0, len(watched)
+    intervals, depth, events = enclosing_rows(law.layout), DEEPEST if watched else 0, len(watched)
     places = {
         "under": np.zeros(intervals.values),
         "over": np.zeros(intervals.values),
         "flaws": np.zeros(intervals.values, np.int64),
-        "wanted": np.zeros(intervals.values, np.int64),
+        "needed_intervals": np.zeros(intervals.values, np.int64),
     }
-    operations = rules(law.scheme.math_functions, intervals.rules, curve_degree(law.layout))
+    operations = operation_addresses(law.scheme.math_functions, intervals.rules, curve_degree(law.layout))
     functions = [*operations, *watchers()] if watched else []
     return (
         places
-        | _touching(model, settings)
+        | _contact_arrays(model, settings)
         | {
-            "detectors": _detectors(law.layout, intervals, settings),
+            "detectors": _detector_rows(law.layout, intervals, settings),
             "watches": np.zeros(events, WATCH),
-            **_departures(law.layout, settings),
-            **_region(law.layout, intervals, settings),
+            **_departure_arrays(law.layout, settings),
+            **_region_arrays(law.layout, intervals, settings),
             "resets": np.zeros(len(targets := _targets(law)) * (1 + law.layout.is_doubled)),
             "targets": np.array(targets, np.int64).reshape(-1, 2),
             "piece": np.zeros(1, PIECE),
@@ -67,37 +67,37 @@ def watching(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[An
             "numbers": intervals.numbers,
             "parts": np.array(intervals.parts, np.int64),
             "branches": np.zeros((depth, 1 + law.layout.record.size + events)),
-            "functions": np.array([*functions, *_of_contacts(model, law.layout)], np.int64),
+            "functions": np.array([*functions, *_contact_addresses(model, law.layout)], np.int64),
         }
     )
 
 
-def _departures(layout: Layout, settings: Settings) -> dict[str, NDArray[Any]]:
+def _departure_arrays(layout: Layout, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return the arrays of functions that leave zero; empty where no event acts, or none is judged where it leaves."""
     acting = any(detector.event.action != RECORD for detector in layout.watched)
-    judged = settings.event_start == JUDGED and (acting or any(d.role == PERIODIC for d in layout.watched))
+    is_judged = settings.event_start == JUDGED and (acting or any(d.role == PERIODIC for d in layout.watched))
     used = layout.used.size
     return {
-        "departures": np.zeros(len(layout.watched) if judged else 0, DEPARTURE),
-        "instant": np.zeros(int(judged), AT_INSTANT),
-        "met_states": np.zeros((min(MOST_MET, max(LEAST_MET, NUMBERS_MET // used)), 1 + used) if judged else (0, 0)),
+        "departures": np.zeros(len(layout.watched) if is_judged else 0, DEPARTURE),
+        "instant": np.zeros(int(is_judged), AT_INSTANT),
+        "met_states": np.zeros((min(MOST_MET, max(LEAST_MET, NUMBERS_MET // used)), 1 + used) if is_judged else (0, 0)),
     }
 
 
-def _region(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[str, NDArray[Any]]:
+def _region_arrays(layout: Layout, intervals: Enclosing, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return the arrays of a region without events; empty where contacts read gaps in every step."""
     rows = {k: intervals.rows[k].tolist() for k in range(intervals.parts[0], intervals.parts[1])}
-    disabled = layout.reactions or settings.apart or any(row[0] == UNKNOWN for row in rows.values())
+    disabled = layout.reactions or settings.locates_one_by_one or any(row[0] == UNKNOWN for row in rows.values())
     leaves = []
     for k, (row, target, i, *_) in rows.items() if not disabled else ():
         if row == VARIABLE and not curve_degree(layout):
             leaves.append((POSITION, i, target))
         elif VARIABLE <= row < NUMBER or row == INSTANTS:
             leaves.append((INSTANT if row == INSTANTS else OTHER, k, target))
-    return {"leaves": np.array(leaves, np.int64).reshape(-1, 3), "region": np.zeros(BOX + 4 * len(leaves))}
+    return {"box_variables": np.array(leaves, np.int64).reshape(-1, 3), "region": np.zeros(BOX + 4 * len(leaves))}
 
 
-def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
+def _contact_arrays(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return the arrays of contacts and friction elements, with room for the problems that they pose."""
     all_reactions, scales = reactions(model), settings.scales
     m, n = len(all_reactions), len(model.statement.coordinates)
@@ -108,13 +108,13 @@ def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
         row.role, row.normal, row.tolerance, row.rest_height = (
             reaction.sort,
             reaction.normal,
-            settings.located_within(part.time_tolerance) / scales.of(TIME),
+            settings.located_within(part.time_tolerance) / scales.si_factor(TIME),
             -1.0,
         )
         if reaction.sort == NORMAL:
             row.law = IMPACT_LAWS.index(part.law)
             if part.rest_height is not None:
-                row.rest_height = part.rest_height.si / scales.of(part.rest_height.unit.dimension)
+                row.rest_height = part.rest_height.si / scales.si_factor(part.rest_height.unit.dimension)
     return {
         "reactions": fixed,
         "touches": np.zeros(m, TOUCH),
@@ -123,7 +123,7 @@ def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
         "entry": np.zeros(2 * n if m else 0),
         "balance": np.zeros(BALANCE),
         **{name: np.zeros(m) for name in ("approach", "slowed", "pulled")},
-        **_linked(m, n),
+        **_contact_tables(m, n),
         "problem": np.zeros((unknowns, 2 * unknowns + 2)),
         "basis": np.zeros(3 * unknowns + 1, np.int64),
         "solution": np.zeros(unknowns),
@@ -134,8 +134,8 @@ def _touching(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
     }
 
 
-def _linked(m: int, n: int) -> dict[str, NDArray[Any]]:
-    """Return the contact tables of m reactions and n coordinates, and their parts as `model.reactions.table` lists them."""
+def _contact_tables(m: int, n: int) -> dict[str, NDArray[Any]]:
+    """Return the contact tables of m reactions and n coordinates, and their parts as `model.reactions.reaction_table` lists them."""
     width = len(LINK.names or ())
     tables = np.zeros((width + m + 2 * n) * m)
     numbers, delassus, directions, responses = np.split(tables, np.cumsum([width * m, m * m, m * n]))
@@ -155,41 +155,46 @@ def _targets(law: Law) -> list[tuple[int, int]]:
     return targets + [(-1 - change.action, used.index(change.target)) for change in law.layout.ticking]
 
 
-def _followed_by(layout: Layout, drive: str) -> tuple[int, int, int, int]:
+def _drive_argument_indices(layout: Layout, drive: str) -> tuple[int, int, int, int]:
     """Return the number of a drive, and where its argument, the argument's rate and acceleration are.
 
     They are places in a state or, counted from -1 downwards, among the numbers of the program `slopes`.
     """
-    place, places = layout.model.looked_up_at[drive], {name: i for i, name in enumerate(layout.record)}
-    if not isinstance(place, Name) or place.name not in {*layout.coordinates, *layout.velocities}:
+    argument_node, state_indices = layout.model.looked_up_at[drive], {name: i for i, name in enumerate(layout.record)}
+    if not isinstance(argument_node, Name) or argument_node.name not in {*layout.coordinates, *layout.velocities}:
         first = -1 - len(layout.watched) - layout.followed.size - 3 * layout.tracked.index(drive)
         return layout.drives.index(drive), first, first - 1, first - 2
-    argument = place.name
+    argument = argument_node.name
     owner = argument if argument in layout.coordinates else argument.removeprefix(velocity(""))
-    turn = places[acceleration(owner)]
-    return layout.drives.index(drive), places[argument], places[velocity(owner)] if owner == argument else turn, turn
+    turn = state_indices[acceleration(owner)]
+    return (
+        layout.drives.index(drive),
+        state_indices[argument],
+        state_indices[velocity(owner)] if owner == argument else turn,
+        turn,
+    )
 
 
-def _detectors(layout: Layout, intervals: Enclosing, settings: Settings) -> NDArray[np.void]:
+def _detector_rows(layout: Layout, intervals: Enclosing, settings: Settings) -> NDArray[np.void]:
     model, watched = layout.model, layout.watched
     rows = np.zeros(len(watched), DETECTOR)
     rows["value"], rows["slope"], rows["of_time"] = intervals.functions, intervals.slopes, intervals.of_time
     rows["bend"] = intervals.bends
-    place = len(modes(model))  # of sides, after the modes of contacts
+    side_index = len(mode_names(model))  # of sides, after the modes of contacts
     for row, detector in zip(rows, watched, strict=True):
         event = detector.event
         row.direction, row.action, row.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
         row.to = list(model.regimes).index(event.to) if event.to else 0
-        row.tolerance = settings.located_within(detector.time_tolerance) / settings.scales.of(TIME)
+        row.tolerance = settings.located_within(detector.time_tolerance) / settings.scales.si_factor(TIME)
         position = detector.position_tolerance
-        row.position = np.inf if position is None else position.si / settings.scales.of(position.unit.dimension)
+        row.position = np.inf if position is None else position.si / settings.scales.si_factor(position.unit.dimension)
         row.role, row.reaction = detector.role, detector.reaction
         row.sampled = int(detector.sampled)
         row.interpolant = int(event.root_state == "interpolant")
         row.drive = -1
         if detector.role in (SWITCH, KINK):
-            row.to, row.at_zero = place, detector.at_zero
-            place += len(borders(detector.drive)) if detector.drive else 1
+            row.to, row.at_zero = side_index, detector.at_zero
+            side_index += len(borders(detector.drive)) if detector.drive else 1
         if detector.drive:
-            row.drive, row.argument, row.rate, row.turn = _followed_by(layout, detector.drive)
+            row.drive, row.argument, row.rate, row.turn = _drive_argument_indices(layout, detector.drive)
     return rows

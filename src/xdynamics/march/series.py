@@ -8,62 +8,62 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.numbers import FRACTION, ONE
-from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.formulas import function_of, larger
+from xdynamics.kernels.compiling import jit_inline, jit_separate
+from xdynamics.kernels.formulas import compiled_function_of, larger
 from xdynamics.kernels.law import EXPAND, PROPOSE
 from xdynamics.kernels.program import T
 from xdynamics.kernels.step_control import CONSTANTS, FORESEEN, LOG2, TERM, TIME_OF, TINY, WEIGHT, WITHOUT_UNIT
-from xdynamics.march.calls import called
-from xdynamics.march.control import allowed_of, rounding_of, shortest
-from xdynamics.march.force_evaluation import find_term_sizes, slope_of
+from xdynamics.march.calls import call_law
+from xdynamics.march.control import allowed_of, shortest_step, term_rounding
+from xdynamics.march.force_evaluation import find_term_sizes, state_slope
 from xdynamics.march.run import STAYED, Run
 from xdynamics.march.tolerance_sizes import tops_of
 
 State = NDArray[Any]
 LONGER = 4  # times that a step is foreseen again
 
-_weight = function_of(WEIGHT, "allowed rtol value", "weight")
-_ratio = function_of(TERM.format("any"), "term_any weight", "norm_any")
-_time_of = function_of(TIME_OF, "norm_size norm_slope remaining", "time")
-_without_unit = function_of(
+_weight = compiled_function_of(WEIGHT, "allowed rtol value", "weight")
+_ratio = compiled_function_of(TERM.format("any"), "term_any weight", "norm_any")
+_time_of = compiled_function_of(TIME_OF, "norm_size norm_slope remaining", "time")
+_without_unit = compiled_function_of(
     WITHOUT_UNIT, "norm_size norm_before norm_last half rest_before rest_last", "top first second before last"
 )
-_log2 = function_of(LOG2, "part whole", "log2")
-_foreseen = function_of(
+_log2 = compiled_function_of(LOG2, "part whole", "log2")
+_foreseen = compiled_function_of(
     FORESEEN, "first second log2_top log2_before log2_last per_before per_last safety time", "factor whole", CONSTANTS
 )
 
 
-@compiled
+@jit_inline
 def series_step(run: Run, y: State, z: State, sample: int) -> None:
     """Sum the series at the end of the step; compute it before, unless it is known from the state that the march is at."""
-    plan, kept = run.plan[0], run.kept[0]
-    if kept.since != STAYED or plan.steps > 1:
-        called(run.law[EXPAND], run, y, z, sample)
-        kept.since = STAYED
-    called(run.law[PROPOSE], run, y, z, sample)
+    plan, step_memory = run.plan[0], run.kept[0]
+    if step_memory.since != STAYED or plan.steps > 1:
+        call_law(run.law[EXPAND], run, y, z, sample)
+        step_memory.since = STAYED
+    call_law(run.law[PROPOSE], run, y, z, sample)
     run.now[0].evaluations += plan.stages
 
 
-@shared
-def foresee(run: Run) -> None:
+@jit_separate
+def choose_series_step(run: Run) -> None:
     """Choose the step by the last two coefficients of the series.
 
     Each gives a radius of convergence, in which its term would be as large as the state; in the step that of the smaller
     one has fallen to what is allowed.
     """
-    now, plan, kept = run.now[0], run.plan[0], run.kept[0]
-    if kept.since == STAYED:  # after a rejected trial, which chose
+    now, plan, step_memory = run.now[0], run.plan[0], run.kept[0]
+    if step_memory.since == STAYED:  # after a rejected trial, which chose
         return
     # what the state and its slopes suffice for comes first, so that it is done while the series is
     if plan.follows:
         tops_of(run, run.y)
     size, slope = norms_at_start(run, 0.0)
     time = _time_of(size, slope, plan.end - now.t)
-    lower = power(time, (plan.series - 1) // 2)
+    lower = whole_power(time, (plan.series - 1) // 2)
     run.at[T] = now.t
-    called(run.law[EXPAND], run, run.y, run.z, 0)
-    kept.since = STAYED
+    call_law(run.law[EXPAND], run, run.y, run.z, 0)
+    step_memory.since = STAYED
     if now.rows == 1 and plan.first_step > 0.0:
         return
     now.step = foreseen_step(run, size, time, lower)
@@ -73,15 +73,15 @@ def foresee(run: Run) -> None:
         now.first_step = now.step
 
 
-@compiled
+@jit_inline
 def foreseen_step(run: Run, size: float, time: float, lower: float) -> float:
     """Return the step by the last two coefficients, from the size of the state, a time, and a power of it."""
     plan, order, remaining = run.plan[0], run.plan[0].series, run.plan[0].end - run.now[0].t
     higher = lower * time
     half, rest_last = (lower, higher) if order % 2 == 1 else (higher, higher)
-    before, last = norms_of(run, order)
-    top, first, second, before, last = _without_unit(size, before, last, half, lower, rest_last)
-    logarithms = coarse_log2(top), coarse_log2(before), coarse_log2(last)
+    norm_before, norm_last = norms_of(run, order)
+    top, first, second, norm_before, norm_last = _without_unit(size, norm_before, norm_last, half, lower, rest_last)
+    logarithms = coarse_log2(top), coarse_log2(norm_before), coarse_log2(norm_last)
     factor, doublings = _foreseen(
         first,
         second,
@@ -94,10 +94,10 @@ def foreseen_step(run: Run, size: float, time: float, lower: float) -> float:
         time,
     )
     step = factor * np.int64((np.int64(doublings) + 1023) << 52).view(np.float64)
-    return float(min(max(step, shortest(run)), plan.max_step, remaining))
+    return float(min(max(step, shortest_step(run)), plan.max_step, remaining))
 
 
-@compiled
+@jit_inline
 def may_be_rounding(run: Run) -> bool:
     """Whether a step may be as short as it is by the rounding of terms: so it was before, or it is much shorter than that."""
     now, plan = run.now[0], run.plan[0]
@@ -106,7 +106,7 @@ def may_be_rounding(run: Run) -> bool:
     return bool(now.step < (plan.least * now.h if now.h > 0.0 else TINY * plan.rest))
 
 
-@shared
+@jit_separate
 def lengthen(run: Run) -> None:
     """Foresee the step again with what rounding of terms makes of one of that length, which is allowed, too."""
     now, plan = run.now[0], run.plan[0]
@@ -114,30 +114,30 @@ def lengthen(run: Run) -> None:
         find_term_sizes(run, now.t + now.step, run.y)
         size, slope = norms_at_start(run, now.step)
         time = _time_of(size, slope, plan.end - now.t)
-        step = foreseen_step(run, size, time, power(time, (plan.series - 1) // 2))
+        step = foreseen_step(run, size, time, whole_power(time, (plan.series - 1) // 2))
         if not step > now.step:
             break
         now.step = step
 
 
-@compiled
-def power(base: float, exponent: int) -> float:
+@jit_inline
+def whole_power(base: float, exponent: int) -> float:
     """Return a whole power by squaring from the highest bit on: as `Assignments.power` writes it."""
     if exponent == 0:
         return 1.0
     bit = 1
     while 2 * bit <= exponent:
         bit *= 2
-    found = base
+    product = base
     while bit > 1:
         bit //= 2
-        found = found * found
+        product = product * product
         if exponent & bit:
-            found = found * base
-    return found
+            product = product * base
+    return product
 
 
-@compiled
+@jit_inline
 def coarse_log2(x: float) -> float:
     """Return the logarithm of a positive normal number to base 2, to 0.001."""
     word = np.float64(x).view(np.int64)
@@ -145,7 +145,7 @@ def coarse_log2(x: float) -> float:
     return _log2(part, (word >> 52) - 1023)
 
 
-@compiled
+@jit_inline
 def norms_at_start(run: Run, width: float) -> tuple[float, float]:
     """Return the largest ratios of the state and its slopes to what is allowed as errors; keep what they are multiplied by.
 
@@ -154,20 +154,20 @@ def norms_at_start(run: Run, width: float) -> tuple[float, float]:
     plan, size, slope = run.plan[0], 0.0, 0.0
     for i in range(plan.used):
         weight = _weight(allowed_of(run, run.y, i), plan.rtol, run.y[i])
-        if width > 0.0 and run.followers[i]:
-            least = rounding_of(run, i, width)
-            weight = min(weight, 1.0 / least) if least > 0.0 else weight
+        if width > 0.0 and run.adaptive_atol[i]:
+            rounding_floor = term_rounding(run, i, width)
+            weight = min(weight, 1.0 / rounding_floor) if rounding_floor > 0.0 else weight
         size = larger(size, _ratio(run.y[i], weight))
-        slope = larger(slope, _ratio(slope_of(run, run.y, i), weight))
+        slope = larger(slope, _ratio(state_slope(run, run.y, i), weight))
         run.half[i] = weight
     return size, slope
 
 
-@compiled
+@jit_inline
 def norms_of(run: Run, order: int) -> tuple[float, float]:
     """Return the largest ratios of the last two coefficients to what is allowed as errors."""
-    plan, (before, last) = run.plan[0], (0.0, 0.0)
+    plan, (norm_before, norm_last) = run.plan[0], (0.0, 0.0)
     for i in range(plan.used):
-        before = larger(before, _ratio(run.w[(order - 1) * plan.used + i], run.half[i]))
-        last = larger(last, _ratio(run.w[order * plan.used + i], run.half[i]))
-    return before, last
+        norm_before = larger(norm_before, _ratio(run.w[(order - 1) * plan.used + i], run.half[i]))
+        norm_last = larger(norm_last, _ratio(run.w[order * plan.used + i], run.half[i]))
+    return norm_before, norm_last

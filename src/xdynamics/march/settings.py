@@ -7,7 +7,7 @@ from math import isfinite
 
 from xdynamics.elementary import NAME, SETS
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.faults import InputError, numbered
+from xdynamics.faults import InputError, numbered_lines
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march.delay_faults import delay_faults
@@ -30,7 +30,7 @@ from xdynamics.model.parts import MOST_REACTIONS
 from xdynamics.model.regime_model import regime_model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import ENERGIES, sampled
+from xdynamics.schema import ENERGIES, sample_name
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, unit_suffix
 from xdynamics.units.rounded import exact_value
 
@@ -74,10 +74,10 @@ class Pacing:
     def faults(self, second: str) -> list[str]:
         """List what cannot be used; `second` is the unit text that follows a time."""
         faults = []
-        least, greatest = self.growth_limits
+        lowest_ratio, highest_ratio = self.growth_limits
         if not 0 < self.safety < 1:
             faults.append(f"safety is {self.safety!r}, needs a number between 0 and 1")
-        if not (0 < least < 1 < greatest and isfinite(greatest)):
+        if not (0 < lowest_ratio < 1 < highest_ratio and isfinite(highest_ratio)):
             faults.append(f"growth_limits are {self.growth_limits!r}, need 0 < least < 1 < greatest")
         if not (isfinite(self.min_step) and self.min_step >= 0):
             faults.append(f"min_step is {self.min_step!r}{second}, needs a non-negative time")
@@ -178,16 +178,16 @@ class Settings:
     @property
     def keeps_samples(self) -> bool:
         """Whether the record may have columns of force samples."""
-        return self.log == FULL or (self.log != STATES and any(name.startswith(sampled("")) for name in self.log))
+        return self.log == FULL or (self.log != STATES and any(name.startswith(sample_name("")) for name in self.log))
 
     @property
     def energies(self) -> bool:
         """Whether the record has columns of energies."""
         return self.log == FULL or (self.log != STATES and any(name in ENERGIES for name in self.log))
 
-    def located_within(self, asked: Quantity | None) -> float:
+    def located_within(self, requested_tolerance: Quantity | None) -> float:
         """Return a time tolerance, s: the requested one, or by default that of all events."""
-        return self.time_tolerance if asked is None else asked.si
+        return self.time_tolerance if requested_tolerance is None else requested_tolerance.si
 
     @property
     def adaptive(self) -> bool:
@@ -195,7 +195,7 @@ class Settings:
         return self.tolerances is not None and not isinstance(self.step, tuple)
 
     @property
-    def apart(self) -> bool:
+    def locates_one_by_one(self) -> bool:
         """Whether events are located one by one, each substep a rejected trial."""
         return self.event_root_method == ONE_BY_ONE
 
@@ -272,7 +272,7 @@ class Settings:
             faults += self.method.stepper.faults_of_estimates(model, self.method.name)
         faults += self._faults_of_scales(model)
         if len(faults) > 1:
-            raise InputError(f"the run of '{model.name}' cannot be set up:{numbered(faults)}", tuple(faults))
+            raise InputError(f"the run of '{model.name}' cannot be set up:{numbered_lines(faults)}", tuple(faults))
         if faults:
             raise InputError(faults[0], tuple(faults))
 
@@ -330,9 +330,9 @@ class Settings:
         used = self.scheme.inner(rtol) if self.estimator in ESTIMATORS else rtol
         if used >= least_rtol(self.precision):
             return []
-        least = least_rtol(self.precision) ** (self.method.order / self.scheme.error_order)
+        lowest_rtol = least_rtol(self.precision) ** (self.method.order / self.scheme.error_order)
         needed = f"rtol is {rtol!r}, for which a step of '{self.method.name}' would need {used:.3g}, less than rounding"
-        return [f"{needed}; take {least:.2g} or more, step_doubling_extrapolated or a method of higher order"]
+        return [f"{needed}; take {lowest_rtol:.2g} or more, step_doubling_extrapolated or a method of higher order"]
 
     def _jacobian_faults(self) -> list[str]:
         if self.jacobian not in JACOBIANS:

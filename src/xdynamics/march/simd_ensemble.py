@@ -16,9 +16,9 @@ from xdynamics.kernels.machine import aligned_zeros, vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
 from xdynamics.kernels.radau_memory import KEPT
 from xdynamics.march.engine import lanes as side_by_side
-from xdynamics.march.ensemble_part import Arrays, EnsemblePart, inputs_of, rows_of_many
+from xdynamics.march.ensemble_part import Arrays, EnsemblePart, inputs_of_runs, rows_of_many
 from xdynamics.march.equation_solvers import solver_of
-from xdynamics.march.initial_run import addresses_of, posed
+from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.lane_rows import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
 from xdynamics.march.log import Log, Room, allocate, is_wide
 from xdynamics.march.run import EVENT_ROW, Run
@@ -34,7 +34,7 @@ LARGEST_ROW = (
 )
 
 
-def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int:
+def lanes_for(law: Law, settings: Settings, runs: int, requested_lanes: int | None) -> int:
     """Return how many runs may go side by side: one where a step is more than a program, or nothing is gained."""
     method, layout = law.scheme.method, law.layout
     solved = solver_of(method).in_lanes(law, settings)
@@ -43,8 +43,8 @@ def lanes_for(law: Law, settings: Settings, runs: int, asked: int | None) -> int
     plain = plain and not (layout.attitudes or any(event.every for event in layout.model.events.values()))
     if not plain or PLAINLY or layout.is_doubled or not can_be_watched(layout):
         return 1
-    if asked is not None:
-        return max(1, asked)
+    if requested_lanes is not None:
+        return max(1, requested_lanes)
     return vector_lanes() if runs >= FEWEST_A_LANE * vector_lanes() and layout.row.size <= LARGEST_ROW else 1
 
 
@@ -53,20 +53,20 @@ def march_abreast(
 ) -> EnsemblePart:
     """March runs side by side, and keep some columns of their logs in a room."""
     n, layout = len(next(iter(arrays.values()))), law.layout
-    log = allocate(layout, LANE_ROWS, sampled=0, apart=settings.apart, by_rows=is_wide(layout))
-    one = posed(model, settings, law, log, addresses_of(law))
-    twins, inputs = one.twins(lanes), inputs_of(model, settings, law, one, arrays)
-    part = EnsemblePart.of(n, law, inputs[2])
-    blocks = _blocks(one, layout, law.memory, lanes)
-    table = table_of(blocks | {"tables": one.tables})
-    followers, weighs = tuple(map(bool, one.followers)), bool(one.plan[0]["rounding"] > 0.0)
-    stride = law.striding(lanes, adaptive=settings.adaptive, followers=followers, weighs=weighs)
+    log = allocate(layout, LANE_ROWS, sampled=0, one_by_one=settings.locates_one_by_one, by_rows=is_wide(layout))
+    template_run = pose_run(model, settings, law, log, addresses_of(law))
+    twins, inputs = template_run.twins(lanes), inputs_of_runs(model, settings, law, template_run, arrays)
+    part = EnsemblePart.empty(n, law, inputs[2])
+    blocks = _lane_blocks(template_run, layout, law.memory, lanes)
+    table = table_of(blocks | {"tables": template_run.tables})
+    followers, weighs = tuple(map(bool, template_run.adaptive_atol)), bool(template_run.plan[0]["rounding"] > 0.0)
+    stride = law.stride_address(lanes, adaptive=settings.adaptive, adaptive_atol=followers, weighs=weighs)
     state_blocks = [blocks[name] for name in ("at", "y", "before", "p", "pieces", "z", "w")]
-    sources, rows = _sources(layout, columns), []
-    event_log = _room(log, 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0)
-    owners, standing = np.zeros(len(event_log.events), np.int64), np.array([lanes, 0, 0, 0])
+    sources, rows = _column_sources(layout, columns), []
+    event_log = _event_log(log, 2 * lanes * len(log.events) + min(n, EVENT_ROOM) if layout.watched else 0)
+    owners, lane_counters = np.zeros(len(event_log.events), np.int64), np.array([lanes, 0, 0, 0])
     event_owners, members, reached, finished = [], np.full(lanes, NONE), np.zeros(lanes), False
-    kept, marks = _Rows.of(room, 0, sources, layout.flags, lanes), np.zeros((layout.flags, lanes), np.int8)
+    row_store, marks = _Rows.allocate(room, 0, sources, layout.flags, lanes), np.zeros((layout.flags, lanes), np.int8)
     while not finished:
         finished = side_by_side().march(
             twins.addresses,
@@ -74,7 +74,7 @@ def march_abreast(
             table,
             *state_blocks,
             members,
-            standing,
+            lane_counters,
             *inputs,
             part.ends,
             part.lasts,
@@ -86,22 +86,25 @@ def march_abreast(
             owners,
             blocks["noted"],
             sources,
-            *kept,
+            *row_store,
             reached,
             marks,
         )
-        count, standing[EVENTS] = int(standing[EVENTS]), 0
-        part.logs.append(_events(event_log, np.arange(count)))
+        count, lane_counters[EVENTS] = int(lane_counters[EVENTS]), 0
+        part.logs.append(_events_at(event_log, np.arange(count)))
         event_owners.append(owners[:count].copy())
         if len(sources):
-            rows.append(kept.first(int(standing[ROWS])))
-            kept, standing[ROWS] = kept if finished else _Rows.of(room, len(rows), sources, layout.flags, lanes), 0
-    events = _sorted(part.logs, event_owners)
-    part.logs = [_with_rows(events, layout, part.ends["rows"], sources, rows, room) if rows else events]
+            rows.append(row_store.first(int(lane_counters[ROWS])))
+            row_store, lane_counters[ROWS] = (
+                row_store if finished else _Rows.allocate(room, len(rows), sources, layout.flags, lanes),
+                0,
+            )
+    events = _sort_events(part.logs, event_owners)
+    part.logs = [_merge_rows(events, layout, part.ends["rows"], sources, rows, room) if rows else events]
     return part
 
 
-def _blocks(run: Run, layout: Layout, memory: int, lanes: int) -> dict[str, NDArray[Any]]:
+def _lane_blocks(run: Run, layout: Layout, memory: int, lanes: int) -> dict[str, NDArray[Any]]:
     """Return the arrays of a step in lanes."""
     sizes = {name: len(getattr(run, name)) for name in ("at", "y", "p", "z", "e")}
     sizes |= {"before": sizes["y"], "noted": noted_width(layout), "w": lane_width(layout, memory)}
@@ -117,7 +120,7 @@ class _Rows(NamedTuple):
     owners: NDArray[np.int64]
 
     @classmethod
-    def of(cls, room: Room, number: int, sources: NDArray[np.int64], flags: int, lanes: int) -> _Rows:
+    def allocate(cls, room: Room, number: int, sources: NDArray[np.int64], flags: int, lanes: int) -> _Rows:
         """Return room for rows, or for none where no columns are kept."""
         count = rows_of_many(ROW_ROOM, lanes * len(sources)) if len(sources) else 0
         shapes = {"rows": (count, len(sources), lanes), "flags": (count, flags, lanes), "owners": (count, lanes)}
@@ -129,7 +132,7 @@ class _Rows(NamedTuple):
         return _Rows(self.rows[:count], self.flags[:count], self.owners[:count])
 
 
-def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
+def _column_sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
     """Return the numbers of columns of the log, and where a lane holds them."""
     state, errors = layout.row[2 : 2 + layout.state.size], len(LANE) + 2 * layout.used.size
     places = {"time": (OF_LANE, LANE.index("t")), "step_size": (OF_LANE, LANE.index("h"))}
@@ -143,12 +146,12 @@ def _sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]:
         )
     )
     places |= {name: (OF_LANE, of_collocation(layout) + KEPT.index("iterations")) for name in layout.effort}
-    wanted = frozenset(columns)
-    sources = [(i, *places[name]) for i, name in enumerate(layout.row) if name in wanted]
+    requested_columns = frozenset(columns)
+    sources = [(i, *places[name]) for i, name in enumerate(layout.row) if name in requested_columns]
     return np.array(sources, np.int64).reshape(-1, 3)
 
 
-def _with_rows(
+def _merge_rows(
     log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDArray[np.int64], pieces: list[_Rows], room: Room
 ) -> Log:
     """Put the rows of all runs into a log, one run after the other; columns that were not kept are undefined."""
@@ -163,7 +166,7 @@ def _with_rows(
     return merged
 
 
-def _room(log: Log, events: int) -> Log:
+def _event_log(log: Log, events: int) -> Log:
     """Return a log with room for events alone."""
     return Log(
         log.base,
@@ -177,17 +180,17 @@ def _room(log: Log, events: int) -> Log:
     )
 
 
-def _sorted(logs: Sequence[Log], owners: Sequence[NDArray[np.int64]]) -> Log:
+def _sort_events(logs: Sequence[Log], owners: Sequence[NDArray[np.int64]]) -> Log:
     """Return a log with the events of several, one run after the other; those of a run keep their order."""
     events, rates, impulses = (
         np.concatenate(pieces, axis=-1)
         for pieces in zip(*((log.events, log.rates, log.impulses) for log in logs), strict=True)
     )
     order = np.argsort(np.concatenate(owners), kind="stable")
-    return _events(logs[0]._replace(events=events, rates=rates, impulses=impulses), order)
+    return _events_at(logs[0]._replace(events=events, rates=rates, impulses=impulses), order)
 
 
-def _events(log: Log, indices: NDArray[np.int64]) -> Log:
+def _events_at(log: Log, indices: NDArray[np.int64]) -> Log:
     """Return a log with some of the events."""
     return log._replace(events=log.events[indices], rates=log.rates[:, indices], impulses=log.impulses[:, indices])
 

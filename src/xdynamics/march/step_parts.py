@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import borrowing
+from xdynamics.kernels.compiling import jit_uncounted
 from xdynamics.kernels.program import T1, H, T
 from xdynamics.march.calls import run_at, strode_by
-from xdynamics.march.engine_entries import stand
-from xdynamics.march.lane_memory import lend
+from xdynamics.march.engine_entries import set_sides_at_time
+from xdynamics.march.lane_memory import lend_to_lane
 from xdynamics.march.run import Run
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 Flags = NDArray[np.int8]
 
 
@@ -23,21 +23,21 @@ def parts_of_steps(
     address: Any,
     forces_at: Any,
     propose_at: Any,
-    table: Whole,
-    at: Floats,
+    table: IntArray,
+    step_numbers: Floats,
     y: Floats,
     p: Floats,
-    pieces: Whole,
+    pieces: IntArray,
     z: Floats,
     log: Floats,
     flags: Flags,
     parameters: Floats,
     factors: Floats,
-    jobs: Whole,
+    jobs: IntArray,
     times: Floats,
     ends: Floats,
-    whose: Whole,
-    found: Floats,
+    time_indices: IntArray,
+    interior_states: Floats,
 ) -> None:
     """Repeat steps of many logs, each shortened to end at a time inside it, as `entries.states_inside` does.
 
@@ -57,12 +57,12 @@ def parts_of_steps(
         Row at the start of each step, row at its end, and the run.
     times : ndarray, shape (k,)
         In the unit of the record.
-    ends, whose : ndarray, shape (3, W) and ndarray of int, shape (W,)
+    ends, time_indices : ndarray, shape (3, W) and ndarray of int, shape (W,)
         Room for the steps that wait in the lanes: ends and size of each, and which of the times it leads to.
-    found : ndarray, shape (n, k)
+    interior_states : ndarray, shape (n, k)
         Filled, in units of the record.
     """
-    run, lanes, n, scale = run_at(address), y.shape[1], found.shape[0], factors[0]
+    run, lanes, n, scale = run_at(address), y.shape[1], interior_states.shape[0], factors[0]
     filled, current = 0, -1
     for k in range(times.shape[0]):
         row, led_to, member = jobs[0, k], jobs[1, k], jobs[2, k]
@@ -75,34 +75,38 @@ def parts_of_steps(
                 for i in range(parameters.shape[1]):
                     run.p[i] = parameters[member, i]
             run.now[0].regime = flags[1, row]
-            stand_at(run, t, log, row, factors)
-            lend(run, at, y, p, pieces, filled)
+            stand_at_row(run, t, log, row, factors)
+            lend_to_lane(run, step_numbers, y, p, pieces, filled)
             ends[0, filled], ends[1, filled], ends[2, filled] = t, time, (time - t) / (t1 - t) * h
-            whose[filled] = k
+            time_indices[filled] = k
             filled += 1
         else:
             for i in range(n):
-                found[i, k] = log[2 + i, row] * factors[1 + i]
+                interior_states[i, k] = log[2 + i, row] * factors[1 + i]
         if filled == lanes or (filled > 0 and k == times.shape[0] - 1):
-            aim(at, ends, filled)
+            set_lane_steps(step_numbers, ends, filled)
             strode_by(forces_at, table.ctypes.data, y.ctypes.data, y.ctypes.data, z.ctypes.data)
             strode_by(propose_at, table.ctypes.data, y.ctypes.data, z.ctypes.data, z.ctypes.data)
             for lane in range(filled):
                 for i in range(n):
-                    found[i, whose[lane]] = (z[i, lane] + 0.0) * factors[1 + i]
+                    interior_states[i, time_indices[lane]] = (z[i, lane] + 0.0) * factors[1 + i]
             filled = 0
 
 
-@borrowing
-def stand_at(run: Run, t: float, log: Floats, row: int, factors: Floats) -> None:
+@jit_uncounted
+def stand_at_row(run: Run, t: float, log: Floats, row: int, factors: Floats) -> None:
     """Set the run to a row of the log, between steps; no rounding is carried along."""
     for i in range(run.y.shape[0]):
         run.y[i] = log[2 + i, row] * factors[1 + i] / factors[1 + i] if 1 + i < factors.shape[0] else 0.0
-    stand(run, t)
+    set_sides_at_time(run, t)
 
 
-@borrowing
-def aim(at: Floats, ends: Floats, lanes: int) -> None:
+@jit_uncounted
+def set_lane_steps(step_numbers: Floats, ends: Floats, lanes: int) -> None:
     """Set the ends and the size of the step in each lane."""
     for lane in range(lanes):
-        at[T, lane], at[T1, lane], at[H, lane] = ends[0, lane], ends[1, lane], ends[2, lane]
+        step_numbers[T, lane], step_numbers[T1, lane], step_numbers[H, lane] = (
+            ends[0, lane],
+            ends[1, lane],
+            ends[2, lane],
+        )

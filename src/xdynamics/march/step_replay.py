@@ -12,7 +12,7 @@ from xdynamics.expressions.tree import children
 from xdynamics.methods import ConstraintImpulse, Evaluation, Solve, VectorStatement
 from xdynamics.methods.line_walk import Walker
 from xdynamics.methods.lines import TaylorSeries
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated, tables_of
+from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_motion
 from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Values = dict[str, float]
 
 
-def retraced(march: March) -> Iterator[Values]:
+def replayed_evaluations(march: March) -> Iterator[Values]:
     """Yield the force evaluations of the last trial, in internal units.
 
     Each is a mapping with `t`, the state, drives, force components, accelerations and rates. Half steps, if any,
@@ -34,10 +34,10 @@ def retraced(march: March) -> Iterator[Values]:
     parameters |= dict(
         zip(list(parameters)[len(parameters) - march.run.modes.size :], march.run.modes.tolist(), strict=True)
     )
-    tables = tables_of(march.model, march.settings.scales)
+    tables = drive_pieces(march.model, march.settings.scales)
 
     def forces(used: Values) -> Values:
-        return evaluated(model, used | {REGIME_NUMBER: regime}, parameters, tables)
+        return evaluate_motion(model, used | {REGIME_NUMBER: regime}, parameters, tables)
 
     def step(t: float, h: float, state: Values) -> _Retrace:
         retrace = _Retrace(march, forces, t, h, state)
@@ -47,12 +47,12 @@ def retraced(march: March) -> Iterator[Values]:
     if h == 0.0:
         yield forces(state | {"t": t})
         return
-    yield from step(t, h, state).found
+    yield from step(t, h, state).force_evaluations
     if march.settings.scheme.steps > 1:
         half = step(t, h / 2.0, state)
-        yield from half.found
-        if half.whole:
-            yield from step(t + h / 2.0, h / 2.0, half.end).found
+        yield from half.force_evaluations
+        if half.is_explicit:
+            yield from step(t + h / 2.0, h / 2.0, half.end).force_evaluations
 
 
 class _Retrace(Walker):
@@ -60,8 +60,8 @@ class _Retrace(Walker):
 
     def __init__(self, march: March, forces: object, t: float, h: float, state: Values) -> None:
         assert callable(forces)  # noqa: S101
-        self.found: list[Values] = []
-        self.whole = True  # until equations have to be solved
+        self.force_evaluations: list[Values] = []
+        self.is_explicit = True  # until equations have to be solved
         self._forces = forces
         self._layout = layout = march.layout
         self._left = march.run.w
@@ -78,11 +78,16 @@ class _Retrace(Walker):
     def end(self) -> Values:
         """The state that the step led to."""
         vectors = self._vectors
-        return self.found[-1] | vectors["q1"] | {velocity(k): v for k, v in vectors["v1"].items()} | vectors["x1"]
+        return (
+            self.force_evaluations[-1]
+            | vectors["q1"]
+            | {velocity(k): v for k, v in vectors["v1"].items()}
+            | vectors["x1"]
+        )
 
     def assign(self, line: VectorStatement) -> None:
         """Compute one vector."""
-        if self.whole:
+        if self.is_explicit:
             owners = self._layout.states if line.of_states else self._layout.coordinates
             self._vectors[line.target] = {
                 name: evaluate(
@@ -93,14 +98,14 @@ class _Retrace(Walker):
 
     def evaluate(self, line: Evaluation) -> None:
         """Evaluate the forces."""
-        if not self.whole:
+        if not self.is_explicit:
             return
         vectors, layout = self._vectors, self._layout
         used = (
             vectors[line.position] | {velocity(k): v for k, v in vectors[line.velocity].items()} | vectors[line.state]
         )
         result = self._forces(used | {"t": evaluate(parse(line.time), self._scalars)})
-        self.found.append(result)
+        self.force_evaluations.append(result)
         vectors[line.acceleration] = {name: result[acceleration(name)] for name in layout.coordinates}
         vectors[line.rate] = {name: result[rate(name)] for name in layout.states}
 
@@ -114,7 +119,7 @@ class _Retrace(Walker):
                 ("v", self._layout.coordinates),
                 ("x", self._layout.states),
             ):
-                numbers = self._left[[i * (2 * n + m) + place for place in places[letter]]]
+                numbers = self._left[[i * (2 * n + m) + state_index for state_index in places[letter]]]
                 self._vectors[f"{letter}_{i}"] = dict(zip(owners, numbers.tolist(), strict=True))
 
     def keep(self, line: ConstraintImpulse) -> None:
@@ -122,9 +127,9 @@ class _Retrace(Walker):
 
     def solve(self, line: Solve) -> None:
         """Make the first iteration; anything after it would start from unsolved equations."""
-        if self.whole:
+        if self.is_explicit:
             self.walk((*line.definitions, *line.evaluations))
-            self.whole = False
+            self.is_explicit = False
 
 
 def undefined_part(node: Node, values: Values) -> str:
@@ -137,12 +142,12 @@ def undefined_part(node: Node, values: Values) -> str:
         for description in (undefined_part(child, values) for child in inner):
             if description:
                 return description
-        if description := _undefined(part, values):
+        if description := _undefined_at(part, values):
             return description
     return ""
 
 
-def _undefined(node: Node, values: Values) -> str:
+def _undefined_at(node: Node, values: Values) -> str:
     """Describe a function or power that is undefined though its argument is finite; else return nothing."""
     power = isinstance(node, Binary) and node.operator == "**" and (exponent_of(node.right) or 1).denominator != 1
     if not power and not isinstance(node, Call):
@@ -150,8 +155,8 @@ def _undefined(node: Node, values: Values) -> str:
     assert isinstance(node, Call | Binary)  # noqa: S101 - by `power`
     argument = node.arguments[0] if isinstance(node, Call) else node.left
     value = evaluate(node, values)
-    if isfinite(value) or not isfinite(at := evaluate(argument, values)):
+    if isfinite(value) or not isfinite(argument_value := evaluate(argument, values)):
         return ""
     described = "has no value" if isnan(value) else f"is {value}"
     remedy = "bound its argument with max, min, abs or where, or end the run there by an event"
-    return f"{text_of(node)} {described} where {text_of(argument)} = {at:.6g}; {remedy}"
+    return f"{text_of(node)} {described} where {text_of(argument)} = {argument_value:.6g}; {remedy}"

@@ -32,18 +32,21 @@ class LogRows:
     trials: Array
     closed: Array
 
-    def chosen(self, rows: Array, samples: Array, trials: Array, closed: Array) -> LogRows:
+    def selection(self, rows: Array, samples: Array, trials: Array, closed: Array) -> LogRows:
         """Copy a selection, since the log's memory is filled again."""
         steps = self.rows[:, rows], self.flags[:, rows]
         return LogRows(*steps, self.samples[:, samples], self.trials[trials], self.closed[:, closed])
 
-    def of_rows(self, wanted: Array, places: Array, begin: int) -> LogRows:
+    def of_rows(self, is_kept: Array, places: Array, begin: int) -> LogRows:
         """Return wanted rows, their samples and trials, numbered by `places`, which starts before row `begin`."""
-        sampled = places[self.samples[1].astype(np.int64) - begin + 1]
-        tried, held = places[self.trials["step"] - begin + 1], places[self._rows_of_closed() - begin + 1]
-        part = self.chosen(np.flatnonzero(wanted), *(np.flatnonzero(of >= 0) for of in (sampled, tried, held)))
-        part.samples[1], part.trials["step"] = sampled[sampled >= 0], tried[tried >= 0]
-        part.closed[:1] = held[held >= 0]
+        sample_rows = places[self.samples[1].astype(np.int64) - begin + 1]
+        trial_rows, closed_rows = places[self.trials["step"] - begin + 1], places[self._rows_of_closed() - begin + 1]
+        part = self.selection(
+            np.flatnonzero(is_kept),
+            *(np.flatnonzero(row_numbers >= 0) for row_numbers in (sample_rows, trial_rows, closed_rows)),
+        )
+        part.samples[1], part.trials["step"] = sample_rows[sample_rows >= 0], trial_rows[trial_rows >= 0]
+        part.closed[:1] = closed_rows[closed_rows >= 0]
         return part
 
     def _rows_of_closed(self) -> Array:
@@ -52,7 +55,7 @@ class LogRows:
     def of_row(self, number: int) -> LogRows:
         """Return what belongs to the row of a given number, without the row."""
         owners = self.samples[1], self.trials["step"], self._rows_of_closed()
-        return self.chosen(np.zeros(0, np.int64), *(np.flatnonzero(owner == number) for owner in owners))
+        return self.selection(np.zeros(0, np.int64), *(np.flatnonzero(owner == number) for owner in owners))
 
     def last(self, number: int, *, copied: bool) -> LogRows:
         """Return the last row, whose number is given, and what belongs to it."""
@@ -75,25 +78,27 @@ class Thinning:
 
     def __init__(self, every: int, nodes: NDArray[np.float64]) -> None:
         self.every, self.nodes = every, nodes
-        self.kept = 0  # rows that were handed over
+        self.kept_row_count = 0  # rows that were handed over
         self.waiting: LogRows | None = None
 
     def memory(self) -> dict[str, Array]:
         """Return everything needed to go on from here, by name."""
         waiting = {} if self.waiting is None else vars(self.waiting)
-        return {"kept_rows": np.array([self.kept])} | {f"waiting_{name}": array for name, array in waiting.items()}
+        return {"kept_rows": np.array([self.kept_row_count])} | {
+            f"waiting_{name}": array for name, array in waiting.items()
+        }
 
     def go_on_from(self, memory: Mapping[str, Array]) -> None:
         """Continue from the memory of the same march's thinning."""
-        self.kept = int(memory["kept_rows"][0])
+        self.kept_row_count = int(memory["kept_rows"][0])
         names = ("rows", "flags", "samples", "trials", "closed")
         is_waiting = "waiting_rows" in memory
-        kept = {"waiting_closed": np.zeros((0, 0)), **memory}  # empty arrays are not kept
-        self.waiting = LogRows(*(kept[f"waiting_{name}"].copy() for name in names)) if is_waiting else None
+        remembered_arrays = {"waiting_closed": np.zeros((0, 0)), **memory}  # empty arrays are not kept
+        self.waiting = LogRows(*(remembered_arrays[f"waiting_{name}"].copy() for name in names)) if is_waiting else None
 
-    def stand_behind(self, kept: int) -> None:
-        """Go on after a record of `kept` rows, of which the last one is an end."""
-        self.kept, self.waiting = kept, None
+    def stand_behind(self, row_count: int) -> None:
+        """Go on after a record of `row_count` rows, of which the last one is an end."""
+        self.kept_row_count, self.waiting = row_count, None
 
     def thinned(self, run: Run, block: LogBlock, *, last: bool) -> LogBlock:
         """Return a copy of the kept part of a block; with `last` the march is over, and its last row an end."""
@@ -109,37 +114,41 @@ class Thinning:
         begin = first - (len(parts) - 1)
         events = log.events[: block.events].copy()
         ends = {name: events[name] - begin for name in ("row_before", "row_after")}
-        wanted = np.zeros(first + block.rows - begin, bool)
-        self._want(wanted, run, parts, begin)
+        is_kept = np.zeros(first + block.rows - begin, bool)
+        self._want(is_kept, run, parts, begin)
         for rows in ends.values():
-            wanted[rows[rows >= 0]] = True
-        wanted[-1:] |= last
+            is_kept[rows[rows >= 0]] = True
+        is_kept[-1:] |= last
         # of every row, from the one before on, which is kept if it does not wait
-        places = np.concatenate([[self.kept - 1], np.where(wanted, self.kept + np.cumsum(wanted) - 1, NOWHERE)])
+        places = np.concatenate(
+            [[self.kept_row_count - 1], np.where(is_kept, self.kept_row_count + np.cumsum(is_kept) - 1, NOWHERE)]
+        )
         for name, rows in ends.items():
             events[name] = places[rows + 1]
-        halves = np.split(wanted, [first - begin])[-len(parts) :]
-        joined = _joined([part.of_rows(half, places, begin) for part, half in zip(parts, halves, strict=True)])
+        halves = np.split(is_kept, [first - begin])[-len(parts) :]
+        kept_rows = _join_rows([part.of_rows(half, places, begin) for part, half in zip(parts, halves, strict=True)])
         base = np.zeros(1, BASE)
-        base["rows"], base["events"] = self.kept, log.base["events"]
-        numbers = begin + np.flatnonzero(wanted)
-        self.kept += numbers.size
-        self.waiting = None if not wanted.size or wanted[-1] else _newest(parts, begin + wanted.size - 1)
-        kept = Log(
+        base["rows"], base["events"] = self.kept_row_count, log.base["events"]
+        numbers = begin + np.flatnonzero(is_kept)
+        self.kept_row_count += numbers.size
+        self.waiting = None if not is_kept.size or is_kept[-1] else _newest(parts, begin + is_kept.size - 1)
+        kept_log = Log(
             base,
-            joined.rows,
-            joined.flags,
-            joined.samples,
-            joined.trials,
+            kept_rows.rows,
+            kept_rows.flags,
+            kept_rows.samples,
+            kept_rows.trials,
             events,
             log.rates[:, : block.events].copy(),
             log.impulses[:, : block.events].copy(),
-            joined.closed,
-            np.array([joined.closed.shape[1]]),
+            kept_rows.closed,
+            np.array([kept_rows.closed.shape[1]]),
         )
-        return LogBlock(kept, numbers.size, len(joined.trials), block.events, joined.samples.shape[1], numbers, begin)
+        return LogBlock(
+            kept_log, numbers.size, len(kept_rows.trials), block.events, kept_rows.samples.shape[1], numbers, begin
+        )
 
-    def rest(self, run: Run) -> LogBlock | None:
+    def waiting_block(self, run: Run) -> LogBlock | None:
         """Return the row that still waits when a march is interrupted after it."""
         if (waiting := self.waiting) is None:
             return None
@@ -161,23 +170,23 @@ class Thinning:
     def _want(self, marks: Array, run: Run, parts: list[LogRows], begin: int) -> None:
         """Mark the first row and those of the kept grid, events and requested nodes; not the one that waited."""
         part, first = parts[-1], begin + len(parts) - 1
-        wanted = marks[len(parts) - 1 :]
+        is_kept = marks[len(parts) - 1 :]
         plan, now, t = run.plan[0], run.now[0], part.rows[0]
         if plan.step_size > 0.0 and now.grid < now.rows - 1:  # there are rows besides those of the grid
             numbers = np.rint((t - plan.start) / (self.every * plan.step_size)) * self.every
             size = np.maximum(abs(plan.start), np.abs(t))
-            wanted |= np.abs(plan.start + numbers * plan.step_size - t) <= plan.snap * size
+            is_kept |= np.abs(plan.start + numbers * plan.step_size - t) <= plan.snap * size
         else:
-            wanted[-first % self.every :: self.every] = True
+            is_kept[-first % self.every :: self.every] = True
         if first == 0:
-            wanted[:1] = True
+            is_kept[:1] = True
         if now.events:
-            wanted |= part.flags[0] >= EVENT_BEFORE
+            is_kept |= part.flags[0] >= EVENT_BEFORE
         if self.nodes.size:
-            wanted |= np.isin(t, self.nodes)
+            is_kept |= np.isin(t, self.nodes)
 
 
-class Around(Thinning):
+class RowsAroundTimes(Thinning):
     """Rows on both sides of wanted times, from which the states there are made; the newest waits for the next one.
 
     Parameters
@@ -211,18 +220,18 @@ def _newest(parts: list[LogRows], number: int) -> LogRows:
     """
     *earlier, latest = parts
     if latest.rows.shape[1]:
-        return _joined([*(part.of_row(number) for part in earlier), latest.last(number, copied=False)])
-    return _joined([*(part.last(number, copied=True) for part in earlier), latest.of_row(number)])
+        return _join_rows([*(part.of_row(number) for part in earlier), latest.last(number, copied=False)])
+    return _join_rows([*(part.last(number, copied=True) for part in earlier), latest.of_row(number)])
 
 
-def _joined(parts: list[LogRows]) -> LogRows:
+def _join_rows(parts: list[LogRows]) -> LogRows:
     """Concatenate parts."""
     names = ("rows", "flags", "samples", "closed")
-    wide = {name: _side_by_side([getattr(part, name) for part in parts]) for name in names}
+    wide = {name: _stack_columns([getattr(part, name) for part in parts]) for name in names}
     return LogRows(**wide, trials=np.concatenate([part.trials for part in parts]))
 
 
-def _side_by_side(tables: list[Array]) -> Array:
+def _stack_columns(tables: list[Array]) -> Array:
     """Concatenate columns; those of one table alone are not copied."""
     filled = [table for table in tables if table.shape[1]]
     return np.hstack(filled) if len(filled) > 1 else (filled or tables[-1:])[0]

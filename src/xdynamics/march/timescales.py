@@ -73,26 +73,32 @@ def time_scales(march: March) -> TimeScales | None:
     if not witnesses.steps.shape[1]:
         return None
     plan = run.plan.tolist()[0]
-    chosen = _chosen(march)
-    rates, together = np.zeros((1, len(chosen))), max(1, MOST_TOGETHER // n)
+    examined_rows = _examined_rows(march)
+    rates, states_per_call = np.zeros((1, len(examined_rows))), max(1, MOST_TOGETHER // n)
     in_place = witnesses.end_with(run.y[:n])
-    together = 1 if in_place else together
+    states_per_call = 1 if in_place else states_per_call
     with put_aside(march, in_place=in_place) as room:
-        for first in range(0, len(chosen), together):
-            part = slice(first, first + together)
-            states = witnesses.put_in(run.y, chosen[first]) if in_place else witnesses.states(chosen[part], room)
+        for first in range(0, len(examined_rows), states_per_call):
+            part = slice(first, first + states_per_call)
+            states = (
+                witnesses.put_in(run.y, examined_rows[first])
+                if in_place
+                else witnesses.states(examined_rows[part], room)
+            )
             engine().fastest_rates(run, states, rates[:, part])
-        jacobian = _derivatives(march, 0) if n <= FEW else None
+        jacobian = _scaled_derivatives(march, 0) if n <= FEW else None
     if not 0.0 <= rates[0, 0] < np.inf:
         return None
     first = plan[_STEP_SIZE] or (run.steps[0] if len(run.steps) else march.now.first_step)
-    steps = witnesses.steps[2, chosen]
+    steps = witnesses.steps[2, examined_rows]
     steps[0] = first
     products = rates[0] * steps
-    scale = march.settings.scales.of(TIME)
+    scale = march.settings.scales.si_factor(TIME)
     resolved = KEPT if march.model.constraints else SLOW
     period = np.nan if jacobian is None else slowest_period(jacobian, resolved) * scale
-    return TimeScales(float(rates[0, 0]) / scale, float(products[0]), float(products.max()), len(chosen) - 1, period)
+    return TimeScales(
+        float(rates[0, 0]) / scale, float(products[0]), float(products.max()), len(examined_rows) - 1, period
+    )
 
 
 def jacobian_at(march: March, row: int) -> Floats:
@@ -101,10 +107,10 @@ def jacobian_at(march: March, row: int) -> Floats:
     The matrix has the eigenvalues of the Jacobian, in the march's unit of time, contacts open, for the first regime.
     """
     with put_aside(march):
-        return _derivatives(march, row)
+        return _scaled_derivatives(march, row)
 
 
-def _derivatives(march: March, row: int) -> Floats:
+def _scaled_derivatives(march: March, row: int) -> Floats:
     """Return the same of a march whose numbers are put aside."""
     n = march.layout.used.size
     derivatives = np.zeros((1 + n, n))
@@ -126,9 +132,9 @@ def jacobian_at_start(model: Model, settings: Settings) -> Floats | None:
     """
     march = March(model, settings)
     run, n, used = march.run, march.layout.coordinates.size, march.layout.used.size
-    found = np.zeros((1 + used, used))
-    engine().fastest_rates(run, np.array([[run.now[0]["t"], *run.y[:used]]]).T, found)
-    derivatives, sizes = found[1:] / settings.scales.of(TIME), np.ones(used)
+    derivative_rows = np.zeros((1 + used, used))
+    engine().fastest_rates(run, np.array([[run.now[0]["t"], *run.y[:used]]]).T, derivative_rows)
+    derivatives, sizes = derivative_rows[1:] / settings.scales.si_factor(TIME), np.ones(used)
     sizes[n : 2 * n] = derivatives[:n, n : 2 * n].diagonal()
     if not (np.isfinite(derivatives).all() and sizes.all()):
         return None
@@ -140,7 +146,7 @@ def jacobian_at_start(model: Model, settings: Settings) -> Floats | None:
     return derivatives
 
 
-def _chosen(march: March) -> list[int]:
+def _examined_rows(march: March) -> list[int]:
     """Return the start and some rows, independent of a march's parts; with several regimes only the start."""
     rows = march.witnesses.steps.shape[1]
     if len(march.model.regimes) > 1:
@@ -177,9 +183,9 @@ def put_aside(march: March, *, in_place: bool = False) -> Iterator[Floats | None
     """
     run, used = march.run, march.layout.used.size
     plain = not (len(run.detectors) or len(run.touches))
-    kept = {name: getattr(run, name).copy() for name in (_STANDING if plain else (*_CHANGING, "p"))}
+    saved_arrays = {name: getattr(run, name).copy() for name in (_STANDING if plain else (*_CHANGING, "p"))}
     y, slopes = run.y, slice(used, 2 * used - march.layout.coordinates.size)
-    before = y[slopes].copy() if in_place else np.empty(0)
+    saved_slopes = y[slopes].copy() if in_place else np.empty(0)
     room = None if in_place else np.zeros(1 + y.size)  # of which what is not written takes no memory
     if room is not None:
         run.put(y=room[1:])
@@ -189,7 +195,7 @@ def put_aside(march: March, *, in_place: bool = False) -> Iterator[Floats | None
     finally:
         if in_place:
             march.witnesses.put_end_in(y)
-            y[slopes] = before
+            y[slopes] = saved_slopes
         run.put(y=y)
-        for name, array in kept.items():
+        for name, array in saved_arrays.items():
             getattr(run, name)[...] = array

@@ -11,10 +11,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import compiled, shared
-from xdynamics.kernels.formulas import function_of
+from xdynamics.kernels.compiling import jit_inline, jit_separate
+from xdynamics.kernels.formulas import compiled_function_of
 from xdynamics.kernels.step_control import TOLERANCE
-from xdynamics.march.force_evaluation import evaluate, slope_of
+from xdynamics.march.force_evaluation import evaluate_forces, state_slope
 from xdynamics.march.run import Run
 
 ATOL_RULE = (
@@ -25,7 +25,7 @@ ATOL_RULE = (
     " hundredth of the time to the first node or the end"
 )
 
-_tolerance = function_of(TOLERANCE, "rtol size floor top", "atol")
+_tolerance = compiled_function_of(TOLERANCE, "rtol size floor top", "atol")
 
 State = NDArray[Any]
 Floats = NDArray[Any]
@@ -40,7 +40,7 @@ GOLDEN = 0.6180339887498949  # multiples of it, less whole numbers, are spread e
 PARALLEL = 1e-6  # square of the angle below which vectors count as parallel
 
 
-@shared
+@jit_separate
 def tops_of(run: Run, state: State) -> None:
     """Find the largest absolute value of each kind in a state."""
     for k in range(run.tops.shape[0]):
@@ -49,16 +49,16 @@ def tops_of(run: Run, state: State) -> None:
         run.tops[run.kinds[i]] = max(run.tops[run.kinds[i]], abs(state[i]))
 
 
-@shared
+@jit_separate
 def settle_tolerances(run: Run) -> None:
     """Set tolerances that follow to `rtol` times the sizes so far, at least `floor` times the largest of their kind."""
     tops_of(run, run.largest)
     for i in range(run.plan[0].used):
-        if run.followers[i]:
+        if run.adaptive_atol[i]:
             run.atol[i] = _tolerance(run.plan[0].rtol, run.largest[i], run.plan[0].floor, run.tops[run.kinds[i]])
 
 
-@shared
+@jit_separate
 def begin_sizes(run: Run) -> float:
     """Give sizes to variables that start at rest or at zero, and return the longest first step.
 
@@ -66,23 +66,23 @@ def begin_sizes(run: Run) -> float:
     """
     plan, used, turning = run.plan[0], run.plan[0].used, run.turning
     time = natural_sizes(run, run.y)
-    rate = fastest_rate(run, run.now[0].t, run.y)
+    rate = estimate_fastest_rate(run, run.now[0].t, run.y)
     if rate > 0.0:
         time = min(1.0 / rate, plan.rest / BEGINNING)
     for i in range(used):
-        if run.followers[i]:
-            natural = time * max(turning[i], abs(slope_of(run, run.y, i)))
+        if run.adaptive_atol[i]:
+            natural = time * max(turning[i], abs(state_slope(run, run.y, i)))
             if i < plan.coordinates:
                 second = plan.coordinates + i
-                natural = max(natural, time * time * max(turning[second], abs(slope_of(run, run.y, second))))
+                natural = max(natural, time * time * max(turning[second], abs(state_slope(run, run.y, second))))
             run.largest[i] = max(run.largest[i], plan.floor / plan.rtol * natural)
             run.atol[i] = plan.rtol * max(run.largest[i], natural)
     return time if rate > 0.0 else math.inf
 
 
-@shared
+@jit_separate
 def natural_sizes(run: Run, y: State) -> float:
-    """Let `size_of` know the size of each variable, now or after a time scale of the motion; return that time.
+    """Let `variable_size` know the size of each variable, now or after a time scale of the motion; return that time.
 
     Of a million variables sizes are not kept: they would take as much memory as the state.
     """
@@ -92,7 +92,7 @@ def natural_sizes(run: Run, y: State) -> float:
     for k in range(2 * kinds):
         run.tops[k] = 0.0
     for i in range(used):
-        run.tops[kinds + run.kinds[i]] = max(run.tops[kinds + run.kinds[i]], abs(size_of(run, y, i)))
+        run.tops[kinds + run.kinds[i]] = max(run.tops[kinds + run.kinds[i]], abs(variable_size(run, y, i)))
         if turning[i] != 0.0:
             turning[i] = 0.0
     for k in range(kinds):
@@ -100,8 +100,8 @@ def natural_sizes(run: Run, y: State) -> float:
     return time
 
 
-@compiled
-def size_of(run: Run, y: State, i: int) -> float:
+@jit_inline
+def variable_size(run: Run, y: State, i: int) -> float:
     """Return the size of a variable in the time of `natural_sizes`, and no less than a little of the largest of its kind."""
     n, time = run.plan[0].coordinates, run.tops[run.tops.shape[0] - 1]
     size = own_size(run, y, i, time)
@@ -112,22 +112,22 @@ def size_of(run: Run, y: State, i: int) -> float:
     return max(size, LITTLE * run.tops[run.kinds[i]])
 
 
-@compiled
+@jit_inline
 def own_size(run: Run, y: State, i: int, time: float) -> float:
     """Return the size of a variable by itself: what it is, or what its slopes make of it in a time."""
     n = run.plan[0].coordinates
-    slope, second = abs(slope_of(run, y, i)), abs(slope_of(run, y, n + i)) if i < n else 0.0
+    slope, second = abs(state_slope(run, y, i)), abs(state_slope(run, y, n + i)) if i < n else 0.0
     return max(abs(y[i]), slope * time, second * time * time)
 
 
-@shared
+@jit_separate
 def time_at(run: Run, y: State) -> float:
     """Return a time scale from the sizes of state and slopes alone: that of the fastest kind."""
     plan, n, tops = run.plan[0], run.plan[0].coordinates, run.tops
     kinds, span, shortest = run.tops.shape[0] // 2, plan.rest / BEGINNING, 0.0
     tops_of(run, y)
     for i in range(plan.used):
-        tops[kinds + run.kinds[i]] = max(tops[kinds + run.kinds[i]], abs(slope_of(run, y, i)))
+        tops[kinds + run.kinds[i]] = max(tops[kinds + run.kinds[i]], abs(state_slope(run, y, i)))
     for i in range(plan.used):
         size, slope, time = tops[run.kinds[i]], tops[kinds + run.kinds[i]], 0.0
         if slope > 0.0:
@@ -141,8 +141,8 @@ def time_at(run: Run, y: State) -> float:
     return min(shortest, span) if shortest > 0.0 else plan.rest
 
 
-@shared
-def fastest_rate(run: Run, t: float, y: State) -> float:
+@jit_separate
+def estimate_fastest_rate(run: Run, t: float, y: State) -> float:
     """Estimate the size of the fastest eigenvalue of the motion about a state, of which `natural_sizes` knows the sizes.
 
     A few products of the Jacobian and a vector, by differences of the forces: the last three vectors are fitted by
@@ -151,69 +151,69 @@ def fastest_rate(run: Run, t: float, y: State) -> float:
     known.
     """
     used, turning, rate, n = run.plan[0].used, run.turning, 0.0, run.plan[0].coordinates
-    before, now = used, 2 * used - n
+    first_before, first_now = used, 2 * used - n
     for i in range(n, used):
-        turning[now + i] = begun(run, y, i)
+        turning[first_now + i] = first_direction(run, y, i)
     for k in range(PRODUCTS):
         amount = 0.0
         for i in range(used):
-            size = size_of(run, y, i)
+            size = variable_size(run, y, i)
             if size > 0.0:
-                amount = max(amount, abs(led(run, y, i, k)) / size)
+                amount = max(amount, abs(direction_after(run, y, i, k)) / size)
         if not 0.0 < amount < math.inf:
             return 0.0  # a power of the Jacobian is zero: nothing turns or decays
         for i in range(used):
-            direction = led(run, y, i, k) / amount
+            direction = direction_after(run, y, i, k) / amount
             if i >= n:
-                turning[now + i] = direction
+                turning[first_now + i] = direction
             run.probe[i] = y[i] + DIFFERENCE * direction
-        evaluate(run, t, run.probe)
-        estimate = recurred(run, y, amount, k)
+        evaluate_forces(run, t, run.probe)
+        estimate = recurrence_root(run, y, amount, k)
         if not estimate < math.inf:
             return 0.0
         rate = estimate
         for i in range(used):
-            product = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE
+            product = (state_slope(run, run.probe, i) - state_slope(run, y, i)) / DIFFERENCE
             if k == 0 and run.plan[0].follows:  # who reads it
                 turning[i] = abs(product)
             if i < n:
-                turning[before + i] = led(run, y, i, k) / amount
+                turning[first_before + i] = direction_after(run, y, i, k) / amount
             else:
-                turning[before + i], turning[now + i] = turning[now + i], product
+                turning[first_before + i], turning[first_now + i] = turning[first_now + i], product
     return rate
 
 
-@compiled
-def begun(run: Run, y: State, i: int) -> float:
+@jit_inline
+def first_direction(run: Run, y: State, i: int) -> float:
     """Return the first direction along a variable."""
     n = run.plan[0].coordinates
     part = (i % n if n > 0 and i < 2 * n else i) * GOLDEN + (0.5 if n <= i < 2 * n else 0.0)
     part = 2.0 * (part - math.floor(part)) - 1.0
-    return size_of(run, y, i) * (part + (1.0 if part >= 0.0 else -1.0)) / 2.0
+    return variable_size(run, y, i) * (part + (1.0 if part >= 0.0 else -1.0)) / 2.0
 
 
-@compiled
-def led(run: Run, y: State, i: int, k: int) -> float:
+@jit_inline
+def direction_after(run: Run, y: State, i: int, k: int) -> float:
     """Return the direction that the products so far led to; along coordinates it follows from velocities before."""
     n, used = run.plan[0].coordinates, run.plan[0].used
     if i >= n:
         return run.turning[2 * used - n + i]
     if k == 0:
-        return begun(run, y, i)
+        return first_direction(run, y, i)
     return (y[n + i] + DIFFERENCE * run.turning[used + n + i] - y[n + i]) / DIFFERENCE
 
 
-@shared
-def recurred(run: Run, y: State, amount: float, k: int) -> float:
+@jit_separate
+def recurrence_root(run: Run, y: State, amount: float, k: int) -> float:
     """Return the larger root of the recurrence c + p b + q a = 0 that fits three vectors best, each over the sizes."""
     used, turning, n = run.plan[0].used, run.turning, run.plan[0].coordinates
     aa = ab = ac = bb = bc = 0.0
     for i in range(used):
-        size = size_of(run, y, i)
+        size = variable_size(run, y, i)
         if size > 0.0:
             a = turning[used + i] / size if k > 0 else 0.0
-            b = (turning[2 * used - n + i] if i >= n else led(run, y, i, k) / amount) / size
-            c = (slope_of(run, run.probe, i) - slope_of(run, y, i)) / DIFFERENCE / size
+            b = (turning[2 * used - n + i] if i >= n else direction_after(run, y, i, k) / amount) / size
+            c = (state_slope(run, run.probe, i) - state_slope(run, y, i)) / DIFFERENCE / size
             aa, ab, ac, bb, bc = aa + a * a, ab + a * b, ac + a * c, bb + b * b, bc + b * c
     determinant = aa * bb - ab * ab
     if not determinant > PARALLEL * aa * bb:
@@ -223,18 +223,18 @@ def recurred(run: Run, y: State, amount: float, k: int) -> float:
     return math.sqrt(product) if square < 0.0 else abs(half) + math.sqrt(square)
 
 
-@shared
-def derivatives(run: Run, t: float, y: State, found: Floats) -> None:
-    """Fill `found`, after its first row, with the derivatives of slopes by the state, scaled by sizes, by columns."""
+@jit_separate
+def fill_derivatives(run: Run, t: float, y: State, derivative_rows: Floats) -> None:
+    """Fill `derivative_rows`, after its first row, with the derivatives of slopes by the state, scaled by sizes, by columns."""
     used = run.plan[0].used
     for column in range(used):
         for i in range(used):
             run.probe[i] = y[i]
-        width = size_of(run, y, column)
+        width = variable_size(run, y, column)
         run.probe[column] = y[column] + DIFFERENCE * width
         change = run.probe[column] - y[column]
-        evaluate(run, t, run.probe)
+        evaluate_forces(run, t, run.probe)
         for i in range(used):
-            slope = slope_of(run, run.probe, i) - slope_of(run, y, i)
-            size = size_of(run, y, i)
-            found[1 + i, column] = slope / change * (width / size) if change != 0.0 and size > 0.0 else 0.0
+            slope = state_slope(run, run.probe, i) - state_slope(run, y, i)
+            size = variable_size(run, y, i)
+            derivative_rows[1 + i, column] = slope / change * (width / size) if change != 0.0 and size > 0.0 else 0.0

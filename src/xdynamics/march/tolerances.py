@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.faults import few
+from xdynamics.faults import first_names
 from xdynamics.kernels.layout import Layout
 from xdynamics.methods.scheme import (
     DOUBLE_DOUBLE,
@@ -20,7 +20,7 @@ from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes.blocks import Block, Blocks
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import Unit
 
 LEAST_RTOL = 10 * EPS  # of numbers of one float
@@ -68,28 +68,30 @@ class Tolerances:
     def __hash__(self) -> int:
         return hash((self.rtol, self.bare, *sorted(self.atol.items())))
 
-    def of(self, name: str) -> float | None:
+    def atol_of(self, name: str) -> float | None:
         """Return the absolute tolerance given for a coordinate, velocity or state, SI; None if it follows the size."""
-        for own in (name, parted(name)[0]):
-            if own in self.atol:
-                return self.atol[own]
+        for key in (name, split_element_name(name)[0]):
+            if key in self.atol:
+                return self.atol[key]
         return None if self.bare is None else self.units[name].to_si(self.bare)
 
     def of_all(self, blocks: Blocks) -> NDArray[np.float64]:
         """Return the absolute tolerance of every number of some blocks, SI; nan where it follows the size."""
-        for known, atols in self._last:
-            if known is blocks:
+        for last_blocks, atols in self._last:
+            if last_blocks is blocks:
                 return atols
-        found = blocks.spread([self._of_block(block) for block in blocks.blocks])
+        all_atols = blocks.spread([self._of_block(block) for block in blocks.blocks])
         wholes = {block.name for block in blocks.blocks}
-        apart = {name: atol for name, atol in self.atol.items() if name not in wholes}
-        own = {place: atol for name, atol in apart.items() if (place := blocks.find(name)) is not None}
-        if own:
-            found = found.copy()
-            found[[*own]] = [*own.values()]
-            found.flags.writeable = False
-        self._last[:] = [(blocks, found)]
-        return found
+        element_atols = {name: atol for name, atol in self.atol.items() if name not in wholes}
+        atol_by_index = {
+            index: atol for name, atol in element_atols.items() if (index := blocks.find_offset(name)) is not None
+        }
+        if atol_by_index:
+            all_atols = all_atols.copy()
+            all_atols[[*atol_by_index]] = [*atol_by_index.values()]
+            all_atols.flags.writeable = False
+        self._last[:] = [(blocks, all_atols)]
+        return all_atols
 
     def _of_block(self, block: Block) -> float:
         """Return the absolute tolerance of a block without those of its elements; nan where it follows the size."""
@@ -99,35 +101,35 @@ class Tolerances:
 
     def of_blocks(self, blocks: Blocks) -> dict[str, float]:
         """Return the absolute tolerances by block, SI, then those of elements with their own."""
-        named = {block.name: block for block in blocks.blocks}
-        found = {name: atol for name, block in named.items() if (atol := self._of_block(block)) == atol}
-        return found | {name: atol for name, atol in self.atol.items() if name not in named}
+        block_by_name = {block.name: block for block in blocks.blocks}
+        atol_by_block = {name: atol for name, block in block_by_name.items() if (atol := self._of_block(block)) == atol}
+        return atol_by_block | {name: atol for name, atol in self.atol.items() if name not in block_by_name}
 
     @cached_property
     def _last(self) -> list[tuple[Blocks, NDArray[np.float64]]]:  # what was returned last, which a run asks for often
         return []
 
-    def faults(self, model: Model, least: float = LEAST_RTOL) -> list[str]:
-        """List everything that an error test could not use, with relative tolerances from `least` on."""
+    def faults(self, model: Model, lowest_rtol: float = LEAST_RTOL) -> list[str]:
+        """List everything that an error test could not use, with relative tolerances from `lowest_rtol` on."""
         faults = []
-        if not least <= self.rtol < 1:
+        if not lowest_rtol <= self.rtol < 1:
             finer = f"; from {least_rtol(DOUBLE_DOUBLE):.1g} on with precision = 'double_double'" * (
-                0.0 < self.rtol < least == LEAST_RTOL
+                0.0 < self.rtol < lowest_rtol == LEAST_RTOL
             )
             faults.append(
-                f"rtol is {self.rtol!r}, needs a number from 10 eps = {least:.3g}, below which rounding is as large, to 1{finer}"
+                f"rtol is {self.rtol!r}, needs a number from 10 eps = {lowest_rtol:.3g}, below which rounding is as large, to 1{finer}"
             )
         atols = {f" of '{name}'": value for name, value in self.atol.items()}
         atols |= {} if self.bare is None else {"": self.bare}
-        bad = {of: value for of, value in atols.items() if not isfinite(value) or value < 0}
-        faults += [f"atol{of} is {value!r}, needs a finite non-negative number" for of, value in bad.items()]
+        bad = {label: value for label, value in atols.items() if not isfinite(value) or value < 0}
+        faults += [f"atol{label} is {value!r}, needs a finite non-negative number" for label, value in bad.items()]
         if not self.atol and (self.bare is None or self.bare >= TINY):  # neither names nor zeros
             return faults
         used = Layout(model).used
         faults += [
-            f"atol names '{name}', which is none of {few(block.name for block in used.blocks)}"
+            f"atol names '{name}', which is none of {first_names(block.name for block in used.blocks)}"
             for name in self.atol
-            if used.find(name) is None
+            if used.find_offset(name) is None
         ]
         if bad:
             return faults

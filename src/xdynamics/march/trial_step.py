@@ -8,13 +8,13 @@ from typing import Any
 from numpy import int64
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import apart, compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
 from xdynamics.kernels.law import DETECT, PROPOSE
 from xdynamics.kernels.program import UNSOUND, T
 from xdynamics.march.attitudes import hold_attitudes
-from xdynamics.march.calls import called, entered_by, run_at, stepped_by
+from xdynamics.march.calls import call_law, call_phase, run_at, stepped_by
 from xdynamics.march.exact_times import set_step, set_time
-from xdynamics.march.force_evaluation import evaluate, finite_state, keep_sample
+from xdynamics.march.force_evaluation import evaluate_forces, finite_state, keep_sample
 from xdynamics.march.log import note_trial
 from xdynamics.march.past import enter_past
 from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, STEP_LINKS, SUBSTEP, Run
@@ -24,66 +24,66 @@ State = NDArray[Any]
 _FIRST = int64(0)  # no literal: numba compiles a copy of a function for every literal argument
 
 
-@compiled
-def propose(run: Run, t1: float, h: float) -> None:
+@jit_inline
+def propose_step(run: Run, t1: float, h: float) -> None:
     """Make one step from the current state, which stays unchanged."""
     trial = run.trial[0]
     trial.t, trial.h, trial.iterations = t1, h, 0
     if run.delays.shape[0] > 0:
         enter_past(run, t1)
     if run.plan[0].steps > 1:
-        double(run, t1, h)
+        make_half_steps(run, t1, h)
     else:
-        advance(run, run.now[0].t, t1, h, run.y, run.z, _FIRST)
+        advance_step(run, run.now[0].t, t1, h, run.y, run.z, _FIRST)
     if run.attitudes.shape[0] > 0 and run.at[UNSOUND] == 0.0:
         hold_attitudes(run, t1)
     if run.plan[0].reactions > 0 and run.at[UNSOUND] == 0.0:
-        entered_by(run.functions[CONTACT_PHASE], run, t1, run.plan[0].contacts)
+        call_phase(run.functions[CONTACT_PHASE], run, t1, run.plan[0].contacts)
     if run.plan[0].assemblies > 0 and run.at[UNSOUND] == 0.0:
-        entered_by(run.functions[ASSEMBLY_PHASE], run, t1, run.plan[0].links)
+        call_phase(run.functions[ASSEMBLY_PHASE], run, t1, run.plan[0].links)
     trial.unsound, trial.unsound_events = run.at[UNSOUND], 0.0
 
 
-@compiled
-def advance(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
+@jit_inline
+def advance_step(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
     """Make one step by the lines of the method, and store its force evaluations from place `sample` on."""
     set_step(run, t, t1, h)
     solver = run.law[run.law.shape[0] - 1]
     if solver != 0:
         stepped_by(solver, run, t, t1, h, y, z, sample)
     else:
-        called(run.law[PROPOSE], run, y, z, sample)
+        call_law(run.law[PROPOSE], run, y, z, sample)
         run.now[0].evaluations += run.plan[0].stages
 
 
-advance_apart = apart(advance)
+advance_step_apart = noinline(advance_step)
 
 
-@shared
-def double(run: Run, t1: float, h: float) -> None:
+@jit_separate
+def make_half_steps(run: Run, t1: float, h: float) -> None:
     """Make two half steps, and a whole one for comparison: the difference over 2**p - 1 is the error of the two."""
     plan, t = run.plan[0], run.now[0].t
     width = plan.stages * (run.log_samples.shape[0] - 2)
     middle = t + h / 2.0
-    advance_apart(run, t, t1, h, run.y, run.whole, _FIRST)
-    advance_apart(run, t, middle, h / 2.0, run.y, run.half, width)
+    advance_step_apart(run, t, t1, h, run.y, run.whole, _FIRST)
+    advance_step_apart(run, t, middle, h / 2.0, run.y, run.half, width)
     run.kept[0].fresh = 0  # derivatives belong to the first half
-    advance_apart(run, middle, t1, h / 2.0, run.half, run.z, 2 * width)
+    advance_step_apart(run, middle, t1, h / 2.0, run.half, run.z, 2 * width)
     run.kept[0].fresh = 0
     for i in range(plan.used):
         run.e[i] = (run.z[i] - run.whole[i]) / plan.divisor
     if plan.extrapolated:
         for i in range(plan.used):
             run.z[i] = run.z[i] + run.e[i]
-        evaluate(run, t1, run.z)
+        evaluate_forces(run, t1, run.z)
         run.at[UNSOUND] = 0.0 if finite_state(run) else nan
         keep_sample(run, t1, run.z, 3 * width)
 
 
-propose_apart = apart(propose)
+propose_step_apart = noinline(propose_step)
 
 
-@shared
+@jit_separate
 def usual_step(run: Run) -> float:
     """Return the length of a step that nothing cuts; where a recorded step is repeated, its own."""
     now, plan = run.now[0], run.plan[0]
@@ -94,18 +94,18 @@ def usual_step(run: Run) -> float:
     return run.steps[min(now.grid, run.steps.shape[0] - 1)]
 
 
-@shared
-def look(run: Run) -> None:
+@jit_separate
+def evaluate_events(run: Run) -> None:
     """Evaluate the event functions at the trial's end."""
     set_time(run, T, run.trial[0].t)
-    called(run.law[DETECT], run, run.z, run.g1, 0)
+    call_law(run.law[DETECT], run, run.z, run.g1, 0)
     run.trial[0].unsound_events = run.at[UNSOUND]
 
 
-@shared
+@jit_separate
 def substep(run: Run, s: float) -> None:
     """Make a part of the step, and evaluate the event functions at its end."""
-    entered_by(run.functions[SUBSTEP], run, s, 0)
+    call_phase(run.functions[SUBSTEP], run, s, 0)
 
 
 def part_of_step(address: Any, s: float, _count: int) -> None:
@@ -123,33 +123,33 @@ def part_of_step(address: Any, s: float, _count: int) -> None:
     if run.plan[0].apart:
         note_trial(run, s, nan, REASON_EVENT)
     run.trial[0].rest = 0.0
-    propose_apart(run, run.now[0].t + s, s)
-    look(run)
+    propose_step_apart(run, run.now[0].t + s, s)
+    evaluate_events(run)
 
 
-@shared
-def keep(run: Run) -> None:
+@jit_separate
+def store_trial(run: Run) -> None:
     """Store the trial, for instance as the one that ends at an event."""
     copy_trial(run.trial, run.located)
-    copy(run.z, run.located_z)
-    copy(run.e, run.located_e)
-    copy(run.g1, run.located_g)
-    copy(run.samples, run.located_samples)
+    copy_numbers(run.z, run.located_z)
+    copy_numbers(run.e, run.located_e)
+    copy_numbers(run.g1, run.located_g)
+    copy_numbers(run.samples, run.located_samples)
 
 
-@shared
-def take(run: Run) -> None:
+@jit_separate
+def restore_trial(run: Run) -> None:
     """Restore the stored trial, so that it need not be made again, but for impulses of links over the step."""
     copy_trial(run.located, run.trial)
     if run.plan[0].assemblies > 0 and run.plan[0].links == STEP_LINKS:
-        propose_apart(run, run.trial[0].t, run.trial[0].h)
-    copy(run.located_z, run.z)
-    copy(run.located_e, run.e)
-    copy(run.located_g, run.g1)
-    copy(run.located_samples, run.samples)
+        propose_step_apart(run, run.trial[0].t, run.trial[0].h)
+    copy_numbers(run.located_z, run.z)
+    copy_numbers(run.located_e, run.e)
+    copy_numbers(run.located_g, run.g1)
+    copy_numbers(run.located_samples, run.samples)
 
 
-@shared
+@jit_separate
 def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
     """Copy a trial's numbers."""
     origin, copied = source[0], target[0]
@@ -158,8 +158,8 @@ def copy_trial(source: NDArray[Any], target: NDArray[Any]) -> None:
     copied.deviation, copied.weighed = origin.deviation, origin.weighed
 
 
-@shared
-def copy(source: NDArray[Any], target: NDArray[Any]) -> None:
+@jit_separate
+def copy_numbers(source: NDArray[Any], target: NDArray[Any]) -> None:
     """Copy numbers, in a loop: a slice assignment takes numba seconds to compile."""
     for i in range(source.shape[0]):
         target[i] = source[i]

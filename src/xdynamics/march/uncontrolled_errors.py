@@ -44,7 +44,7 @@ class Effect(NamedTuple):
 
 
 def uncontrolled(
-    asked: Tolerances, layout: Layout, largest: Floats, accepted: int | NDArray[np.int64]
+    tolerances: Tolerances, layout: Layout, largest: Floats, accepted: int | NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Return the variables whose given absolute tolerances allow errors that add up to a part of their size.
 
@@ -53,7 +53,7 @@ def uncontrolled(
 
     Parameters
     ----------
-    asked : Tolerances
+    tolerances : Tolerances
     layout : Layout
         Names the variables and their kinds.
     largest : ndarray, shape (…, n), SI
@@ -61,35 +61,35 @@ def uncontrolled(
     accepted : int or ndarray, shape (…)
         Steps of each run.
     """
-    steps, atols, tops = np.asarray(accepted)[..., None], _given(asked, layout), _tops(layout, largest)
+    steps, atols, tops = np.asarray(accepted)[..., None], _given_atols(tolerances, layout), _kind_tops(layout, largest)
     significant = (largest > 0.0) & (largest >= NOISE * tops)
-    return significant & (atols > COMPARABLE * asked.rtol * largest) & (steps * atols > LOSS * largest)
+    return significant & (atols > COMPARABLE * tolerances.rtol * largest) & (steps * atols > LOSS * largest)
 
 
-def effect_of(march: March) -> Effect:
+def error_effect(march: March) -> Effect:
     """Follow errors of given absolute tolerances along a finished run, from its start and its middle."""
     tolerances, layout, scales = march.settings.tolerances, march.layout, march.settings.scales
     none_loose = np.zeros(layout.used.size, bool)
     if not march.settings.adaptive or tolerances is None or not march.witnesses.steps.shape[1]:
         return Effect("", none_loose)
     factors = layout.sizes(scales)
-    atols = _given(tolerances, layout) / factors
+    atols = _given_atols(tolerances, layout) / factors
     if not atols.any():
         return Effect("", none_loose)
     if march.model.delays:
         return Effect("not looked at: forces read delayed values", none_loose)
-    end, steps = float(march.now.t), _steps(march)  # before the march's state is changed below
+    end, steps = float(march.now.t), _followed_step_count(march)  # before the march's state is changed below
     with put_aside(march), np.errstate(all="ignore"):
-        sizes = _sizes(march, atols)
+        sizes = _error_scales(march, atols)
         loose = (atols > COMPARABLE * tolerances.rtol * sizes) & (sizes > 0.0)
         if not loose.any():
             return Effect(
                 f"not looked at: no atol is above {COMPARABLE:g} rtol times the size of its variable", none_loose
             )
-        moves = np.where(loose, np.fmin(atols, _estimated(march)), 0.0)
+        moves = np.where(loose, np.fmin(atols, _largest_estimates(march)), 0.0)
         share = march.accepted * np.where(loose, moves / np.where(sizes > 0.0, sizes, 1.0), 0.0)
         reason = _obstacle(march, steps) or ("steps had none" if not moves.any() else "")
-        followed = None if reason else _followed(march, end, steps, moves, sizes)
+        followed = None if reason else _follow_growth(march, end, steps, moves, sizes)
     if followed is None:
         reason = reason or "the forces give no finite slopes beside the run"
         words = (
@@ -121,17 +121,17 @@ def passed_over(march: March) -> float:
     product, rows = float(rates[0, 0]) * first, march.witnesses.rows[3:]
     if not UNRESOLVED < product < np.inf or rows.shape[1] < FEWEST_ROWS:
         return 0.0
-    moved, largest = np.abs(rows[:, 1] - rows[:, 0]), np.abs(rows - rows[:, :1]).max(axis=1)
-    return product if ((moved > AT_ONCE * largest) & (largest > 0.0)).any() else 0.0  # else a jump at rest, say
+    first_change, largest = np.abs(rows[:, 1] - rows[:, 0]), np.abs(rows - rows[:, :1]).max(axis=1)
+    return product if ((first_change > AT_ONCE * largest) & (largest > 0.0)).any() else 0.0  # else a jump at rest, say
 
 
-def _given(tolerances: Tolerances, layout: Layout) -> Floats:
+def _given_atols(tolerances: Tolerances, layout: Layout) -> Floats:
     """Return the given absolute tolerances, SI; 0 for those that follow sizes, whose errors are in proportion."""
     atols = tolerances.of_all(layout.used)
     return np.where(np.isnan(atols), 0.0, atols)
 
 
-def _estimated(march: March) -> Floats:
+def _largest_estimates(march: March) -> Floats:
     """Return the largest estimated error of each variable in any kept step; nan where none is known.
 
     Steps are as short as the strictest tolerance requires: other errors are far below what theirs would allow.
@@ -143,7 +143,7 @@ def _estimated(march: March) -> Floats:
     return largest
 
 
-def _tops(layout: Layout, largest: Floats) -> Floats:
+def _kind_tops(layout: Layout, largest: Floats) -> Floats:
     """Return the largest value of each variable's kind."""
     kinds, tops = layout.kinds, np.zeros_like(largest)
     for kind in np.unique(kinds).tolist():
@@ -151,7 +151,7 @@ def _tops(layout: Layout, largest: Floats) -> Floats:
     return tops
 
 
-def _sizes(march: March, atols: Floats) -> Floats:
+def _error_scales(march: March, atols: Floats) -> Floats:
     """Return the scale of each variable's errors: its largest value, or if that is rounding a natural one.
 
     Natural is the largest of its kind, for a velocity also that of its coordinates in the fastest time scale. What begins
@@ -161,7 +161,7 @@ def _sizes(march: March, atols: Floats) -> Floats:
     engine().fastest_rates(run, march.witnesses.states([0]), rates)
     rate = float(rates[0, 0]) if 0.0 < rates[0, 0] < np.inf else 0.0
     largest, born = run.largest.copy(), np.abs(run.y[:used])
-    natural = _tops(march.layout, largest)
+    natural = _kind_tops(march.layout, largest)
     natural[n : 2 * n] = np.maximum(natural[n : 2 * n], rate * natural[:n])
     if rate > 0.0:  # the slopes of velocities follow the state
         born[n : 2 * n] = np.maximum(born[n : 2 * n], np.abs(run.y[used : used + n]) / rate)
@@ -183,23 +183,25 @@ def _obstacle(march: March, steps: int) -> str:
     return ", ".join(reason for reason, applies in reasons.items() if applies)
 
 
-def _steps(march: March) -> int:
+def _followed_step_count(march: March) -> int:
     """Return the number of steps for which an error is followed from each row."""
     floor = FEWEST if march.layout.used.size <= SMALL else 0
     return min(MOST_FOLLOWED, max(floor, int(march.now.evaluations) // SHARE) // (2 * EVALUATIONS))
 
 
-def _followed(march: March, end: float, steps: int, moves: Floats, sizes: Floats) -> tuple[float, float, int] | None:
+def _follow_growth(
+    march: March, end: float, steps: int, moves: Floats, sizes: Floats
+) -> tuple[float, float, int] | None:
     """Return the mean growth of an error over the run, the part of the run covered, and from how many rows."""
     last = march.witnesses.steps.shape[1] - 1
-    chosen = [0, last // 2] if last > 1 else [0]
-    states = march.witnesses.states(chosen)
+    start_rows = [0, last // 2] if last > 1 else [0]
+    states = march.witnesses.states(start_rows)
     perturbations = np.zeros((1 + len(moves), 2))
     perturbations[0, 0], perturbations[1:, 0], perturbations[1:, 1] = end, moves, np.where(sizes > 0.0, sizes, np.inf)
-    results = np.full((2 * len(chosen), 1 + steps), np.nan)
+    results = np.full((2 * len(start_rows), 1 + steps), np.nan)
     engine().growths(march.run, states, perturbations, np.empty((STATES, len(moves))), results)
     span, growths, covered = end - float(states[0, 0]), [], 0.0
-    for k in range(len(chosen)):
+    for k in range(len(start_rows)):
         count = int(np.count_nonzero(~np.isnan(results[2 * k])))
         if count > 1:
             times, distances = results[2 * k : 2 * k + 2, :count].tolist()
@@ -208,7 +210,7 @@ def _followed(march: March, end: float, steps: int, moves: Floats, sizes: Floats
     return (max(growths), min(1.0, covered / span), len(growths)) if growths and span > 0.0 else None
 
 
-def mean_growth(times: list[float], apart: list[float], span: float) -> float:
+def mean_growth(times: list[float], distances: list[float], span: float) -> float:
     """Return the mean over a span of a ratio followed for a part of it; beyond that, growth continues and decay ends.
 
     Examples
@@ -217,7 +219,7 @@ def mean_growth(times: list[float], apart: list[float], span: float) -> float:
     (6.0, 1.0)
     """
     middle, halves = (times[0] + times[-1]) / 2.0, [[0.0, 0.0], [0.0, 0.0]]
-    for t, t1, a, b in zip(times[:-1], times[1:], apart[:-1], apart[1:], strict=True):
+    for t, t1, a, b in zip(times[:-1], times[1:], distances[:-1], distances[1:], strict=True):
         half = halves[t + t1 > 2.0 * middle]
         half[0], half[1] = half[0] + (t1 - t) * (a + b) / 2.0, half[1] + t1 - t
     followed, remaining = times[-1] - times[0], span - (times[-1] - times[0])

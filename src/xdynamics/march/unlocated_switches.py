@@ -14,7 +14,7 @@ from xdynamics.march.outcomes import RUNNING, SLIDING_MODE
 from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
-from xdynamics.model.motion import REGIME_NUMBER, constants, evaluated_many, tables_of
+from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states
 from xdynamics.model.switches import Switch, are_too_many, jumping_switches
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import TIME
@@ -78,7 +78,7 @@ class Passages:
         """Continue from a memory; older ones have none."""
         self.last = memory.get(RETAINED, self.last)
 
-    def sliding(self, run: Run, rows: Floats, before: int) -> Switch | None:
+    def sliding(self, run: Run, rows: Floats, rows_before: int) -> Switch | None:
         """End a march that passes a switch in almost every step: it would fill any memory on its way along the switch.
 
         Parameters
@@ -86,7 +86,7 @@ class Passages:
         run : Run
         rows : ndarray, shape (m, k)
             Its new rows, of which time, step size and state come first.
-        before : int
+        rows_before : int
             Number of its rows before them.
 
         Returns
@@ -98,10 +98,10 @@ class Passages:
             return None
         new = rows[: len(self.last), -STEPS - 1 :]
         self.last = np.hstack([self.last[:, new.shape[1] - STEPS - 1 :], new]) if new.shape[1] <= STEPS else new.copy()
-        reached = before + rows.shape[1] >= self._next(before)
+        reached = rows_before + rows.shape[1] >= self._next(rows_before)
         if run.now[0].status != RUNNING or not reached or self.last.shape[1] <= STEPS:
             return None
-        values = self._evaluated(run, self._functions, self.last)
+        values = self._values_in_rows(run, self._functions, self.last)
         for switch, tree, numbers in zip(unlocated(self.model), self._functions, values, strict=True):
             if _returns(numbers) >= FEWEST and self._is_driven_back(run, tree, numbers):
                 run.now[0].status = SLIDING_MODE
@@ -114,36 +114,40 @@ class Passages:
         The speed of a motion that only decays to the switch would tend to zero with the distance.
         """
         rates = [self.model.rates[name] for name in self.layout.used]
-        speed, *slopes = self._evaluated(run, [self.model.rate_of(tree), *rates], self.last)
+        speed, *slopes = self._values_in_rows(run, [self.model.rate_of(tree), *rates], self.last)
         with np.errstate(all="ignore"):
             time = -values / speed
-            there = (time > 0.0) & (time <= STEPS * self.last[1].max() * self.scales.of(TIME))
-            before, beyond = (
-                self._evaluated(run, [self.model.rate_of(tree)], self._moved(slopes, part * time))[0] / speed
+            meets_switch = (time > 0.0) & (time <= STEPS * self.last[1].max() * self.scales.si_factor(TIME))
+            speed_before, speed_beyond = (
+                self._values_in_rows(run, [self.model.rate_of(tree)], self._rows_after(slopes, part * time))[0] / speed
                 for part in (1.0 - NEAR, 1.0 + NEAR)
             )
-            return bool(np.count_nonzero(there & (before > SLOWER) & (beyond < -SLOWEST)) >= OFTEN * STEPS)
+            return bool(
+                np.count_nonzero(meets_switch & (speed_before > SLOWER) & (speed_beyond < -SLOWEST)) >= OFTEN * STEPS
+            )
 
-    def _moved(self, slopes: list[Floats], time: Floats) -> Floats:
+    def _rows_after(self, slopes: list[Floats], time: Floats) -> Floats:
         """Return rows after some time, s, on straight lines."""
         factors = self.layout.sizes(self.scales)
         rows = self.last.copy()
-        rows[0] += time / self.scales.of(TIME)
+        rows[0] += time / self.scales.si_factor(TIME)
         rows[2:] += np.stack(slopes) * time / factors[:, None]
         return rows
 
-    def _evaluated(self, run: Run, wanted: list[Node], rows: Floats) -> list[Floats]:
+    def _values_in_rows(self, run: Run, trees: list[Node], rows: Floats) -> list[Floats]:
         """Return values of expressions in rows, SI, with the run's own parameters."""
         model, scales = self.model, self.scales
-        state: dict[str, Any] = {"t": rows[0] * scales.of(TIME), REGIME_NUMBER: float(run.now[0].regime)}
+        state: dict[str, Any] = {"t": rows[0] * scales.si_factor(TIME), REGIME_NUMBER: float(run.now[0].regime)}
         sizes = self.layout.sizes(scales).tolist()
         state |= {name: row * size for name, row, size in zip(self.layout.used, rows[2:], sizes, strict=True)}
-        known = dict(constants(model))
-        own = zip(known, run.p.tolist(), strict=False)
-        known |= {
-            name: value * scales.of(model.dimensions[name]) for name, value in own if name in model.statement.parameters
+        constant_values = dict(constants(model))
+        run_values = zip(constant_values, run.p.tolist(), strict=False)
+        constant_values |= {
+            name: value * scales.si_factor(model.dimensions[name])
+            for name, value in run_values
+            if name in model.statement.parameters
         }
-        values = evaluated_many(model, wanted, state, known, tables_of(model))
+        values = evaluate_over_states(model, trees, state, constant_values, drive_pieces(model))
         return [np.broadcast_to(np.asarray(numbers, float), rows.shape[1]) for numbers in values]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law
-from xdynamics.march.ensemble_part import EnsemblePart, copied
+from xdynamics.march.ensemble_part import EnsemblePart, copy_log_start
 from xdynamics.march.runner import March
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
@@ -27,11 +27,11 @@ def march_watched(
     settings : Settings
     law : Law
     inputs : tuple of ndarray
-        Plan, start, parameters and absolute tolerances of every run, in internal units; see `inputs_of`.
+        Plan, start, parameters and absolute tolerances of every run, in internal units; see `inputs_of_runs`.
     logs : bool
         Whether to keep every row, or only the last states and the events.
     """
-    part = EnsemblePart.of(len(inputs[0]), law, inputs[2])
+    part = EnsemblePart.empty(len(inputs[0]), law, inputs[2])
     for k, (plan, start, parameters, atols) in enumerate(zip(*inputs, strict=True)):
         march = March(model, settings)
         run = march.run
@@ -41,7 +41,7 @@ def march_watched(
             for block in blocks:
                 if block.rows:
                     part.lasts[k] = block.log.rows[:, block.rows - 1]
-                part.logs.append(copied(block.log, block.rows if logs else 0, block.events))
+                part.logs.append(copy_log_start(block.log, block.rows if logs else 0, block.events))
                 part.logs[-1].closed[:1] -= block.log.base[0]["rows"]
         part.ends[k], part.largest[k] = run.now[0], run.largest[: part.largest.shape[1]]
         part.passed[k] = run.w[run.w.size - part.passed.shape[1] :]

@@ -48,12 +48,14 @@ class Witnesses:
         """Number of the row, time, step: one column for each."""
         return self._rows[: self._count, :3].T
 
-    def states(self, chosen: list[int], room: Floats | None = None) -> Floats:
+    def states(self, row_indices: list[int], room: Floats | None = None) -> Floats:
         """Return time and state of some of them, one column for each; of a single one in the room that is given."""
         states = (
-            np.empty((1 + self.used, len(chosen))) if room is None or len(chosen) > 1 else room[: 1 + self.used, None]
+            np.empty((1 + self.used, len(row_indices)))
+            if room is None or len(row_indices) > 1
+            else room[: 1 + self.used, None]
         )
-        for k, row in enumerate(chosen):
+        for k, row in enumerate(row_indices):
             states[0, k] = self._rows[row, 1]
             self._state(row, states[1:, k])
         return states
@@ -65,12 +67,14 @@ class Witnesses:
 
     def end_with(self, state: Floats) -> bool:
         """Whether the record to which states were left ends with a state."""
-        return bool(self._record) and all(np.array_equal(part, own) for part, own in self._parts(-1, state))
+        return bool(self._record) and all(
+            np.array_equal(part, state_part) for part, state_part in self._parts(-1, state)
+        )
 
     def put_end_in(self, state: Floats) -> None:
         """Put the last state of the record in that of a march."""
-        for part, own in self._parts(-1, state):
-            own[:] = part
+        for part, state_part in self._parts(-1, state):
+            state_part[:] = part
 
     def _parts(self, row: int, state: Floats) -> Iterator[tuple[Floats, Floats]]:
         """Yield the columns of a row of the record, and their places in a state."""
@@ -88,15 +92,17 @@ class Witnesses:
         """Copy the state of one of them."""
         if not self._record:
             state[: self.used] = self._rows[k, 3:]
-        for part, own in self._parts(int(self._rows[k, 0]), state):
-            own[:] = part
+        for part, state_part in self._parts(int(self._rows[k, 0]), state):
+            state_part[:] = part
 
     @property
     def errors(self) -> Floats:
         """Errors of the steps that led to them."""
         if self._record_errors:
-            kept = self._rows[: self._count, 0].astype(int)
-            return np.concatenate([column[kept].reshape(kept.size, -1) for column in self._record_errors], axis=1).T
+            row_numbers = self._rows[: self._count, 0].astype(int)
+            return np.concatenate(
+                [column[row_numbers].reshape(row_numbers.size, -1) for column in self._record_errors], axis=1
+            ).T
         return self._errors[: self._count].T
 
     def stride(self, rows: int) -> int:
@@ -113,15 +119,15 @@ class Witnesses:
         first, stride = rows - block.rows, self.stride(rows)
         retained = np.flatnonzero(self._rows[: self._count, 0] % stride == 0)
         if len(retained) < self._count:
-            for kept in (self._rows[:, :3],) if self.elsewhere else (self._rows, self._errors):
-                for place, row in enumerate(retained.tolist()):  # one by one: together they would be copied
-                    kept[place] = kept[row]
+            for table in (self._rows[:, :3],) if self.elsewhere else (self._rows, self._errors):
+                for target_row, row in enumerate(retained.tolist()):  # one by one: together they would be copied
+                    table[target_row] = table[row]
         begin = -first % stride
-        taken = block.log.rows[:, begin : block.rows : stride]
-        new = slice(len(retained), len(retained) + taken.shape[1])
+        new_rows = block.log.rows[:, begin : block.rows : stride]
+        new = slice(len(retained), len(retained) + new_rows.shape[1])
         self._rows[new, 0] = range(first + begin, rows, stride)
-        known = 2 if self.elsewhere else 2 + self.used
-        self._rows[new, 1 : 1 + known] = taken[:known].T
+        column_count = 2 if self.elsewhere else 2 + self.used
+        self._rows[new, 1 : 1 + column_count] = new_rows[:column_count].T
         if not self.elsewhere:
-            self._errors[new] = taken[self.estimated.start : self.estimated.stop].T
+            self._errors[new] = new_rows[self.estimated.start : self.estimated.stop].T
         self._count = new.stop

@@ -13,17 +13,17 @@ def of_error(march: March) -> str:
     run, n = march.run, march.layout.used.size
     if not march.settings.scheme.estimates:
         return ""
-    before, after = np.abs(run.y[:n]), np.abs(run.z[:n])
-    return _largest(march, run.e[:n], run.atol[:n] + run.plan[0].rtol * np.fmax(before, after))
+    size_before, size_after = np.abs(run.y[:n]), np.abs(run.z[:n])
+    return _worst_variable(march, run.e[:n], run.atol[:n] + run.plan[0].rtol * np.fmax(size_before, size_after))
 
 
 def of_newton(march: March) -> str:
     """Name the component with the largest correction over its size in Newton's last iteration."""
     run, n = march.run, march.layout.used.size
-    return _largest(march, *solver_of(march.settings.method).corrections(run, n))
+    return _worst_variable(march, *solver_of(march.settings.method).corrections(run, n))
 
 
-def _largest(march: March, errors: np.ndarray, scales: np.ndarray) -> str:
+def _worst_variable(march: March, errors: np.ndarray, scales: np.ndarray) -> str:
     with np.errstate(all="ignore"):
         ratios = np.where(errors == 0.0, 0.0, np.abs(errors) / scales)
     return march.layout.used[int(np.argmax(np.where(np.isnan(ratios), np.inf, ratios)))]

@@ -61,49 +61,52 @@ def update_of(text: str, *, keeping: bool = False) -> str:
             number = "1" if i + 1 == counts[name] else str(i + 2)
             if name == "drift":
                 time += Fraction(rows[name][i])
-                lines += _drift(newest, number, rows[name][i], time, keeping=keeping)
+                lines += _drift_lines(newest, number, rows[name][i], time, keeping=keeping)
             else:
-                lines += _kick(newest, number, rows[name][i])
+                lines += _kick_lines(newest, number, rows[name][i])
     return "\n".join(lines)
 
 
-def _kick(newest: dict[str, str], number: str, part: str) -> list[str]:
+def _kick_lines(newest: dict[str, str], number: str, part: str) -> list[str]:
     """Move v and x."""
-    lines = [f"{letter}{number} = {_sum(newest[letter], part, newest[slope])}" for letter, slope in ("va", "xr")]
+    lines = [
+        f"{letter}{number} = {_vector_plus_slope(newest[letter], part, newest[slope])}"
+        for letter, slope in ("va", "xr")
+    ]
     newest |= {letter: letter + number for letter in "vx"}
     return lines
 
 
-def _drift(newest: dict[str, str], number: str, part: str, time: Fraction, *, keeping: bool) -> list[str]:
+def _drift_lines(newest: dict[str, str], number: str, part: str, time: Fraction, *, keeping: bool) -> list[str]:
     """Move q, then evaluate the forces there."""
-    own = ["v0 = v"] if keeping and newest["v"] == "v" else []  # which impulses of constraints change
-    newest |= {"v": "v0"} if own else {}
+    velocity_lines = ["v0 = v"] if keeping and newest["v"] == "v" else []  # which impulses of constraints change
+    newest |= {"v": "v0"} if velocity_lines else {}
     distance = "h" if part == "1" else f"{part}*h"
-    kept = [f"keep q{number}, {newest['v']} at {_at(number, time)} over {distance}"] if keeping else []
+    keep_lines = [f"keep q{number}, {newest['v']} at {_time_text(number, time)} over {distance}"] if keeping else []
     lines = [
-        *own,
-        f"q{number} = {_sum(newest['q'], part, newest['v'])}",
-        *kept,
-        f"a{number}, r{number} = f({_at(number, time)}, q{number}, {newest['v']}, {newest['x']})",
+        *velocity_lines,
+        f"q{number} = {_vector_plus_slope(newest['q'], part, newest['v'])}",
+        *keep_lines,
+        f"a{number}, r{number} = f({_time_text(number, time)}, q{number}, {newest['v']}, {newest['x']})",
     ]
     newest |= {letter: letter + number for letter in "qar"}
     return lines
 
 
-def _sum(value: str, part: str, slope: str) -> str:
+def _vector_plus_slope(value: str, part: str, slope: str) -> str:
     """``v + 7/24*h*a``."""
     step = "h" if part == "1" else f"{part}*h"
     return f"{value} + {step}*{slope}".replace("+ -", "- ")
 
 
-def _at(number: str, time: Fraction) -> str:
+def _time_text(number: str, time: Fraction) -> str:
     """``t + 0.25*h``; the last drift ends at t1 even if the digits of the coefficients do not sum to 1 exactly."""
     if number == "1":
         return "t1"
-    return f"t + {_printed(time)}*h".replace("+ -", "- ") if time else "t"
+    return f"t + {_exact_number(time)}*h".replace("+ -", "- ") if time else "t"
 
 
-def _printed(number: Fraction) -> str:
+def _exact_number(number: Fraction) -> str:
     """Print a number exactly: as a fraction if it is simple, else as a decimal."""
     if number.denominator < 100:
         return str(number)
@@ -124,7 +127,7 @@ def verlet_composed(text: str) -> Composition:
             [Fraction(0), *coefficients], [*coefficients, Fraction(0)], strict=True
         )
     ]
-    return composed(f"kick {' '.join(map(_printed, kicks))}\ndrift {' '.join(map(_printed, coefficients))}")
+    return composed(f"kick {' '.join(map(_exact_number, kicks))}\ndrift {' '.join(map(_exact_number, coefficients))}")
 
 
 POSITION_VERLET = Method(

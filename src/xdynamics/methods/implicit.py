@@ -1,6 +1,6 @@
 """Implicit methods: each step solves its equations by Newton's method."""
 
-from xdynamics.methods.lines import Interpolant, spread
+from xdynamics.methods.lines import Interpolant, spread_over_vectors
 from xdynamics.methods.method import Method
 from xdynamics.methods.steppers import Collocation
 from xdynamics.model import Trait
@@ -43,7 +43,7 @@ IMPLICIT_MIDPOINT = Method(
     symplectic=True,
     symmetric=True,
     evaluations=2,
-    update=spread("""
+    update=spread_over_vectors("""
         y2 = y + h/2*k
         solve y2:
             k2 = f(t + h/2, y2)
@@ -71,11 +71,11 @@ RADAU_IIA = Method(
     order=5,
     symplectic=False,
     evaluations=4,
-    update=spread(_RADAU_IIA.template),
+    update=spread_over_vectors(_RADAU_IIA.template),
     words="three stages at Radau's points, solved for together; the third is the new state, then the force",
     reference="Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.5, Table 5.6, and IV.8, eq. (8.19); L-stable",
     # the linear filter of eq. (8.19), (I - h*g0*J)**-1, as the equation that it solves; g0 = 0.2748888295956774 there
-    estimate=spread("""
+    estimate=spread_over_vectors("""
         yz = 0.27488882959567735*(h*k + (-(13 + 7*sqrt(6))/3)*(y2 - y) + ((-13 + 7*sqrt(6))/3)*(y3 - y) - 1/3*(y4 - y))
         ye = yz
         solve ye:
@@ -85,7 +85,7 @@ RADAU_IIA = Method(
     """),
     estimate_order=3,
     interpolant=Interpolant(
-        spread("""
+        spread_over_vectors("""
         ya = (y2 - y)/((4 - sqrt(6))/10)
         yb = 5/sqrt(6)*(y3 - y2)
         yc = (y1 - y3)/((6 - sqrt(6))/10)
@@ -95,7 +95,7 @@ RADAU_IIA = Method(
     """),
         "the collocation polynomial, cubic, through the start and the three stages, solved for again",
         order=3,
-        given=True,
+        needs_no_stages=True,
     ),
     stepper=_RADAU_IIA,
     refuses=(Trait.PYTHON_FORCES, Trait.CONTACTS),

@@ -12,7 +12,7 @@ from itertools import takewhile
 from textwrap import dedent
 
 from xdynamics.expressions import Binary, Name, Node, Number, free_names, parse, text_of
-from xdynamics.expressions.polynomial import coefficients
+from xdynamics.expressions.polynomial import polynomial_coefficients
 from xdynamics.model import Model
 
 SCALARS = ("t", "t1", "h", "s")
@@ -49,7 +49,7 @@ class Evaluation:
 
     def text(self, *, motion: bool, states: bool) -> str:
         """Print it with the vectors that a model has."""
-        results = [name for name, shown in ((self.acceleration, motion), (self.rate, states)) if shown]
+        results = [name for name, is_present in ((self.acceleration, motion), (self.rate, states)) if is_present]
         arguments = [self.time, *([self.position, self.velocity] if motion else []), *([self.state] if states else [])]
         return f"{', '.join(results)} = f({', '.join(arguments)})"
 
@@ -167,7 +167,7 @@ class Interpolant:
         Order of its local error, minus one.
     of_coordinates : int, optional
         That of coordinates, where it is another.
-    given : bool
+    needs_no_stages : bool
         Whether it needs only what a step has left: the states at its ends, or the stages that it solved for. Otherwise the
         stages of the step are made again.
     """
@@ -176,7 +176,7 @@ class Interpolant:
     words: str
     order: int
     of_coordinates: int | None = None
-    given: bool = False
+    needs_no_stages: bool = False
 
     @property
     def lines(self) -> tuple[Line, ...]:
@@ -219,12 +219,12 @@ def read_lines(text: str) -> tuple[Line, ...]:
             statements.append(ConstraintImpulse(*match.groups()))
             continue
         if not (match := _SOLVE.fullmatch(line)):
-            statements.append(_read(line))
+            statements.append(_parse_statement(line))
             continue
         body = list(takewhile(lambda part: part.startswith(" "), lines))
         del lines[: len(body)]
         unknowns = tuple(part.strip() for part in match.group(1).split(","))
-        statements.append(Solve(unknowns, tuple(_read(part.strip()) for part in body)))
+        statements.append(Solve(unknowns, tuple(_parse_statement(part.strip()) for part in body)))
     return tuple(statements)
 
 
@@ -234,7 +234,7 @@ def _polynomials(text: str) -> tuple[Line, ...]:
     states: dict[str, tuple[Node, ...]] = {}
     for line in read_lines(text):
         if isinstance(line, VectorStatement) and line.target in _ENDS:
-            states[line.target] = coefficients(line.expression, "s")
+            states[line.target] = polynomial_coefficients(line.expression, "s")
         else:
             lines.append(line)
     length = max(map(len, states.values()))
@@ -244,60 +244,60 @@ def _polynomials(text: str) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def printed(text: str, model: Model | None = None) -> str:
+def printed_lines(text: str, model: Model | None = None) -> str:
     """Return the lines of a text as one line, with the vectors that a model has; with all if no model is passed."""
     motion = model is None or bool(model.statement.coordinates)
     states = model is None or bool(model.statement.states)
-    return _printed(text, motion=motion, states=states)
+    return _printed_vectors(text, motion=motion, states=states)
 
 
 @lru_cache(maxsize=256)
-def _printed(text: str, *, motion: bool, states: bool) -> str:
+def _printed_vectors(text: str, *, motion: bool, states: bool) -> str:
     texts = [line.text(motion=motion, states=states) for line in read_lines(text)]
     return "; ".join(text for text in texts if text)
 
 
-def spread(text: str) -> str:
+def spread_over_vectors(text: str) -> str:
     r"""Write out lines for y' = k, as in textbooks, for the vectors of a mechanical system.
 
     ``y2 = y + h/2*k`` becomes a line each for q (with q' = v), v (with v' = a) and x (with x' = r).
 
     Examples
     --------
-    >>> print(spread("y1 = y + h*k\nk1 = f(t1, y1)"))
+    >>> print(spread_over_vectors("y1 = y + h*k\nk1 = f(t1, y1)"))
     q1 = q + h*v
     v1 = v + h*a
     x1 = x + h*r
     a1, r1 = f(t1, q1, v1, x1)
     """
-    written = []
+    vector_lines = []
     for line in dedent(text).strip("\n").splitlines():
         if match := _SOLVE.fullmatch(line):
             unknowns = [unknown.strip() for unknown in match.group(1).split(",")]
-            written.append(
+            vector_lines.append(
                 "solve"
-                f" {', '.join([_as(unknown, 'v', 'a') for unknown in unknowns] + [_as(unknown, 'x', 'r') for unknown in unknowns])}:"
+                f" {', '.join([_substitute_vectors(unknown, 'v', 'a') for unknown in unknowns] + [_substitute_vectors(unknown, 'x', 'r') for unknown in unknowns])}:"
             )
         elif match := re.fullmatch(r"( *)k(\w*) = f\((.+), y(\w*)\)", line):
             indent, stage, time, point = match.groups()
-            written.append(f"{indent}a{stage}, r{stage} = f({time}, q{point}, v{point}, x{point})")
+            vector_lines.append(f"{indent}a{stage}, r{stage} = f({time}, q{point}, v{point}, x{point})")
         else:
-            written += [_as(line, *pair) for pair in _SPREAD]
-    return "\n".join(written)
+            vector_lines += [_substitute_vectors(line, *pair) for pair in _SPREAD]
+    return "\n".join(vector_lines)
 
 
-def _as(line: str, value: str, slope: str) -> str:
+def _substitute_vectors(line: str, value: str, slope: str) -> str:
     """Substitute a pair of vectors for y and k."""
     return re.sub(r"\bk(\w*)", rf"{slope}\1", re.sub(r"\by(\w*)", rf"{value}\1", line))
 
 
-def _read(line: str) -> VectorStatement | Evaluation:
+def _parse_statement(line: str) -> VectorStatement | Evaluation:
     if match := _EVALUATION.fullmatch(line):
         return Evaluation(*match.groups())
     target, expression = line.split(" = ", 1)
     if match := _SUM.search(expression):
         plain = parse(expression.replace(match.group(), _TOTAL))
-        return VectorStatement(target, _with_total(plain, _nested(*match.groups())), line)
+        return VectorStatement(target, _with_total(plain, _nested_power_sum(*match.groups())), line)
     return VectorStatement(target, parse(expression), line)
 
 
@@ -308,17 +308,17 @@ def _with_total(node: Node, total: Node) -> Node:
     return total if node == Name(_TOTAL) else node
 
 
-def _nested(counted: str | None, way: str, power: str, letter: str, last: str) -> Node:
+def _nested_power_sum(index_factor: str | None, distance_text: str, power: str, letter: str, last: str) -> Node:
     """Return a sum of powers as ``h*(q_1 + h*(q_2 + …))``, each coefficient times its number where it is counted."""
-    distance = parse(way)
+    distance = parse(distance_text)
 
-    def term(i: int) -> Node:
+    def coefficient_term(i: int) -> Node:
         name = Name(f"{letter}_{i}")
-        return Binary("*", Number(float(i)), name) if counted and i > 1 else name
+        return Binary("*", Number(float(i)), name) if index_factor and i > 1 else name
 
-    total = term(int(last))
+    total = coefficient_term(int(last))
     for i in reversed(range(1, int(last))):
-        total = Binary("+", term(i), Binary("*", distance, total))
+        total = Binary("+", coefficient_term(i), Binary("*", distance, total))
     return Binary("*", distance, total) if power == "i" else total
 
 
@@ -327,5 +327,5 @@ HERMITE = Interpolant(
     "Hermite: quintic in the coordinates from q, v, a, cubic in velocities and states, at both ends of the step",
     order=3,
     of_coordinates=5,
-    given=True,
+    needs_no_stages=True,
 )

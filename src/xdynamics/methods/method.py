@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from xdynamics.faults import InputError
-from xdynamics.methods.lines import HERMITE, Interpolant, Line, Solve, printed, read_lines
+from xdynamics.methods.lines import HERMITE, Interpolant, Line, Solve, printed_lines, read_lines
 from xdynamics.methods.similar import similar
 from xdynamics.methods.steppers import DIFFERENCES, LINES, Stepper
 from xdynamics.model import Model, Trait, traits_of
@@ -92,7 +92,7 @@ class Method:
     def equations(self, model: Model | None = None) -> str:
         """Return the update equations as one line, with the vectors that a model has."""
         keeps = model is not None and bool(model.constraints) and bool(self.kept)
-        return printed(self.kept if keeps else self.update, model)
+        return printed_lines(self.kept if keeps else self.update, model)
 
     @property
     def has_orders(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xdynamics.methods.lines import Interpolant
 from xdynamics.methods.method import Method
-from xdynamics.methods.tableau import Weights, combined
+from xdynamics.methods.tableau import Weights, weighted_sum
 from xdynamics.model import Trait
 
 # R is sqrt(8581). Stages 1 to 6, the last at the end of the step; b for positions, db for velocities, ^ embedded.
@@ -41,7 +41,7 @@ _EXTENSION = """
 _STAGES = ("", "2", "3", "4", "5", "1")  # suffixes of a and r: the last stage is the first of the next step
 
 
-def _read(text: str) -> dict[str, Weights]:
+def _read_weight_rows(text: str) -> dict[str, Weights]:
     """Read ``name | weight | weight`` rows; a row without a name continues the one above."""
     rows: dict[str, list[str]] = {}
     for line in text.replace("R", "sqrt(8581)").splitlines():
@@ -51,12 +51,12 @@ def _read(text: str) -> dict[str, Weights]:
     return {name: tuple(weights) for name, weights in rows.items()}
 
 
-def _sum(weights: Weights, slope: str) -> str:
+def _stage_sum(weights: Weights, slope: str) -> str:
     """``329/4212*a + 200/17901*a5``."""
-    return combined(weights, [slope + stage for stage in _STAGES[: len(weights)]])
+    return weighted_sum(weights, [slope + stage for stage in _STAGES[: len(weights)]])
 
 
-def _less(weight: str, embedded: str) -> str:
+def _weight_difference(weight: str, embedded: str) -> str:
     """Write one weight minus another, unevaluated and so exact."""
     if embedded == "0":
         return weight
@@ -64,36 +64,36 @@ def _less(weight: str, embedded: str) -> str:
     return minus if weight == "0" else f"({weight} - {embedded})".replace("- -", "+ ")
 
 
-def _update(rows: dict[str, Weights]) -> str:
+def _update_lines(rows: dict[str, Weights]) -> str:
     """Write the update: the positions of the stages, then both weighted sums."""
     lines = []
     for number, c in zip("2345", rows["c"][1:], strict=False):
         lines += [
-            f"q{number} = q + {c}*h*v + h**2*({_sum(rows['a' + number], 'a')})",
+            f"q{number} = q + {c}*h*v + h**2*({_stage_sum(rows['a' + number], 'a')})",
             f"a{number}, r{number} = f(t + {c}*h, q{number}, v, x)",
         ]
     lines += [
-        f"q1 = q + h*v + h**2*({_sum(rows['b'], 'a')})",
+        f"q1 = q + h*v + h**2*({_stage_sum(rows['b'], 'a')})",
         "a1, r1 = f(t1, q1, v, x)",
-        f"v1 = v + h*({_sum(rows['db'], 'a')})",
-        f"x1 = x + h*({_sum(rows['db'], 'r')})",
+        f"v1 = v + h*({_stage_sum(rows['db'], 'a')})",
+        f"x1 = x + h*({_stage_sum(rows['db'], 'r')})",
     ]
     return "\n".join(lines)
 
 
-def _estimate(rows: dict[str, Weights]) -> str:
+def _estimate_lines(rows: dict[str, Weights]) -> str:
     """Write the difference from the embedded formula."""
-    position = tuple(map(_less, rows["b"], rows["b^"]))
-    velocity = tuple(map(_less, rows["db"], rows["db^"]))
-    return f"qe = h**2*({_sum(position, 'a')})\nve = h*({_sum(velocity, 'a')})\nxe = h*({_sum(velocity, 'r')})"
+    position = tuple(map(_weight_difference, rows["b"], rows["b^"]))
+    velocity = tuple(map(_weight_difference, rows["db"], rows["db^"]))
+    return f"qe = h**2*({_stage_sum(position, 'a')})\nve = h*({_stage_sum(velocity, 'a')})\nxe = h*({_stage_sum(velocity, 'r')})"
 
 
-def _extension(rows: dict[str, Weights]) -> str:
+def _extension_lines(rows: dict[str, Weights]) -> str:
     """Write the continuous extension."""
     return (
-        f"qs = q + s*h*v + (s*h)**2*({_sum(rows['pb'], 'a')})\n"
-        f"vs = v + s*h*({_sum(rows['pv'], 'a')})\n"
-        f"xs = x + s*h*({_sum(rows['pv'], 'r')})"
+        f"qs = q + s*h*v + (s*h)**2*({_stage_sum(rows['pb'], 'a')})\n"
+        f"vs = v + s*h*({_stage_sum(rows['pv'], 'a')})\n"
+        f"xs = x + s*h*({_stage_sum(rows['pv'], 'r')})"
     )
 
 
@@ -103,7 +103,7 @@ DPRKN6 = Method(
     order=6,
     symplectic=False,
     evaluations=5,
-    update=_update(_read(_ROWS)),
+    update=_update_lines(_read_weight_rows(_ROWS)),
     words=(
         "forces at four positions inside the step, each from those before, the position with their weighted sum, the"
         " force there, the velocity with the weighted sum of all"
@@ -120,10 +120,10 @@ DPRKN6 = Method(
         Trait.NO_COORDINATES,
         Trait.HELD_LINKS,
     ),
-    estimate=_estimate(_read(_ROWS)),
+    estimate=_estimate_lines(_read_weight_rows(_ROWS)),
     estimate_order=4,
     interpolant=Interpolant(
-        _extension(_read(_EXTENSION)),
+        _extension_lines(_read_weight_rows(_EXTENSION)),
         "the triple's own, without further evaluations: degree 6 in the coordinates, 5 in velocities and states",
         order=5,
     ),

@@ -1,8 +1,8 @@
 """Explicit Runge-Kutta methods and pairs: their tableaus, as the books print them."""
 
-from xdynamics.methods.lines import Interpolant, spread
+from xdynamics.methods.lines import Interpolant, spread_over_vectors
 from xdynamics.methods.method import Method
-from xdynamics.methods.tableau import Tableau, columns, differences
+from xdynamics.methods.tableau import Tableau, weight_columns, weight_differences
 
 _HEUN = Tableau.parse("""
     0  |
@@ -116,7 +116,7 @@ DORMAND_PRINCE = Method(
     estimate=_DORMAND_PRINCE.estimate,
     estimate_order=4,
     interpolant=Interpolant(
-        spread(f"""
+        spread_over_vectors(f"""
         yi = y1 - y
         yj = h*k - yi
         yl = yi - h*k1 - yj
@@ -130,7 +130,7 @@ DORMAND_PRINCE = Method(
 
 # The digits are those of Hairer's code dop853.f, which prints the simple fractions among the times as decimals. Its end
 # is stage 13; stages 14 to 16 serve the extension only. Rows: i, j, weight.
-DOP853_TABLEAU = Tableau.listed(
+DOP853_TABLEAU = Tableau.from_entries(
     """
     0  0.0526001519587677318785587544488  0.0789002279381515978178381316732
        0.118350341907227396726757197510   0.281649658092772603273242802490
@@ -224,7 +224,7 @@ DOP853_TABLEAU = Tableau.listed(
 )
 
 # Rows: stage, the difference from the formula of order 5, the weights of the formula of order 3.
-DOP853_FIFTH, DOP853_OF_THIRD = columns(
+DOP853_FIFTH, DOP853_OF_THIRD = weight_columns(
     """
      1   0.01312004499419488073250102996   0.244094488188976377952755905512
      6  -1.225156446376204440720569753     0
@@ -239,7 +239,7 @@ DOP853_FIFTH, DOP853_OF_THIRD = columns(
 )
 
 # Rows: stage, the weights of the extension's terms of degree 4 to 7.
-_D4, _D5, _D6, _D7 = columns(
+_D4, _D5, _D6, _D7 = weight_columns(
     """
      1    -8.4289382761090128651353491142      10.427508642579134603413151009       19.985053242002433820987653617      -25.693933462703749003312586129
      6     0.56671495351937776962531783590    242.28349177525818288430175319      -387.03730874935176555105901742      -154.18974869023643374053993627
@@ -272,15 +272,15 @@ DOP853 = Method(
         " coefficients by Dormand and Prince: Hairer's code dop853.f"
     ),
     # yu falls as h**6 and yw as h**4, so ye falls as h**8; the code combines norms, here it is done by component
-    estimate=spread(f"""
+    estimate=spread_over_vectors(f"""
         yu = {DOP853_TABLEAU.increment(DOP853_FIFTH)}
-        yw = {DOP853_TABLEAU.increment(differences(DOP853_TABLEAU.b, DOP853_OF_THIRD))}
+        yw = {DOP853_TABLEAU.increment(weight_differences(DOP853_TABLEAU.b, DOP853_OF_THIRD))}
         yz = yw/where(yu != 0, yu, 1)/10
         ye = yu/sqrt(1 + yz**2)
     """),
     estimate_order=7,
     interpolant=Interpolant(
-        spread(
+        spread_over_vectors(
             f"{DOP853_TABLEAU.extra_stages}\n"
             "yi = y1 - y\n"
             "yj = h*k - yi\n"

@@ -157,7 +157,7 @@ class Scheme:
     @property
     def leaves_polynomial(self) -> bool:
         """Whether a step leaves a polynomial of its own, which costs no further evaluation: events are isolated on it."""
-        return self.interpolant.given and self.interpolant != HERMITE and not self.by_hermite
+        return self.interpolant.needs_no_stages and self.interpolant != HERMITE and not self.by_hermite
 
     def interpolation(self, model: Model, rule: str = REINTEGRATE) -> str:
         """The interpolation between accepted states of a model, in words."""

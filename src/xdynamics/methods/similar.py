@@ -31,14 +31,14 @@ ELSEWHERE = {
 }
 
 
-def similar(name: str, known: Mapping[str, Sequence[str]]) -> str:
+def similar(name: str, synonyms_by_method: Mapping[str, Sequence[str]]) -> str:
     """Return the question whether one of some methods was meant, as a part of a message; empty if none is like it.
 
     Parameters
     ----------
     name : str
         That is the name of none of them.
-    known : mapping of str to sequence of str
+    synonyms_by_method : mapping of str to sequence of str
         The methods that may be taken, with their synonyms.
 
     Examples
@@ -46,18 +46,20 @@ def similar(name: str, known: Mapping[str, Sequence[str]]) -> str:
     >>> similar("RK4", {"rk4": ()}), similar("ode15s", {"rk4": (), "radau_iia": ()})
     ("did you mean 'rk4'? ", "did you mean 'radau_iia'? ")
     """
-    word = _plain(name)
-    synonyms = {key: [*map(_plain, (*also, *ELSEWHERE.get(key, ())))] for key, also in known.items()}
-    ways = (
-        [key for key in known if word in (_plain(key), *synonyms[key])],
-        [key for key in known if word in _plain(key)],
-        [key for key in known if any(word in synonym for synonym in synonyms[key])],
-        get_close_matches(name.lower(), [*known], n=1),
+    word = _letters_and_digits(name)
+    synonyms = {
+        key: [*map(_letters_and_digits, (*also, *ELSEWHERE.get(key, ())))] for key, also in synonyms_by_method.items()
+    }
+    candidate_lists = (
+        [key for key in synonyms_by_method if word in (_letters_and_digits(key), *synonyms[key])],
+        [key for key in synonyms_by_method if word in _letters_and_digits(key)],
+        [key for key in synonyms_by_method if any(word in synonym for synonym in synonyms[key])],
+        get_close_matches(name.lower(), [*synonyms_by_method], n=1),
     )
-    meant = next(filter(None, ways), []) if len(word) > 1 else []
+    meant = next(filter(None, candidate_lists), []) if len(word) > 1 else []
     return f"did you mean {' or '.join(repr(key) for key in meant[:MOST])}? " if meant else ""
 
 
-def _plain(name: str) -> str:
+def _letters_and_digits(name: str) -> str:
     """Return a name without capitals and signs."""
     return re.sub("[^a-z0-9]", "", name.lower())

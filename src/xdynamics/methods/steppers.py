@@ -83,7 +83,7 @@ class Stepper:
 
     def evaluations(self, update: Sequence[Line], estimate: Sequence[Line]) -> int:
         """Count the force evaluations of a step that are kept; of equations, those of one iteration."""
-        return sum(map(_evaluations, (*update, *estimate)))
+        return sum(map(_evaluations_of_line, (*update, *estimate)))
 
     def refusals(self, _model: Model) -> list[str]:
         """List why a model has no such steps, whatever the settings."""
@@ -111,20 +111,20 @@ class TimeStepping(Lines):
     def refusals(self, model: Model) -> list[str]:
         """List why a model has no such steps: another law of impacts, or friction that sticks by more than it slips by."""
         contacts = model.contacts | model.assemblies
-        others = {contact.law for contact in contacts.values()} - {NEWTON_S}
+        unsupported_laws = {contact.law for contact in contacts.values()} - {NEWTON_S}
         slipping = {name: (contact.friction, contact.static) for name, contact in contacts.items()}
         slipping |= {name: (friction.kinetic, friction.static) for name, friction in model.frictions.items()}
         return [
             *(
                 f"it has Newton's law of restitution over whole steps, and law = '{law}' is for impacts that are located;"
                 " write law = 'newton' for it"
-                for law in sorted(others)
+                for law in sorted(unsupported_laws)
             ),
             *(
                 f"it has one strength of friction over whole steps, and '{name}' sticks up to another, its `static`,"
                 " until a slip that is located; leave static out for it"
-                for name, (least, most) in slipping.items()
-                if least != most
+                for name, (kinetic, static) in slipping.items()
+                if kinetic != static
             ),
         ]
 
@@ -180,9 +180,9 @@ class Collocation(Stepper):
         times = ["t1" if c == "1" else f"t + {c}*h" for c in self.c]
         starts = [f"y{i} = y + {'' if c == '1' else f'{c}*'}h*k" for i, c in zip(numbers, self.c, strict=True)]
         slopes = [f"    k{i} = f({time}, y{i})" for i, time in zip(numbers, times, strict=True)]
-        stages = [f"    y{i} = y + h*({_sum(row)})" for i, row in zip(numbers, self.a, strict=True)]
+        stages = [f"    y{i} = y + h*({_weighted_slopes(row)})" for i, row in zip(numbers, self.a, strict=True)]
         solve = f"solve {', '.join(f'y{i}' for i in numbers)}:"
-        end = f"y{numbers[-1]}" if self.b == self.a[-1] else f"y + h*({_sum(self.b)})"
+        end = f"y{numbers[-1]}" if self.b == self.a[-1] else f"y + h*({_weighted_slopes(self.b)})"
         return "\n".join([*starts, solve, *slopes, *stages, f"y1 = {end}", "k1 = f(t1, y1)"])
 
     def programs(self, writer: StepWriter[Programs_co]) -> Programs_co:
@@ -229,13 +229,15 @@ class Jets(Stepper):
         """List why a model has no such steps: forces that are found by iteration have no series."""
         if not model.assemblies:
             return []
-        named = ", ".join(f"'{name}'" for name in model.assemblies)
-        return [f"it has no series of the forces of contacts of many links ({named}), which are found by iteration"]
+        assembly_names = ", ".join(f"'{name}'" for name in model.assemblies)
+        return [
+            f"it has no series of the forces of contacts of many links ({assembly_names}), which are found by iteration"
+        ]
 
 
-def _sum(weights: Sequence[str]) -> str:
+def _weighted_slopes(weights: Sequence[str]) -> str:
     return " + ".join(f"{weight}*k{i}" for i, weight in enumerate(weights, 2))
 
 
-def _evaluations(line: Line) -> int:
+def _evaluations_of_line(line: Line) -> int:
     return len(line.evaluations) if isinstance(line, Solve) else int(isinstance(line, Evaluation))

@@ -16,27 +16,27 @@ PLAIN, COMPENSATED = SUMMATIONS = ("plain", "compensated")
 class Update:
     """``v3 = v2 + 3/4*h*a2`` split into the vector before and the increment."""
 
-    before: str
-    added: Node
+    start_vector: str
+    increment: Node
 
 
 @cache
 def updates(method: Method) -> dict[str, Update]:
     """Return the sums by which q, v and x become q1, v1 and x1, keyed by their targets; none unless all do so."""
-    sums = {line.target: _apart(line) for line in method.statements if isinstance(line, VectorStatement)}
+    sums = {line.target: _split_sum(line) for line in method.statements if isinstance(line, VectorStatement)}
     by_target = {}
     for letter in "qvx":
         target = f"{letter}1"
         while target != letter:
             update = sums.get(target)
-            if update is None or update.before[0] != letter:
+            if update is None or update.start_vector[0] != letter:
                 return {}
             by_target[target] = update
-            target = update.before
+            target = update.start_vector
     return by_target
 
 
-def _apart(line: VectorStatement) -> Update | None:
+def _split_sum(line: VectorStatement) -> Update | None:
     """Split a sum; None if a line does not begin with a single vector."""
     terms: list[tuple[str, Node]] = []
     node = line.expression

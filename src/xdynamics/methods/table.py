@@ -30,7 +30,7 @@ class Methods(dict[str, Method]):
             work = f"{method.evaluations} {'an iteration' if method.solves else 'a step'}"
             estimate = f"order {method.estimate_order}" if method.estimate else "doubling"
             refused = ", ".join(method.refuses) or "nothing"
-            yield method.name, str(method.order), kind_of(method), work, estimate, refused
+            yield method.name, str(method.order), step_kind(method), work, estimate, refused
 
     def __repr__(self) -> str:
         table = [HEADER, *self.rows()]
@@ -49,7 +49,7 @@ class Methods(dict[str, Method]):
         return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def kind_of(method: Method) -> str:
+def step_kind(method: Method) -> str:
     """Return what a method's steps are, in words."""
     words = {"symplectic": method.symplectic, "symmetric": method.symmetric, "implicit": bool(method.solves)}
     return ", ".join(word for word, is_so in words.items() if is_so) or "plain"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from fractions import Fraction
 
-from xdynamics.methods.lines import spread
+from xdynamics.methods.lines import spread_over_vectors
 
 Weights = tuple[str, ...]
 
@@ -59,7 +59,7 @@ class Tableau:
         return cls(tuple(c for c, _ in stages), tuple(a for _, a in stages), ends["b"], ends.get("b^", ()))
 
     @classmethod
-    def listed(cls, times: str, text: str, end: int) -> Tableau:
+    def from_entries(cls, times: str, text: str, end: int) -> Tableau:
         """Read ``i j a`` rows, as codes print large tableaus; the stage `end` is the end of the step."""
         c = tuple(times.split())
         weights = {
@@ -74,62 +74,62 @@ class Tableau:
         last = len(self.b) - 1
         return self.b == (*self.a[last], "0")
 
-    def stage(self, i: int) -> str:
+    def stage_lines(self, i: int) -> str:
         """Return the lines of one stage, counted from 0, for y' = k."""
-        number = self._number(i)
+        number = self._stage_suffix(i)
         time = "t1" if self.c[i] == "1" else f"t + {self.c[i]}*h"
         return f"y{number} = y + {self.increment(self.a[i])}\nk{number} = f({time}, y{number})"
 
     def increment(self, weights: Sequence[str]) -> str:
         """``h*(1/5*k - 2/3*k2)``: a step with weights of the stages."""
-        total = combined(weights, [f"k{self._number(i)}" for i in range(len(weights))])
+        total = weighted_sum(weights, [f"k{self._stage_suffix(i)}" for i in range(len(weights))])
         return f"h*{total}" if total.isalnum() else f"h*({total})"
 
     @property
     def template(self) -> str:
         """The update for y' = k."""
         inner = range(1, len(self.b) - self.ends_with_its_last_stage)
-        return "\n".join([*map(self.stage, inner), f"y1 = y + {self.increment(self.b)}", "k1 = f(t1, y1)"])
+        return "\n".join([*map(self.stage_lines, inner), f"y1 = y + {self.increment(self.b)}", "k1 = f(t1, y1)"])
 
     @property
     def update(self) -> str:
         """The update for the vectors of a mechanical system."""
-        return spread(self.template)
+        return spread_over_vectors(self.template)
 
     @property
     def estimate(self) -> str:
         """The local error by the embedded formula."""
-        return spread(f"ye = {self.increment(differences(self.b, self.b_hat))}")
+        return spread_over_vectors(f"ye = {self.increment(weight_differences(self.b, self.b_hat))}")
 
     @property
     def extra_stages(self) -> str:
         """The lines of the stages that only the continuous extension needs, for y' = k."""
-        return "\n".join(map(self.stage, range(len(self.b), len(self.c))))
+        return "\n".join(map(self.stage_lines, range(len(self.b), len(self.c))))
 
-    def _number(self, i: int) -> str:
+    def _stage_suffix(self, i: int) -> str:
         """The suffix of y and k of a stage: nothing at the start, 1 at the end."""
         if i == 0:
             return ""
         return "1" if self.ends_with_its_last_stage and i == len(self.b) - 1 else str(i + 1)
 
 
-def columns(text: str, stages: int) -> tuple[Weights, ...]:
+def weight_columns(text: str, stages: int) -> tuple[Weights, ...]:
     """Read rows of a stage number and its weights, one per column; omitted stages have weight zero."""
     rows = {int(number): weights for number, *weights in (line.split() for line in text.splitlines() if line.strip())}
     zeros = ["0"] * len(next(iter(rows.values())))
     return tuple(zip(*(rows.get(i, zeros) for i in range(1, stages + 1)), strict=True))
 
 
-def combined(weights: Iterable[str], vectors: Iterable[str]) -> str:
+def weighted_sum(weights: Iterable[str], vectors: Iterable[str]) -> str:
     """``1/5*k - 2/3*k2``: weights times vectors, without terms of weight zero."""
     signs = {"1": "", "-1": "-"}
     terms = [f"{signs.get(w, w + '*')}{vector}" for w, vector in zip(weights, vectors, strict=True) if w != "0"]
     return " + ".join(terms).replace(" + -", " - ")
 
 
-def differences(weights: Weights, others: Weights) -> Weights:
+def weight_differences(weights: Weights, subtrahends: Weights) -> Weights:
     """Return weights minus others, exactly: fractions as fractions, decimals as decimals."""
-    return tuple(_difference(weight, subtracted) for weight, subtracted in zip(weights, others, strict=True))
+    return tuple(_difference(weight, subtracted) for weight, subtracted in zip(weights, subtrahends, strict=True))
 
 
 def _difference(weight: str, subtracted: str) -> str:

@@ -6,7 +6,7 @@ from decimal import ROUND_CEILING, Decimal
 from functools import lru_cache
 
 from xdynamics.expressions.parser import LARGEST_EXPONENT
-from xdynamics.methods.lines import Interpolant, spread
+from xdynamics.methods.lines import Interpolant, spread_over_vectors
 from xdynamics.methods.method import Method
 from xdynamics.methods.steppers import Jets
 from xdynamics.model import Trait
@@ -34,8 +34,8 @@ def order_for(rtol: float) -> int:
 
 def _power_of_step(exponent: int) -> str:
     """Write a power as factors whose exponents the language has."""
-    whole, rest = divmod(exponent, LARGEST_EXPONENT)
-    return "*".join([f"h**{LARGEST_EXPONENT}"] * whole + [f"h**{rest}"] * (rest > 0))
+    full_factors, remaining_exponent = divmod(exponent, LARGEST_EXPONENT)
+    return "*".join([f"h**{LARGEST_EXPONENT}"] * full_factors + [f"h**{remaining_exponent}"] * (remaining_exponent > 0))
 
 
 @lru_cache(maxsize=64)
@@ -53,7 +53,7 @@ def of_order(order: int) -> Method:
         order=order,
         symplectic=False,
         evaluations=1,
-        update=f"{series}\n" + spread(f"y1 = y + sum(h**i*y_i, i = 1 ... {order})\nk1 = f(t1, y1)"),
+        update=f"{series}\n" + spread_over_vectors(f"y1 = y + sum(h**i*y_i, i = 1 ... {order})\nk1 = f(t1, y1)"),
         words=(
             "the Taylor coefficients of the motion and of all that forces consist of, order by order, from the state at"
             " the start; their sum at t1, then the force"
@@ -71,10 +71,10 @@ def of_order(order: int) -> Method:
         ),
         estimate_order=order,
         interpolant=Interpolant(
-            f"{series}\n" + spread(f"ys = y + sum((s*h)**i*y_i, i = 1 ... {order})"),
+            f"{series}\n" + spread_over_vectors(f"ys = y + sum((s*h)**i*y_i, i = 1 ... {order})"),
             f"the Taylor polynomial of degree {order} about the start of the step",
             order=order,
-            given=True,
+            needs_no_stages=True,
         ),
         stepper=Jets(order),
     )

@@ -10,9 +10,9 @@ import numpy as np
 from xdynamics.expressions import Name, Node, expand, free_names
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.bodies import position, turn, unit_quaternions
+from xdynamics.model.bodies import position, quasi_coordinate, unit_quaternions
 from xdynamics.model.body_sections import AXES, SPACE, Body
-from xdynamics.model.motion_consistency import check_dimension
+from xdynamics.model.motion_consistency import check_tree_dimension
 from xdynamics.model.statement import Statement
 from xdynamics.model.unit_vectors import UNIT
 from xdynamics.shapes import Shapes
@@ -22,9 +22,9 @@ ROUNDING = 1e-12  # of the largest moment
 Part = tuple[str, Node, str]  # what it is, its expression, the unit that it needs
 
 
-def _parts(what: str, trees: Iterable[Node], unit: str) -> Iterator[Part]:
+def _axis_parts(label: str, trees: Iterable[Node], unit: str) -> Iterator[Part]:
     for axis, tree in zip(AXES, trees, strict=False):
-        yield f"{what}, {axis}", tree, unit
+        yield f"{label}, {axis}", tree, unit
 
 
 def _constant_parts(name: str, body: Body) -> Iterator[Part]:
@@ -32,20 +32,20 @@ def _constant_parts(name: str, body: Body) -> Iterator[Part]:
     if body.mass is not None:
         yield f"mass of body '{name}'", body.mass, "kg"
     for row in body.inertia:
-        yield from _parts(f"inertia of body '{name}'", row, "kg m2")
-    yield from _parts(f"pivot of body '{name}'", body.pivot or (), "m")
+        yield from _axis_parts(f"inertia of body '{name}'", row, "kg m2")
+    yield from _axis_parts(f"pivot of body '{name}'", body.pivot or (), "m")
     for key, point in body.points.items():
-        yield from _parts(f"point '{key}' of body '{name}'", point, "m")
+        yield from _axis_parts(f"point '{key}' of body '{name}'", point, "m")
 
 
 def _acting_parts(name: str, body: Body) -> Iterator[Part]:
     """Yield what acts on a body, and where."""
     for key, push in body.forces.items():
-        yield from _parts(f"force '{key}' of body '{name}'", push.force, "N")
+        yield from _axis_parts(f"force '{key}' of body '{name}'", push.force, "N")
         if isinstance(push.at, tuple):
-            yield from _parts(f"force '{key}' of body '{name}': at", push.at, "m")
+            yield from _axis_parts(f"force '{key}' of body '{name}': at", push.at, "m")
     for key, torque in body.torques.items():
-        yield from _parts(f"torque '{key}' of body '{name}'", torque.torque, "N m")
+        yield from _axis_parts(f"torque '{key}' of body '{name}'", torque.torque, "N m")
 
 
 def check_constants(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
@@ -53,67 +53,71 @@ def check_constants(statement: Statement, dimensions: Mapping[str, Dimension], l
     constants = {*statement.parameters, *statement.arrays, *statement.unit_constants, "pi"}
     _check_joints(statement, dimensions, ledger)
     for name, body in statement.bodies.items():
-        for what, tree, unit in _constant_parts(name, body):
+        for label, tree, unit in _constant_parts(name, body):
             read = free_names(tree)
             if moving := sorted(read & dimensions.keys() - constants):
-                ledger.note(f"{what} reads '{moving[0]}'; a rigid body's is of parameters alone")
+                ledger.note(f"{label} reads '{moving[0]}'; a rigid body's is of parameters alone")
             elif not read & statement.definitions.keys():
-                check_dimension(ledger, what, tree, dimensions, parse_unit(unit).dimension)
+                check_tree_dimension(ledger, label, tree, dimensions, parse_unit(unit).dimension)
 
 
 def _check_joints(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
     """Check that points of joints are lengths, and fixed in their body; those of space may move."""
     constants = {*statement.parameters, *statement.arrays, *statement.unit_constants, "pi"}
-    places = (
-        (f"joint '{name}': at in {body}", body, place)
+    joint_points = (
+        (f"joint '{name}': at in {body}", body, joint_point)
         for name, joint in statement.joints.items()
-        for body, place in zip(joint.bodies, joint.at, strict=True)
-        if not isinstance(place, Name)
+        for body, joint_point in zip(joint.bodies, joint.at, strict=True)
+        if not isinstance(joint_point, Name)
     )
-    for about, body, place in places:
-        for what, tree, unit in _parts(about, place, "m"):
+    for about, body, joint_point in joint_points:
+        for label, tree, unit in _axis_parts(about, joint_point, "m"):
             fixed = constants | ({"t"} if body == SPACE else set())
             if moving := sorted(free_names(expand(tree, statement.definitions)) & dimensions.keys() - fixed):
                 ledger.note(
-                    f"{what} reads '{moving[0]}'; a point of a body is of parameters alone, one of space of t too"
+                    f"{label} reads '{moving[0]}'; a point of a body is of parameters alone, one of space of t too"
                 )
             elif not free_names(tree) & statement.definitions.keys():
-                check_dimension(ledger, what, tree, dimensions, parse_unit(unit).dimension)
+                check_tree_dimension(ledger, label, tree, dimensions, parse_unit(unit).dimension)
 
 
 def check_bodies(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
     """Check the units of what acts on bodies as it is written, and of what else reads definitions."""
     constants = {*statement.parameters, *statement.arrays, *statement.unit_constants, "pi"}
     for name, body in statement.bodies.items():
-        for what, tree, unit in _acting_parts(name, body):
-            check_dimension(ledger, what, tree, dimensions, parse_unit(unit).dimension)
-        for what, tree, unit in _constant_parts(name, body):
+        for label, tree, unit in _acting_parts(name, body):
+            check_tree_dimension(ledger, label, tree, dimensions, parse_unit(unit).dimension)
+        for label, tree, unit in _constant_parts(name, body):
             if free_names(tree) & statement.definitions.keys():
-                check_dimension(ledger, what, tree, dimensions, parse_unit(unit).dimension)
+                check_tree_dimension(ledger, label, tree, dimensions, parse_unit(unit).dimension)
                 if moving := sorted(free_names(expand(tree, statement.definitions)) - constants):
-                    ledger.note(f"{what} reads '{moving[0]}' by a definition; a rigid body's is of parameters alone")
+                    ledger.note(f"{label} reads '{moving[0]}' by a definition; a rigid body's is of parameters alone")
 
 
 def check_bodies_made(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
     """Check the numbers of bodies, on a statement of single numbers: mass, inertia, attitude."""
     if not statement.bodies:
         return
-    known = {name: part.quantity.si for name, part in statement.parameters.items()}
-    known |= {name: float(constant(name).factor) for name in statement.unit_constants} | {"pi": pi}
+    constant_values = {name: part.quantity.si for name, part in statement.parameters.items()}
+    constant_values |= {name: float(constant(name).factor) for name in statement.unit_constants} | {"pi": pi}
     rows = {name: i for i, name in enumerate(statement.coordinates)}
 
-    def mass(one: str, other: str) -> float:
-        return evaluate(expand(statement.mass[rows[one]][rows[other]], statement.definitions), known)
+    def mass_between(row_name: str, column_name: str) -> float:
+        return evaluate(
+            expand(statement.mass[rows[row_name]][rows[column_name]], statement.definitions), constant_values
+        )
 
     for name, body in statement.bodies.items():
         with ledger.entry(f"body '{name}'"):
             for element in shapes.elements(position(name))[:: len(AXES)] if body.mass is not None else ():
-                if not mass(element, element) > 0.0:
-                    raise InputError(f"mass is {mass(element, element)!r} kg, needs to be positive")
-            turns = shapes.elements(turn(name))
+                if not mass_between(element, element) > 0.0:
+                    raise InputError(f"mass is {mass_between(element, element)!r} kg, needs to be positive")
+            turns = shapes.elements(quasi_coordinate(name))
             for first in range(0, len(turns), len(AXES)):
                 axes = turns[first : first + len(AXES)]
-                _check_inertia(np.array([[mass(one, other) for other in axes] for one in axes]))
+                _check_inertia(
+                    np.array([[mass_between(row_name, column_name) for column_name in axes] for row_name in axes])
+                )
             for parts in unit_quaternions({name: body}, shapes):
                 _check_attitude([statement.initial[part].si for part in parts])
 
@@ -122,13 +126,13 @@ def _check_inertia(matrix: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) ->
     """Refuse an inertia that no distribution of mass has."""
     if not np.isfinite(matrix).all():
         raise InputError(f"inertia is {matrix.tolist()} kg m2, needs finite numbers")
-    least, middle, largest = sorted(np.linalg.eigvalsh(matrix).tolist())
-    said = ", ".join(f"{moment:.6g}" for moment in (least, middle, largest))
-    if not least > 0.0:
-        raise InputError(f"inertia has the principal moments {said} kg m2, needs positive ones")
-    if largest > (least + middle) * (1.0 + ROUNDING):
+    smallest, middle, largest = sorted(np.linalg.eigvalsh(matrix).tolist())
+    moments_text = ", ".join(f"{moment:.6g}" for moment in (smallest, middle, largest))
+    if not smallest > 0.0:
+        raise InputError(f"inertia has the principal moments {moments_text} kg m2, needs positive ones")
+    if largest > (smallest + middle) * (1.0 + ROUNDING):
         raise InputError(
-            f"inertia has the principal moments {said} kg m2, and none is larger than the sum of the others: of a flat"
+            f"inertia has the principal moments {moments_text} kg m2, and none is larger than the sum of the others: of a flat"
             " body it is that sum"
         )
 

@@ -9,11 +9,11 @@ from typing import Any
 from xdynamics.expressions import Call, Name, Node, parse, text_of
 from xdynamics.expressions.parser import LIST
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.bodies import in_space, point, point_velocity, vector
+from xdynamics.model.bodies import point_position, point_velocity, to_space_axes, vector
 from xdynamics.model.body_sections import AXES, CENTRE, Triple, triple
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinds import Source
-from xdynamics.model.table_keys import near
+from xdynamics.model.table_keys import suggestion
 from xdynamics.schema import velocity
 
 FUNCTIONS = ("point", "velocity", "direction")
@@ -23,25 +23,25 @@ _CALLED = re.compile(rf"\b(?:{'|'.join(FUNCTIONS)})\s*\(")
 def with_functions(tables: Mapping[str, Any], source: Source, ledger: Ledger) -> dict[str, Any]:
     """Return sections of a statement with bodies in which their functions are written out; what is wrong is noted."""
     functions = _Functions(tables["bodies"], source)
-    own = {name: getattr(functions, name) for name in FUNCTIONS}
+    body_functions = {name: getattr(functions, name) for name in FUNCTIONS}
 
-    def written(value: Any) -> Any:
+    def expand_calls(value: Any) -> Any:
         if isinstance(value, str):
-            return text_of(parse(value, own)) if _CALLED.search(value) else value
+            return text_of(parse(value, body_functions)) if _CALLED.search(value) else value
         if isinstance(value, Mapping):
-            return {key: entry if key == "description" else written(entry) for key, entry in value.items()}
-        return [*map(written, value)] if isinstance(value, list) else value
+            return {key: entry if key == "description" else expand_calls(entry) for key, entry in value.items()}
+        return [*map(expand_calls, value)] if isinstance(value, list) else value
 
-    found: dict[str, Any] = {}
+    expanded_sections: dict[str, Any] = {}
     for title, section in tables.items():
         if not isinstance(section, dict):
             continue
-        called = SECTIONS[title].entry if title in SECTIONS else title
-        found[title] = {}
+        entry_label = SECTIONS[title].entry if title in SECTIONS else title
+        expanded_sections[title] = {}
         for key, entry in section.items():
-            with ledger.entry(f"{called} '{key}'"):
-                found[title][key] = written(entry)
-    return found
+            with ledger.entry(f"{entry_label} '{key}'"):
+                expanded_sections[title][key] = expand_calls(entry)
+    return expanded_sections
 
 
 class _Functions:
@@ -59,38 +59,42 @@ class _Functions:
 
     def point(self, arguments: list[Node]) -> Node:
         """Return where a point is in space."""
-        body, place = self._place("point", arguments)
-        return Name(f"{body}_{place}") if isinstance(place, str) else point(body, self.pivots.get(body), place)
+        body, location = self._body_and_point("point", arguments)
+        return (
+            Name(f"{body}_{location}")
+            if isinstance(location, str)
+            else point_position(body, self.pivots.get(body), location)
+        )
 
     def velocity(self, arguments: list[Node]) -> Node:
         """Return how fast a point moves, by components in space."""
-        body, place = self._place("velocity", arguments)
-        if isinstance(place, str):
-            return Name(velocity(f"{body}_{place}"))
-        return point_velocity(body, self.pivots.get(body), place)
+        body, location = self._body_and_point("velocity", arguments)
+        if isinstance(location, str):
+            return Name(velocity(f"{body}_{location}"))
+        return point_velocity(body, self.pivots.get(body), location)
 
     def direction(self, arguments: list[Node]) -> Node:
         """Return a vector of a body by its components in space."""
-        body, place = self._place("direction", arguments)
-        if not isinstance(place, tuple):
+        body, components = self._body_and_point("direction", arguments)
+        if not isinstance(components, tuple):
             raise InputError("'direction' is written direction(body, [x, y, z]), with components in the body")
-        return in_space(body, vector(place))
+        return to_space_axes(body, vector(components))
 
-    def _place(self, function: str, arguments: list[Node]) -> tuple[str, str | Triple | None]:
+    def _body_and_point(self, function: str, arguments: list[Node]) -> tuple[str, str | Triple | None]:
         """Return the body, and the name of a point, its components, or None for the centre."""
         if len(arguments) != 2 or not isinstance(arguments[0], Name):
             raise InputError(f"'{function}' is written {function}(body, point) or {function}(body, [x, y, z])")
-        body, place = arguments[0].name, arguments[1]
+        body, location = arguments[0].name, arguments[1]
         if body not in self.points:
-            raise InputError(f"{function}({body}, …): there is no body '{body}'{near(body, tuple(self.points))}")
-        if isinstance(place, Call) and place.function == LIST and len(place.arguments) == len(AXES):
-            x, y, z = place.arguments
+            raise InputError(f"{function}({body}, …): there is no body '{body}'{suggestion(body, tuple(self.points))}")
+        if isinstance(location, Call) and location.function == LIST and len(location.arguments) == len(AXES):
+            x, y, z = location.arguments
             return body, (x, y, z)
-        if isinstance(place, Call) and place.function == LIST:
-            raise InputError(f"{function}({body}, […]) has {len(place.arguments)} components, needs three")
-        called = text_of(place)
-        if not isinstance(place, Name) or called not in self.points[body]:
+        if isinstance(location, Call) and location.function == LIST:
+            raise InputError(f"{function}({body}, […]) has {len(location.arguments)} components, needs three")
+        point_name = text_of(location)
+        if not isinstance(location, Name) or point_name not in self.points[body]:
             raise InputError(
-                f"{function}({body}, {called}): body '{body}' has no point {called}{near(called, self.points[body])}"
+                f"{function}({body}, {point_name}): body '{body}' has no point {point_name}{suggestion(point_name, self.points[body])}"
             )
-        return body, None if called == CENTRE else called
+        return body, None if point_name == CENTRE else point_name

@@ -12,9 +12,9 @@ from xdynamics.model.bodies import (
     GYROSCOPIC,
     LONGEST_NAME,
     position,
+    quasi_coordinate,
     scalar_part,
     tables_of_body,
-    turn,
     vector,
     vector_part,
 )
@@ -23,7 +23,7 @@ from xdynamics.model.body_sections import AXES, CENTRE, Body, triple
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.joints import with_joints
 from xdynamics.model.kinds import LIMIT, Source
-from xdynamics.model.table_keys import keys, near
+from xdynamics.model.table_keys import check_keys, suggestion
 from xdynamics.model.unit_vectors import normalised, plain_numbers, unit_quaternion
 from xdynamics.model.value_forms import is_expression
 from xdynamics.schema import velocity
@@ -42,10 +42,10 @@ def with_bodies(statement: Mapping[str, Any], source: Source, ledger: Ledger) ->
     tables: dict[str, Any] = {
         title: dict(section) if isinstance(section, Mapping) else section for title, section in statement.items()
     }
-    given = tables.get("bodies")
-    if tables.get("joints") and not given:
+    body_tables = tables.get("bodies")
+    if tables.get("joints") and not body_tables:
         ledger.note("[joints] stands without [bodies], which it joins")
-    if not isinstance(given, dict) or not given:
+    if not isinstance(body_tables, dict) or not body_tables:
         return tables
     if tables.get("lagrangian"):
         ledger.note("[lagrangian] stands beside [bodies], whose mass is no part of it; write [mass] and [forces]")
@@ -59,17 +59,17 @@ def with_bodies(statement: Mapping[str, Any], source: Source, ledger: Ledger) ->
     bodies = dict[str, Body]()
     for name, entry in tables["bodies"].items():
         with ledger.entry(f"body '{name}'"):
-            _check_name(name)
+            _check_body_name(name)
             plain = _parametrised(name, entry, tables["parameters"])
             start = plain.pop("initial", {})
             body = bodies[name] = SECTIONS["bodies"].read(name, plain, source)
             _check_keys(body)
-            _start(name, body, start, tables["initial"], source)
+            _put_body_start(name, body, start, tables["initial"], source)
             tables["bodies"][name] = plain
     ledger.raise_faults()
     for name, body in bodies.items():
-        _put(name, body, tables, ledger)
-    tables["regimes"] = _with_forces(tables.get("regimes", {}), sorted(made_by(bodies, "forces")))
+        _put_body_entries(name, body, tables, ledger)
+    tables["regimes"] = _with_forces(tables.get("regimes", {}), sorted(body_entries(bodies, "forces")))
     return tables
 
 
@@ -78,31 +78,33 @@ def _with_forces(regimes: Any, forces: list[str]) -> Any:
     if not isinstance(regimes, Mapping):
         return regimes
     lists = [entry["forces"] for entry in regimes.values() if isinstance(entry, Mapping) and "forces" in entry]
-    named = {force for names in lists if isinstance(names, list) for force in names}
+    named_forces = {force for names in lists if isinstance(names, list) for force in names}
     return {
-        name: {**entry, "forces": [*entry["forces"], *(force for force in forces if force not in named)]}
+        name: {**entry, "forces": [*entry["forces"], *(force for force in forces if force not in named_forces)]}
         if isinstance(entry, Mapping) and isinstance(entry.get("forces"), list)
         else entry
         for name, entry in regimes.items()
     }
 
 
-def _put(name: str, body: Body, tables: dict[str, Any], ledger: Ledger) -> None:
+def _put_body_entries(name: str, body: Body, tables: dict[str, Any], ledger: Ledger) -> None:
     """Put what a body stands for into the sections, where nothing has its names."""
     for title, entries in tables_of_body(name, body).items():
         for key, entry in entries.items():
             if key in tables[title]:
-                called = SECTIONS[title].entry or title
-                ledger.note(f"body '{name}' makes a {called} '{key}', and there is one; rename the body, or the other")
+                entry_kind = SECTIONS[title].entry or title
+                ledger.note(
+                    f"body '{name}' makes a {entry_kind} '{key}', and there is one; rename the body, or the other"
+                )
             tables[title][key] = entry
 
 
-def made_by(bodies: Mapping[str, Body], title: str) -> set[str]:
+def body_entries(bodies: Mapping[str, Body], title: str) -> set[str]:
     """Return the entries of a section that bodies stand for."""
     return {key for name, body in bodies.items() for key in tables_of_body(name, body).get(title, ())}
 
 
-def _check_name(name: str) -> None:
+def _check_body_name(name: str) -> None:
     if not (name.isascii() and name.isidentifier() and name[0] != "_" and len(name) <= LONGEST_NAME):
         raise InputError(
             f"a body's name is a letter, then letters, digits and underscores, {LONGEST_NAME} at most: those of its"
@@ -120,17 +122,17 @@ def _check_keys(body: Body) -> None:
         )
     if CENTRE in body.points:
         raise InputError(f"point '{CENTRE}' is what the origin of the body is called; choose another name")
-    for kind, names, taken in (
+    for kind, names, reserved_names in (
         ("point", body.points, OWN_NAMES),
         ("force", body.forces, (GYROSCOPIC,)),
         ("torque", body.torques, (GYROSCOPIC,)),
     ):
-        if clashing := [name for name in names if name in taken]:
+        if clashing := [name for name in names if name in reserved_names]:
             raise InputError(f"{kind} '{clashing[0]}' has the name of something that every body has; rename it")
     for name, push in body.forces.items():
         if isinstance(push.at, Name) and push.at.name not in (CENTRE, *body.points):
             raise InputError(
-                f"force '{name}' acts at '{push.at.name}', no point of it{near(push.at.name, _known(body))}"
+                f"force '{name}' acts at '{push.at.name}', no point of it{suggestion(push.at.name, _point_names(body))}"
             )
         if body.pivot and push.at == Name(CENTRE):
             raise InputError(f"force '{name}' acts at the pivot, and moves nothing; write at = … where it acts")
@@ -138,36 +140,36 @@ def _check_keys(body: Body) -> None:
         raise InputError(f"has a force and a torque '{twice[0]}'; rename one")
 
 
-def _known(body: Body) -> tuple[str, ...]:
+def _point_names(body: Body) -> tuple[str, ...]:
     return (CENTRE, *body.points)
 
 
 def _parametrised(name: str, entry: Any, parameters: dict[str, Any]) -> dict[str, Any]:
     """Return the entry of a body with parameters in the places of its quantities, which are put among the others."""
-    keys(entry, SECTIONS["bodies"].known, ("inertia",))
+    check_keys(entry, SECTIONS["bodies"].fixed_keys, ("inertia",))
     plain = dict(entry)
 
-    def parameter(value: Any, key: str) -> Any:
-        called = f"{name}_{key}"
+    def to_parameter(value: Any, key: str) -> Any:
+        parameter_name = f"{name}_{key}"
         if not isinstance(value, Mapping) and (isinstance(value, list | tuple) or is_expression(value)):
             return value
-        if called in parameters and parameters[called] != value:
+        if parameter_name in parameters and parameters[parameter_name] != value:
             raise InputError(
-                f"makes a parameter '{called}', and there is one; write '{called}' in the place of {value!r}, or rename"
+                f"makes a parameter '{parameter_name}', and there is one; write '{parameter_name}' in the place of {value!r}, or rename"
                 " the body"
             )
-        parameters[called] = value
-        return called
+        parameters[parameter_name] = value
+        return parameter_name
 
     if "mass" in plain:
-        plain["mass"] = parameter(plain["mass"], "mass")
+        plain["mass"] = to_parameter(plain["mass"], "mass")
     if isinstance(rows := plain.get("inertia"), list | tuple) and len(rows) == len(AXES):
         principal, products = _PARTS
         _check_symmetry(rows)
         plain["inertia"] = [
-            parameter(row, f"inertia_{part}")
+            to_parameter(row, f"inertia_{part}")
             if not isinstance(row, list | tuple)
-            else [parameter(value, f"inertia_{key}") for value, key in zip(row, parts, strict=False)]
+            else [to_parameter(value, f"inertia_{key}") for value, key in zip(row, parts, strict=False)]
             if len(row) == len(AXES)
             else row
             for row, part, parts in zip(rows, principal, products, strict=True)
@@ -177,40 +179,42 @@ def _parametrised(name: str, entry: Any, parameters: dict[str, Any]) -> dict[str
 
 def _check_symmetry(rows: Sequence[Any]) -> None:
     for i, row in enumerate(rows):
-        for j, other in enumerate(rows[:i]):
-            whole = all(isinstance(part, list | tuple) and len(part) == len(AXES) for part in (row, other))
-            if whole and row[j] != other[i]:
+        for j, earlier_row in enumerate(rows[:i]):
+            are_complete = all(isinstance(part, list | tuple) and len(part) == len(AXES) for part in (row, earlier_row))
+            if are_complete and row[j] != earlier_row[i]:
                 below, above = AXES[i] + AXES[j], AXES[j] + AXES[i]
-                raise InputError(f"inertia is not symmetric: {above} is {other[i]!r}, {below} is {row[j]!r}")
+                raise InputError(f"inertia is not symmetric: {above} is {earlier_row[i]!r}, {below} is {row[j]!r}")
 
 
-def _start(name: str, body: Body, start: Any, initial: dict[str, Any], source: Source) -> None:
+def _put_body_start(name: str, body: Body, start: Any, initial: dict[str, Any], source: Source) -> None:
     """Put the start of a body among the initial values, unless they have it already."""
-    keys(start, _STARTS, ())
-    if body.pivot and (moved := [key for key in ("position", "velocity") if key in start]):
-        raise InputError(f"initial has a {moved[0]}, and the body has a pivot, which is at rest")
+    check_keys(start, _STARTS, ())
+    if body.pivot and (moving_keys := [key for key in ("position", "velocity") if key in start]):
+        raise InputError(f"initial has a {moving_keys[0]}, and the body has a pivot, which is at rest")
     places = {
         "position": position(name),
         "velocity": velocity(position(name)),
-        "angular_velocity": velocity(turn(name)),
+        "angular_velocity": velocity(quasi_coordinate(name)),
     }
-    made: dict[str, Any] = {places[key]: _values(start[key], key, body, source) for key in places if key in start}
+    made: dict[str, Any] = {places[key]: _start_entry(start[key], key, body, source) for key in places if key in start}
     if "attitude" in start:
         made |= dict(
-            zip((scalar_part(name), vector_part(name)), _attitude(start["attitude"], body, source), strict=True)
+            zip((scalar_part(name), vector_part(name)), _quaternion_parts(start["attitude"], body, source), strict=True)
         )
     for key in made:
         if key in initial:
             raise InputError(f"initial has what [initial] has as '{key}'; leave one out")
     initial |= made
-    rest = {turn(name): "0 rad"} if body.pivot else {position(name): "0 m", turn(name): "0 rad"}
+    default_values = (
+        {quasi_coordinate(name): "0 rad"} if body.pivot else {position(name): "0 m", quasi_coordinate(name): "0 rad"}
+    )
     if not {scalar_part(name), vector_part(name)} & {*initial}:
-        rest |= {scalar_part(name): "1", vector_part(name): "0"}
-    for key, value in rest.items():
+        default_values |= {scalar_part(name): "1", vector_part(name): "0"}
+    for key, value in default_values.items():
         initial.setdefault(key, value)
 
 
-def _values(value: Any, key: str, body: Body, source: Source) -> Any:
+def _start_entry(value: Any, key: str, body: Body, source: Source) -> Any:
     """Return three values at the start as an entry: a list of quantities, or an expression."""
     tree = vector(triple(value, key, source))
     if body.dims or any(is_expression(entry) for entry in value):
@@ -222,7 +226,7 @@ def _values(value: Any, key: str, body: Body, source: Source) -> Any:
     )
 
 
-def _attitude(value: Any, body: Body, source: Source) -> tuple[Any, Any]:
+def _quaternion_parts(value: Any, body: Body, source: Source) -> tuple[Any, Any]:
     """Return the two parts of a quaternion, from four numbers or from an axis and an angle.
 
     Raises
@@ -231,14 +235,14 @@ def _attitude(value: Any, body: Body, source: Source) -> tuple[Any, Any]:
         If it is neither, or no unit quaternion.
     """
     if isinstance(value, Mapping):
-        keys(value, ("axis", "angle"), ("axis", "angle"))
+        check_keys(value, ("axis", "angle"), ("axis", "angle"))
         axis = normalised(plain_numbers(value["axis"], "axis", len(AXES)), "axis")
         half = f"({text_of(LIMIT.read(value['angle'], 'angle', source))})/2"
-        return f"cos({half})", f"sin({half})*({text_of(_direction(axis))})"
+        return f"cos({half})", f"sin({half})*({text_of(_vector_of_numbers(axis))})"
     unit = unit_quaternion(value)
-    return repr(unit[0]), text_of(_direction(unit[1:])) if body.dims else {"value": unit[1:]}
+    return repr(unit[0]), text_of(_vector_of_numbers(unit[1:])) if body.dims else {"value": unit[1:]}
 
 
-def _direction(numbers: list[float]) -> Node:
+def _vector_of_numbers(numbers: list[float]) -> Node:
     x, y, z = (parse(repr(number)) for number in numbers)
     return vector((x, y, z))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from xdynamics.expressions import Name, Node, text_of
-from xdynamics.faults import InputError, brief
+from xdynamics.faults import InputError, brief_repr
 from xdynamics.model.controller_sections import entries_of
-from xdynamics.model.kinds import LIMIT, Kind, Source, raw, words
+from xdynamics.model.kinds import LIMIT, Kind, Source, raw, word_kind
 from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
 
 SPACE, BODY = FRAMES = ("space", "body")  # whose axes components are along
@@ -71,57 +71,59 @@ def triple(value: Any, key: str, source: Source) -> Triple:
     """
     if not isinstance(value, list | tuple) or len(value) != len(AXES):
         count = f"{len(value)} components" if isinstance(value, list | tuple) else "no list"
-        raise InputError(f"{key} is {brief(value)}, {count}; it needs three, along x, y and z")
+        raise InputError(f"{key} is {brief_repr(value)}, {count}; it needs three, along x, y and z")
     x, y, z = (LIMIT.read(entry, f"{key}[{axis}]", source) for entry, axis in zip(value, AXES, strict=True))
     return x, y, z
 
 
-def _written(values: Triple, *_: Any) -> list[str]:
+def _text_values(values: Triple, *_: Any) -> list[str]:
     return [text_of(value) for value in values]
 
 
-def _inertia(value: Any, key: str, source: Source) -> tuple[Triple, ...]:
+def _read_inertia(value: Any, key: str, source: Source) -> tuple[Triple, ...]:
     """Read principal moments, or a symmetric matrix."""
     if not isinstance(value, list | tuple) or len(value) != len(AXES):
-        raise InputError(f"{key} is {brief(value)}; it needs three principal moments, or three rows of three")
+        raise InputError(f"{key} is {brief_repr(value)}; it needs three principal moments, or three rows of three")
     if not any(isinstance(row, list | tuple) for row in value):
         return (triple(value, key, source),)
     return tuple(triple(row, f"{key} row {axis}", source) for row, axis in zip(value, AXES, strict=True))
 
 
-def _place(value: Any, key: str, source: Source) -> Name | Triple:
+def _read_point(value: Any, key: str, source: Source) -> Name | Triple:
     return Name(value) if isinstance(value, str) else triple(value, key, source)
 
 
-def _points(value: Any, key: str, source: Source) -> dict[str, Triple]:
+def _read_points(value: Any, key: str, source: Source) -> dict[str, Triple]:
     if not isinstance(value, Mapping):
-        raise InputError(f'{key} is {brief(value)}, needs a table of points, like {{ tip = ["0 m", "0 m", "0.3 m"] }}')
+        raise InputError(
+            f'{key} is {brief_repr(value)}, needs a table of points, like {{ tip = ["0 m", "0 m", "0.3 m"] }}'
+        )
     return {str(name): triple(point, f"point '{name}'", source) for name, point in value.items()}
 
 
-def _dims(value: Any, key: str, _: Source) -> tuple[str, ...]:
+def _read_body_dims(value: Any, key: str, _: Source) -> tuple[str, ...]:
     if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
-        raise InputError(f'{key} is {brief(value)}, needs a list of dimensions, like ["link"]')
+        raise InputError(f'{key} is {brief_repr(value)}, needs a list of dimensions, like ["link"]')
     return tuple(value)
 
 
-TRIPLE = Kind("three quantities or expressions", triple, _written, None)
+TRIPLE = Kind("three quantities or expressions", triple, _text_values, None)
 INERTIA = Kind(
     "three quantities or expressions, or three rows of three",
-    _inertia,
-    lambda rows, _: _written(rows[0]) if len(rows) == 1 else [*map(_written, rows)],
+    _read_inertia,
+    lambda rows, _: _text_values(rows[0]) if len(rows) == 1 else [*map(_text_values, rows)],
 )
 POINTS = Kind(
     "table of points, each three quantities or expressions",
-    _points,
-    lambda points, _: {name: _written(point) for name, point in points.items()},
+    _read_points,
+    lambda points, _: {name: _text_values(point) for name, point in points.items()},
     {},
 )
-DIMENSIONS = Kind("list of dimensions", _dims, lambda dims, _: list(dims), ())
+DIMENSIONS = Kind("list of dimensions", _read_body_dims, lambda dims, _: list(dims), ())
 PLACE = Kind(
     "name of a point, or three quantities or expressions",
-    _place,
-    lambda place, _: place.name if isinstance(place, Name) else _written(place),
+    _read_point,
+    lambda point, _: point.name if isinstance(point, Name) else _text_values(point),
     ORIGIN,
 )
 
@@ -129,9 +131,9 @@ PUSH = Section(
     "a force on a body",
     "force",
     (
-        Key("force", TRIPLE.of("N"), "its components", NEEDED),
-        Key("at", PLACE.of("m, in the body"), "where it acts", CENTRE),
-        Key("axes", words(*FRAMES), "what its components are along", SPACE, omitted=SPACE),
+        Key("force", TRIPLE.with_unit("N"), "its components", NEEDED),
+        Key("at", PLACE.with_unit("m, in the body"), "where it acts", CENTRE),
+        Key("axes", word_kind(*FRAMES), "what its components are along", SPACE, omitted=SPACE),
         DESCRIPTION,
     ),
     "",
@@ -141,25 +143,40 @@ TORQUE = Section(
     "a torque on a body",
     "torque",
     (
-        Key("torque", TRIPLE.of("N m"), "its components", NEEDED),
-        Key("axes", words(*FRAMES), "what its components are along", BODY, omitted=BODY),
+        Key("torque", TRIPLE.with_unit("N m"), "its components", NEEDED),
+        Key("axes", word_kind(*FRAMES), "what its components are along", BODY, omitted=BODY),
         DESCRIPTION,
     ),
     "",
     make=Torque,
 )
 KEYS = (
-    Key("mass", LIMIT.of("kg"), "of the body; a quantity becomes the parameter <body>_mass", "needed without pivot"),
+    Key(
+        "mass",
+        LIMIT.with_unit("kg"),
+        "of the body; a quantity becomes the parameter <body>_mass",
+        "needed without pivot",
+    ),
     Key(
         "inertia",
-        INERTIA.of("kg m2"),
+        INERTIA.with_unit("kg m2"),
         "about the centre of mass, or about the pivot: principal moments, or a symmetric matrix; quantities become the"
         " parameters <body>_inertia_x, or <body>_inertia_xx, …",
         NEEDED,
     ),
-    Key("pivot", TRIPLE.of("m"), "a point fixed in space about which the body turns, and which is its origin", "none"),
-    Key("attitude", words("quaternion"), "what describes how it is turned", "quaternion", omitted="quaternion"),
-    Key("points", POINTS.of("m, in the body"), "points of the body, which expressions read: <body>_<point>", "none"),
+    Key(
+        "pivot",
+        TRIPLE.with_unit("m"),
+        "a point fixed in space about which the body turns, and which is its origin",
+        "none",
+    ),
+    Key("attitude", word_kind("quaternion"), "what describes how it is turned", "quaternion", omitted="quaternion"),
+    Key(
+        "points",
+        POINTS.with_unit("m, in the body"),
+        "points of the body, which expressions read: <body>_<point>",
+        "none",
+    ),
     Key("forces", entries_of(PUSH), "that act on it", "none"),
     Key("torques", entries_of(TORQUE), "that act on it", "none"),
     Key("dims", DIMENSIONS, "of many bodies: one for each element", "none"),
@@ -169,7 +186,7 @@ KEYS = (
         'where it starts, else at rest at 0; attitude = [w, x, y, z], or { axis = [0, 0, 1], angle = "30 degree" }; or as'
         " entries of [initial]",
         "unturned, at rest",
-        kept=False,
+        is_rewritten=False,
     ),
     DESCRIPTION,
 )

@@ -34,7 +34,7 @@ from xdynamics.schema import (
     force,
     label_of,
     rate,
-    sampled,
+    sample_name,
     velocity,
 )
 
@@ -58,18 +58,18 @@ OTHER_NAMES = (
 )
 
 
-def _of_coordinate(name: str) -> tuple[str, ...]:
-    moved = (name, velocity(name))
-    own = (*moved, acceleration(name), f"event_impulse_{name}", f"event_offset_{name}")
-    return (*own, *map(sampled, moved), *map(error, moved))
+def _coordinate_names(name: str) -> tuple[str, ...]:
+    position_and_velocity = (name, velocity(name))
+    record_names = (*position_and_velocity, acceleration(name), f"event_impulse_{name}", f"event_offset_{name}")
+    return (*record_names, *map(sample_name, position_and_velocity), *map(error, position_and_velocity))
 
 
-def _of_reaction(name: str) -> tuple[str, ...]:
-    return (name, sampled(name))
+def _reaction_names(name: str) -> tuple[str, ...]:
+    return (name, sample_name(name))
 
 
-def _of_friction(name: str) -> tuple[str, ...]:
-    return (friction_state(name), *_of_reaction(friction_force(name)))
+def _friction_names(name: str) -> tuple[str, ...]:
+    return (friction_state(name), *_reaction_names(friction_force(name)))
 
 
 # what entries of a section call variables of the record
@@ -77,34 +77,34 @@ _CLAIMED: dict[str, Callable[[str], tuple[str, ...]]] = {
     "parameters": lambda name: (name,),
     "definitions": lambda name: (name,),
     "observables": lambda name: (name, f"event_{name}", f"event_{name}_uncertainty"),
-    "drives": lambda name: (name, sampled(name)),
-    "coordinates": _of_coordinate,
-    "states": lambda name: (name, rate(name), sampled(name), error(name)),
+    "drives": lambda name: (name, sample_name(name)),
+    "coordinates": _coordinate_names,
+    "states": lambda name: (name, rate(name), sample_name(name), error(name)),
     "contacts": lambda name: (
         contact_gap(name),
         contact_state(name),
-        *_of_reaction(contact_force(name)),
-        *_of_friction(name),
+        *_reaction_names(contact_force(name)),
+        *_friction_names(name),
     ),
-    "frictions": _of_friction,
+    "frictions": _friction_names,
     "constraints": lambda name: (
         constraint_residual(name),
         constraint_rate(name),
-        *_of_reaction(constraint_force(name)),
+        *_reaction_names(constraint_force(name)),
     ),
     "joints": lambda name: (joint_force(name), joint_torque(name)),
 }
 
 
-def _of_dimensions(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _dimension_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the names of parameters with dimensions, of labels, of ends of links, and of elements at events."""
     for name in parts["arrays"]:
         yield name, f"parameter '{name}'"
-    for section, called in (("extents", "dimension"), ("relations", "relation")):
+    for section, entry_kind in (("extents", "dimension"), ("relations", "relation")):
         for name in parts[section]:
             made = (label_of(name),) if section == "extents" else (end_of(name, "first"), end_of(name, "second"))
             for variable_name in (*made, f"event_{name}"):
-                yield variable_name, f"{called} '{name}'"
+                yield variable_name, f"{entry_kind} '{name}'"
 
 
 def _is_used(name: str, parts: Mapping[str, Any]) -> bool:
@@ -125,7 +125,7 @@ def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         for name in parts[section]:
             for variable_name in claimed(name):
                 yield variable_name, f"{section.removesuffix('s')} '{name}'"
-    yield from _of_dimensions(parts)
+    yield from _dimension_names(parts)
     yield from ((name, f"body '{name}'") for name in parts["bodies"])
     for section in ("events", "contacts", "frictions"):  # the flags of `event_detector`
         for name in parts[section]:
@@ -133,4 +133,4 @@ def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for term, one_force in parts["forces"].items():
         for name in one_force.components or parts["coordinates"]:
             yield force(term, name), f"force '{term}'"
-            yield sampled(force(term, name)), f"force '{term}'"
+            yield sample_name(force(term, name)), f"force '{term}'"

@@ -9,7 +9,7 @@ from xdynamics.expressions import dimension_of, free_names
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.kinds import Kind
 from xdynamics.model.statement import Statement
-from xdynamics.shapes.naming import whole_of
+from xdynamics.shapes.naming import quantity_name
 from xdynamics.units import Dimension, Quantity, parse_quantity, spell
 
 ROUNDING, ORDER, BAND, UNSCALED = "rounding", "order", "band", "unscaled"
@@ -17,20 +17,20 @@ _FROM_ORDER = re.compile(r"rounding from order ([1-9]\d?)")
 WORDS = f"'{ROUNDING}', '{ROUNDING} from order 2', '{ORDER}', '{BAND}', '{UNSCALED}'"
 
 
-def _bound(written: Any, *_: Any) -> str | Quantity:
+def _read_bound(entry: Any, *_: Any) -> str | Quantity:
     """Read a bound: a quantity, or a word for how it is derived."""
-    if isinstance(written, str) and (written in (ROUNDING, ORDER, BAND, UNSCALED) or _FROM_ORDER.fullmatch(written)):
-        return written
+    if isinstance(entry, str) and (entry in (ROUNDING, ORDER, BAND, UNSCALED) or _FROM_ORDER.fullmatch(entry)):
+        return entry
     try:
-        quantity = parse_quantity(written)
+        quantity = parse_quantity(entry)
     except InputError:
-        raise InputError(f"bound is {written!r}, needs a quantity like '1 mm', or one of {WORDS}") from None
+        raise InputError(f"bound is {entry!r}, needs a quantity like '1 mm', or one of {WORDS}") from None
     if not quantity.value > 0.0:
-        raise InputError(f"bound is {written!r}, needs a positive one")
+        raise InputError(f"bound is {entry!r}, needs a positive one")
     return quantity
 
 
-BOUND = Kind(f"quantity, {WORDS}".replace("'", '"'), _bound, lambda bound, _: str(bound))
+BOUND = Kind(f"quantity, {WORDS}".replace("'", '"'), _read_bound, lambda bound, _: str(bound))
 
 
 def exact_from(bound: str) -> int:
@@ -39,7 +39,7 @@ def exact_from(bound: str) -> int:
     return int(match[1]) if match else 0
 
 
-def check_validation(statement: Statement, known: dict[str, Dimension], ledger: Ledger) -> None:
+def check_validation(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledger) -> None:
     """Note what is wrong with names and dimensions of closed forms, which may read time, parameters and unit names.
 
     Of a statement with dimensions each is checked once, for all elements of its quantity.
@@ -53,12 +53,12 @@ def check_validation(statement: Statement, known: dict[str, Dimension], ledger: 
     event_names = {*statement.events, *statement.contacts, *statement.frictions}
     for name, form in statement.validation.items():
         with ledger.entry(f"validation '{name}'"):
-            dimension = dimension_of(form.expression, known)
+            dimension = dimension_of(form.expression, dimensions)
             if computed := sorted(free_names(form.expression) & moving):
                 raise InputError(
                     f"reads '{computed[0]}', which is what is computed; a closed form is of t and parameters"
                 )
-            quantity, event = (whole_of(word) for word in (form.quantity, form.event))
+            quantity, event = (quantity_name(word) for word in (form.quantity, form.event))
             if event and event not in event_names:
                 raise InputError(
                     f"event '{form.event}' is none of the model's; there are {', '.join(sorted(event_names)) or 'none'}"
@@ -66,7 +66,7 @@ def check_validation(statement: Statement, known: dict[str, Dimension], ledger: 
             needed = (
                 statement.time_unit.dimension
                 if quantity == "t" and event
-                else known.get(quantity)
+                else dimensions.get(quantity)
                 if quantity in moving
                 else None
             )

@@ -16,23 +16,23 @@ from xdynamics.expressions import (
 )
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.expressions.tree import every
-from xdynamics.faults import InputError, Ledger, ModelError, few
+from xdynamics.faults import InputError, Ledger, ModelError, first_names
 from xdynamics.model.body_consistency import check_bodies, check_constants
 from xdynamics.model.closed_forms import check_validation
 from xdynamics.model.constraint_consistency import check_constraints
 from xdynamics.model.contact_consistency import check_contacts
-from xdynamics.model.controllers import EVERY, starts
+from xdynamics.model.controllers import EVERY, start_values
 from xdynamics.model.delay_consistency import check_delays
-from xdynamics.model.given_values import unit_of
+from xdynamics.model.given_values import unit_of_values
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinks import SWITCHING
-from xdynamics.model.motion_consistency import check_dimension, check_function, check_motion
+from xdynamics.model.motion_consistency import check_function, check_motion, check_tree_dimension
 from xdynamics.model.name_consistency import check_names
 from xdynamics.model.parts import ORIGIN, Controller, Event, Function
 from xdynamics.model.statement import Statement
-from xdynamics.model.uncertainty import NORMAL, matrix_of, root_of
+from xdynamics.model.uncertainty import NORMAL, cholesky_factor, correlation_matrix
 from xdynamics.schema import acceleration, velocity
-from xdynamics.shapes.naming import whole_of
+from xdynamics.shapes.naming import quantity_name
 from xdynamics.units import CALENDAR, CONSTANTS, NONE, Dimension, Quantity, constant, spell
 
 _ARGUMENTS = "an argument is of t, coordinates, velocities, states and parameters, like x or v*t"
@@ -44,7 +44,7 @@ def _declared_unit(statement: Statement, name: str) -> str:
     return part.unit.text if part else statement.time_unit.text
 
 
-def check(statement: Statement) -> dict[str, Dimension]:
+def check_statement(statement: Statement) -> dict[str, Dimension]:
     """Check names, initial values and the dimension of every term.
 
     Returns
@@ -63,7 +63,7 @@ def check(statement: Statement) -> dict[str, Dimension]:
 
 
 def check_written(statement: Statement) -> dict[str, Dimension]:
-    """Check what can be checked on a statement as it is written, whether it has dimensions or not; as `check`.
+    """Check what can be checked on a statement as it is written, whether it has dimensions or not; as `check_statement`.
 
     Raises
     ------
@@ -71,14 +71,14 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
         With every fault.
     """
     ledger, time = Ledger(f"model '{statement.name}'", ModelError), statement.time_unit.dimension
-    _check_times(statement, ledger)
+    _check_time_tolerances(statement, ledger)
     check_names(statement, ledger)
     ledger.raise_faults()
-    dimensions = _declared(statement, ledger)
+    dimensions = _declared_dimensions(statement, ledger)
     ledger.raise_faults()
     check_constants(statement, dimensions, ledger)
     ledger.raise_faults()
-    _define(statement, dimensions, ledger)
+    _define_dimensions(statement, dimensions, ledger)
     ledger.raise_faults()
     check_bodies(statement, dimensions, ledger)
     ledger.raise_faults()
@@ -86,12 +86,12 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
     if energies := statement.lagrangian:
         for key, energy in (("kinetic", energies.kinetic), ("potential", energies.potential)):
             if energy is not None:
-                check_dimension(ledger, f"{key} energy", energy, dimensions, SECTIONS["lagrangian"].dimension(key))
+                check_tree_dimension(ledger, f"{key} energy", energy, dimensions, SECTIONS["lagrangian"].dimension(key))
         ledger.raise_faults()
     if statement.mass or not statement.lagrangian:
         check_motion(statement, dimensions, ledger)
     for name, state in statement.states.items():
-        check_dimension(ledger, f"rate of state '{name}'", state.rate, dimensions, dimensions[name] / time)
+        check_tree_dimension(ledger, f"rate of state '{name}'", state.rate, dimensions, dimensions[name] / time)
     for name, drive in statement.drives.items():
         _check_drive(name, drive, statement, dimensions, ledger)
     for name, event in statement.events.items():
@@ -103,10 +103,13 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
     accelerations = _accelerations(statement, dimensions)
     for name, observable in statement.observables.items():
         with ledger.entry(f"observable '{name}'"):
-            dimension, chosen = dimension_of(observable, dimensions | accelerations), statement.observed.get(name)
+            dimension, observable_entry = (
+                dimension_of(observable, dimensions | accelerations),
+                statement.observed.get(name),
+            )
             spell(dimension)
-            if chosen and chosen.unit and chosen.unit.dimension != dimension:
-                raise InputError(f"has units '{dimension}', and is to be in '{chosen.unit.text}'")
+            if observable_entry and observable_entry.unit and observable_entry.unit.dimension != dimension:
+                raise InputError(f"has units '{dimension}', and is to be in '{observable_entry.unit.text}'")
     _check_pictured(statement, dimensions, ledger)
     check_validation(statement, dimensions, ledger)
     ledger.raise_faults()
@@ -117,12 +120,12 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
 
 
 def check_made(statement: Statement, dimensions: dict[str, Dimension], *, motion: bool = False) -> None:
-    """Check what is checked on single numbers: uncertainties, contacts, perhaps a motion; as `check`."""
+    """Check what is checked on single numbers: uncertainties, contacts, perhaps a motion; as `check_statement`."""
     ledger = Ledger(f"model '{statement.name}'", ModelError)
     if motion:
         check_motion(statement, dimensions, ledger)
-    known = dimensions | _accelerations(statement, dimensions) if statement.discrepancy else dimensions
-    _check_spreads(statement, known, ledger)
+    known_dimensions = dimensions | _accelerations(statement, dimensions) if statement.discrepancy else dimensions
+    _check_spreads(statement, known_dimensions, ledger)
     ledger.raise_faults()
     with ledger.entry("contacts"):
         check_contacts(statement, dimensions, ledger)
@@ -132,8 +135,10 @@ def check_made(statement: Statement, dimensions: dict[str, Dimension], *, motion
 
 def _accelerations(statement: Statement, dimensions: Mapping[str, Dimension]) -> dict[str, Dimension]:
     square = statement.time_unit.dimension**2
-    known = {own: own / square for own in {dimensions[name] for name in statement.coordinates}}
-    return {acceleration(name): known[dimensions[name]] for name in statement.coordinates}
+    acceleration_dimensions = {
+        dimension: dimension / square for dimension in {dimensions[name] for name in statement.coordinates}
+    }
+    return {acceleration(name): acceleration_dimensions[dimensions[name]] for name in statement.coordinates}
 
 
 def _check_event(
@@ -151,10 +156,10 @@ def _check_event(
             dimension = event.unit.dimension if event.unit else NONE
         else:
             dimension = dimension_of(event.function, dimensions)
-        _check_place(event.position_tolerance, "function", dimension)
+        _check_position_tolerance(event.position_tolerance, "function", dimension)
 
 
-def _check_times(statement: Statement, ledger: Ledger) -> None:
+def _check_time_tolerances(statement: Statement, ledger: Ledger) -> None:
     """Check that time tolerances are in the model's unit of time."""
     for kind in ("events", "contacts", "frictions"):
         for name, part in getattr(statement, kind).items():
@@ -166,20 +171,20 @@ def _check_times(statement: Statement, ledger: Ledger) -> None:
                 )
 
 
-def _check_place(tolerance: Quantity | None, what: str, dimension: Dimension) -> None:
+def _check_position_tolerance(tolerance: Quantity | None, function_label: str, dimension: Dimension) -> None:
     """Check that a position tolerance is in the unit of its function."""
     if tolerance is not None and tolerance.unit.dimension != dimension:
-        raise InputError(f"position_tolerance is '{tolerance}', needs the unit of the {what}, '{dimension}'")
+        raise InputError(f"position_tolerance is '{tolerance}', needs the unit of the {function_label}, '{dimension}'")
 
 
-def _declared(statement: Statement, ledger: Ledger) -> dict[str, Dimension]:
+def _declared_dimensions(statement: Statement, ledger: Ledger) -> dict[str, Dimension]:
     dimensions = {"t": statement.time_unit.dimension, "pi": NONE} | {
         name: constant(name).dimension for name in (*CONSTANTS, *CALENDAR)
     }
     dimensions |= {name: part.quantity.unit.dimension for name, part in statement.parameters.items()}
     for name, values in statement.arrays.items():
         with ledger.entry(f"parameter '{name}'"):
-            dimensions[name] = unit_of(values).dimension
+            dimensions[name] = unit_of_values(values).dimension
     dimensions |= {name: part.unit.dimension for name, part in statement.states.items()}
     dimensions |= {name: part.table.value_unit.dimension for name, part in statement.drives.items()}
     for name, part in statement.coordinates.items():
@@ -187,7 +192,7 @@ def _declared(statement: Statement, ledger: Ledger) -> dict[str, Dimension]:
     return dimensions
 
 
-def _define(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledger) -> None:
+def _define_dimensions(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledger) -> None:
     """Add the dimensions of definitions, each after those that it uses."""
     waiting: dict[str, Node] = dict(statement.definitions)
     uses = {name: free_names(node) & statement.definitions.keys() for name, node in waiting.items()}
@@ -197,11 +202,11 @@ def _define(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledg
         if not waiting:
             return
         if not ready:
-            ledger.note(f"definitions {few(waiting)} are defined by one another")
+            ledger.note(f"definitions {first_names(waiting)} are defined by one another")
             return
         if levels > MOST_LEVELS:
             ledger.note(
-                f"definitions {few(waiting)} are nested too deeply, over {MOST_LEVELS} levels; shorten the chain"
+                f"definitions {first_names(waiting)} are nested too deeply, over {MOST_LEVELS} levels; shorten the chain"
             )
             return
         for name in ready:
@@ -225,9 +230,9 @@ def _check_action(
         statement.states
     )
     for target, node in event.reset.items():
-        quantity = whole_of(target)
+        quantity = quantity_name(target)
         if quantity in variables and (statement.extents or quantity == target):
-            check_dimension(ledger, f"event '{name}' sets '{target}'", node, dimensions, dimensions[quantity])
+            check_tree_dimension(ledger, f"event '{name}' sets '{target}'", node, dimensions, dimensions[quantity])
         else:
             ledger.note(f"event '{name}' sets '{target}', which is no coordinate, velocity or state")
 
@@ -236,23 +241,27 @@ def _check_controller(
     name: str, controller: Controller, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
 ) -> None:
     """Check the times of a controller, and the dimensions of what it computes."""
-    time, what = statement.time_unit, f"controller '{name}'"
+    time, label = statement.time_unit, f"controller '{name}'"
     for key in ("every", "phase", "delay"):
         value = getattr(controller, key)
         if value is not None and value.unit.dimension != time.dimension:
-            ledger.note(f"{what}: {key} is '{value}', needs a time in '{time.text}'")
-    known = {**dimensions, EVERY: time.dimension}
+            ledger.note(f"{label}: {key} is '{value}', needs a time in '{time.text}'")
+    known_dimensions = {**dimensions, EVERY: time.dimension}
     for target, output in controller.outputs.items():
         for key in ("value", "minimum", "maximum"):
             if (tree := getattr(output, key)) is not None:
-                check_dimension(ledger, f"{what}: {key} of '{target}'", tree, known, output.unit.dimension)
+                check_tree_dimension(
+                    ledger, f"{label}: {key} of '{target}'", tree, known_dimensions, output.unit.dimension
+                )
     for target, memory in controller.states.items():
-        check_dimension(ledger, f"{what}: next of '{target}'", memory.next, known, memory.unit.dimension)
+        check_tree_dimension(
+            ledger, f"{label}: next of '{target}'", memory.next, known_dimensions, memory.unit.dimension
+        )
     units = {target: part.unit for target, part in controller.outputs.items()}
     units |= {target: part.unit for target, part in controller.states.items()}
-    for target, start in starts({name: controller}).items():
+    for target, start in start_values({name: controller}).items():
         if target in units and start.unit.dimension != units[target].dimension:
-            ledger.note(f"{what}: start of '{target}' is '{start}', needs the unit '{units[target].text}'")
+            ledger.note(f"{label}: start of '{target}' is '{start}', needs the unit '{units[target].text}'")
 
 
 def _check_regimes(statement: Statement, ledger: Ledger) -> None:
@@ -274,7 +283,7 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
     needed = ["t", *coordinates, *statement.states]
     for name in needed:
         if (values := statement.starting.get(name)) is not None and values.tree is not None:
-            check_dimension(ledger, f"initial value of '{name}'", values.tree, dimensions, dimensions[name])
+            check_tree_dimension(ledger, f"initial value of '{name}'", values.tree, dimensions, dimensions[name])
         elif values is not None and values.unit is not None:
             if values.unit.dimension != dimensions[name]:
                 ledger.note(
@@ -293,9 +302,13 @@ def _check_initial(statement: Statement, dimensions: Mapping[str, Dimension], le
             )
     for name in (*statement.initial, *statement.starting):
         if name not in needed:
-            whole = name.partition("[")[0]
-            what = f"an element; give '{whole}' as a whole" if whole in needed else "no coordinate, velocity or state"
-            ledger.note(f"initial value of '{name}', which is {what}")
+            quantity = name.partition("[")[0]
+            problem = (
+                f"an element; give '{quantity}' as a whole"
+                if quantity in needed
+                else "no coordinate, velocity or state"
+            )
+            ledger.note(f"initial value of '{name}', which is {problem}")
 
 
 def _check_spreads(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
@@ -312,7 +325,7 @@ def _check_spreads(statement: Statement, dimensions: Mapping[str, Dimension], le
                 )
     names = list(dict.fromkeys(name for pair in statement.correlations for name in pair))
     with ledger.entry("correlations"):
-        root_of(matrix_of(names, statement.correlations))
+        cholesky_factor(correlation_matrix(names, statement.correlations))
     for name, discrepancy in statement.discrepancy.items():
         with ledger.entry(f"discrepancy '{name}'"):
             if name not in statement.observables and (name not in dimensions or name in statement.parameters):
@@ -331,7 +344,7 @@ def _check_drive(
 ) -> None:
     """Check what a table is looked up at: a smooth expression of what moves, in the unit of its first column."""
     with ledger.entry(f"drive '{name}'"):
-        argument, moving = expand(drive.argument, statement.definitions), _moving(statement)
+        argument, moving = expand(drive.argument, statement.definitions), _moving_names(statement)
         text, read = text_of(drive.argument), free_names(argument)
         if wrong := sorted(read & {*statement.drives}):
             raise InputError(f"has the argument '{text}', which reads the drive '{wrong[0]}'; {_ARGUMENTS}")
@@ -350,7 +363,7 @@ def _check_drive(
             )
 
 
-def _moving(statement: Statement) -> set[str]:
+def _moving_names(statement: Statement) -> set[str]:
     """Return what changes along a motion besides time."""
     return {*statement.coordinates, *map(velocity, statement.coordinates), *statement.states}
 
@@ -378,8 +391,8 @@ def _check_pictured(statement: Statement, dimensions: Mapping[str, Dimension], l
     for kind in ("links", "springs", "threads"):
         for end in (end for pair in getattr(pictured, kind) for end in pair):
             if end not in (*pictured.bodies, ORIGIN):
-                known = ", ".join((*pictured.bodies, ORIGIN))
-                ledger.note(f"figure: {kind} has '{end}'; there are {known}, and others are named by bodies")
+                known_ends = ", ".join((*pictured.bodies, ORIGIN))
+                ledger.note(f"figure: {kind} has '{end}'; there are {known_ends}, and others are named by bodies")
     with ledger.entry("figure: section"):
         if (section := statement.pictured.section) is not None:
             dimension = dimension_of(section, dimensions)

@@ -22,15 +22,15 @@ from xdynamics.expressions import (
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every, summands
-from xdynamics.faults import InputError, Ledger, spoken
-from xdynamics.model.bodies import scalar_part, turn, vector_part
+from xdynamics.faults import InputError, Ledger, display_text
+from xdynamics.model.bodies import quasi_coordinate, scalar_part, vector_part
 from xdynamics.model.body_sections import AXES
-from xdynamics.model.contact_consistency import KINKS, check_velocity, one_power, values_of
+from xdynamics.model.contact_consistency import KINKS, check_velocity, one_power, parameter_values
 from xdynamics.model.parts import Constraint
 from xdynamics.model.statement import Statement
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import velocity
-from xdynamics.shapes.naming import element, parted
+from xdynamics.shapes.naming import join_element_name, split_element_name
 from xdynamics.units import NONE, Dimension, spell
 
 CONSISTENT = 1e-9  # a residual at the start, over its terms: what digits of initial values leave
@@ -43,26 +43,26 @@ INDEPENDENT = 1e-9  # of the largest singular value of gradients: less belongs t
 Floats = NDArray[np.float64]
 
 
-def check_constraints(statement: Statement, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+def check_constraints(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
     """Check what every constraint reads, then where the motion starts."""
     if not statement.constraints:
         return
     if statement.assemblies:
-        named = next(iter(statement.assemblies))
+        contact_name = next(iter(statement.assemblies))
         ledger.note(
-            f"constraints do not go with contacts of more links than are written out: contact '{named}' has them; write"
+            f"constraints do not go with contacts of more links than are written out: contact '{contact_name}' has them; write"
             " rods as stiff springs there, or fewer contacts"
         )
     with ledger.entry("constraints"):
-        one_power(statement, known, "constraints")
+        one_power(statement, dimensions, "constraints")
     for name, constraint in statement.constraints.items():
-        with ledger.entry(f"constraint '{spoken(name)}'"):
-            dimension_of(constraint.condition, known)
+        with ledger.entry(f"constraint '{display_text(name)}'"):
+            dimension_of(constraint.condition, dimensions)
             _check_reads(constraint, statement)
     ledger.raise_faults()
     start = _ConditionsAtStart(statement)
-    if start.read <= start.values.keys():  # a missing value has been reported already
-        _check_start(start, known, ledger)
+    if start.names_read <= start.values.keys():  # a missing value has been reported already
+        _check_conditions_at_start(start, dimensions, ledger)
 
 
 def _check_reads(constraint: Constraint, statement: Statement) -> None:
@@ -74,7 +74,7 @@ def _check_reads(constraint: Constraint, statement: Statement) -> None:
     velocities = set(map(velocity, statement.coordinates))
     if fault := sorted(free_names(tree) & velocities):
         raise InputError(
-            f"holds reads the velocity '{spoken(fault[0])}'; a condition on velocities that is linear in them is rolls ="
+            f"holds reads the velocity '{display_text(fault[0])}'; a condition on velocities that is linear in them is rolls ="
             f" '{text_of(constraint.condition)}'"
         )
     if fault := sorted(free_names(tree) & {*statement.drives}):
@@ -98,10 +98,10 @@ class _ConditionsAtStart:
     @cached_property
     def values(self) -> dict[str, float]:
         """Parameters, constants and the state."""
-        return values_of(self.statement) | {name: part.si for name, part in self.statement.initial.items()}
+        return parameter_values(self.statement) | {name: part.si for name, part in self.statement.initial.items()}
 
     @property
-    def read(self) -> set[str]:
+    def names_read(self) -> set[str]:
         """Every name that conditions read."""
         return set[str]().union(*(free_names(tree) for pair in self.trees for tree in pair))
 
@@ -116,16 +116,16 @@ class _ConditionsAtStart:
         return [(tree, derivative(tree, rates)) if part.rolls is None else (ZERO, tree) for part, tree in trees]
 
     @cached_property
-    def slopes(self) -> list[dict[str, Node]]:
+    def rate_slopes(self) -> list[dict[str, Node]]:
         """The derivatives of each rate by the velocities."""
-        by = {velocity(name): {velocity(name): ONE} for name in self.statement.coordinates}
-        return [derivatives(rate, by) for _, rate in self.trees]
+        seeds = {velocity(name): {velocity(name): ONE} for name in self.statement.coordinates}
+        return [derivatives(rate, seeds) for _, rate in self.trees]
 
-    def numbers(self, which: int, values: Mapping[str, float]) -> Floats:
+    def residuals_or_rates(self, which: int, values: Mapping[str, float]) -> Floats:
         """Return residuals (0) or rates (1) at a state."""
         return np.array([evaluate(pair[which], values) for pair in self.trees])
 
-    def sizes(self, which: int, values: Mapping[str, float]) -> Floats:
+    def term_sizes(self, which: int, values: Mapping[str, float]) -> Floats:
         """Return the sizes of their terms, and of what coordinates or velocities as large as any of the kind could change.
 
         Positions are told from 1 radian, too. Terms alone may cancel: of a body that spins about its axis, say.
@@ -135,8 +135,8 @@ class _ConditionsAtStart:
         largest = dict[Dimension, float]()
         for name, part in coordinates.items():
             kind, size = part.unit.dimension, abs(values[name if which == 0 else velocity(name)])
-            least = 1.0 if which == 0 and kind == NONE else 0.0
-            largest[kind] = max(largest.get(kind, least), size if least == 0.0 else least)
+            lower_bound = 1.0 if which == 0 and kind == NONE else 0.0
+            largest[kind] = max(largest.get(kind, lower_bound), size if lower_bound == 0.0 else lower_bound)
         reach = [largest[part.unit.dimension] for part in coordinates.values()]
         sizes: Floats = np.array(terms) + abs(self.gradients(values)) @ reach
         return sizes
@@ -145,68 +145,71 @@ class _ConditionsAtStart:
         """Return the derivatives of the rates by the velocities."""
         columns = {velocity(name): i for i, name in enumerate(self.statement.coordinates)}
         matrix = np.zeros((len(self.trees), len(columns)))
-        for k, slopes in enumerate(self.slopes):
+        for k, slopes in enumerate(self.rate_slopes):
             for name, tree in slopes.items():
                 matrix[k, columns[name]] = evaluate(tree, values)
         return matrix
 
-    def mass(self, values: Mapping[str, float]) -> Floats:
+    def mass_matrix(self, values: Mapping[str, float]) -> Floats:
         """Return the mass matrix at a state."""
         matrix = np.zeros((len(self.statement.coordinates),) * 2)
-        for place, entry in self.statement.mass_entries.items():
-            matrix[place] = evaluate(expand(entry, self.statement.definitions), values)
+        for row_column, entry in self.statement.mass_entries.items():
+            matrix[row_column] = evaluate(expand(entry, self.statement.definitions), values)
         return matrix
 
     @property
     def implied(self) -> tuple[int, ...]:
         """The conditions that those before them imply here."""
-        gradients, mass = self.gradients(self.values), self.mass(self.values)
+        gradients, mass = self.gradients(self.values), self.mass_matrix(self.values)
         return _implied(gradients @ over_mass(mass, gradients.T, list(self.statement.coordinates)))
 
-    def attached(self, values: Mapping[str, float], moves: Floats) -> dict[str, float]:
+    def carried_states(self, values: Mapping[str, float], moves: Floats) -> dict[str, float]:
         """Return where states that conditions read go with the coordinates: attitudes of bodies, say."""
         old = self.statement
-        by = {velocity(name): {name: ONE} for name in old.coordinates}
-        moved = dict(zip(old.coordinates, moves.tolist(), strict=True))
+        seeds = {velocity(name): {name: ONE} for name in old.coordinates}
+        move_by_name = dict(zip(old.coordinates, moves.tolist(), strict=True))
         return {
-            name: values[name] + sum(evaluate(tree, values) * moved[owner] for owner, tree in slopes.items())
+            name: values[name] + sum(evaluate(tree, values) * move_by_name[owner] for owner, tree in slopes.items())
             for name, state in old.states.items()
-            if name in self.read and (slopes := derivatives(expand(state.rate, old.definitions), by))
+            if name in self.names_read and (slopes := derivatives(expand(state.rate, old.definitions), seeds))
         }
 
     @cached_property
-    def attitudes(self) -> list[tuple[str, ...]]:
+    def attitude_names(self) -> list[tuple[str, ...]]:
         """The names of the four parts of every quaternion."""
         scalars = {scalar_part(body): vector_part(body) for body in self.statement.bodies}
-        states = ((parted(name), name) for name in self.statement.states)
+        states = ((split_element_name(name), name) for name in self.statement.states)
         return [
-            (name, *(element(scalars[whole], (*labels, axis)) for axis in AXES))
-            for (whole, labels), name in states
-            if whole in scalars
+            (name, *(join_element_name(scalars[quantity], (*labels, axis)) for axis in AXES))
+            for (quantity, labels), name in states
+            if quantity in scalars
         ]
 
     def _of_unit_length(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the quaternions of attitudes, brought back to unit length."""
-        lengths = ((parts, float(np.linalg.norm([values[part] for part in parts]))) for parts in self.attitudes)
+        lengths = ((parts, float(np.linalg.norm([values[part] for part in parts]))) for parts in self.attitude_names)
         return {part: values[part] / length for parts, length in lengths for part in parts}
 
-    def nearest(self) -> dict[str, float] | None:
+    def nearest_state(self) -> dict[str, float] | None:
         """Return the nearest state where all conditions hold, in the metric of the mass; None if none is found."""
         names, values = list(self.statement.coordinates), dict(self.values)
         for which, owners in ((0, names), (1, [velocity(name) for name in names])):
             for _ in range(MOST_TURNS):
-                off = self.numbers(which, values)
-                if (abs(off) <= 1e-14 * self.sizes(which, values)).all():
+                off = self.residuals_or_rates(which, values)
+                if (abs(off) <= 1e-14 * self.term_sizes(which, values)).all():
                     break
                 gradients = self.gradients(values)
-                reach = over_mass(self.mass(values), gradients.T, names)
+                reach = over_mass(self.mass_matrix(values), gradients.T, names)
                 moves = -reach @ np.linalg.lstsq(gradients @ reach, off, rcond=INDEPENDENT)[0]
                 if not np.isfinite(moves).all():
                     return None
-                values |= self.attached(values, moves) if which == 0 else {}
+                values |= self.carried_states(values, moves) if which == 0 else {}
                 values |= {owner: values[owner] + move for owner, move in zip(owners, moves.tolist(), strict=True)}
                 values |= self._of_unit_length(values) if which == 0 else {}
-        good = (abs(self.numbers(which, values)) <= CONSISTENT * self.sizes(which, values) for which in (0, 1))
+        good = (
+            abs(self.residuals_or_rates(which, values)) <= CONSISTENT * self.term_sizes(which, values)
+            for which in (0, 1)
+        )
         return values if all(part.all() for part in good) else None
 
 
@@ -221,10 +224,10 @@ def over_mass(mass: Floats, forces: Floats, names: Sequence[str]) -> Floats:
     try:
         return np.asarray(np.linalg.solve(mass, forces))
     except np.linalg.LinAlgError:
-        bare = [spoken(name) for name, row in zip(names, mass, strict=True) if not row.any()]
-        what = f"'{bare[0]}' has no mass" if bare else "its mass matrix is singular"
+        bare = [display_text(name) for name, row in zip(names, mass, strict=True) if not row.any()]
+        subject = f"'{bare[0]}' has no mass" if bare else "its mass matrix is singular"
         raise InputError(
-            f"{what} at the start, and constraints act by what masses resist them: give {'it' if bare else 'it all'} a mass,"
+            f"{subject} at the start, and constraints act by what masses resist them: give {'it' if bare else 'it all'} a mass,"
             " or leave out a coordinate that the others and a constraint give"
         ) from None
 
@@ -238,24 +241,24 @@ def _implied(matrix: Floats) -> tuple[int, ...]:
         R M^-1 R^T.
     """
     left, diagonal = matrix.copy(), matrix.diagonal()
-    found = []
+    implied_rows = []
     for p in range(len(left)):
         if not left[p, p] > DEPENDENT * diagonal[p]:
-            found.append(p)
+            implied_rows.append(p)
             continue
         left[p + 1 :, p + 1 :] -= np.outer(left[p + 1 :, p], left[p, p + 1 :]) / left[p, p]
-    return tuple(found)
+    return tuple(implied_rows)
 
 
 def implied_at_start(statement: Statement) -> tuple[int, ...]:
     """Return which conditions those before them imply where the motion starts; none where measured values decide it."""
     start = _ConditionsAtStart(statement)
     masses = (expand(entry, statement.definitions) for entry in statement.mass_entries.values())
-    read = start.read.union(*map(free_names, masses))
+    read = start.names_read.union(*map(free_names, masses))
     return start.implied if read <= start.values.keys() else ()
 
 
-def _check_start(start: _ConditionsAtStart, known: Mapping[str, Dimension], ledger: Ledger) -> None:
+def _check_conditions_at_start(start: _ConditionsAtStart, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
     """Refuse a start where a condition does not hold, a gradient that is zero, and conditions that leave nothing to move."""
     statement, values = start.statement, start.values
     names = list(statement.constraints)
@@ -263,11 +266,11 @@ def _check_start(start: _ConditionsAtStart, known: Mapping[str, Dimension], ledg
     for name, row in zip(names, gradients, strict=True):
         if not np.isfinite(row).all():
             ledger.note(
-                f"constraint '{spoken(name)}' has no gradient at the start: its derivatives divide by zero there"
+                f"constraint '{display_text(name)}' has no gradient at the start: its derivatives divide by zero there"
             )
         elif not row.any():
             ledger.note(
-                f"constraint '{spoken(name)}' has a zero gradient at the start: no force could keep it; write another form"
+                f"constraint '{display_text(name)}' has a zero gradient at the start: no force could keep it; write another form"
                 " of it, as sqrt(x**2 + y**2) - l, or start elsewhere"
             )
     ledger.raise_faults()
@@ -278,23 +281,25 @@ def _check_start(start: _ConditionsAtStart, known: Mapping[str, Dimension], ledg
             f"{len(names)} constraints leave {len(statement.coordinates)} coordinates no freedom to move: as many of them are"
             " independent; remove one"
         )
-    off = [abs(start.numbers(which, values)) > CONSISTENT * start.sizes(which, values) for which in (0, 1)]
+    off = [
+        abs(start.residuals_or_rates(which, values)) > CONSISTENT * start.term_sizes(which, values) for which in (0, 1)
+    ]
     if any(part.any() for part in off):
-        nearest = start.nearest()
+        nearest = start.nearest_state()
         if nearest is None:
             ledger.note(
                 "constraints contradict each other: no state near the start satisfies "
-                + ", ".join(f"'{spoken(name)}'" for name in names)
+                + ", ".join(f"'{display_text(name)}'" for name in names)
             )
         elif not statement.consistent:
             which = 0 if off[0].any() else 1
             k = int(np.argmax(off[which]))
-            dimension = dimension_of(start.trees[k][which], known)
-            value = start.numbers(which, values)[k]
+            dimension = dimension_of(start.trees[k][which], dimensions)
+            value = start.residuals_or_rates(which, values)[k]
             unit = "" if dimension == NONE else f" {spell(dimension).text}"
-            what = "is" if which == 0 else "changes by"
+            verb = "is" if which == 0 else "changes by"
             ledger.note(
-                f"constraint '{spoken(names[k])}' {what} {value:.6g}{unit} at the start, and needs 0; the"
+                f"constraint '{display_text(names[k])}' {verb} {value:.6g}{unit} at the start, and needs 0; the"
                 f" nearest state where it holds is {_spelled(start, nearest)}; write it, or [initial] consistent = true"
             )
     ledger.raise_faults()
@@ -303,12 +308,14 @@ def _check_start(start: _ConditionsAtStart, known: Mapping[str, Dimension], ledg
 def _spelled(start: _ConditionsAtStart, nearest: Mapping[str, float]) -> str:
     """Return the values that differ, in their units; of bodies that turn, their attitudes and angular velocities."""
     statement, time = start.statement, start.statement.time_unit
-    turns = {*map(turn, statement.bodies)}
-    units = {name: part.unit for name, part in statement.coordinates.items() if parted(name)[0] not in turns}
+    turns = {*map(quasi_coordinate, statement.bodies)}
+    units = {
+        name: part.unit for name, part in statement.coordinates.items() if split_element_name(name)[0] not in turns
+    }
     units |= {velocity(name): part.unit.per(time) for name, part in statement.coordinates.items()}
-    units |= {part: statement.states[part].unit for parts in start.attitudes for part in parts}
+    units |= {part: statement.states[part].unit for parts in start.attitude_names for part in parts}
     parts = [
-        f"{spoken(name)} = {nearest[name] / float(unit.factor):.15g} {unit.text}".removesuffix(" 1")
+        f"{display_text(name)} = {nearest[name] / float(unit.factor):.15g} {unit.text}".removesuffix(" 1")
         for name, unit in units.items()
         if nearest[name] != start.values[name]
     ]

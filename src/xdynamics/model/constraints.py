@@ -27,10 +27,10 @@ from xdynamics.expressions import (
     expand,
     free_names,
 )
-from xdynamics.expressions.calculus import ONE, ZERO, add, multiply, total
+from xdynamics.expressions.calculus import ONE, ZERO, add, multiply, sum_of_terms
 from xdynamics.model.constraint_consistency import DEPENDENT, implied_at_start
 from xdynamics.model.implied_conditions import Sharing
-from xdynamics.model.mass import Assignment, factors, less, solved
+from xdynamics.model.mass import Assignment, mass_factors, solve_mass, subtract_terms
 from xdynamics.model.model import Model
 from xdynamics.reaction_names import PROJECTION, RANK, constraint_force
 from xdynamics.schema import acceleration, rate, velocity
@@ -69,13 +69,13 @@ def conditions(model: Model) -> tuple[Condition, ...]:
     """Return the conditions of a model, in their order."""
     if not model.constraints:
         return ()
-    found, rates = [], rates_of_states(model)
+    made_conditions, rates = [], rates_of_states(model)
     for name, constraint in model.constraints.items():
         residual = ZERO if constraint.holds is None else model.expanded(constraint.holds)
         rate = model.rate_of(residual) if constraint.rolls is None else model.expanded(constraint.rolls)
-        row, bias = moved(model, expand(rate, rates))
-        found.append(Condition(name, residual, expand(rate, rates), row, expand(bias, rates)))
-    return tuple(found)
+        row, bias = rate_row_and_bias(model, expand(rate, rates))
+        made_conditions.append(Condition(name, residual, expand(rate, rates), row, expand(bias, rates)))
+    return tuple(made_conditions)
 
 
 def rates_of_states(model: Model) -> dict[str, Node]:
@@ -88,7 +88,7 @@ def beyond_trees(model: Model) -> bool:
     return bool(model.constraints) and len(model.statement.coordinates) > MOST_DIFFERENTIATED
 
 
-def moved(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
+def rate_row_and_bias(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
     """Return the derivatives of a rate by the velocities, and its time derivative with zero accelerations."""
     rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.statement.coordinates}
     accelerations = {Name(acceleration(name)) for name in rows}
@@ -101,10 +101,10 @@ def multiplier_dimensions(model: Model) -> dict[str, Dimension]:
     if not model.constraints:
         return {}
     dimensions, by_condition = model.dimensions, dict[str, Dimension]()
-    place = {name: i for i, name in enumerate(model.statement.coordinates)}
+    row_of = {name: i for i, name in enumerate(model.statement.coordinates)}
     for condition in conditions(model):
         name = next(iter(condition.row))
-        inertia = dimension_of(model.mass[place[name]][place[name]], dimensions)
+        inertia = dimension_of(model.mass[row_of[name]][row_of[name]], dimensions)
         power = inertia * dimensions[name] / model.time_unit.dimension**2 * dimensions[velocity(name)]
         by_condition[constraint_force(condition.name)] = power / dimension_of(condition.rate, dimensions)
     return by_condition
@@ -113,21 +113,21 @@ def multiplier_dimensions(model: Model) -> dict[str, Dimension]:
 # ------------------------------------------------------------------------------------------------------- assignments
 
 
-def tying(model: Model) -> Iterator[Assignment]:
+def multiplier_assignments(model: Model) -> Iterator[Assignment]:
     """Write rows, the effect of a unit of each multiplier on accelerations, and the factors of R M^-1 R^T."""
     tied = conditions(model)
     for k, condition in enumerate(tied):
-        yield from (Assignment(_row(k, name), tree) for name, tree in condition.row.items())
-        reached = _reached(model, condition)
-        rows = {_reach(k, name): Name(_row(k, name)) if name in condition.row else ZERO for name in reached}
-        yield from solved(model, rows, reached)
+        yield from (Assignment(_row_name(k, name), tree) for name, tree in condition.row.items())
+        reached = _reached_coordinates(model, condition)
+        rows = {_reach_name(k, name): Name(_row_name(k, name)) if name in condition.row else ZERO for name in reached}
+        yield from solve_mass(model, rows, reached)
     entries: dict[tuple[int, int], Node] = {}
     for i, condition in enumerate(tied):
-        for j, other in enumerate(tied[: i + 1]):
-            if shared := [name for name in condition.row if name in _reached(model, other)]:
-                terms = [Binary("*", Name(_row(i, name)), Name(_reach(j, name))) for name in shared]
-                yield Assignment(_tied(i, j), total(terms))
-                entries[i, j] = Name(_tied(i, j))
+        for j, earlier_condition in enumerate(tied[: i + 1]):
+            if shared := [name for name in condition.row if name in _reached_coordinates(model, earlier_condition)]:
+                terms = [Binary("*", Name(_row_name(i, name)), Name(_reach_name(j, name))) for name in shared]
+                yield Assignment(_gram_name(i, j), sum_of_terms(terms))
+                entries[i, j] = Name(_gram_name(i, j))
     yield from _factored(entries, len(tied))
     yield from _sharing(model).null_vectors()
 
@@ -143,51 +143,53 @@ def _factored(entries: dict[tuple[int, int], Node], n: int) -> Iterator[Assignme
         independent = add(independent, Call("where", (regular, ONE, ZERO)))
         below = [i for i in range(p + 1, n) if (i, p) in entries]
         for i in below:
-            yield Assignment(_factor(i, p), Binary("*", entries[i, p], Name(inverse_pivot(p))))
+            yield Assignment(_factor_name(i, p), Binary("*", entries[i, p], Name(inverse_pivot(p))))
             for j in (j for j in below if j <= i):
-                reduced = less(entries.get((i, j), ZERO), [Binary("*", Name(_factor(i, p)), entries[j, p])])
+                reduced = subtract_terms(
+                    entries.get((i, j), ZERO), [Binary("*", Name(_factor_name(i, p)), entries[j, p])]
+                )
                 yield Assignment(f"_tied{i}_{j}_{p}", reduced)
                 entries[i, j] = Name(f"_tied{i}_{j}_{p}")
     yield Assignment(RANK.name, independent)
     yield Assignment(PROJECTION.name, ZERO)  # of a state that nothing has moved
 
 
-def correcting(model: Model) -> Iterator[Assignment]:
+def correction_assignments(model: Model) -> Iterator[Assignment]:
     """Write what takes residuals back, to first order, and rates: ``_shift_<coordinate>`` and ``_slow_<coordinate>``."""
-    yield from factors(model)
-    yield from tying(model)
+    yield from mass_factors(model)
+    yield from multiplier_assignments(model)
     for word, lags in (
         ("shift", [condition.residual for condition in conditions(model)]),
         ("slow", [condition.rate for condition in conditions(model)]),
     ):
         targets = {name: f"_{word}_{name}" for name in model.statement.coordinates}
-        yield from bound(model, {}, lags, targets, [f"_{word}{k}" for k in range(len(lags))])
-    for name, tree in attached(model).items():
+        yield from keep_conditions(model, {}, lags, targets, [f"_{word}{k}" for k in range(len(lags))])
+    for name, tree in state_corrections(model).items():
         yield Assignment(f"_shift_{name}", tree)
 
 
-def keeping_along(model: Model) -> Iterator[Assignment]:
+def projection_assignments(model: Model) -> Iterator[Assignment]:
     """Write ``_shift_<coordinate>``, by which residuals ``_off0, …`` elsewhere are taken back along these gradients."""
-    yield from factors(model)
-    yield from tying(model)
+    yield from mass_factors(model)
+    yield from multiplier_assignments(model)
     off = [Name(f"_off{k}") for k in range(len(conditions(model)))]
     targets = {name: f"_shift_{name}" for name in model.statement.coordinates}
-    yield from bound(model, {}, off, targets, [f"_kept{k}" for k in range(len(off))])
+    yield from keep_conditions(model, {}, off, targets, [f"_kept{k}" for k in range(len(off))])
 
 
 @lru_cache(maxsize=64)
-def attached(model: Model) -> dict[str, Node]:
+def state_corrections(model: Model) -> dict[str, Node]:
     """Return how far each state that conditions read goes with the coordinates, by its rate's derivatives by velocities."""
     read = set[str]().union(*(free_names(condition.residual) for condition in conditions(model)))
-    by = {velocity(name): {name: Name(f"_shift_{name}")} for name in model.statement.coordinates}
+    seeds = {velocity(name): {name: Name(f"_shift_{name}")} for name in model.statement.coordinates}
     return {
-        name: total(list(derivatives(model.expanded(state.rate), by).values()))
+        name: sum_of_terms(list(derivatives(model.expanded(state.rate), seeds).values()))
         for name, state in model.statement.states.items()
         if name in read
     }
 
 
-def bound(
+def keep_conditions(
     model: Model, free: Mapping[str, Node], lags: Sequence[Node], targets: Mapping[str, str], forces: Sequence[str]
 ) -> Iterator[Assignment]:
     """Add to accelerations, or to other changes of the coordinates, what multipliers do to keep the conditions.
@@ -208,24 +210,28 @@ def bound(
     coupled = _coupled(model)
     basic = [f"_basic_{name}" for name in forces] if _sharing(model).implied else forces
     for k, condition in enumerate(tied):
-        products = [multiply(Name(_row(k, name)), free[name]) for name in condition.row if name in free]
-        right = Negative(total([lags[k], *products]))
-        before = (Binary("*", Name(_factor(k, p)), Name(f"_part_{forces[p]}")) for p in range(k) if (k, p) in coupled)
-        yield Assignment(f"_part_{forces[k]}", less(right, before))
+        products = [multiply(Name(_row_name(k, name)), free[name]) for name in condition.row if name in free]
+        right = Negative(sum_of_terms([lags[k], *products]))
+        earlier_products = (
+            Binary("*", Name(_factor_name(k, p)), Name(f"_part_{forces[p]}")) for p in range(k) if (k, p) in coupled
+        )
+        yield Assignment(f"_part_{forces[k]}", subtract_terms(right, earlier_products))
     for k in reversed(range(len(tied))):
         behind = (
-            Binary("*", Name(_factor(i, k)), Name(basic[i])) for i in range(k + 1, len(tied)) if (i, k) in coupled
+            Binary("*", Name(_factor_name(i, k)), Name(basic[i])) for i in range(k + 1, len(tied)) if (i, k) in coupled
         )
-        yield Assignment(basic[k], less(Binary("*", Name(f"_part_{forces[k]}"), Name(inverse_pivot(k))), behind))
+        yield Assignment(
+            basic[k], subtract_terms(Binary("*", Name(f"_part_{forces[k]}"), Name(inverse_pivot(k))), behind)
+        )
     if basic is not forces:
-        yield from _sharing(model).least(forces, basic)
+        yield from _sharing(model).least_norm(forces, basic)
     for name, target in targets.items():
         terms = [
-            Binary("*", Name(_reach(k, name)), Name(basic[k]))
+            Binary("*", Name(_reach_name(k, name)), Name(basic[k]))
             for k, condition in enumerate(tied)
-            if name in _reached(model, condition)
+            if name in _reached_coordinates(model, condition)
         ]
-        yield Assignment(target, total([free.get(name, ZERO), *terms]))
+        yield Assignment(target, sum_of_terms([free.get(name, ZERO), *terms]))
 
 
 @lru_cache(maxsize=64)
@@ -235,8 +241,8 @@ def _sharing(model: Model) -> Sharing:
     return Sharing(
         implied_at_start(model.statement) if count else (),
         tuple(map(inverse_pivot, count)),
-        {(i, p): _factor(i, p) for i, p in _coupled(model)},
-        tuple(Name(_tied(k, k)) for k in count),
+        {(i, p): _factor_name(i, p) for i, p in _coupled(model)},
+        tuple(Name(_gram_name(k, k)) for k in count),
     )
 
 
@@ -247,8 +253,8 @@ def _coupled(model: Model) -> frozenset[tuple[int, int]]:
     filled = {
         (i, j)
         for i, condition in enumerate(tied)
-        for j, other in enumerate(tied[:i])
-        if any(name in _reached(model, other) for name in condition.row)
+        for j, earlier_condition in enumerate(tied[:i])
+        if any(name in _reached_coordinates(model, earlier_condition) for name in condition.row)
     }
     for p in range(len(tied)):
         below = [i for i in range(p + 1, len(tied)) if (i, p) in filled]
@@ -256,24 +262,24 @@ def _coupled(model: Model) -> frozenset[tuple[int, int]]:
     return frozenset(filled)
 
 
-def _reached(model: Model, condition: Condition) -> list[str]:
+def _reached_coordinates(model: Model, condition: Condition) -> list[str]:
     """Return the coordinates that a multiplier accelerates by itself: all of them through a full mass."""
     return list(model.statement.coordinates) if model.mass_is_full else list(condition.row)
 
 
-def _row(k: int, name: str) -> str:
+def _row_name(k: int, name: str) -> str:
     return f"_tie{k}_{name}"
 
 
-def _reach(k: int, name: str) -> str:
+def _reach_name(k: int, name: str) -> str:
     return f"_pull{k}_{name}"
 
 
-def _tied(i: int, j: int) -> str:
+def _gram_name(i: int, j: int) -> str:
     return f"_tied{i}_{j}"
 
 
-def _factor(i: int, p: int) -> str:
+def _factor_name(i: int, p: int) -> str:
     return f"_share{i}_{p}"
 
 

@@ -17,7 +17,7 @@ from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.parts import APPROACH, MOST_REACTIONS, Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import Dimension, constant
 
 ROUNDING = 64 * EPS  # of the terms of a gap
@@ -26,17 +26,19 @@ KINKS = {"abs", "sign", "min", "max", "where", *CALLED_ALONE}
 Dimensions = Mapping[str, Dimension]
 
 
-def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> None:
+def check_contacts(statement: Statement, dimensions: Dimensions, ledger: Ledger) -> None:
     """Check every contact and friction element."""
     contacts, frictions = statement.contacts | statement.assemblies, statement.frictions
     if not contacts and not frictions:
         return
     count = sum(2 if part.slip else 1 for part in statement.contacts.values()) + len(frictions)
     if count > MOST_REACTIONS:
-        ledger.note(f"has {count} forces of contacts and friction, {MOST_REACTIONS} at most; {_remedy(statement)}")
+        ledger.note(
+            f"has {count} forces of contacts and friction, {MOST_REACTIONS} at most; {_remedy_for_many(statement)}"
+        )
     if statement.assemblies:
-        _check_assemblies(statement, known, ledger)
-    if APPROACH in known:
+        _check_assemblies(statement, dimensions, ledger)
+    if APPROACH in dimensions:
         ledger.note(f"'{APPROACH}' is what contacts call the speed at which a gap closes; choose another name")
     if len({part.law for part in contacts.values()}) > 1:
         laws = ", ".join(f"'{name}': {part.law}" for name, part in contacts.items())
@@ -47,59 +49,59 @@ def check_contacts(statement: Statement, known: Dimensions, ledger: Ledger) -> N
                 f"force '{term}' is written in Python, and contacts and friction need forces that can be"
                 " differentiated; write it as an expression"
             )
-    power = one_power(statement, known)
+    power = one_power(statement, dimensions)
     for name, contact in contacts.items():
         with ledger.entry(f"contact '{name}'"):
-            _check_contact(contact, statement, known)
+            _check_contact(contact, statement, dimensions)
             if name in statement.contacts:  # of many links, the march finds those that overlap
-                _check_start(expand(contact.gap, statement.definitions), statement)
+                _check_gap_at_start(expand(contact.gap, statement.definitions), statement)
     for name, friction in frictions.items():
         with ledger.entry(f"friction '{name}'"):
-            slip = _check_slip(friction.slip, statement, known)
+            slip = _check_slip(friction.slip, statement, dimensions)
             for key in ("kinetic", "static"):
-                _needs(key, getattr(friction, key), statement, known, power / slip)
+                _check_needed_unit(key, getattr(friction, key), statement, dimensions, power / slip)
             _check_strengths("kinetic", friction.kinetic, friction.static, statement)
 
 
-def _remedy(statement: Statement) -> str:
+def _remedy_for_many(statement: Statement) -> str:
     """Say what to write for more forces than are written out."""
     if not statement.frictions:
         return "many contacts are those of a dimension or a relation"
-    counts = Counter(parted(name)[0] for name in statement.frictions)
-    name, most = counts.most_common(1)[0]
+    counts = Counter(split_element_name(name)[0] for name in statement.frictions)
+    name, largest_count = counts.most_common(1)[0]
     return (
-        f"friction '{name}' has {most} of them; write friction of many elements as [contacts.{name}] with gap, restitution, slip, friction and"
+        f"friction '{name}' has {largest_count} of them; write friction of many elements as [contacts.{name}] with gap, restitution, slip, friction and"
         " tangential = 'coulomb', the normal force being solved for, or as a smooth force, like -kinetic*tanh(slip/slow)"
         " with a low speed slow"
     )
 
 
-def _check_assemblies(statement: Statement, known: Dimensions, ledger: Ledger) -> None:
+def _check_assemblies(statement: Statement, dimensions: Dimensions, ledger: Ledger) -> None:
     """Refuse what contacts of many links cannot have."""
     many = f"contacts have more than {MOST_REACTIONS} links together, and then"
     for name, contact in statement.assemblies.items():
         for key in ("slip", "friction", "static"):
             tree = getattr(contact, key)
             read = set() if tree is None else free_names(expand(tree, statement.definitions))
-            for what in sorted(read & {*statement.states, *statement.drives}):
+            for quantity in sorted(read & {*statement.states, *statement.drives}):
                 ledger.note(
                     f"{many} {key} of contact '{name}' may read coordinates, velocities, time and parameters, not"
-                    f" '{what}'"
+                    f" '{quantity}'"
                 )
     units: dict[str, Dimension] = {}
     for name, contact in statement.assemblies.items():
         with suppress(InputError):  # what is wrong with a gap is said with its contact
-            units[name] = dimension_of(contact.gap, known)
+            units[name] = dimension_of(contact.gap, dimensions)
     slips: dict[str, Dimension] = {}
     for name, contact in statement.assemblies.items():
         with suppress(InputError):
-            slips |= {name: dimension_of(contact.slip, known)} if contact.slip is not None else {}
+            slips |= {name: dimension_of(contact.slip, dimensions)} if contact.slip is not None else {}
     if len({*slips.values()}) > 1:
-        said = ", ".join(f"'{name}': {unit}" for name, unit in slips.items())
-        ledger.note(f"{many} their slips are of one unit ({said}); write each slip as a velocity, say")
+        units_text = ", ".join(f"'{name}': {unit}" for name, unit in slips.items())
+        ledger.note(f"{many} their slips are of one unit ({units_text}); write each slip as a velocity, say")
     if len({*units.values()}) > 1:
-        said = ", ".join(f"'{name}': {unit}" for name, unit in units.items())
-        ledger.note(f"{many} their gaps are of one unit ({said}); write each gap as a length, say")
+        units_text = ", ".join(f"'{name}': {unit}" for name, unit in units.items())
+        ledger.note(f"{many} their gaps are of one unit ({units_text}); write each gap as a length, say")
     if statement.frictions:
         ledger.note(f"{many} there are no friction elements: remove '{next(iter(statement.frictions))}'")
     if statement.mass_is_full or statement.lagrangian:
@@ -114,13 +116,13 @@ def _is_settled(call: Call, moving: set[str]) -> bool:
 def _check_contact(contact: Contact, statement: Statement, dimensions: Dimensions) -> None:
     gap = dimension_of(contact.gap, dimensions)
     tree = expand(contact.gap, statement.definitions)
-    for what, names in (
+    for kind, names in (
         ("state", statement.states),
         ("drive", statement.drives),
         ("velocity", map(velocity, statement.coordinates)),
     ):
         for name in sorted(free_names(tree) & set(names)):
-            raise InputError(f"gap reads the {what} '{name}', and may read coordinates, time and parameters")
+            raise InputError(f"gap reads the {kind} '{name}', and may read coordinates, time and parameters")
     moving = {*statement.coordinates, "t"}  # what reads constants and numbers of elements alone has no kink in motion
     calls = [node for node in every(tree) if isinstance(node, Call) and free_names(node) & moving]
     if kinks := sorted({node.function for node in calls if not _is_settled(node, moving)} & KINKS):
@@ -131,14 +133,14 @@ def _check_contact(contact: Contact, statement: Statement, dimensions: Dimension
         )
     if all(derivative(tree, {name: ONE}) == ZERO for name in statement.coordinates):
         raise InputError("gap depends on no coordinate: nothing could be pushed away")
-    _needs(
+    _check_needed_unit(
         "restitution",
         contact.restitution,
         statement,
         {**dimensions, APPROACH: gap / statement.time_unit.dimension},
         SECTIONS["contacts"].dimension("restitution"),
     )
-    size = _number(contact.restitution, statement)
+    size = _constant_value(contact.restitution, statement)
     if size is not None and not 0.0 <= size <= 1.0:
         raise InputError(f"{_value_text('restitution', contact.restitution, size)}, needs to be from 0 to 1")
     if contact.position_tolerance is not None and contact.position_tolerance.unit.dimension != gap:
@@ -148,13 +150,13 @@ def _check_contact(contact: Contact, statement: Statement, dimensions: Dimension
     if contact.slip is not None and contact.friction is not None and contact.static is not None:
         slip = _check_slip(contact.slip, statement, dimensions)
         for key, node in (("friction", contact.friction), ("static", contact.static)):
-            _needs(key, node, statement, dimensions, gap / statement.time_unit.dimension / slip)
+            _check_needed_unit(key, node, statement, dimensions, gap / statement.time_unit.dimension / slip)
         _check_strengths("friction", contact.friction, contact.static, statement)
 
 
-def _check_start(gap: Node, statement: Statement) -> None:
+def _check_gap_at_start(gap: Node, statement: Statement) -> None:
     """Refuse a motion that starts with one body inside another, by more than rounding."""
-    values = values_of(statement) | {name: quantity.si for name, quantity in statement.initial.items()}
+    values = parameter_values(statement) | {name: quantity.si for name, quantity in statement.initial.items()}
     if free_names(gap) - set(values):
         return  # a missing value has been reported already
     distance = evaluate(gap, values)
@@ -168,12 +170,12 @@ def _check_start(gap: Node, statement: Statement) -> None:
 
 def _check_strengths(key: str, slipping: Node, sticking: Node, statement: Statement) -> None:
     """Refuse negative friction, and static below kinetic friction, where both are known before the start."""
-    size, most = _number(slipping, statement), _number(sticking, statement)
+    size, static_value = _constant_value(slipping, statement), _constant_value(sticking, statement)
     if size is not None and not size >= 0.0:
         raise InputError(f"{_value_text(key, slipping, size)}, needs to be non-negative")
-    if size is not None and most is not None and not most >= size:
+    if size is not None and static_value is not None and not static_value >= size:
         raise InputError(
-            f"{_value_text('static', sticking, most)}, needs to be at least {_value_text(key, slipping, size)}"
+            f"{_value_text('static', sticking, static_value)}, needs to be at least {_value_text(key, slipping, size)}"
         )
 
 
@@ -182,13 +184,13 @@ def _value_text(key: str, node: Node, size: float) -> str:
     return f"{key} is {size:.6g}" if not free_names(node) else f"{key}, {text_of(node)}, is {size:.6g} (SI units)"
 
 
-def _number(node: Node, statement: Statement) -> float | None:
+def _constant_value(node: Node, statement: Statement) -> float | None:
     """Return the value of an expression of parameters alone; None if it reads anything else."""
-    tree, values = expand(node, statement.definitions), values_of(statement)
+    tree, values = expand(node, statement.definitions), parameter_values(statement)
     return None if free_names(tree) - set(values) else evaluate(tree, values)
 
 
-def values_of(statement: Statement) -> dict[str, float]:
+def parameter_values(statement: Statement) -> dict[str, float]:
     """Return parameters and constants in SI units."""
     constants = {name: float(constant(name).factor) for name in statement.unit_constants} | {"pi": math.pi}
     return constants | {name: parameter.quantity.si for name, parameter in statement.parameters.items()}
@@ -213,7 +215,7 @@ def _check_slip(slip: Node, statement: Statement, dimensions: Dimensions) -> Dim
     return dimension
 
 
-def check_velocity(what: str, tree: Node, statement: Statement) -> None:
+def check_velocity(label: str, tree: Node, statement: Statement) -> None:
     """Check that an expression is linear in velocities.
 
     Raises
@@ -223,19 +225,19 @@ def check_velocity(what: str, tree: Node, statement: Statement) -> None:
     """
     velocities = set(map(velocity, statement.coordinates))
     if not free_names(tree) & velocities:
-        raise InputError(f"{what} depends on no velocity; there are {', '.join(sorted(velocities)) or 'none'}")
+        raise InputError(f"{label} depends on no velocity; there are {', '.join(sorted(velocities)) or 'none'}")
     if all(derivative(tree, {name: ONE}) == ZERO for name in velocities):
-        raise InputError(f"{what} depends on no velocity: no factor of one is other than zero")
+        raise InputError(f"{label} depends on no velocity: no factor of one is other than zero")
     for name in sorted(velocities):
         if free_names(derivative(tree, {name: ONE})) & velocities:
-            raise InputError(f"{what} is not linear in {name}; write the relative velocity itself")
+            raise InputError(f"{label} is not linear in {name}; write the relative velocity itself")
 
 
-def _needs(what: str, node: Node, statement: Statement, dimensions: Dimensions, needed: Dimension) -> None:
+def _check_needed_unit(label: str, node: Node, statement: Statement, dimensions: Dimensions, needed: Dimension) -> None:
     expand(node, statement.definitions)
     dimension = dimension_of(node, dimensions)
     if dimension != needed:
-        raise InputError(f"{what} has units '{dimension}', needs '{needed}'")
+        raise InputError(f"{label} has units '{dimension}', needs '{needed}'")
 
 
 def one_power(statement: Statement, dimensions: Dimensions, who: str = "contacts and friction") -> Dimension:

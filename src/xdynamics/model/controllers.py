@@ -46,26 +46,29 @@ class Action:
     every: Fraction
 
 
-def held(controllers: Mapping[str, Controller], time: Unit) -> dict[str, State]:
+def controller_states(controllers: Mapping[str, Controller], time: Unit) -> dict[str, State]:
     """Return everything that controllers hold between ticks, as first-order states at rest."""
-    found: dict[str, tuple[Unit, str]] = {}
+    held_entries: dict[str, tuple[Unit, str]] = {}
     for owner, controller in controllers.items():
         for name, output in controller.outputs.items():
-            found[name] = output.unit, output.description or f"output of controller {owner}, held between its ticks"
+            held_entries[name] = (
+                output.unit,
+                output.description or f"output of controller {owner}, held between its ticks",
+            )
             for waiting in pending(name, controller):
-                found[waiting] = output.unit, f"computed by controller {owner} for {name}, in effect later"
+                held_entries[waiting] = output.unit, f"computed by controller {owner} for {name}, in effect later"
         for name, memory in controller.states.items():
-            found[name] = memory.unit, memory.description or f"state of controller {owner}, changed at its ticks"
-    return {name: State(unit, at_rest(name, time), about) for name, (unit, about) in found.items()}
+            held_entries[name] = memory.unit, memory.description or f"state of controller {owner}, changed at its ticks"
+    return {name: State(unit, zero_rate(name, time), about) for name, (unit, about) in held_entries.items()}
 
 
-def at_rest(name: str, time: Unit) -> Node:
+def zero_rate(name: str, time: Unit) -> Node:
     """Return the rate of something that changes at ticks alone."""
     nothing = Binary("*", Number(0.0), Name(name))
     return nothing if time.dimension == NONE else Binary("/", nothing, Name("second"))
 
 
-def starts(controllers: Mapping[str, Controller]) -> dict[str, Quantity]:
+def start_values(controllers: Mapping[str, Controller]) -> dict[str, Quantity]:
     """Return what controllers hold before their first ticks."""
     values: dict[str, Quantity] = {}
     for controller in controllers.values():
@@ -90,18 +93,18 @@ def pending(output: str, controller: Controller) -> list[str]:
     return [f"{output}_pending"] if count == 1 else [f"{output}_pending_{i + 1}" for i in range(count)]
 
 
-def changes(controllers: Mapping[str, Controller]) -> tuple[TickChange, ...]:
+def tick_changes(controllers: Mapping[str, Controller]) -> tuple[TickChange, ...]:
     """Return what every action sets, in the order of `actions`."""
-    return tuple(_changes(controllers))
+    return tuple(_yield_changes(controllers))
 
 
-def _changes(controllers: Mapping[str, Controller]) -> Iterator[TickChange]:
+def _yield_changes(controllers: Mapping[str, Controller]) -> Iterator[TickChange]:
     number = 0
     for controller in controllers.values():
         every = {EVERY: as_tree(controller.every)}
         for name, output in controller.outputs.items():
             waiting = pending(name, controller)
-            yield TickChange(number, (waiting or [name])[0], expand(limited(output), every))
+            yield TickChange(number, (waiting or [name])[0], expand(limited_value(output), every))
             for newer, older in pairwise(waiting):
                 yield TickChange(number, older, Name(newer))
         for name, memory in controller.states.items():
@@ -119,7 +122,7 @@ def as_tree(quantity: Quantity) -> Node:
     return parse(decimal_text(quantity.value) if plain else with_unit_names(str(quantity)))
 
 
-def limited(output: Output) -> Node:
+def limited_value(output: Output) -> Node:
     """Return the value of an output within its bounds."""
     value = output.value
     if output.minimum is not None:
@@ -129,14 +132,16 @@ def limited(output: Output) -> Node:
 
 def actions(controllers: Mapping[str, Controller]) -> tuple[Action, ...]:
     """Return when controllers compute, and when what they delay takes effect."""
-    found = []
+    timed_actions = []
     for name, controller in controllers.items():
         every, first = exact_time(controller.every), exact_time(controller.phase) if controller.phase else Fraction(0)
-        found.append(Action(f"controller '{name}'", first, every))
+        timed_actions.append(Action(f"controller '{name}'", first, every))
         if controller.delay is not None:
             turns = len(pending(next(iter(controller.outputs)), controller)) - 1
-            found.append(Action(f"controller '{name}'", first + exact_time(controller.delay) - turns * every, every))
-    return tuple(found)
+            timed_actions.append(
+                Action(f"controller '{name}'", first + exact_time(controller.delay) - turns * every, every)
+            )
+    return tuple(timed_actions)
 
 
 def exact_time(quantity: Quantity) -> Fraction:
@@ -146,51 +151,56 @@ def exact_time(quantity: Quantity) -> Fraction:
 
 def alarms(events: Mapping[str, Event]) -> tuple[Action, ...]:
     """Return when periodic events are met, in their order."""
-    found = []
+    timed_actions = []
     for name, event in events.items():
         if event.every is not None:
             first = event.every if event.phase is None else event.phase
-            found.append(Action(f"event '{name}'", exact_time(first), exact_time(event.every)))
-    return tuple(found)
+            timed_actions.append(Action(f"event '{name}'", exact_time(first), exact_time(event.every)))
+    return tuple(timed_actions)
 
 
-def faults_of_ticks(found: Sequence[Action], start: Fraction, end: Fraction, second: str) -> list[str]:
+def faults_of_ticks(timed_actions: Sequence[Action], start: Fraction, end: Fraction, second: str) -> list[str]:
     """Return why something cannot act in a run from one time to another, in `second`; none if all can."""
     faults = []
-    for action in found:
+    for action in timed_actions:
         late = action.first > action.every and action.first > end - start
         if late or action.every > end - start:
-            what = (
+            clause = (
                 f"first acts {float(action.first)!r}{second} after"
                 if late
                 else f"acts every {float(action.every)!r}{second} from"
             )
             faults.append(
-                f"{action.owner} {what} the start, and the run takes {float(end - start)!r}{second}; march"
+                f"{action.owner} {clause} the start, and the run takes {float(end - start)!r}{second}; march"
                 " longer, or have it act sooner"
             )
-    count = sum(_count(action, start, end) for action in found)
+    count = sum(_tick_count(action, start, end) for action in timed_actions)
     if count > MOST_TICKS:
-        faults.append(f"{_owners(found)} act {count} times in the run, {MOST_TICKS} at most; have them act less often")
+        faults.append(
+            f"{_owners(timed_actions)} act {count} times in the run, {MOST_TICKS} at most; have them act less often"
+        )
     return faults
 
 
-def _owners(found: Sequence[Action]) -> str:
-    return " and ".join(dict.fromkeys(f"{action.owner.split()[0]}s" for action in found))
+def _owners(timed_actions: Sequence[Action]) -> str:
+    return " and ".join(dict.fromkeys(f"{action.owner.split()[0]}s" for action in timed_actions))
 
 
-def _count(action: Action, start: Fraction, end: Fraction) -> int:
+def _tick_count(action: Action, start: Fraction, end: Fraction) -> int:
     return max(0, floor((end - start - action.first) / action.every) + 1)
 
 
 @lru_cache(maxsize=8)
-def ticks(found: tuple[Action, ...], start: Fraction, end: Fraction) -> tuple[Floats, NDArray[np.int64]]:
+def ticks(timed_actions: tuple[Action, ...], start: Fraction, end: Fraction) -> tuple[Floats, NDArray[np.int64]]:
     """Return the times of all ticks of a run, ascending, and the actions at each, as bits of a number.
 
     Every time is the float nearest to an exact multiple, whatever else ticks.
     """
-    counts = [_count(action, start, end) for action in found]
-    times = [_multiples(start + action.first, action.every, count) for action, count in zip(found, counts, strict=True)]
+    counts = [_tick_count(action, start, end) for action in timed_actions]
+    times = [
+        _multiples(start + action.first, action.every, count)
+        for action, count in zip(timed_actions, counts, strict=True)
+    ]
     bits = [np.full(count, 1 << number, np.int64) for number, count in enumerate(counts)]
     instants, where = np.unique(np.concatenate(times), return_inverse=True)
     masks = np.zeros(len(instants), np.int64)
@@ -200,10 +210,10 @@ def ticks(found: tuple[Action, ...], start: Fraction, end: Fraction) -> tuple[Fl
     return instants, masks
 
 
-def exact_ticks(found: tuple[Action, ...], start: Fraction, end: Fraction) -> Iterator[Fraction]:
+def exact_ticks(timed_actions: tuple[Action, ...], start: Fraction, end: Fraction) -> Iterator[Fraction]:
     """Yield the exact times of ticks, action by action."""
-    for action in found:
-        for k in range(_count(action, start, end)):
+    for action in timed_actions:
+        for k in range(_tick_count(action, start, end)):
             yield start + action.first + k * action.every
 
 
@@ -223,17 +233,17 @@ def trees_of(controller: Controller) -> Iterator[tuple[str, Node | None]]:
     yield from ((name, memory.next) for name, memory in controller.states.items())
 
 
-def each_tree(controller: Controller, made: Callable[[Node], Node]) -> Controller:
+def with_trees(controller: Controller, make_tree: Callable[[Node], Node]) -> Controller:
     """Return a controller with other expressions in the places of its own."""
 
     def limit(tree: Node | None) -> Node | None:
-        return None if tree is None else made(tree)
+        return None if tree is None else make_tree(tree)
 
     outputs = {
-        name: replace(part, value=made(part.value), minimum=limit(part.minimum), maximum=limit(part.maximum))
+        name: replace(part, value=make_tree(part.value), minimum=limit(part.minimum), maximum=limit(part.maximum))
         for name, part in controller.outputs.items()
     }
-    states = {name: replace(part, next=made(part.next)) for name, part in controller.states.items()}
+    states = {name: replace(part, next=make_tree(part.next)) for name, part in controller.states.items()}
     return replace(controller, outputs=outputs, states=states)
 
 

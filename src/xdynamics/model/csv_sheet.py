@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, Ledger, few
+from xdynamics.faults import InputError, Ledger, first_names
 from xdynamics.model.plain_table import PlainTable
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Extent
@@ -50,9 +50,9 @@ class Title:
     unit: Unit
     scale: Scale
 
-    def number(self, written: float) -> float:
+    def number(self, value: float) -> float:
         """Return a number of the column in its unit; an offset, as of °C, is of values and not of their uncertainties."""
-        return (self.scale.difference if self.name.startswith(OF_UNCERTAINTIES) else self.scale.value)(written)
+        return (self.scale.difference if self.name.startswith(OF_UNCERTAINTIES) else self.scale.value)(value)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Sheet:
     rows: PlainTable | tuple[tuple[int, list[str]], ...]
 
     @classmethod
-    def of(cls, name: str, text: str) -> Sheet:
+    def from_text(cls, name: str, text: str) -> Sheet:
         """Split text into lines and cells, and detect separator and decimal mark.
 
         Raises
@@ -88,8 +88,8 @@ class Sheet:
         InputError
             If it is empty, mixes decimal commas and points, or a cell is too long.
         """
-        text = normal(text)
-        lines = _lines(text)
+        text = normalise_newlines(text)
+        lines = _content_lines(text)
         number, first, below = next(lines, (0, "", 0))
         if not first:
             raise InputError(f"table '{name}' is empty; it needs a header like 'time [s],thrust [N]' and rows")
@@ -100,9 +100,9 @@ class Sheet:
             )
         separator = next((separator for separator in SEPARATORS if separator in first), ",")
         header = tuple(next(csv.reader([first], delimiter=separator)))
-        if table := PlainTable.of(text[below:], separator, len(header)):
+        if table := PlainTable.from_text(text[below:], separator, len(header)):
             return cls(name, separator, ".", header, number, table)
-        rows = tuple((n, _cells(name, n, line, separator)) for n, line, _ in lines)
+        rows = tuple((n, _split_cells(name, n, line, separator)) for n, line, _ in lines)
         return cls(name, separator, _decimal(name, separator, rows), header, number, rows)
 
     @cached_property
@@ -114,16 +114,16 @@ class Sheet:
         return tuple((n, line.split(self.separator)) for n, line in enumerate(texts, self.header_line + 1))
 
     @cached_property
-    def layout(self) -> str:
+    def layout_text(self) -> str:
         """How the table was read, for messages."""
         is_cut = any(cell.count("[") > cell.count("]") for cell in self.header)  # r[Sun, x] [m]
         quoted = f"; titles with {SEPARATORS[self.separator]} stand in quotes" if is_cut else ""
-        return f"separated by {SEPARATORS[self.separator]}, columns {few(shown(cell) for cell in self.header)}{quoted}"
+        return f"separated by {SEPARATORS[self.separator]}, columns {first_names(cell_excerpt(cell) for cell in self.header)}{quoted}"
 
     @property
     def has_titles(self) -> bool:
         """Whether its first line is one of words; an oscilloscope may write numbers alone."""
-        return not all(_is_number(cell) for cell in self.header)
+        return not all(_is_number_cell(cell) for cell in self.header)
 
     @cached_property
     def names(self) -> list[str]:
@@ -139,36 +139,36 @@ class Sheet:
             With every one of them without a readable unit, and every name that another column has too; with the first
             lines of the file, and the keys that say how it is to be read.
         """
-        ledger = Ledger(f"table '{self.name}', line {self.header_line} ({self.layout})")
+        ledger = Ledger(f"table '{self.name}', line {self.header_line} ({self.layout_text})")
         columns, names = [], self.names
         for k in range(len(self.header)) if places is None else places:
-            with ledger.entry(f"column {shown(self.header[k])}"):
+            with ledger.entry(f"column {cell_excerpt(self.header[k])}"):
                 columns.append(title(self.header[k]))
                 if names.count(columns[-1].name) > 1:
-                    raise InputError(f"two columns are called {shown(columns[-1].name)}")
+                    raise InputError(f"two columns are called {cell_excerpt(columns[-1].name)}")
         if not self.has_titles:
             example = ", ".join(f'"{word}"' for word in ("t [s]", "x [m]", "y [m]", "z [m]")[: len(self.header)])
             raise InputError(
                 f"table '{self.name}' has no titles: line {self.header_line} has numbers alone,"
-                f" {shown(self.separator.join(self.header))}; give one for each of its {len(self.header)} columns, like"
+                f" {cell_excerpt(self.separator.join(self.header))}; give one for each of its {len(self.header)} columns, like"
                 f" header = [{example}]"
             )
         if ledger.faults:
-            ledger.note(self.beginning)
+            ledger.note(self.first_lines_text)
         ledger.raise_faults()
         return tuple(columns)
 
     @property
-    def beginning(self) -> str:
+    def first_lines_text(self) -> str:
         """The first lines, cut short, and the keys that say how a file is to be read."""
         first = [self.header, *(cells for _, cells in self.lines[:2])]
-        lines = " / ".join(shown(self.separator.join(cells)) for cells in first)
+        lines = " / ".join(cell_excerpt(self.separator.join(cells)) for cells in first)
         return (
             f"it begins {lines}; how it is to be read is said by skip = 1 (lines before the header), header ="
             ' ["t [s]", "x [m]"], units = { t = "s", x = "m" } or decimal = ","'
         )
 
-    def numbers(self, columns: Sequence[int], *, skip: bool = False) -> list[tuple[int, tuple[float, ...]]]:
+    def read_rows(self, columns: Sequence[int], *, skip: bool = False) -> list[tuple[int, tuple[float, ...]]]:
         """Read the numbers of some columns, with the number of each line.
 
         Parameters
@@ -182,8 +182,8 @@ class Sheet:
         InputError
             With every line that cannot be read as finite numbers.
         """
-        ledger = Ledger(f"table '{self.name}' ({self.layout})")
-        scales = [self._scale(k) for k in columns]
+        ledger = Ledger(f"table '{self.name}' ({self.layout_text})")
+        scales = [self._column_scale(k) for k in columns]
         rows: list[tuple[int, tuple[float, ...]]] = []
         for number, written_cells in self.lines:
             if len(ledger.faults) >= MOST_FAULTS:
@@ -192,7 +192,7 @@ class Sheet:
             cells = written_cells if further else written_cells[: len(self.header)]
             if len(cells) != len(self.header):
                 ledger.note(
-                    f"line {number}, {shown(cells[0])} …, has {len(cells)} cells, the header {len(self.header)}"
+                    f"line {number}, {cell_excerpt(cells[0])} …, has {len(cells)} cells, the header {len(self.header)}"
                 )
                 continue
             selected = [cells[k] for k in columns]
@@ -200,60 +200,64 @@ class Sheet:
             if gaps and skip:
                 continue
             if gaps:
-                ledger.note(f"line {number}: column {shown(self.header[gaps[0]])} has a gap; fill it{SKIPPING}")
+                ledger.note(f"line {number}: column {cell_excerpt(self.header[gaps[0]])} has a gap; fill it{SKIPPING}")
                 continue
-            parsed = [self._number(cell) for cell in selected]
+            parsed = [self._cell_number(cell) for cell in selected]
             if wrong := [cell for cell, value in zip(selected, parsed, strict=True) if value is None]:
-                ledger.note(f"line {number}: {shown(wrong[0])} is no number")
+                ledger.note(f"line {number}: {cell_excerpt(wrong[0])} is no number")
                 continue
-            found = [value for value in parsed if value is not None]
-            if infinite := [cell for cell, value in zip(selected, found, strict=True) if not isfinite(value)]:
-                ledger.note(f"line {number}: {shown(infinite[0])} is not finite")
+            row_values = [value for value in parsed if value is not None]
+            if infinite := [cell for cell, value in zip(selected, row_values, strict=True) if not isfinite(value)]:
+                ledger.note(f"line {number}: {cell_excerpt(infinite[0])} is not finite")
                 continue
-            row = tuple(of(value) for of, value in zip(scales, found, strict=True))
+            row = tuple(scale(value) for scale, value in zip(scales, row_values, strict=True))
             rows.append((number, row))
         ledger.raise_faults()
         return rows
 
-    def columns(self, places: Sequence[int], *, skip: bool = False) -> NDArray[np.float64]:
+    def columns(self, column_indices: Sequence[int], *, skip: bool = False) -> NDArray[np.float64]:
         """Read the numbers of some columns, shape (rows, columns): those of a large table at once.
 
         Parameters
         ----------
-        places : sequence of int
+        column_indices : sequence of int
         skip : bool
             Whether to leave out lines with a gap.
 
         Raises
         ------
         InputError
-            As `numbers` does.
+            As `read_rows` does.
         """
-        found = self.rows.columns(places) if isinstance(self.rows, PlainTable) else None
-        if found is None or not np.isfinite(found).all():  # which cell it is is told where each is read by itself
-            return np.array([row for _, row in self.numbers(places, skip=skip)], float).reshape(-1, len(places))
-        for k, place in enumerate(places):
-            scale = self._scale(place)
+        table_columns = self.rows.columns(column_indices) if isinstance(self.rows, PlainTable) else None
+        if (
+            table_columns is None or not np.isfinite(table_columns).all()
+        ):  # which cell it is is told where each is read by itself
+            return np.array([row for _, row in self.read_rows(column_indices, skip=skip)], float).reshape(
+                -1, len(column_indices)
+            )
+        for k, column_index in enumerate(column_indices):
+            scale = self._column_scale(column_index)
             if (scale(0.0), scale(1.0)) != (0.0, 1.0):  # rounded once, from exact numbers
-                found[:, k] = [scale(number) for number in found[:, k].tolist()]
-        return found
+                table_columns[:, k] = [scale(number) for number in table_columns[:, k].tolist()]
+        return table_columns
 
     def elements(self, column: int, extent: Extent) -> NDArray[np.int64] | None:
         """Return the elements that a column of a large table names; None where they are to be read one by one."""
         return self.rows.elements(column, extent) if isinstance(self.rows, PlainTable) else None
 
-    def _scale(self, column: int) -> Callable[[float], float]:
+    def _column_scale(self, column: int) -> Callable[[float], float]:
         """Return what a number of a column is in the column's unit; of one without a unit, itself."""
         try:
             return title(self.header[column]).number
         except InputError:
             return lambda value: value
 
-    def _number(self, cell: str) -> float | None:
-        return number_of(cell.replace(",", ".") if self.decimal == "," else cell)
+    def _cell_number(self, cell: str) -> float | None:
+        return number_in_cell(cell.replace(",", ".") if self.decimal == "," else cell)
 
 
-def _lines(text: str) -> Iterator[tuple[int, str, int]]:
+def _content_lines(text: str) -> Iterator[tuple[int, str, int]]:
     """Yield lines that are neither empty nor comments, with their numbers, and where the next one begins."""
     begin, number = 0, 0
     while begin <= len(text):
@@ -264,16 +268,16 @@ def _lines(text: str) -> Iterator[tuple[int, str, int]]:
             yield number, line, begin
 
 
-def _cells(name: str, number: int, line: str, separator: str) -> list[str]:
+def _split_cells(name: str, number: int, line: str, separator: str) -> list[str]:
     """Split one line into cells; a quote that is not closed ends with the line."""
     try:
         return next(csv.reader([line], delimiter=separator))
     except csv.Error:  # the one thing that it refuses
-        most = csv.field_size_limit()
-        raise InputError(f"table '{name}', line {number}: a cell has over {most} characters, the limit") from None
+        cell_limit = csv.field_size_limit()
+        raise InputError(f"table '{name}', line {number}: a cell has over {cell_limit} characters, the limit") from None
 
 
-def normal(text: str) -> str:
+def normalise_newlines(text: str) -> str:
     """Return a text without a byte-order mark, with newlines as line ends."""
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
@@ -331,7 +335,7 @@ def name_of_title(cell: str) -> str:
     return next((match["name"] for pattern in _TITLES if (match := pattern.fullmatch(cell))), cell.strip())
 
 
-def number_of(cell: str) -> float | None:
+def number_in_cell(cell: str) -> float | None:
     """Return the number that a cell with a decimal point is, None if it is none."""
     try:
         value = float(cell)
@@ -340,13 +344,13 @@ def number_of(cell: str) -> float | None:
     return value if _PLAIN.fullmatch(cell) else None
 
 
-def shown(cell: str) -> str:
+def cell_excerpt(cell: str) -> str:
     """Show the beginning of a cell: enough to find it, too little to disclose the contents of a file."""
     cell = cell.strip()
     return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "…")
 
 
-def _is_number(cell: str) -> bool:
+def _is_number_cell(cell: str) -> bool:
     try:
         float(cell.replace(",", "."))
     except ValueError:
@@ -367,7 +371,7 @@ def _decimal(name: str, separator: str, rows: Sequence[tuple[int, list[str]]]) -
     return "," if commas else "."
 
 
-def written(columns: dict[str, Any], labels: Collection[str] = ()) -> str:
+def csv_text(columns: dict[str, Any], labels: Collection[str] = ()) -> str:
     """Write columns, by their titles, as CSV text that reads back as the same numbers; those of labels as they are.
 
     Raises
@@ -381,7 +385,7 @@ def written(columns: dict[str, Any], labels: Collection[str] = ()) -> str:
         values = {name: np.asarray(value, str if name in labels else float).ravel() for name, value in columns.items()}
     except (TypeError, ValueError):
         raise InputError(
-            f"columns {', '.join(map(shown, map(str, columns)))} hold something else than numbers"
+            f"columns {', '.join(map(cell_excerpt, map(str, columns)))} hold something else than numbers"
         ) from None
     sizes = {value.size for value in values.values()}
     if len(sizes) != 1:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from math import isfinite, pi
 
-from xdynamics.expressions import Node, dimension_of, expand, free_names, shown, text_of
+from xdynamics.expressions import Node, dimension_of, expand, free_names, shortened_text, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.delays import has_delays
@@ -28,14 +28,14 @@ def check_delays(statement: Statement, dimensions: Mapping[str, Dimension], ledg
     constants = {*statement.parameters, *statement.unit_constants, "pi"}
     read = set[str]()
     for call in statement.delayed:
-        with ledger.entry(f"'{shown(call)}'"):
-            what, by = (expand(part, statement.definitions) for part in call.arguments)
-            read |= free_names(what)
-            _check_delay(by, constants, statement)
-            _check_delayed(what, moving, statement)
-    for place, tree in _elsewhere(statement):
+        with ledger.entry(f"'{shortened_text(call)}'"):
+            delayed_tree, delay_tree = (expand(part, statement.definitions) for part in call.arguments)
+            read |= free_names(delayed_tree)
+            _check_delay(delay_tree, constants, statement)
+            _check_delayed(delayed_tree, moving, statement)
+    for label, tree in _elsewhere(statement):
         if has_delays(expand(tree, statement.definitions)):
-            ledger.note(f"{place} has a delayed value, which stands in {_PLACES} alone")
+            ledger.note(f"{label} has a delayed value, which stands in {_PLACES} alone")
     for name, tree in statement.history.items():
         with ledger.entry(f"history of '{name}'"):
             if name not in moving:
@@ -48,23 +48,25 @@ def check_delays(statement: Statement, dimensions: Mapping[str, Dimension], ledg
                 raise InputError(f"reads '{wrong[0]}'; what was before the start is of t and parameters")
 
 
-def _check_delay(by: Node, constants: set[str], statement: Statement) -> None:
+def _check_delay(delay_tree: Node, constants: set[str], statement: Statement) -> None:
     """Refuse a delay that changes, or is no positive time."""
-    if wrong := sorted(free_names(by) - constants):
+    if wrong := sorted(free_names(delay_tree) - constants):
         raise InputError(
-            f"has the delay '{text_of(by)}', which reads '{wrong[0]}'; a delay is of parameters and does not change"
+            f"has the delay '{text_of(delay_tree)}', which reads '{wrong[0]}'; a delay is of parameters and does not change"
         )
-    known = {name: part.quantity.si for name, part in statement.parameters.items()}
-    known |= {name: float(constant(name).factor) for name in statement.unit_constants}
-    delay = evaluate(by, known | {"pi": pi})
+    constant_values = {name: part.quantity.si for name, part in statement.parameters.items()}
+    constant_values |= {name: float(constant(name).factor) for name in statement.unit_constants}
+    delay = evaluate(delay_tree, constant_values | {"pi": pi})
     if not (isfinite(delay) and delay > 0.0):
-        raise InputError(f"has the delay '{text_of(by)}' = {delay!r} {statement.time_unit.text}, needs a positive time")
+        raise InputError(
+            f"has the delay '{text_of(delay_tree)}' = {delay!r} {statement.time_unit.text}, needs a positive time"
+        )
 
 
-def _check_delayed(what: Node, moving: set[str], statement: Statement) -> None:
+def _check_delayed(delayed_tree: Node, moving: set[str], statement: Statement) -> None:
     """Refuse to delay what does not move, what delays itself, and tables with jumps, or kinks where no time is known."""
-    names = free_names(what)
-    if has_delays(what):
+    names = free_names(delayed_tree)
+    if has_delays(delayed_tree):
         raise InputError("reads a definition with another delayed value; write one delay, the sum of both")
     if not names & {"t", *moving, *statement.drives}:
         raise InputError("delays what never changes; leave out delayed")

@@ -10,13 +10,13 @@ from xdynamics.units import Dimension
 
 def delayed_names(model: Model) -> dict[str, tuple[int, str]]:
     """Return every name of a delayed value, of its time derivative, or of its time: the delay, and what is delayed."""
-    found: dict[str, tuple[int, str]] = {}
+    delay_by_name: dict[str, tuple[int, str]] = {}
     for delay in range(len(model.delays)):
-        found[value_before(delay, "t")] = delay, "t"
+        delay_by_name[value_before(delay, "t")] = delay, "t"
         for name in (*model.moving, *model.drives):
             value = value_before(delay, name)
-            found |= {value: (delay, name), slope_before(value): (delay, name)}
-    return found
+            delay_by_name |= {value: (delay, name), slope_before(value): (delay, name)}
+    return delay_by_name
 
 
 def delayed_dimensions(model: Model) -> dict[str, Dimension]:

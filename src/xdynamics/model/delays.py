@@ -46,7 +46,7 @@ def value_at_start(name: str) -> str:
     return f"_start_{name}"
 
 
-def place_before(argument: Node, moving: Iterable[str], delay: int) -> Node:
+def argument_before(argument: Node, moving: Iterable[str], delay: int) -> Node:
     """Return what the table of a drive was looked up at, at the time of a delay."""
     return expand(argument, {name: Name(value_before(delay, name)) for name in ("t", *moving)})
 
@@ -56,44 +56,51 @@ def delays_of(statement: Statement) -> tuple[Node, ...]:
     return tuple(dict.fromkeys(expand(call.arguments[1], statement.definitions) for call in statement.delayed))
 
 
-def in_names(tree: Node, delays: tuple[Node, ...], moving: frozenset[str]) -> Node:
+def with_delayed_names(tree: Node, delays: tuple[Node, ...], moving: frozenset[str]) -> Node:
     """Return a tree, with definitions expanded, in which names stand for delayed values; `moving` has drives, too."""
     if not has_delays(tree):
         return tree
 
-    def named(call: Call) -> Node:
-        what, by = call.arguments
-        delay = delays.index(by)
-        names = free_names(what) & (moving | {"t"})
-        return expand(what, {name: Name(value_before(delay, name)) for name in names})
+    def replace_call(call: Call) -> Node:
+        delayed_tree, delay_tree = call.arguments
+        delay = delays.index(delay_tree)
+        names = free_names(delayed_tree) & (moving | {"t"})
+        return expand(delayed_tree, {name: Name(value_before(delay, name)) for name in names})
 
-    return _changed(tree, named)
+    return _replace_delayed(tree, replace_call)
 
 
 def delayed_rates(delay: int, coordinates: Iterable[str], states: Iterable[str]) -> dict[str, Node]:
     """Return the time derivatives of what names stand for at the time of a delay."""
     rates: dict[str, Node] = {value_before(delay, "t"): ONE}
     for name in coordinates:
-        before, speed = value_before(delay, name), value_before(delay, velocity(name))
-        rates |= {before: Name(speed), speed: Name(slope_before(speed))}
-    return rates | {before: Name(slope_before(before)) for before in (value_before(delay, name) for name in states)}
+        past_value, speed = value_before(delay, name), value_before(delay, velocity(name))
+        rates |= {past_value: Name(speed), speed: Name(slope_before(speed))}
+    return rates | {
+        past_value: Name(slope_before(past_value)) for past_value in (value_before(delay, name) for name in states)
+    }
 
 
-def _changed(tree: Node, named: Callable[[Call], Node]) -> Node:
+def _replace_delayed(tree: Node, replace_call: Callable[[Call], Node]) -> Node:
     """Return a tree with other trees in the place of its delayed values."""
     match tree:
         case Call(function="delayed"):
-            return named(tree)
+            return replace_call(tree)
         case Negative():
-            return Negative(_changed(tree.operand, named), tree.column)
+            return Negative(_replace_delayed(tree.operand, replace_call), tree.column)
         case Binary():
             first, links = chain(tree)
-            result = _changed(first, named)
+            rebuilt = _replace_delayed(first, replace_call)
             for link in links:
-                result = Binary(link.operator, result, _changed(link.right, named), link.column)
-            return result
+                rebuilt = Binary(link.operator, rebuilt, _replace_delayed(link.right, replace_call), link.column)
+            return rebuilt
         case Compare():
-            return Compare(tree.operator, _changed(tree.left, named), _changed(tree.right, named), tree.column)
+            return Compare(
+                tree.operator,
+                _replace_delayed(tree.left, replace_call),
+                _replace_delayed(tree.right, replace_call),
+                tree.column,
+            )
         case Call() | Along():
-            return replace(tree, arguments=tuple(_changed(part, named) for part in tree.arguments))
+            return replace(tree, arguments=tuple(_replace_delayed(part, replace_call) for part in tree.arguments))
     return tree

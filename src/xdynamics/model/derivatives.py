@@ -9,18 +9,18 @@ from xdynamics.expressions import Binary, Name, Node, derivatives
 from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
 from xdynamics.expressions.tape import Tape
 from xdynamics.faults import InputError
-from xdynamics.model.constraints import bound, conditions
+from xdynamics.model.constraints import conditions, keep_conditions
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.mass import Assignment, less, solved
+from xdynamics.model.mass import Assignment, solve_mass, subtract_terms
 from xdynamics.model.model import Model
-from xdynamics.model.motion import in_regimes, motion, slope, variables
+from xdynamics.model.motion import drive_slope, in_regimes, motion, variables
 from xdynamics.model.parts import Function
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, rate
 
 
 @lru_cache(maxsize=64)
-def slopes(model: Model) -> tuple[Assignment, ...]:
+def derivative_assignments(model: Model) -> tuple[Assignment, ...]:
     """Write the derivatives of accelerations and rates, to follow `motion`: M da = dF - dM a.
 
     Names: ``_dF_x_by`` for the derivative of a force total or rate, ``_s_x_by`` for dF - dM a, ``_da_x_by``.
@@ -31,78 +31,84 @@ def slopes(model: Model) -> tuple[Assignment, ...]:
         If a force is written in Python.
     """
     forces, masses = force_derivatives(model), mass_derivatives(model)
-    assignments = [Assignment(f"_dF_{key}_{by}", tree) for (key, by), tree in forces.items()]
-    assignments += [Assignment(f"_dM_{i}_{j}_{by}", tree) for ((i, j), by), tree in masses.items()]
-    for by, right in _changes(model).items():
-        assignments += [Assignment(f"_s_{name}_{by}", tree) for name, tree in right.items()]
-        named = "_da_{}_{}" if not model.constraints else "_free_da_{}_{}"
-        assignments += solved(model, {named.format(name, by): Name(f"_s_{name}_{by}") for name in right}, list(right))
-        assignments += _bound(model, by) if model.constraints else ()
+    assignments = [Assignment(f"_dF_{key}_{variable}", tree) for (key, variable), tree in forces.items()]
+    assignments += [Assignment(f"_dM_{i}_{j}_{variable}", tree) for ((i, j), variable), tree in masses.items()]
+    for variable, right in _force_changes(model).items():
+        assignments += [Assignment(f"_s_{name}_{variable}", tree) for name, tree in right.items()]
+        name_format = "_da_{}_{}" if not model.constraints else "_free_da_{}_{}"
+        assignments += solve_mass(
+            model, {name_format.format(name, variable): Name(f"_s_{name}_{variable}") for name in right}, list(right)
+        )
+        assignments += _constrained_derivatives(model, variable) if model.constraints else ()
     return tuple(assignments)
 
 
-def _bound(model: Model, by: str) -> Iterator[Assignment]:
+def _constrained_derivatives(model: Model, variable: str) -> Iterator[Assignment]:
     """Write the derivatives of accelerations by one variable where conditions hold: of R a + bias = 0, too."""
-    free = {name: Name(f"_free_da_{name}_{by}") for name in _changes(model)[by]}
-    lags = [_lag(model, k, by) for k in range(len(conditions(model)))]
-    targets = {name: f"_da_{name}_{by}" for name in model.statement.coordinates}
-    yield from bound(model, free, lags, targets, [f"_du{k}_{by}" for k in range(len(lags))])
+    free = {name: Name(f"_free_da_{name}_{variable}") for name in _force_changes(model)[variable]}
+    lags = [_lag(model, k, variable) for k in range(len(conditions(model)))]
+    targets = {name: f"_da_{name}_{variable}" for name in model.statement.coordinates}
+    yield from keep_conditions(model, free, lags, targets, [f"_du{k}_{variable}" for k in range(len(lags))])
 
 
-def _lag(model: Model, k: int, by: str) -> Node:
+def _lag(model: Model, k: int, variable: str) -> Node:
     """Return the derivative of a condition's bias, and of its row at these accelerations."""
-    bias, rows = _turned(model)[k]
-    total = bias.get(by, ZERO)
-    for name, turned in rows.items():
-        total = add(total, multiply(turned.get(by, ZERO), Name(acceleration(name))))
+    bias, rows = _condition_derivatives(model)[k]
+    total = bias.get(variable, ZERO)
+    for name, entry_slopes in rows.items():
+        total = add(total, multiply(entry_slopes.get(variable, ZERO), Name(acceleration(name))))
     return total
 
 
 @lru_cache(maxsize=16)
-def _turned(model: Model) -> list[tuple[dict[str, Node], dict[str, dict[str, Node]]]]:
+def _condition_derivatives(model: Model) -> list[tuple[dict[str, Node], dict[str, dict[str, Node]]]]:
     """Return the derivatives of each condition's bias, and of the entries of its row."""
     return [
         (
-            dict(_derivatives(model, condition.bias)),
-            {name: dict(_derivatives(model, tree)) for name, tree in condition.row.items()},
+            dict(_sorted_derivatives(model, condition.bias)),
+            {name: dict(_sorted_derivatives(model, tree)) for name, tree in condition.row.items()},
         )
         for condition in conditions(model)
     ]
 
 
 @lru_cache(maxsize=64)
-def _changes(model: Model) -> dict[str, dict[str, Node]]:
+def _force_changes(model: Model) -> dict[str, dict[str, Node]]:
     """Return dF - dM a by the variable of differentiation and then by coordinate, in their orders.
 
     With a diagonal mass, zeros are left out; the factors of a full one couple each row to all others.
     """
     inertia_terms: dict[tuple[str, str], list[Node]] = {}
     coordinates = list(model.statement.coordinates)
-    for (i, j), by in mass_derivatives(model):
-        term = Binary("*", Name(f"_dM_{i}_{j}_{by}"), Name(acceleration(coordinates[j])))
-        inertia_terms.setdefault((coordinates[i], by), []).append(term)
-    forces: dict[tuple[str, str], Node] = {pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting(model)}
-    for condition, (_, rows) in zip(conditions(model), _turned(model), strict=True):
+    for (i, j), variable in mass_derivatives(model):
+        term = Binary("*", Name(f"_dM_{i}_{j}_{variable}"), Name(acceleration(coordinates[j])))
+        inertia_terms.setdefault((coordinates[i], variable), []).append(term)
+    forces: dict[tuple[str, str], Node] = {
+        pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting_pairs(model)
+    }
+    for condition, (_, rows) in zip(conditions(model), _condition_derivatives(model), strict=True):
         for name, derivatives_of_row in rows.items():
-            for by, turned in derivatives_of_row.items():
-                pulled = multiply(turned, Name(constraint_force(condition.name)))
-                forces[name, by] = add(forces.get((name, by), ZERO), pulled)
+            for variable, row_derivative in derivatives_of_row.items():
+                pulled = multiply(row_derivative, Name(constraint_force(condition.name)))
+                forces[name, variable] = add(forces.get((name, variable), ZERO), pulled)
     coupled = model.mass_is_full or bool(model.constraints)
-    full = ((name, by) for name in coordinates for by in variables(model)) if coupled else ()
-    place = _places(model)
+    full = ((name, variable) for name in coordinates for variable in variables(model)) if coupled else ()
+    ranks = _variable_ranks(model)
     changes: dict[str, dict[str, Node]] = {}
-    for name, by in sorted({*forces, *inertia_terms, *full}, key=lambda pair: (place[pair[1]], place[pair[0]])):
-        changes.setdefault(by, {})[name] = less(forces.get((name, by), ZERO), inertia_terms.get((name, by), ()))
+    for name, variable in sorted({*forces, *inertia_terms, *full}, key=lambda pair: (ranks[pair[1]], ranks[pair[0]])):
+        changes.setdefault(variable, {})[name] = subtract_terms(
+            forces.get((name, variable), ZERO), inertia_terms.get((name, variable), ())
+        )
     return changes
 
 
-def _acting(model: Model) -> list[tuple[str, str]]:
+def _acting_pairs(model: Model) -> list[tuple[str, str]]:
     """Return the pairs of a coordinate and a variable that its force depends on."""
     owners = {f"force_{name}": name for name in model.statement.coordinates}
-    return [(owners[key], by) for key, by in force_derivatives(model) if key in owners]
+    return [(owners[key], variable) for key, variable in force_derivatives(model) if key in owners]
 
 
-def jacobian(model: Model) -> dict[tuple[str, str], str]:
+def jacobian_names(model: Model) -> dict[tuple[str, str], str]:
     """Return the name of every derivative of an acceleration or rate that is not identically zero.
 
     Returns
@@ -110,10 +116,14 @@ def jacobian(model: Model) -> dict[tuple[str, str], str]:
     dict of (str, str) to str
         Keyed by a coordinate (for its acceleration) or the rate of a state, and the variable of differentiation.
     """
-    columns = _places(model)
+    columns = _variable_ranks(model)
     rows = {name: i for i, name in enumerate((*model.statement.coordinates, *map(rate, model.statement.states)))}
-    names = {(name, by): f"_da_{name}_{by}" for by, right in _changes(model).items() for name in right}
-    names |= {(key, by): f"_dF_{key}_{by}" for key, by in force_derivatives(model) if key in rows}
+    names = {
+        (name, variable): f"_da_{name}_{variable}"
+        for variable, right in _force_changes(model).items()
+        for name in right
+    }
+    names |= {(key, variable): f"_dF_{key}_{variable}" for key, variable in force_derivatives(model) if key in rows}
     return {pair: names[pair] for pair in sorted(names, key=lambda pair: (rows[pair[0]], columns[pair[1]]))}
 
 
@@ -127,9 +137,9 @@ def force_totals(model: Model) -> dict[str, Node]:
         If a force is written in Python: it has no tree.
     """
     if functions := model.python_forces:
-        named = ", ".join(f"'{component.name}'" for component in functions)
+        function_names = ", ".join(f"'{component.name}'" for component in functions)
         raise InputError(
-            f"model '{model.name}' has forces written in Python, {named}, which have no derivative;"
+            f"model '{model.name}' has forces written in Python, {function_names}, which have no derivative;"
             " write them as expressions to linearise the model"
         )
     totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.statement.coordinates}
@@ -157,9 +167,9 @@ def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
         If a force is written in Python.
     """
     return {
-        (name, by): derivative
+        (name, variable): derivative
         for name, tree in force_totals(model).items()
-        for by, derivative in _derivatives(model, tree)
+        for variable, derivative in _sorted_derivatives(model, tree)
     }
 
 
@@ -173,9 +183,9 @@ def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
         Keyed by row and column, from 0, and variable; zeros are left out. Slopes of drives as in `force_derivatives`.
     """
     return {
-        ((i, j), by): derivative
+        ((i, j), variable): derivative
         for (i, j), entry in model.statement.mass_entries.items()
-        for by, derivative in _derivatives(model, model.expanded(entry))
+        for variable, derivative in _sorted_derivatives(model, model.expanded(entry))
     }
 
 
@@ -184,28 +194,30 @@ def tape(model: Model) -> Tape:
     """Return the operations of the motion and its derivatives; there may be many thousands of them."""
     return Tape(
         (assignment.name, assignment.value)
-        for assignment in (*motion(model), *slopes(model))
+        for assignment in (*motion(model), *derivative_assignments(model))
         if not isinstance(assignment.value, Function)
     )
 
 
 @lru_cache(maxsize=64)
-def _places(model: Model) -> dict[str, int]:
+def _variable_ranks(model: Model) -> dict[str, int]:
     """Number the variables of the motion; the number of a coordinate is its row of the mass too."""
     return {name: i for i, name in enumerate(variables(model))}
 
 
 @lru_cache(maxsize=64)
-def _varying(model: Model) -> dict[str, dict[str, Node]]:
+def _variable_seeds(model: Model) -> dict[str, dict[str, Node]]:
     """Return the derivative of each variable, and of each drive of one, by that variable."""
-    own: dict[str, dict[str, Node]] = {name: {name: ONE} for name in variables(model)}
-    return own | {
-        name: {by: multiply(Name(slope(name)), rate) for by, rate in derivatives(at, own).items()}
-        for name, at in model.looked_up_at.items()
-        if at != CLOCK
+    seeds: dict[str, dict[str, Node]] = {name: {name: ONE} for name in variables(model)}
+    return seeds | {
+        name: {
+            variable: multiply(Name(drive_slope(name)), rate) for variable, rate in derivatives(argument, seeds).items()
+        }
+        for name, argument in model.looked_up_at.items()
+        if argument != CLOCK
     }
 
 
-def _derivatives(model: Model, tree: Node) -> list[tuple[str, Node]]:
+def _sorted_derivatives(model: Model, tree: Node) -> list[tuple[str, Node]]:
     """Return the non-zero partial derivatives, each with its variable."""
-    return sorted(derivatives(tree, _varying(model)).items(), key=lambda pair: _places(model)[pair[0]])
+    return sorted(derivatives(tree, _variable_seeds(model)).items(), key=lambda pair: _variable_ranks(model)[pair[0]])

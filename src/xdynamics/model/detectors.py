@@ -15,9 +15,9 @@ from xdynamics.model.mass import Assignment
 from xdynamics.model.model import Model
 from xdynamics.model.motion import motion
 from xdynamics.model.parts import Contact, Event, Friction, Function
-from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reaction_dimensions, reactions, way
+from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, mode_number, reaction_dimensions, reactions
 from xdynamics.model.regime_model import RegimeModel
-from xdynamics.model.switches import LOCATED_EVERYWHERE, bounded, side, where_it_decides
+from xdynamics.model.switches import LOCATED_EVERYWHERE, bounded_function, switch_side, where_it_decides
 from xdynamics.units import NONE, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, a contact that has settled;
@@ -79,7 +79,7 @@ def detectors(model: Model) -> tuple[Detector, ...]:
     for name, event in model.events.items():
         sampled = isinstance(event.function, Function) or reads_past(event.function, model)
         tree = Name(python_value(name)) if isinstance(event.function, Function) else model.expanded(event.function)
-        place, role = event.position_tolerance, OCCASION
+        position_tolerance, role = event.position_tolerance, OCCASION
         if event.every is not None:
             tree, role = ONE, PERIODIC
         all_detectors.append(
@@ -91,21 +91,21 @@ def detectors(model: Model) -> tuple[Detector, ...]:
                 event.direction,
                 event,
                 sampled=sampled,
-                position_tolerance=place,
+                position_tolerance=position_tolerance,
             )
         )
     for k, reaction in enumerate(reactions(model)):
         part = model.frictions[reaction.owner] if reaction.owner in model.frictions else model.contacts[reaction.owner]
         if reaction.sort == NORMAL:
-            until = Binary("-", Name("t"), Name(way(reaction)))
+            until = Binary("-", Name("t"), Name(mode_number(reaction)))
             watched = [(GAP, reaction.gap, "falling"), (PULL, Name(reaction.name), "falling"), (LIMIT, until, "rising")]
         else:
-            held = (
-                Binary("*", reaction.most, Name(reactions(model)[reaction.normal].name))
+            grip_limit = (
+                Binary("*", reaction.sticking_limit, Name(reactions(model)[reaction.normal].name))
                 if reaction.sort == TANGENT
-                else reaction.most
+                else reaction.sticking_limit
             )
-            grip = Binary("-", held, Call("abs", (Name(reaction.name),)))
+            grip = Binary("-", grip_limit, Call("abs", (Name(reaction.name),)))
             watched = [(SLIP, reaction.rate, "either"), (GRIP, grip, "falling")]
         all_detectors += [
             Detector(
@@ -115,7 +115,7 @@ def detectors(model: Model) -> tuple[Detector, ...]:
                 part.time_tolerance,
                 direction,
                 reaction=k,
-                position_tolerance=_place(part, role),
+                position_tolerance=_gap_tolerance(part, role),
             )
             for role, tree, direction in watched
         ]
@@ -123,19 +123,19 @@ def detectors(model: Model) -> tuple[Detector, ...]:
         all_detectors.append(
             Detector(name, ONE, LINKS, contact.time_tolerance, "falling", position_tolerance=contact.position_tolerance)
         )
-    return (*all_detectors, *_switching(model))
+    return (*all_detectors, *_switch_detectors(model))
 
 
-def _switching(model: Model) -> Iterator[Detector]:
+def _switch_detectors(model: Model) -> Iterator[Detector]:
     """Yield the switches in forces, each watched where it has an effect."""
     if not isinstance(model, RegimeModel):
         return
-    sides = {(switch.owner, switch.function): side(i) for i, switch in enumerate(model.switches)}
+    sides = {(switch.owner, switch.function): switch_side(i) for i, switch in enumerate(model.switches)}
     for switch in model.switches:
-        role, watched = SWITCH if switch.jumps else KINK, bounded(model, switch.function)
+        role, watched = SWITCH if switch.jumps else KINK, bounded_function(model, switch.function)
         if switch.nested and model.located != LOCATED_EVERYWHERE:
-            own = {function: name for (owner, function), name in sides.items() if owner == switch.owner}
-            watched = where_it_decides(switch, own, watched, ONE)
+            owner_sides = {function: name for (owner, function), name in sides.items() if owner == switch.owner}
+            watched = where_it_decides(switch, owner_sides, watched, ONE)
         past = reads_past(switch.function, model)
         yield Detector(
             switch.name,
@@ -153,7 +153,7 @@ def reads_past(tree: Node, model: Model) -> bool:
     return bool(model.delays) and any(is_before(name) for name in free_names(model.expanded(tree)))
 
 
-def _place(part: Contact | Friction, role: int) -> Quantity | None:
+def _gap_tolerance(part: Contact | Friction, role: int) -> Quantity | None:
     """Return the position tolerance of a contact's gap; its other detectors have none."""
     return part.position_tolerance if role == GAP and isinstance(part, Contact) else None
 
@@ -194,7 +194,7 @@ def _known_dimensions(model: Model) -> Mapping[str, Dimension]:
 
 
 @lru_cache(maxsize=64)
-def followed(model: Model) -> tuple[Assignment, ...]:
+def differentiated_reactions(model: Model) -> tuple[Assignment, ...]:
     """Return the assignments of the motion up to the reactions, each followed by its time derivative along the motion.
 
     The time derivative of ``x`` is named ``_rate_of_x``.
@@ -217,10 +217,10 @@ def followed(model: Model) -> tuple[Assignment, ...]:
 
 
 def function_rate(model: Model, detector: Detector) -> Node:
-    """Return the time derivative of a detector's function along the motion; see `followed`."""
+    """Return the time derivative of a detector's function along the motion; see `differentiated_reactions`."""
     rates: dict[str, Node] = {
         assignment.name.removeprefix("_rate_of_"): Name(assignment.name)
-        for assignment in followed(model)
+        for assignment in differentiated_reactions(model)
         if assignment.name.startswith("_rate_of_")
     }
     return derivative(detector.looked_at, ChainMap(rates, model.rates))
@@ -233,7 +233,7 @@ def argument_motion(model: Model, drive: str) -> tuple[Node, Node, Node]:
     """
     argument = model.looked_up_at[drive]
     rate = derivative(argument, model.rates)
-    unknown = {name for name, by in model.rates.items() for name in free_names(by)} - {*model.rates}
+    unknown = {name for name, rate_tree in model.rates.items() for name in free_names(rate_tree)} - {*model.rates}
     return argument, rate, rate if free_names(rate) & unknown else derivative(rate, model.rates)
 
 
@@ -256,7 +256,7 @@ __all__ = [
     "Reaction",
     "argument_motion",
     "detectors",
-    "followed",
+    "differentiated_reactions",
     "function_bend",
     "function_dimension",
     "function_rate",

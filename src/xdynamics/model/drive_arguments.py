@@ -15,7 +15,7 @@ Table = tuple[Floats, Floats]
 CLOCK = Name("t")
 
 
-def place_of(argument: Node, moving: Container[str]) -> Node:
+def lookup_argument(argument: Node, moving: Container[str]) -> Node:
     """Return what a table is looked up at: time if its argument is linear in time alone, else the argument itself.
 
     The points of ``v*t`` are times that are known before the march, which lands on them.
@@ -32,13 +32,13 @@ def place_of(argument: Node, moving: Container[str]) -> Node:
     return CLOCK if linear else argument
 
 
-def in_time(table: Table, rate: float, offset: float) -> Table:
+def table_in_time(table: Table, rate: float, offset: float) -> Table:
     """Return the pieces of a table of ``rate*t + offset`` as pieces in time.
 
     Parameters
     ----------
     table : tuple of ndarray
-        As `drives.coefficients` makes it.
+        As `drives.piece_coefficients` makes it.
     rate, offset : float
         With a negative rate the table is passed from its end to its beginning; without one it stands still.
     """
@@ -47,7 +47,7 @@ def in_time(table: Table, rate: float, offset: float) -> Table:
         still = np.array([[0.0, 0.0]] * 3 + [[value_at_rest(table, offset)] * 2])
         return np.zeros(2), still
     if rate < 0.0:
-        origin, powers = turned(table)
+        origin, powers = reversed_table(table)
     return (origin - offset) / rate, powers * rate ** np.array([[3], [2], [1], [0]])
 
 
@@ -59,7 +59,7 @@ def value_at_rest(table: Table, x: float) -> float:
     return float(np.polyval(powers[:, piece], x - origin[piece]))
 
 
-def turned(table: Table) -> Table:
+def reversed_table(table: Table) -> Table:
     """Return the pieces of a table from its last to its first, each in powers of the distance from its end."""
     origin, powers = table
     width = np.append(np.diff(origin[1:]), 0.0)

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.piecewise import begun, find_piece, slope_at, value_at
+from xdynamics.elementary.piecewise import find_piece, last_piece_begun, slope_at, value_at
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.csv_sheet import MOST_FAULTS, Sheet, Title, normal, shown
+from xdynamics.model.csv_sheet import MOST_FAULTS, Sheet, Title, cell_excerpt, normalise_newlines
 from xdynamics.model.splines import hermite_pieces, monotone_slopes, spline_slopes
 from xdynamics.units import Unit
 
@@ -73,10 +73,10 @@ class Table:
         InputError
             If the text is faulty; with the line number of every fault, and only the beginning of a cell.
         """
-        return cls.of(Sheet.of(name, text), text, column, gaps)
+        return cls.from_sheet(Sheet.from_text(name, text), text, column, gaps)
 
     @classmethod
-    def of(cls, sheet: Sheet, text: str, column: str = "", gaps: str = REFUSE) -> Table:
+    def from_sheet(cls, sheet: Sheet, text: str, column: str = "", gaps: str = REFUSE) -> Table:
         """Read a column of a sheet, of whose text it is; see `parse`.
 
         Raises
@@ -89,12 +89,14 @@ class Table:
         _check_doubts(sheet, places, titles)
         rows = sheet.columns([*places.values()], skip=gaps == SKIP)
         if len(rows) < 2 or not (np.diff(rows[:, 0]) > 0).all() or (rows[:, 2:] < 0).any():
-            _refuse_rows(sheet, sheet.numbers([*places.values()], skip=gaps == SKIP))
+            _refuse_rows(sheet, sheet.read_rows([*places.values()], skip=gaps == SKIP))
         units = {word: titles[k].unit for word, k in places.items()}
         numbers = {
             word: unit.all_to_si(np.ascontiguousarray(rows[:, k])) for k, (word, unit) in enumerate(units.items())
         }
-        return cls(sheet.name, normal(text), units[ARGUMENT], units[VALUE], **numbers, column=column, gaps=gaps)
+        return cls(
+            sheet.name, normalise_newlines(text), units[ARGUMENT], units[VALUE], **numbers, column=column, gaps=gaps
+        )
 
     @property
     def form(self) -> Table:
@@ -104,7 +106,7 @@ class Table:
         return Table("", dimensions, self.argument_unit, self.value_unit, empty, empty)
 
 
-def coefficients(
+def piece_coefficients(
     argument: Floats, value: Floats, interpolation: str, outside: str, *, of_time: bool = True
 ) -> tuple[Floats, Floats]:
     """Build the piecewise polynomial of a table, with one more piece beyond either end.
@@ -131,15 +133,15 @@ def coefficients(
         # just beyond it; the number next to 0 would be too small to divide by
         beyond = max(np.nextafter(argument[-1], np.inf), argument[-1] + 2.0**-52 * (argument[-1] - argument[0]))
         argument, value = np.append(argument, beyond), np.append(value, value[-1])
-    pieces = _pieces(argument, value, interpolation)
+    pieces = _interpolation_pieces(argument, value, interpolation)
     inner = np.vstack([np.zeros((4 - len(pieces), pieces.shape[1])), pieces])
     ends = {"error": (np.nan, np.nan), "zero": (0.0, 0.0), "hold": (value[0], value[-1])}[outside]
-    before, after = (np.array([[0.0], [0.0], [0.0], [end]]) for end in ends)
+    piece_before, piece_after = (np.array([[0.0], [0.0], [0.0], [end]]) for end in ends)
     origin = np.concatenate([argument[:1], argument])
-    return origin, np.ascontiguousarray(np.hstack([before, inner, after]))
+    return origin, np.ascontiguousarray(np.hstack([piece_before, inner, piece_after]))
 
 
-def _pieces(argument: Floats, value: Floats, interpolation: str) -> Floats:
+def _interpolation_pieces(argument: Floats, value: Floats, interpolation: str) -> Floats:
     if interpolation == "previous":
         return value[None, :-1]
     if interpolation == "linear":
@@ -164,7 +166,9 @@ def _value_columns(sheet: Sheet, column: str) -> dict[str, int]:
         values = [k for k, name in enumerate(names) if k and name and name not in doubts]
         matching = [k for k in values if column.strip() in (names[k], sheet.header[k].strip())]
         if column and not matching:
-            raise InputError(f"table '{sheet.name}' has no column {shown(column)} of values; it is {sheet.layout}")
+            raise InputError(
+                f"table '{sheet.name}' has no column {cell_excerpt(column)} of values; it is {sheet.layout_text}"
+            )
         values = matching[:1] if column else values
     if len(values) != 1:
         problem = (
@@ -173,9 +177,9 @@ def _value_columns(sheet: Sheet, column: str) -> dict[str, int]:
             else "no column of values beside the first"
         )
         raise InputError(
-            f"table '{sheet.name}', line {sheet.header_line}, has {problem}; it is {sheet.layout}, and needs two with"
+            f"table '{sheet.name}', line {sheet.header_line}, has {problem}; it is {sheet.layout_text}, and needs two with"
             " units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value,"
-            f" 'u_common(thrust) [N]' of all together; {sheet.beginning}"
+            f" 'u_common(thrust) [N]' of all together; {sheet.first_lines_text}"
         )
     return {ARGUMENT: 0, VALUE: values[0]} | doubts_of(names[values[0]], names)
 
@@ -183,10 +187,10 @@ def _value_columns(sheet: Sheet, column: str) -> dict[str, int]:
 def _check_doubts(sheet: Sheet, places: Mapping[str, int], titles: Mapping[int, Title]) -> None:
     """Refuse uncertainties in another kind of unit than the values."""
     unit = titles[places[VALUE]].unit
-    for word, place in places.items():
-        if word in DOUBTS and titles[place].unit.dimension != unit.dimension:
+    for word, column_index in places.items():
+        if word in DOUBTS and titles[column_index].unit.dimension != unit.dimension:
             raise InputError(
-                f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[place].unit.text}', the"
+                f"table '{sheet.name}', line {sheet.header_line}: uncertainties are in '{titles[column_index].unit.text}', the"
                 f" values in '{unit.text}'"
             )
 
@@ -208,13 +212,13 @@ def _refuse_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> Non
     ledger.raise_faults()
 
 
-def looked_up(table: tuple[Floats, Floats], x: Any, *, of_time: bool) -> tuple[Any, Any]:
+def value_and_slope(table: tuple[Floats, Floats], x: Any, *, of_time: bool) -> tuple[Any, Any]:
     """Return value and slope of a table's piecewise polynomial at one or many arguments, as a march computes them."""
     origin, powers = table
     count = len(origin)
 
-    def read(row: int, piece: Any) -> Any:
+    def read_coefficient(row: int, piece: Any) -> Any:
         return powers[row - 1, piece] if row else origin[piece]
 
-    piece = (begun if of_time else find_piece)(read, count, x)
-    return value_at(read, x, piece), slope_at(read, x, piece)
+    piece = (last_piece_begun if of_time else find_piece)(read_coefficient, count, x)
+    return value_at(read_coefficient, x, piece), slope_at(read_coefficient, x, piece)

@@ -9,22 +9,22 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Node, derivatives, free_names, shown
+from xdynamics.expressions import Node, derivatives, free_names, shortened_text
 from xdynamics.expressions.calculus import ONE
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, always, in_si
-from xdynamics.model.given_values import Values, unit_of
+from xdynamics.model.given_values import Values, unit_of_values
 from xdynamics.model.parts import Parameter
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
-from xdynamics.shapes import Shapes, at, dims_of
+from xdynamics.shapes import Shapes, at_element, dims_of
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.evaluation import evaluate_elements
 from xdynamics.shapes.precise_evaluation import rounding_errors
 from xdynamics.units import Quantity, Unit, constant
 
-Place = Mapping[str, int]
+ElementIndices = Mapping[str, int]
 Part = TypeVar("Part")
 
 
@@ -34,30 +34,30 @@ class ElementNumbers:
     def __init__(self, statement: Statement, shapes: Shapes) -> None:
         self.statement, self.shapes = statement, shapes
 
-    def _names(self, name: str) -> list[str]:
+    def _element_names(self, name: str) -> list[str]:
         return self.shapes.elements(name)
 
-    def _placed(self, name: str) -> Iterator[tuple[str, Place]]:
+    def _indexed_elements(self, name: str) -> Iterator[tuple[str, ElementIndices]]:
         """Yield the elements of a quantity with their places."""
-        for place in self.shapes.places(self.shapes.dims.get(name, ())):
-            yield self.shapes.element(name, place), place
+        for indices in self.shapes.index_combinations(self.shapes.dims.get(name, ())):
+            yield self.shapes.element_at(name, indices), indices
 
-    def _each(self, makers: Mapping[str, Callable[[Place], Part]]) -> dict[str, Part]:
+    def _elementwise(self, makers: Mapping[str, Callable[[ElementIndices], Part]]) -> dict[str, Part]:
         """Return what makers make for every element, where it is asked for."""
         return Elementwise(self.shapes, makers)
 
-    def _parameters(self) -> dict[str, Parameter]:
-        makers: dict[str, Callable[[Place], Parameter]] = {
+    def _element_parameters(self) -> dict[str, Parameter]:
+        makers: dict[str, Callable[[ElementIndices], Parameter]] = {
             name: always(part) for name, part in self.statement.parameters.items()
         }
         ledger = Ledger(f"model '{self.statement.name}'", ModelError)
         for name, values in self.statement.arrays.items():
             with ledger.entry(f"parameter '{name}'"):
-                makers[name] = ParameterNumbers(*self.numbers(values, name), values)
+                makers[name] = ParameterNumbers(*self.element_values(values, name), values)
         ledger.raise_faults()
-        return self._each(makers)
+        return self._elementwise(makers)
 
-    def numbers(self, values: Values, name: str) -> tuple[Any, tuple[int, ...], Unit]:
+    def element_values(self, values: Values, name: str) -> tuple[Any, tuple[int, ...], Unit]:
         """Return a number for each element, with their shape and unit; no expression may read parameters.
 
         Raises
@@ -68,55 +68,55 @@ class ElementNumbers:
         shape = self.shapes.shape(values.dims)
         if values.tree is None:
             every = values.numbers * math.prod(shape) if len(values.numbers) == 1 else values.numbers
-            return every, shape, unit_of(values)
-        constants = _constants(self.statement.unit_constants)
+            return every, shape, unit_of_values(values)
+        constants = _constant_factors(self.statement.unit_constants)
         numbers = evaluate_elements(values.tree, values.dims, constants, self.shapes).ravel()
         if (wrong := np.flatnonzero(~np.isfinite(numbers))).size:
-            label = self._names(name)[int(wrong[0])]
-            counted = "; index counts from 0, so write index(…) + 1 for numbers from 1" if wrong[0] == 0 else ""
+            label = self._element_names(name)[int(wrong[0])]
+            remedy = "; index counts from 0, so write index(…) + 1 for numbers from 1" if wrong[0] == 0 else ""
             raise ModelError(
-                f"'{shown(values.tree)}' is {numbers[wrong[0]]} at {label}, and needs finite numbers{counted}"
+                f"'{shortened_text(values.tree)}' is {numbers[wrong[0]]} at {label}, and needs finite numbers{remedy}"
             )
-        return numbers, shape, unit_of(values)
+        return numbers, shape, unit_of_values(values)
 
-    def _start(self, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+    def _start_sections(self, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         """Return values at the start."""
         old, ledger = self.statement, Ledger(f"model '{self.statement.name}'", ModelError)
-        initial: dict[str, Callable[[Place], Quantity]] = {
+        initial: dict[str, Callable[[ElementIndices], Quantity]] = {
             name: always(quantity) for name, quantity in old.initial.items()
         }
         starts = dict(old.starts)
         for name, values in old.starting.items():
             with ledger.entry(f"initial value of '{name}'"):
-                made = initial[name] = self._started(name, values, parameters)
+                made = initial[name] = self._start_maker(name, values, parameters)
                 if values.spreads or values.description:
-                    for i, (element, place) in enumerate(self._placed(name)):
+                    for i, (element, indices) in enumerate(self._indexed_elements(name)):
                         if (spread := values.spread(i)) or values.description:
-                            starts[element] = Parameter(made(place), spread, values.description)
+                            starts[element] = Parameter(made(indices), spread, values.description)
         ledger.raise_faults()
         order = ["t", *(word for q in old.coordinates for word in (q, velocity(q))), *old.states]
         ranked = {name: initial[name] for name in order if name in initial}
-        at_rest = Blocks.of("velocity", old.at_rest, self.shapes)
-        return {"initial": self._each(ranked | initial), "starts": starts, "at_rest": at_rest}
+        at_rest = Blocks.from_names("velocity", old.at_rest, self.shapes)
+        return {"initial": self._elementwise(ranked | initial), "starts": starts, "at_rest": at_rest}
 
-    def started(self, parameters: Mapping[str, Parameter]) -> dict[str, Quantity]:
+    def values_at_start(self, parameters: Mapping[str, Parameter]) -> dict[str, Quantity]:
         """Return every value at the start that is an array or an expression, by element."""
         return {
-            element: made(place)
+            element: made(indices)
             for name, values in self.statement.starting.items()
-            for made in (self._started(name, values, parameters),)
-            for element, place in self._placed(name)
+            for made in (self._start_maker(name, values, parameters),)
+            for element, indices in self._indexed_elements(name)
         }
 
-    def _started(self, name: str, values: Values, parameters: Mapping[str, Parameter]) -> Numbers:
+    def _start_maker(self, name: str, values: Values, parameters: Mapping[str, Parameter]) -> Numbers:
         """Return what makes the values of a quantity at the start."""
         shape = self.shapes.shape(self.shapes.dims.get(name, ()))
         if values.tree is None:
             assert values.unit is not None  # noqa: S101 - numbers have a unit
-            one = values.numbers[0] if len(values.numbers) == 1 else np.reshape(values.numbers, shape)
-            return Numbers(np.broadcast_to(one, shape), values.unit, values.scale)
-        unit = self._units()[name]
-        numbers = self._evaluated(values.tree, values.dims, self._known(values.tree, parameters))
+            base_numbers = values.numbers[0] if len(values.numbers) == 1 else np.reshape(values.numbers, shape)
+            return Numbers(np.broadcast_to(base_numbers, shape), values.unit, values.scale)
+        unit = self._variable_units()[name]
+        numbers = self._evaluate_at_start(values.tree, values.dims, self._readable_values(values.tree, parameters))
         numbers = numbers / float(unit.factor)
         # of one number for a million elements there is one
         return Numbers(numbers if dims_of(values.tree, self.shapes) else np.broadcast_to(numbers.flat[0], shape), unit)
@@ -129,25 +129,27 @@ class ElementNumbers:
         parameters, initial : mapping of str
             Of the elements: numbers as they are, of which the expressions would have more digits.
         """
-        found = {}
+        errors = {}
         for name, values in self.statement.starting.items():
             if values.tree is not None:
                 dims = self.shapes.dims.get(name, ())
-                numbers = in_si(initial, Blocks.of("", [name], self.shapes)).reshape(self.shapes.shape(dims))
-                known = self._known(values.tree, parameters)
-                found[name] = rounding_errors(values.tree, dims, known, self.shapes, numbers)
-        return found
+                numbers = in_si(initial, Blocks.from_names("", [name], self.shapes)).reshape(self.shapes.shape(dims))
+                readable_values = self._readable_values(values.tree, parameters)
+                errors[name] = rounding_errors(values.tree, dims, readable_values, self.shapes, numbers)
+        return errors
 
-    def _known(self, tree: Node, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+    def _readable_values(self, tree: Node, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         """Return the values that an expression may read, in SI units: parameters and constants."""
-        known: dict[str, Any] = _constants(self.statement.unit_constants)
+        readable_values: dict[str, Any] = _constant_factors(self.statement.unit_constants)
         for name in free_names(tree):
             if dims := self.shapes.dims.get(name, ()):
                 if name in self.statement.arrays:
-                    known[name] = in_si(parameters, Blocks.of("", [name], self.shapes)).reshape(self.shapes.shape(dims))
+                    readable_values[name] = in_si(parameters, Blocks.from_names("", [name], self.shapes)).reshape(
+                        self.shapes.shape(dims)
+                    )
             elif name in parameters:
-                known[name] = parameters[name].quantity.si
-        return known
+                readable_values[name] = parameters[name].quantity.si
+        return readable_values
 
     def read_at_start(self) -> frozenset[str]:
         """Return the parameters that values at the start follow."""
@@ -156,24 +158,26 @@ class ElementNumbers:
             trees = [tree for _, _, tree in self._expressions()]
         return frozenset(name for tree in trees for name in free_names(tree)) - {*self.statement.unit_constants, "pi"}
 
-    def slopes(self, numbers: Mapping[str, Parameter], by: Iterable[str]) -> dict[tuple[str, str], float]:
+    def start_slopes(
+        self, numbers: Mapping[str, Parameter], parameter_names: Iterable[str]
+    ) -> dict[tuple[str, str], float]:
         """Return the derivatives of values at the start by parameters, where they are not zero, in SI units."""
         return {
-            (element, word): evaluate(rate, self._known(rate, numbers))
+            (element, word): evaluate(rate, self._readable_values(rate, numbers))
             for _, element, tree in self._expressions()
-            for word, rate in derivatives(tree, {word: {word: ONE} for word in by}).items()
+            for word, rate in derivatives(tree, {word: {word: ONE} for word in parameter_names}).items()
         }
 
-    def varied(self, parameters: Mapping[str, Any], known: Mapping[str, float]) -> dict[str, Any]:
+    def varied_starts(self, parameters: Mapping[str, Any], si_values: Mapping[str, float]) -> dict[str, Any]:
         """Return values at the start, in SI units, for arrays of parameters that some of them follow.
 
         Every number has the bits that the model with those parameters has.
         """
-        values: dict[str, Any] = _constants(self.statement.unit_constants) | dict(known) | dict(parameters)
+        values: dict[str, Any] = _constant_factors(self.statement.unit_constants) | dict(si_values) | dict(parameters)
         starts = {}
         for name, element, tree in self._expressions():
             if free_names(tree) & parameters.keys():
-                unit = self._units()[name]
+                unit = self._variable_units()[name]
                 numbers = np.broadcast_to(
                     evaluate_many(tree, values) / float(unit.factor), len(next(iter(parameters.values())))
                 )
@@ -184,21 +188,23 @@ class ElementNumbers:
         """Yield the quantity, the element and the expression of each value at the start that is one."""
         for name, values in self.statement.starting.items():
             if values.tree is not None:
-                for element, place in self._placed(name):
-                    yield name, element, at(values.tree, place, self.shapes)
+                for element, indices in self._indexed_elements(name):
+                    yield name, element, at_element(values.tree, indices, self.shapes)
 
-    def _units(self) -> dict[str, Unit]:
+    def _variable_units(self) -> dict[str, Unit]:
         time, old = self.statement.time_unit, self.statement
         units = {name: part.unit for name, part in (old.coordinates | old.states).items()}
         return units | {velocity(name): part.unit.per(time) for name, part in old.coordinates.items()}
 
-    def _evaluated(self, tree: Node, dims: tuple[str, ...], known: Mapping[str, Any]) -> NDArray[np.float64]:
-        if missing := sorted(free_names(tree) - known.keys()):
+    def _evaluate_at_start(
+        self, tree: Node, dims: tuple[str, ...], readable_values: Mapping[str, Any]
+    ) -> NDArray[np.float64]:
+        if missing := sorted(free_names(tree) - readable_values.keys()):
             raise InputError(
-                f"'{shown(tree)}' reads '{missing[0]}'; a value at the start is of parameters and index(…)"
+                f"'{shortened_text(tree)}' reads '{missing[0]}'; a value at the start is of parameters and index(…)"
             )
-        return evaluate_elements(tree, dims, known, self.shapes)
+        return evaluate_elements(tree, dims, readable_values, self.shapes)
 
 
-def _constants(unit_constants: Iterable[str]) -> dict[str, float]:
+def _constant_factors(unit_constants: Iterable[str]) -> dict[str, float]:
     return {name: float(constant(name).factor) for name in unit_constants} | {"pi": math.pi}

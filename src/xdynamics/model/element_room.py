@@ -12,7 +12,7 @@ NUMBERS_OF_ELEMENT = 30  # at least, of a coordinate in a march
 FEW_ELEMENTS = 100_000  # which always fit
 
 
-def check_room(dims: tuple[str, ...], shapes: Shapes) -> None:
+def check_element_memory(dims: tuple[str, ...], shapes: Shapes) -> None:
     """Refuse a quantity whose elements could not be marched in the memory that can be had, before they are made.
 
     Raises

@@ -11,20 +11,23 @@ from xdynamics.model.elementwise import Elementwise
 from xdynamics.model.given_values import Values
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import Spread
-from xdynamics.shapes import Shapes, written
+from xdynamics.shapes import Shapes, internal_text
 from xdynamics.shapes.naming import DOT
 from xdynamics.units import Quantity
 from xdynamics.units.rounded import decimal_text
 
 
-def of_elements(sections: Mapping[str, Any]) -> bool:
+def replaces_elements(sections: Mapping[str, Any]) -> bool:
     """Whether new entries of a model are those of single elements, as ``m·Sun``."""
     return any(
-        DOT in written(str(name)) for entries in sections.values() if isinstance(entries, Mapping) for name in entries
+        DOT in internal_text(str(name))
+        for entries in sections.values()
+        if isinstance(entries, Mapping)
+        for name in entries
     )
 
 
-def following(declared: Statement, elements: Statement, old: Statement, shapes: Shapes) -> Statement:
+def follow_parameters(declared: Statement, elements: Statement, old: Statement, shapes: Shapes) -> Statement:
     """Return a statement of elements in which values at the start follow the parameters that their expressions read.
 
     Parameters
@@ -37,12 +40,12 @@ def following(declared: Statement, elements: Statement, old: Statement, shapes: 
     """
     if elements.parameters is old.parameters or not any(values.tree for values in declared.starting.values()):
         return elements
-    start = ElementNumbers(gathered(declared, old, shapes), shapes).started(elements.parameters)
+    start = ElementNumbers(gather_elements(declared, old, shapes), shapes).values_at_start(elements.parameters)
     same = {name: quantity for name, quantity in start.items() if elements.initial[name] == old.initial[name]}
     return replace(elements, initial=elements.initial | same)
 
 
-def in_units_of(statement: Statement, old: Statement) -> Statement:
+def converted_like(statement: Statement, old: Statement) -> Statement:
     """Return a statement of elements in the units of another one: all elements of a quantity have one unit."""
     parameters = {
         name: replace(part, quantity=part.quantity.into(unit))
@@ -59,7 +62,7 @@ def in_units_of(statement: Statement, old: Statement) -> Statement:
     return replace(statement, parameters=statement.parameters | parameters, initial=statement.initial | initial)
 
 
-def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statement:
+def gather_elements(declared: Statement, elements: Statement, shapes: Shapes) -> Statement:
     """Return a statement with dimensions and the numbers of its elements."""
     arrays, starting = {}, {}
     for name, values in declared.arrays.items():
@@ -67,9 +70,13 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
             arrays[name] = values
             continue
         parts = [elements.parameters[element] for element in shapes.elements(name)]
-        filled = _filled(values, tuple(part.quantity for part in parts), tuple(part.spread for part in parts))
-        arrays[name] = values if _is_same(filled, numbered(name, values, declared, shapes)) else filled
-    start = ElementNumbers(declared, shapes).started(elements.parameters) if not _is_as_read(elements.initial) else {}
+        filled = _fill_values(values, tuple(part.quantity for part in parts), tuple(part.spread for part in parts))
+        arrays[name] = values if _values_agree(filled, number_per_element(name, values, declared, shapes)) else filled
+    start = (
+        ElementNumbers(declared, shapes).values_at_start(elements.parameters)
+        if not _is_as_read(elements.initial)
+        else {}
+    )
     for name, values in declared.starting.items():
         if _is_as_read(elements.initial, name) and not (start and values.tree):
             starting[name] = values
@@ -77,9 +84,9 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
         names = shapes.elements(name)
         spreads = tuple(elements.starts[name].spread if name in elements.starts else None for name in names)
         numbers = tuple(elements.initial[name] for name in names)
-        filled = _filled(values, numbers, spreads)
+        filled = _fill_values(values, numbers, spreads)
         if values.tree is None:
-            same = _is_same(filled, numbered(name, values, declared, shapes))
+            same = _values_agree(filled, number_per_element(name, values, declared, shapes))
         else:
             same = all(start[name] == elements.initial[name] for name in names)
         starting[name] = values if same else filled
@@ -95,17 +102,17 @@ def gathered(declared: Statement, elements: Statement, shapes: Shapes) -> Statem
     )
 
 
-def numbered(name: str, values: Values, statement: Statement, shapes: Shapes) -> Values:
+def number_per_element(name: str, values: Values, statement: Statement, shapes: Shapes) -> Values:
     """Return values with a number for each element: of their expression of constants, or of the one that all have."""
-    numbers, _, unit = ElementNumbers(statement, shapes).numbers(values, name)
+    numbers, _, unit = ElementNumbers(statement, shapes).element_values(values, name)
     return replace(values, tree=None, numbers=tuple(numbers if values.tree is None else numbers.tolist()), unit=unit)
 
 
-def written_out(statement: Statement, shapes: Shapes) -> Statement:
+def explicit_values(statement: Statement, shapes: Shapes) -> Statement:
     """Return a statement with a number for each element, however they are given; expressions of parameters stay."""
-    arrays = {name: numbered(name, values, statement, shapes) for name, values in statement.arrays.items()}
+    arrays = {name: number_per_element(name, values, statement, shapes) for name, values in statement.arrays.items()}
     starting = {
-        name: values if values.tree else numbered(name, values, statement, shapes)
+        name: values if values.tree else number_per_element(name, values, statement, shapes)
         for name, values in statement.starting.items()
     }
     return replace(statement, arrays=arrays, starting=starting)
@@ -116,15 +123,21 @@ def _is_as_read(parts: Mapping[str, Any], name: str = "") -> bool:
     return isinstance(parts, Elementwise) and (name not in parts.changed if name else not parts.changed)
 
 
-def _is_same(one: Values, other: Values) -> bool:
+def _values_agree(first: Values, second: Values) -> bool:
     """Whether values agree in all digits that are known of them."""
-    return one == other and [*map(decimal_text, one.numbers)] == [*map(decimal_text, other.numbers)]
+    return first == second and [*map(decimal_text, first.numbers)] == [*map(decimal_text, second.numbers)]
 
 
-def _filled(values: Values, quantities: tuple[Quantity, ...], spreads: tuple[Spread | None, ...]) -> Values:
+def _fill_values(values: Values, quantities: tuple[Quantity, ...], spreads: tuple[Spread | None, ...]) -> Values:
     """Return the same quantity with numbers of its elements."""
     if values.tree is not None and values.unit is None and not values.dims:
         return replace(values, tree=None, numbers=(quantities[0].value,), unit=quantities[0].unit)
-    one = spreads[:1] if len(set(spreads)) == 1 else spreads
+    shared_spreads = spreads[:1] if len(set(spreads)) == 1 else spreads
     numbers = tuple(quantity.value for quantity in quantities)
-    return replace(values, tree=None, numbers=numbers, unit=quantities[0].unit, spreads=() if one == (None,) else one)
+    return replace(
+        values,
+        tree=None,
+        numbers=numbers,
+        unit=quantities[0].unit,
+        spreads=() if shared_spreads == (None,) else shared_spreads,
+    )

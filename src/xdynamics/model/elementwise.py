@@ -14,7 +14,7 @@ from xdynamics.model.parts import Parameter
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block, Blocks
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import Quantity, Scale, Unit
 
 Part = TypeVar("Part")
@@ -41,9 +41,9 @@ class Numbers:
     def __init__(self, numbers: Any, unit: Unit, scale: Scale | None = None) -> None:
         self.numbers, self.unit, self.scale = np.asarray(numbers, float), unit, scale
 
-    def __call__(self, place: Mapping[str, int]) -> Quantity:
+    def __call__(self, indices: Mapping[str, int]) -> Quantity:
         """Return the quantity of an element."""
-        return Quantity(float(self.numbers[tuple(place.values())]), self.unit, self.scale)
+        return Quantity(float(self.numbers[tuple(indices.values())]), self.unit, self.scale)
 
     @property
     def si(self) -> NDArray[np.float64]:
@@ -65,7 +65,7 @@ class ParameterNumbers:
     shape : tuple of int
         How many elements there are along each dimension.
     unit : Unit
-    given : Values
+    declared_values : Values
         What the model says of them.
     """
 
@@ -74,19 +74,23 @@ class ParameterNumbers:
         numbers: Sequence[float] | NDArray[np.float64],
         shape: tuple[int, ...],
         unit: Unit,
-        given: Values,
+        declared_values: Values,
     ) -> None:
-        self.numbers, self.shape, self.unit, self.given = numbers, shape, unit, given
+        self.numbers, self.shape, self.unit, self.declared_values = numbers, shape, unit, declared_values
 
-    def __call__(self, place: Mapping[str, int]) -> Parameter:
+    def __call__(self, indices: Mapping[str, int]) -> Parameter:
         """Return the parameter of an element."""
         number = 0
-        for own, size in zip(place.values(), self.shape, strict=True):
-            number = number * size + own
-        return Parameter(self._quantity(self.numbers[number]), self.given.spread(number), self.given.description)
+        for index, size in zip(indices.values(), self.shape, strict=True):
+            number = number * size + index
+        return Parameter(
+            self._as_quantity(self.numbers[number]),
+            self.declared_values.spread(number),
+            self.declared_values.description,
+        )
 
-    def _quantity(self, value: float) -> Quantity:
-        return Quantity(float(value) if isinstance(value, np.float64) else value, self.unit, self.given.scale)
+    def _as_quantity(self, value: float) -> Quantity:
+        return Quantity(float(value) if isinstance(value, np.float64) else value, self.unit, self.declared_values.scale)
 
     @property
     def values(self) -> NDArray[np.float64]:
@@ -98,7 +102,7 @@ class ParameterNumbers:
         """All numbers in SI units, in a row."""
         if self.unit.factor == 1:
             return np.array(self.numbers, float)
-        return np.array([self._quantity(value).si for value in self.numbers])
+        return np.array([self._as_quantity(value).si for value in self.numbers])
 
 
 def put_in_si(values: Mapping[str, Any], blocks: Blocks, numbers: NDArray[np.float64]) -> None:
@@ -114,7 +118,7 @@ def put_in_si(values: Mapping[str, Any], blocks: Blocks, numbers: NDArray[np.flo
         first += block.size
 
 
-def numbers_of(parameters: Mapping[str, Any], name: str) -> ParameterNumbers | None:
+def parameter_numbers(parameters: Mapping[str, Any], name: str) -> ParameterNumbers | None:
     """Return the numbers of a parameter with dimensions; None of others, and where an element was replaced."""
     if not isinstance(parameters, Elementwise) or name in parameters.changed:
         return None
@@ -122,9 +126,9 @@ def numbers_of(parameters: Mapping[str, Any], name: str) -> ParameterNumbers | N
     return made if isinstance(made, ParameterNumbers) and made.shape else None
 
 
-def names_of(values: Mapping[str, Any]) -> Blocks:
+def element_blocks(values: Mapping[str, Any]) -> Blocks:
     """Return the names of quantities or of elements as blocks, of which none is made."""
-    return values.names if isinstance(values, Elementwise) else Blocks.of("", values)
+    return values.names if isinstance(values, Elementwise) else Blocks.from_names("", values)
 
 
 def in_si(values: Mapping[str, Any], blocks: Blocks) -> NDArray[np.float64]:
@@ -149,23 +153,23 @@ class Elementwise(dict[str, Part]):
 
     def __init__(self, shapes: Shapes, makers: Mapping[str, Make[Part]]) -> None:
         super().__init__()
-        self.names = Blocks.of("", makers, shapes)
+        self.names = Blocks.from_names("", makers, shapes)
         self.makers = dict(makers)
         self.changed: frozenset[str] = frozenset()  # quantities of which elements were replaced
 
     @classmethod
-    def _joined(cls, names: Iterable[Block], makers: Mapping[str, Make[Part]], values: Mapping[str, Part]) -> Any:
-        joined = cls.__new__(cls)
-        dict.__init__(joined)
-        dict.update(joined, values)
-        joined.names, joined.makers, joined.changed = Blocks(names), dict(makers), frozenset()
-        return joined
+    def _from_parts(cls, names: Iterable[Block], makers: Mapping[str, Make[Part]], values: Mapping[str, Part]) -> Any:
+        merged = cls.__new__(cls)
+        dict.__init__(merged)
+        dict.update(merged, values)
+        merged.names, merged.makers, merged.changed = Blocks(names), dict(makers), frozenset()
+        return merged
 
     def __missing__(self, name: str) -> Part:
         if name not in self.names:
             raise KeyError(name)
         block = self.names.block(name)
-        value = self.makers[block.name](block.places(name) if block.dims else {})
+        value = self.makers[block.name](block.indices_of(name) if block.dims else {})
         self[name] = value
         return value
 
@@ -194,37 +198,39 @@ class Elementwise(dict[str, Part]):
 
     def values(self) -> Any:
         """Return the values."""
-        return [value for _, value in self._walked()]
+        return [value for _, value in self._made_items()]
 
     def items(self) -> Any:
         """Return names with values."""
-        return [*self._walked()]
+        return [*self._made_items()]
 
-    def _walked(self) -> Iterator[tuple[str, Part]]:
+    def _made_items(self) -> Iterator[tuple[str, Part]]:
         """Yield names with values; those that are missing are made and kept."""
         for block in self.names.blocks:
             numbers = product(*map(range, block.shape))
-            for name, place in zip(block.elements(), numbers, strict=True):
+            for name, indices in zip(block.elements(), numbers, strict=True):
                 if not dict.__contains__(self, name):
-                    self[name] = self.makers[block.name](dict(zip(block.dims, place, strict=True)))
+                    self[name] = self.makers[block.name](dict(zip(block.dims, indices, strict=True)))
                 yield name, self[name]
 
-    def __or__(self, other: Mapping[str, Any]) -> Any:  # type: ignore[override]
-        known = other.names.blocks if isinstance(other, Elementwise) else [Block(name, "") for name in other]
-        new = [block for block in known if block.name not in self.makers and block.first not in self.names]
-        if isinstance(other, Elementwise):
-            joined = self._joined((*self.names.blocks, *new), self.makers | other.makers, self._kept() | other._kept())
-            joined.changed = self.changed | other.changed
-            return joined
-        joined = self._joined((*self.names.blocks, *new), self.makers, self._kept() | dict(other))
-        joined.changed = self.changed | {parted(name)[0] for name in other if name in self.names}
-        return joined
+    def __or__(self, right: Mapping[str, Any]) -> Any:  # type: ignore[override]
+        right_blocks = right.names.blocks if isinstance(right, Elementwise) else [Block(name, "") for name in right]
+        new = [block for block in right_blocks if block.name not in self.makers and block.first not in self.names]
+        if isinstance(right, Elementwise):
+            merged = self._from_parts(
+                (*self.names.blocks, *new), self.makers | right.makers, self._made_values() | right._made_values()
+            )
+            merged.changed = self.changed | right.changed
+            return merged
+        merged = self._from_parts((*self.names.blocks, *new), self.makers, self._made_values() | dict(right))
+        merged.changed = self.changed | {split_element_name(name)[0] for name in right if name in self.names}
+        return merged
 
-    def __ror__(self, other: Mapping[str, Any]) -> Any:  # type: ignore[override]
-        first = [Block(name, "") for name in other if name not in self.names]
-        joined = self._joined((*first, *self.names.blocks), self.makers, dict(other) | self._kept())
-        joined.changed = self.changed
-        return joined
+    def __ror__(self, left: Mapping[str, Any]) -> Any:  # type: ignore[override]
+        first = [Block(name, "") for name in left if name not in self.names]
+        merged = self._from_parts((*first, *self.names.blocks), self.makers, dict(left) | self._made_values())
+        merged.changed = self.changed
+        return merged
 
     def __eq__(self, other: object) -> bool:
         return self is other or dict(self) == other
@@ -237,6 +243,6 @@ class Elementwise(dict[str, Part]):
     def __reduce__(self) -> tuple[Any, ...]:
         return dict, (dict(self),)
 
-    def _kept(self) -> dict[str, Part]:
+    def _made_values(self) -> dict[str, Part]:
         """Return what was made so far."""
         return dict(zip(dict.keys(self), dict.values(self), strict=True))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from xdynamics.expressions import Binary, Node, shown
+from xdynamics.expressions import Binary, Node, shortened_text
 from xdynamics.expressions.calculus import negative
 from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.parts import Function
 from xdynamics.model.statement import Statement
 from xdynamics.shapes import Shapes
-from xdynamics.shapes.trees import expanded
+from xdynamics.shapes.trees import expand_definitions
 
 Components = Mapping[str, Node | Function]
 
@@ -31,18 +31,18 @@ def check_end_forces(statement: Statement, shapes: Shapes) -> None:
         if relation is None or relation.source == relation.target or not force.components:
             continue
         ends = [
-            [name for name in statement.coordinates if here in shapes.dims.get(name, ())]
-            for here in (relation.source, relation.target)
+            [name for name in statement.coordinates if end_dim in shapes.dims.get(name, ())]
+            for end_dim in (relation.source, relation.target)
         ]
         about = f"force '{term}' over '{force.over}'"
         _check_one_sided(about, (relation.source, relation.target), ends, force.components, ledger)
         for name in ends[0]:
-            for other in ends[1]:
-                if name != other and _cancels(force.components, name, other, statement, shapes):
-                    text = _text(force.components[name])
+            for second_name in ends[1]:
+                if name != second_name and _cancels(force.components, name, second_name, statement, shapes):
+                    text = _component_text(force.components[name])
                     ledger.note(
                         f"{about} pushes both ends of each link the same way: its opposite acts on the second end by"
-                        f' itself; write the same of both, {other} = "{text}" as {name} = "{text}"'
+                        f' itself; write the same of both, {second_name} = "{text}" as {name} = "{text}"'
                     )
     ledger.raise_faults()
 
@@ -55,25 +55,34 @@ def _check_one_sided(
         return
     missing = 0 if acted[1] else 1
     name = acted[1 - missing][0]
-    text, other = _text(components[name]), ends[missing][0]
-    word, there = ("first", "on the first end as written") if missing == 0 else ("second", "opposite on the second end")
+    text, missing_name = _component_text(components[name]), ends[missing][0]
+    word, end_phrase = (
+        ("first", "on the first end as written") if missing == 0 else ("second", "opposite on the second end")
+    )
     ledger.note(
-        f"{about} acts on '{name}' alone, and on nothing at the {word} end of each link, where '{other}' moves along"
-        f' \'{dims[missing]}\'; write it of both, {other} = "{text}", which acts {there}, or {other} = "0*({text})"'
+        f"{about} acts on '{name}' alone, and on nothing at the {word} end of each link, where '{missing_name}' moves along"
+        f' \'{dims[missing]}\'; write it of both, {missing_name} = "{text}", which acts {end_phrase}, or {missing_name} = "0*({text})"'
         " where nothing does"
     )
 
 
-def _text(part: Node | Function) -> str:
-    return part.name if isinstance(part, Function) else shown(part)
+def _component_text(part: Node | Function) -> str:
+    return part.name if isinstance(part, Function) else shortened_text(part)
 
 
-def _cancels(components: Components, name: str, other: str, statement: Statement, shapes: Shapes) -> bool:
+def _cancels(components: Components, name: str, second_name: str, statement: Statement, shapes: Shapes) -> bool:
     """Whether the second of two components is written as the negative of the first."""
-    here, there = components.get(name), components.get(other)
-    if here is None or there is None or isinstance(here, Function) or isinstance(there, Function):
+    first_tree, second_tree = components.get(name), components.get(second_name)
+    if (
+        first_tree is None
+        or second_tree is None
+        or isinstance(first_tree, Function)
+        or isinstance(second_tree, Function)
+    ):
         return False
-    return _are_opposite(*(expanded(tree, statement.definitions, shapes) for tree in (here, there)))
+    return _are_opposite(
+        *(expand_definitions(tree, statement.definitions, shapes) for tree in (first_tree, second_tree))
+    )
 
 
 def _are_opposite(a: Node, b: Node) -> bool:

@@ -11,17 +11,17 @@ from xdynamics.model.motion import in_regimes
 from xdynamics.schema import velocity
 
 
-def energies(model: Model) -> dict[str, Node]:
+def energy_trees(model: Model) -> dict[str, Node]:
     """Return kinetic energy and, where a force has a potential, potential and total energy."""
     moving = list(map(velocity, model.statement.coordinates))
-    kinetic = _sum(
+    kinetic = _sum_trees(
         Binary("*", Binary("/", model.expanded(entry), Number(2.0)), Binary("*", Name(moving[i]), Name(moving[j])))
         for (i, j), entry in model.statement.mass_entries.items()
     )
     terms = potentials(model)
     if not terms:
         return {"kinetic_energy": kinetic}
-    potential = _sum(terms.values())
+    potential = _sum_trees(terms.values())
     total = Binary("+", kinetic, potential)
     return {"kinetic_energy": kinetic, "potential_energy": potential, "total_energy": total}
 
@@ -35,5 +35,5 @@ def potentials(model: Model) -> dict[str, Node]:
     }
 
 
-def _sum(terms: Iterable[Node]) -> Node:
+def _sum_trees(terms: Iterable[Node]) -> Node:
     return reduce(lambda total, term: Binary("+", total, term), terms)

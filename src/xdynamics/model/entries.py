@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.expressions import Node, text_of
-from xdynamics.faults import InputError, few
+from xdynamics.faults import InputError, first_names
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import REFUSE, Table
 from xdynamics.model.given_values import dims_key
@@ -28,10 +28,10 @@ from xdynamics.model.parts import (
     Parameter,
     Validation,
 )
-from xdynamics.model.python_tables import tabled
+from xdynamics.model.python_tables import table_text
 from xdynamics.model.section import Section
-from xdynamics.model.table_keys import keys
-from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, parted, spread_of
+from xdynamics.model.table_keys import check_keys
+from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, read_spread, split_uncertainty
 from xdynamics.model.value_forms import is_expression
 from xdynamics.shapes import Shapes
 from xdynamics.units import NUMBERS, SECONDS, Quantity, Unit, parse_quantity, parse_scale
@@ -45,12 +45,12 @@ _OF_ACTIONS = {"to": "switch", "set": "reset"}  # keys that one action needs and
 
 def parameter_table(entry: Any, *_: Any) -> Any:
     """Return the table that a quantity stands for, perhaps with its standard uncertainty after a sign."""
-    if pair := parted(entry):
+    if pair := split_uncertainty(entry):
         return {"value": pair[0], "uncertainty": pair[1]}
     return entry if isinstance(entry, Mapping) else {"value": entry}
 
 
-def parameter(value: Any, unit: str | None = None, description: str = "", **spread: Any) -> Parameter:
+def make_parameter(value: Any, unit: str | None = None, description: str = "", **spread: Any) -> Parameter:
     """Make a parameter, or a value at the start, from a quantity or from a number beside a unit.
 
     Raises
@@ -72,7 +72,7 @@ def parameter(value: Any, unit: str | None = None, description: str = "", **spre
         raise InputError(f"{value!r} has a unit already, and '{unit}' stands beside it; write one")
     if unit is not None:
         quantity = parse_quantity(f"{quantity.value!r} {unit}")
-    return Parameter(quantity, spread_of(spread, quantity, None if unit is None else parse_scale(unit)), description)
+    return Parameter(quantity, read_spread(spread, quantity, None if unit is None else parse_scale(unit)), description)
 
 
 def written_parameter(part: Parameter) -> str | dict[str, Any]:
@@ -106,7 +106,7 @@ def force_table(entry: Any, section: Section, *_: Any) -> Any:
     """
     if not isinstance(entry, Mapping) or not entry:
         raise InputError(f"{entry!r} needs a potential or a component per coordinate")
-    components = [key for key in entry if key not in section.known]
+    components = [key for key in entry if key not in section.fixed_keys]
     if components and "potential" in entry:
         raise InputError(f"has a potential and the components {', '.join(components)}; write two forces")
     if not components and "potential" not in entry:
@@ -122,9 +122,9 @@ def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
     InputError
         If it has neither a table nor its text, or the name is no file's.
     """
-    if not isinstance(entry, Mapping) or not ({*entry} & {"table", "csv"} or {*entry} <= {*section.known}):
+    if not isinstance(entry, Mapping) or not ({*entry} & {"table", "csv"} or {*entry} <= {*section.fixed_keys}):
         entry = {"table": entry}  # a table from Python in place of an entry
-    keys(entry, section.known, ())
+    check_keys(entry, section.fixed_keys, ())
     if "table" not in entry and "csv" not in entry:
         raise InputError("key 'table' is missing; name a CSV file there, or give its text as csv")
     columns: list[str] = []
@@ -132,23 +132,23 @@ def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
         columns = columns_of_drive(name, dims_key(entry["dims"], "dims", source), source.shapes)
         entry = {**entry, "column": columns[0]}
     read = _drive_text(entry, name, source)
-    _check_columns(Sheet.of(read["table"], read["csv"]) if columns else None, columns)
+    _check_drive_columns(Sheet.from_text(read["table"], read["csv"]) if columns else None, columns)
     return read
 
 
 def _drive_text(entry: Mapping[str, Any], name: str, source: Source) -> dict[str, Any]:
     file = entry.get("table", f"{name}.csv")
     if not isinstance(file, str):
-        return {**entry, "table": f"{name}.csv", "csv": tabled(name, file)}
+        return {**entry, "table": f"{name}.csv", "csv": table_text(name, file)}
     if not file.isprintable() or not isinstance(entry.get("csv", ""), str):
         raise InputError(f"table {file!r} must be the name of a CSV file")
-    text = entry["csv"] if "csv" in entry else source.access.text_of(file)
-    said = {key: value for key, value in entry.items() if key in READING_KEYS}
-    rest = {key: value for key, value in entry.items() if key not in READING_KEYS}
-    return {**rest, "table": file, "csv": as_table(file, text, Reading.of(said))}
+    text = entry["csv"] if "csv" in entry else source.access.read_table(file)
+    reading_keys = {key: value for key, value in entry.items() if key in READING_KEYS}
+    drive_keys = {key: value for key, value in entry.items() if key not in READING_KEYS}
+    return {**drive_keys, "table": file, "csv": as_table(file, text, Reading.from_keys(reading_keys))}
 
 
-def _check_columns(sheet: Sheet | None, columns: Sequence[str]) -> None:
+def _check_drive_columns(sheet: Sheet | None, columns: Sequence[str]) -> None:
     """Refuse a table that lacks a column of an element, or has them in different kinds of units."""
     if sheet is None:
         return
@@ -157,13 +157,13 @@ def _check_columns(sheet: Sheet | None, columns: Sequence[str]) -> None:
         more = f" and {len(lacking) - 1} more" if lacking[1:] else ""
         raise InputError(
             f"table '{sheet.name}' has no column '{lacking[0]}'{more}, and needs one for each element: "
-            f"{few(columns)}; it is {sheet.layout}"
+            f"{first_names(columns)}; it is {sheet.layout_text}"
         )
-    first, *others = (sheet.titles([names.index(column)])[0] for column in columns)
-    for other in others:
-        if other.unit.dimension != first.unit.dimension:
+    first, *later_titles = (sheet.titles([names.index(column)])[0] for column in columns)
+    for later_title in later_titles:
+        if later_title.unit.dimension != first.unit.dimension:
             raise InputError(
-                f"table '{sheet.name}' has '{other.name}' in '{other.unit.text}' beside '{first.name}' in"
+                f"table '{sheet.name}' has '{later_title.name}' in '{later_title.unit.text}' beside '{first.name}' in"
                 f" '{first.unit.text}'; elements of one quantity need one kind of unit"
             )
 
@@ -182,12 +182,12 @@ def columns_of_drive(name: str, dims: tuple[str, ...], shapes: Shapes) -> list[s
     return [extent.label(i) if extent.labels else f"{name}_{i}" for i in range(extent.size)]
 
 
-def drive(table: str, csv: str, column: str = "", gaps: str = REFUSE, **others: Any) -> Drive:
+def make_drive(table: str, csv: str, column: str = "", gaps: str = REFUSE, **drive_settings: Any) -> Drive:
     """Make a drive from the text of its table."""
-    return Drive(Table.parse(Path(table).name, csv, column, gaps), **others)
+    return Drive(Table.parse(Path(table).name, csv, column, gaps), **drive_settings)
 
 
-def event(**values: Any) -> Event:
+def make_event(**values: Any) -> Event:
     """Make an event whose keys go with its action.
 
     Raises
@@ -217,7 +217,7 @@ def event(**values: Any) -> Event:
     return Event(reset=values.pop("set", {}), **values)
 
 
-def controller(every: Quantity, outputs: dict[str, Output], **others: Any) -> Controller:
+def make_controller(every: Quantity, outputs: dict[str, Output], **controller_settings: Any) -> Controller:
     """Make a controller, which puts something out; only that is delayed.
 
     Raises
@@ -227,10 +227,10 @@ def controller(every: Quantity, outputs: dict[str, Output], **others: Any) -> Co
     """
     if not outputs:
         raise InputError("outputs is empty; a controller needs one: give its unit, start and value")
-    return Controller(every, outputs, **others)
+    return Controller(every, outputs, **controller_settings)
 
 
-def contact(**values: Any) -> Contact:
+def make_contact(**values: Any) -> Contact:
     """Make a contact; one with friction needs a slip and a coefficient, which also holds while it sticks unless `static` is given.
 
     Raises
@@ -266,7 +266,7 @@ def constraint_table(entry: Any, *_: Any) -> Any:
     return entry
 
 
-def constraint(**values: Any) -> Constraint:
+def make_constraint(**values: Any) -> Constraint:
     """Make a constraint, of positions or of velocities.
 
     Raises
@@ -275,26 +275,28 @@ def constraint(**values: Any) -> Constraint:
         If it is neither, or both.
     """
     if ("holds" in values) == ("rolls" in values):
-        given = "both are given" if "holds" in values else "neither is given"
+        fault = "both are given" if "holds" in values else "neither is given"
         raise InputError(
-            f"it needs 'holds', zero at every position, or 'rolls', a velocity that is zero, and {given}; write one"
+            f"it needs 'holds', zero at every position, or 'rolls', a velocity that is zero, and {fault}; write one"
         )
     return Constraint(**values)
 
 
-def friction(kinetic: Node, **others: Any) -> Friction:
+def make_friction(kinetic: Node, **friction_settings: Any) -> Friction:
     """Make a friction element; its static force is the kinetic one unless it has its own."""
-    return Friction(kinetic=kinetic, **{"static": kinetic, **others})
+    return Friction(kinetic=kinetic, **{"static": kinetic, **friction_settings})
 
 
-def named(entry: Any, _: Section, name: str, *__: Any) -> Any:
+def closed_form_table(entry: Any, _: Section, name: str, *__: Any) -> Any:
     """Return the entry of a closed form, whose name is the quantity unless it names another."""
     if isinstance(entry, str):
         return {"quantity": name, "expression": entry}
     return {"quantity": name, **entry} if isinstance(entry, Mapping) else entry
 
 
-def closed_form(times: tuple[float, ...] = (), event: str = "", occurrence: int = 1, **others: Any) -> Validation:
+def make_closed_form(
+    times: tuple[float, ...] = (), event: str = "", occurrence: int = 1, **form_settings: Any
+) -> Validation:
     """Make a closed form, compared at times or at an occurrence of an event.
 
     Raises
@@ -304,9 +306,9 @@ def closed_form(times: tuple[float, ...] = (), event: str = "", occurrence: int 
     """
     if event and times:
         raise InputError("event and times are both given; a value is compared at one or the other")
-    return Validation(times=times, event=event, occurrence=occurrence if event else 0, **others)
+    return Validation(times=times, event=event, occurrence=occurrence if event else 0, **form_settings)
 
 
-def time_unit(unit: str = SECONDS.text) -> Unit:
+def make_time_unit(unit: str = SECONDS.text) -> Unit:
     """Return the unit of a model's time."""
     return SECONDS if unit == SECONDS.text else NUMBERS

@@ -7,7 +7,7 @@ from pathlib import Path, PureWindowsPath
 
 from xdynamics.faults import InputError
 from xdynamics.model.workbook import text_of_workbook
-from xdynamics.runtime.files import check_no_address, decoded, read_bounded, reason, shown
+from xdynamics.runtime.files import check_no_address, decoded, displayed_path, read_bounded, reason
 
 LARGEST_TABLE = 50_000_000  # bytes
 WORKBOOK = ".xlsx"
@@ -33,7 +33,7 @@ class FileAccess:
     folder: Path
     tables: str
 
-    def text_of(self, name: str) -> str:
+    def read_table(self, name: str) -> str:
         """Return the text of a table.
 
         Raises
@@ -43,7 +43,7 @@ class FileAccess:
         """
         if self.tables == EMBEDDED:
             raise InputError(
-                f"table {shown(name)!r} is not in the text; a model from a text takes no files: give its rows as `csv`, or"
+                f"table {displayed_path(name)!r} is not in the text; a model from a text takes no files: give its rows as `csv`, or"
                 " read a model file with Model.from_toml"
             )
         try:
@@ -62,7 +62,7 @@ class FileAccess:
         except FileNotFoundError:
             folder = str(self.folder.absolute())
             raise InputError(
-                f"table {shown(name)!r} is not in {shown(folder)!r}; put it there, or write its name as seen from there"
+                f"table {displayed_path(name)!r} is not in {displayed_path(folder)!r}; put it there, or write its name as seen from there"
             ) from None
         except (OSError, ValueError) as error:  # ValueError: bytes that are not text, or a name with a null
             why = reason(error, path) if isinstance(error, OSError) else "it is no UTF-8 text (save it so, as CSV)"

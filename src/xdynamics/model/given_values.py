@@ -8,16 +8,16 @@ from itertools import chain as joined
 from math import isfinite, prod
 from typing import Any
 
-from xdynamics.expressions import Binary, Node, dimension_of, free_names, parse, shown, text_of
-from xdynamics.faults import InputError, brief, few
-from xdynamics.model.element_room import check_room
+from xdynamics.expressions import Binary, Node, dimension_of, free_names, parse, shortened_text, text_of
+from xdynamics.faults import InputError, brief_repr, first_names
+from xdynamics.model.element_room import check_element_memory
 from xdynamics.model.kinds import Source
 from xdynamics.model.python_values import as_in_file
-from xdynamics.model.table_keys import near
+from xdynamics.model.table_keys import suggestion
 from xdynamics.model.table_values import from_table
-from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, parted, spread_of
+from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, read_spread, split_uncertainty
 from xdynamics.model.value_forms import is_expression, is_meant
-from xdynamics.shapes import Shapes, prepared
+from xdynamics.shapes import Shapes, resolve_min_max
 from xdynamics.units import (
     BASE,
     CALENDAR,
@@ -70,10 +70,10 @@ class Values:
     @property
     def form(self) -> Values:
         """The values without their numbers."""
-        return Values(self.dims, unit_of(self), (0.0,) if self.dims == () else (), tree=None)
+        return Values(self.dims, unit_of_values(self), (0.0,) if self.dims == () else (), tree=None)
 
 
-def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] | None = None) -> Values:
+def read_values(entry: Any, name: str, source: Source, declared: tuple[str, ...] | None = None) -> Values:
     """Read the values of a quantity with dimensions.
 
     Parameters
@@ -93,28 +93,28 @@ def values_of(entry: Any, name: str, source: Source, declared: tuple[str, ...] |
     entry = as_in_file(entry, name, declared, shapes)
     if not isinstance(entry, Mapping):
         entry = {"value": entry}
-    if not entry.keys() & {*SIZES} and (pair := parted(entry.get("value"))):
+    if not entry.keys() & {*SIZES} and (pair := split_uncertainty(entry.get("value"))):
         entry = {**entry, "value": pair[0], "uncertainty": pair[1]}
-    dims = _dims(entry.get("dims", ()), shapes) if declared is None else declared
+    dims = _read_dims(entry.get("dims", ()), shapes) if declared is None else declared
     if declared is not None and "dims" in entry:
         raise InputError(f"key 'dims' is not known here: '{name}' has the dimensions {', '.join(dims) or 'none'}")
-    ways = [key for key in ("value", "values", "table", "csv") if key in entry]
-    if len(ways) != 1 and ways != ["table", "csv"]:
-        raise InputError(f"needs one of value, values, table; has {' and '.join(ways) or 'none of them'}")
+    value_keys = [key for key in ("value", "values", "table", "csv") if key in entry]
+    if len(value_keys) != 1 and value_keys != ["table", "csv"]:
+        raise InputError(f"needs one of value, values, table; has {' and '.join(value_keys) or 'none of them'}")
     shape = shapes.shape(dims)
     if is_expression(entry.get("value")) or is_meant(entry.get("value")):
         return _by_expression(entry, dims, shapes, at_start=declared is not None)
-    check_room(dims, shapes)
+    check_element_memory(dims, shapes)
     if "values" in entry:
         if not (dims and isinstance(entry["values"], Mapping)):
             raise InputError('values is a table by label, of a quantity with dimensions: { Sun = "1 kg" }')
-        numbers, scale = _by_label(entry["values"], _scale(entry), dims, shapes)
+        numbers, scale = _read_by_label(entry["values"], _unit_scale(entry), dims, shapes)
     elif "table" in entry or "csv" in entry:
         numbers, unit, sizes = from_table(entry, name, dims, source)
-        doubts = {"uncertainty": nested([f"{size!r} {unit.text}" for size in sizes], shape)} if sizes else {}
+        doubts = {"uncertainty": nested_lists([f"{size!r} {unit.text}" for size in sizes], shape)} if sizes else {}
         entry, scale = {**entry, **doubts}, Scale(unit)
     else:
-        numbers, scale = _listed(entry["value"], _scale(entry), shape, dims)
+        numbers, scale = _read_nested(entry["value"], _unit_scale(entry), shape, dims)
     if wrong := [number for number in numbers if not isfinite(number)]:
         raise InputError(f"has the value {wrong[0]}, and needs finite numbers")
     about = str(entry.get("description", "")).strip()
@@ -126,24 +126,24 @@ def _by_expression(entry: Mapping[str, Any], dims: tuple[str, ...], shapes: Shap
     """Read an expression: of constants and numbers of elements, beside which a unit may stand, or at the start of more."""
     if at_start and (extra := [key for key in SIZES if key in entry]):
         raise InputError(f"has {extra[0]} beside an expression; give it to the parameters that it reads")
-    tree, about = prepared(parse(entry["value"]), shapes), str(entry.get("description", "")).strip()
+    tree, about = resolve_min_max(parse(entry["value"]), shapes), str(entry.get("description", "")).strip()
     unit = parse_unit(entry["unit"]) if "unit" in entry else None
     if at_start:
-        return Values(dims, tree=tree if unit is None else _times(tree, unit), description=about)
+        return Values(dims, tree=tree if unit is None else _times_unit(tree, unit), description=about)
     values = Values(dims, unit, tree=tree, description=about)
-    return replace(values, spreads=_spreads(entry, Scale(unit_of(values)), shapes.shape(dims), dims))
+    return replace(values, spreads=_spreads(entry, Scale(unit_of_values(values)), shapes.shape(dims), dims))
 
 
-def _times(tree: Node, unit: Unit) -> Node:
+def _times_unit(tree: Node, unit: Unit) -> Node:
     """Return an expression times a unit, as one that has it itself: units of what it reads are not known yet."""
     powers = [f"{constant_of(base)}**{power}" for base, power in zip(BASE, unit.dimension.powers, strict=True) if power]
     return Binary("*", tree, parse("*".join([repr(float(unit.factor)), *powers])))
 
 
-def _dims(value: Any, shapes: Shapes) -> tuple[str, ...]:
+def _read_dims(value: Any, shapes: Shapes) -> tuple[str, ...]:
     names = [value] if isinstance(value, str) else value
     if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
-        raise InputError(f'dims is {brief(value)}, needs a list of dimensions, like ["body", "axis"]')
+        raise InputError(f'dims is {brief_repr(value)}, needs a list of dimensions, like ["body", "axis"]')
     if len(set(names)) < len(names):
         raise InputError(f"dims has one of {', '.join(names)} twice")
     for name in names:
@@ -159,19 +159,19 @@ def dims_key(value: Any, _: str, source: Source) -> tuple[str, ...]:
     InputError
         If it is no list of dimensions.
     """
-    return _dims(value, source.shapes)
+    return _read_dims(value, source.shapes)
 
 
-def _scale(entry: Mapping[str, Any]) -> Scale | None:
+def _unit_scale(entry: Mapping[str, Any]) -> Scale | None:
     return parse_scale(entry["unit"]) if "unit" in entry else None
 
 
-def _listed(
-    value: Any, scale: Scale | None, shape: tuple[int, ...], dims: tuple[str, ...], what: str = "value"
+def _read_nested(
+    value: Any, scale: Scale | None, shape: tuple[int, ...], dims: tuple[str, ...], key: str = "value"
 ) -> tuple[tuple[float, ...], Scale]:
     """Read nested lists of numbers or quantities, or one quantity, which is that of all elements."""
     if isinstance(value, list | tuple) and not dims:
-        raise InputError(f'{what} is a list of {len(value)}, needs the dimensions that it is along: dims = ["…"]')
+        raise InputError(f'{key} is a list of {len(value)}, needs the dimensions that it is along: dims = ["…"]')
     flat: list[Any] = [value]
     for length, dim in zip(shape, dims, strict=True):
         if not isinstance(value, list | tuple):
@@ -179,21 +179,21 @@ def _listed(
         for row in flat:
             if not isinstance(row, list | tuple) or len(row) != length:
                 got = f"{len(row)}" if isinstance(row, list | tuple) else "a number"
-                raise InputError(f"{what} has {got} along '{dim}', needs {length} elements{_turned(value, shape)}")
+                raise InputError(f"{key} has {got} along '{dim}', needs {length} elements{_order_remedy(value, shape)}")
         flat = list(joined.from_iterable(flat))
     if any(isinstance(entry, list | tuple) for entry in flat):
-        raise InputError(f"{what} has more dimensions than {', '.join(dims) or 'none'}")
-    return _in_one_unit(flat, scale, difference=what in SIZES)
+        raise InputError(f"{key} has more dimensions than {', '.join(dims) or 'none'}")
+    return _in_one_unit(flat, scale, difference=key in SIZES)
 
 
-def _turned(value: Any, shape: tuple[int, ...]) -> str:
+def _order_remedy(value: Any, shape: tuple[int, ...]) -> str:
     """Return a remedy for lists whose dimensions are in another order."""
-    found = []
+    lengths = []
     while isinstance(value, list | tuple):
-        found.append(len(value))
+        lengths.append(len(value))
         value = value[0] if value else None
-    turned = tuple(found) != shape and sorted(found) == sorted(shape)
-    return "; lists are nested in the order of dims: turn them" if turned else ""
+    is_reordered = tuple(lengths) != shape and sorted(lengths) == sorted(shape)
+    return "; lists are nested in the order of dims: turn them" if is_reordered else ""
 
 
 def _in_one_unit(
@@ -208,7 +208,7 @@ def _in_one_unit(
             continue
         entry = entry.item() if hasattr(entry, "item") else entry  # noqa: PLW2901 - a number of numpy
         if isinstance(entry, bool) or not isinstance(entry, str | int | float):
-            raise InputError(f"value has {brief(entry)}, needs numbers, or numbers with a unit")
+            raise InputError(f"value has {brief_repr(entry)}, needs numbers, or numbers with a unit")
         try:
             quantity = parse_quantity(entry, difference=difference)
         except InputError as fault:
@@ -236,24 +236,26 @@ def _conversion(scale: Scale | None, *, difference: bool) -> Callable[[float], f
     return scale.difference if difference else scale.value
 
 
-def _by_label(
-    given: Any, scale: Scale | None, dims: tuple[str, ...], shapes: Shapes
+def _read_by_label(
+    values_by_label: Any, scale: Scale | None, dims: tuple[str, ...], shapes: Shapes
 ) -> tuple[tuple[float, ...], Scale]:
     """Read a table by label, in which what stands for a label has the further dimensions: a table, a list, or one number."""
-    if not dims or not isinstance(given, Mapping):
-        numbers, scale = _listed(given, scale, shapes.shape(dims), dims)
-        return numbers if isinstance(given, list | tuple) else numbers * prod(shapes.shape(dims)), scale
-    given = {str(label): numbers for label, numbers in given.items()}  # elements by number have no other names
+    if not dims or not isinstance(values_by_label, Mapping):
+        numbers, scale = _read_nested(values_by_label, scale, shapes.shape(dims), dims)
+        return numbers if isinstance(values_by_label, list | tuple) else numbers * prod(shapes.shape(dims)), scale
+    values_by_label = {
+        str(label): numbers for label, numbers in values_by_label.items()
+    }  # elements by number have no other names
     extent = shapes.extent(dims[0])
     labels = [extent.label(i) for i in range(extent.size)]
-    for label in given:
+    for label in values_by_label:
         if label not in labels:
-            raise InputError(f"values has '{label}', no element of '{extent.name}'{near(label, tuple(labels))}")
-    if missing := [label for label in labels if label not in given]:
-        raise InputError(f"values lacks {few(missing)}; give one for each element of '{extent.name}'")
+            raise InputError(f"values has '{label}', no element of '{extent.name}'{suggestion(label, tuple(labels))}")
+    if missing := [label for label in labels if label not in values_by_label]:
+        raise InputError(f"values lacks {first_names(missing)}; give one for each element of '{extent.name}'")
     flat: list[float] = []
     for label in labels:
-        numbers, scale = _by_label(given[label], scale, dims[1:], shapes)
+        numbers, scale = _read_by_label(values_by_label[label], scale, dims[1:], shapes)
         flat += numbers
     return tuple(flat), scale or Scale(parse_unit("1"))
 
@@ -263,18 +265,18 @@ def _spreads(
 ) -> tuple[Spread | None, ...]:
     """Read uncertainties: one for all elements, or a list like that of the values."""
     value = Quantity(0.0, scale.unit)  # whose unit alone counts
-    listed = [key for key in SIZES if isinstance(entry.get(key), list | tuple)]
+    list_keys = [key for key in SIZES if isinstance(entry.get(key), list | tuple)]
     if wrong := [key for key in SIZES if is_expression(entry.get(key)) or is_meant(entry.get(key))]:
         raise InputError(
             f"{wrong[0]} is the expression '{entry[wrong[0]]}'; write one number with a unit for all elements, or a list"
             " with one for each"
         )
-    if not listed:
-        spread = spread_of(entry, value, scale)
+    if not list_keys:
+        spread = read_spread(entry, value, scale)
         return () if spread is None else (spread,)
-    key = listed[0]
-    sizes, of = _listed(entry[key], scale, shape, dims, key)
-    return tuple(spread_of({**entry, key: f"{size!r} {of.unit.text}"}, value) for size in sizes)
+    key = list_keys[0]
+    sizes, size_scale = _read_nested(entry[key], scale, shape, dims, key)
+    return tuple(read_spread({**entry, key: f"{size!r} {size_scale.unit.text}"}, value) for size in sizes)
 
 
 def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
@@ -285,15 +287,19 @@ def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
         body["value"] = text_of(values.tree)
     else:
         is_one = len(values.numbers) == 1 != prod(shape)
-        body["value"] = values.numbers[0] if is_one else nested(values.numbers, shape)
+        body["value"] = values.numbers[0] if is_one else nested_lists(values.numbers, shape)
     body |= {"unit": values.unit.text} if values.unit is not None else {}
     if spreads := [spread for spread in values.spreads if spread is not None]:
         first = spreads[0]
         sizes = [0.0 if spread is None else spread.size.value for spread in values.spreads]
         key = "half_width" if first.bounded else "uncertainty"
-        of = first.size.unit.text
-        listed: Any = nested([f"{size!r} {of}" for size in sizes], shape) if len(sizes) > 1 else f"{sizes[0]!r} {of}"
-        body[key] = listed
+        unit_text = first.size.unit.text
+        size_entry: Any = (
+            nested_lists([f"{size!r} {unit_text}" for size in sizes], shape)
+            if len(sizes) > 1
+            else f"{sizes[0]!r} {unit_text}"
+        )
+        body[key] = size_entry
         if first.distribution != (RECTANGULAR if first.bounded else NORMAL):
             body["distribution"] = first.distribution
         if first.degrees_of_freedom is not None:
@@ -302,7 +308,7 @@ def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
     return body["value"] if declared and [*body] == ["value"] else body
 
 
-def nested(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:
+def nested_lists(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:
     """Return numbers as lists in lists, the last dimension innermost."""
     rows = list(flat)
     for length in reversed(shape[1:]):
@@ -310,7 +316,7 @@ def nested(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:
     return rows if shape else rows[0]
 
 
-def unit_of(values: Values) -> Unit:
+def unit_of_values(values: Values) -> Unit:
     """Return the unit of a parameter with dimensions: as given, or the SI unit of its expression.
 
     Raises
@@ -321,15 +327,15 @@ def unit_of(values: Values) -> Unit:
     if values.tree is None:
         assert values.unit is not None  # noqa: S101 - numbers have a unit
         return values.unit
-    known = {name: constant(name).dimension for name in (*CONSTANTS, *CALENDAR)} | {"pi": NONE}
-    if others := sorted(free_names(values.tree) - known.keys()):
+    constant_dimensions = {name: constant(name).dimension for name in (*CONSTANTS, *CALENDAR)} | {"pi": NONE}
+    if unknown_names := sorted(free_names(values.tree) - constant_dimensions.keys()):
         raise InputError(
-            f"'{shown(values.tree)}' reads '{others[0]}'; a parameter by an expression is of constants and index(…):"
+            f"'{shortened_text(values.tree)}' reads '{unknown_names[0]}'; a parameter by an expression is of constants and index(…):"
             " what follows from other parameters is a definition"
         )
-    dimension = dimension_of(values.tree, known)
+    dimension = dimension_of(values.tree, constant_dimensions)
     if values.unit is not None and dimension != NONE:
         raise InputError(
-            f"has unit '{values.unit.text}' beside '{shown(values.tree)}', which has units '{dimension}' itself; leave the unit out"
+            f"has unit '{values.unit.text}' beside '{shortened_text(values.tree)}', which has units '{dimension}' itself; leave the unit out"
         )
     return spell(dimension) if values.unit is None else values.unit

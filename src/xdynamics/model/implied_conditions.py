@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from xdynamics.expressions import Binary, Call, Compare, Name, Node
-from xdynamics.expressions.calculus import ONE, ZERO, multiply, negative, total
+from xdynamics.expressions.calculus import ONE, ZERO, multiply, negative, sum_of_terms
 from xdynamics.model.mass import Assignment
 from xdynamics.runtime.cached_properties import cached_property
 
@@ -49,17 +49,17 @@ class Sharing:
             lines.append(Assignment(f"_implied{p}", _where_positive(Name(self.inverse_pivots[p]), ZERO, ONE)))
             for i in reversed(range(p)):  # L^T z = 0
                 if terms := [multiply(Name(self.factors[j, i]), raw[j]) for j in raw if (j, i) in self.factors]:
-                    lines.append(Assignment(f"_null{p}_{i}", negative(total(terms))))
+                    lines.append(Assignment(f"_null{p}_{i}", negative(sum_of_terms(terms))))
                     raw[i] = Name(f"_null{p}_{i}")
             for q, earlier in vectors.items():
-                lines.append(Assignment(f"_along{p}_{q}", self._part(raw, earlier, q)))
+                lines.append(Assignment(f"_along{p}_{q}", self._projection(raw, earlier, q)))
                 for i, entry in earlier.items():
                     part = Binary("-", raw.get(i, ZERO), Binary("*", Name(f"_along{p}_{q}"), entry))
                     lines.append(Assignment(f"_null{p}_{i}_{q}", part))
                     raw[i] = Name(f"_null{p}_{i}_{q}")
             vectors[p] = raw
             square = Name(f"_square{p}")
-            lines.append(Assignment(square.name, self._product(raw, raw)))
+            lines.append(Assignment(square.name, self._weighted_product(raw, raw)))
             lines.append(Assignment(_inverse_square(p), _where_positive(square, Binary("/", ONE, square), ZERO)))
         return lines, vectors
 
@@ -67,24 +67,24 @@ class Sharing:
         """Write what spans the null space."""
         yield from self._spanned[0]
 
-    def least(self, forces: Sequence[str], basic: Sequence[str]) -> Iterator[Assignment]:
+    def least_norm(self, forces: Sequence[str], basic: Sequence[str]) -> Iterator[Assignment]:
         """Write the multipliers of least norm from others that accelerate alike, a basic solution."""
         left: dict[int, Node] = {k: Name(name) for k, name in enumerate(basic)}
         for p, vector in self._spanned[1].items():
             part = Name(f"_part{p}_{forces[p]}")
-            yield Assignment(part.name, self._part(left, vector, p))
+            yield Assignment(part.name, self._projection(left, vector, p))
             for i, entry in vector.items():
                 reduced = Name(f"_less{p}_{forces[i]}")
                 yield Assignment(reduced.name, Binary("-", left[i], Binary("*", part, entry)))
                 left[i] = reduced
         yield from (Assignment(name, left[k]) for k, name in enumerate(forces))
 
-    def _part(self, whole: Mapping[int, Node], vector: Mapping[int, Node], p: int) -> Node:
-        return Binary("*", self._product(whole, vector), Name(_inverse_square(p)))
+    def _projection(self, multipliers: Mapping[int, Node], vector: Mapping[int, Node], p: int) -> Node:
+        return Binary("*", self._weighted_product(multipliers, vector), Name(_inverse_square(p)))
 
-    def _product(self, a: Mapping[int, Node], b: Mapping[int, Node]) -> Node:
+    def _weighted_product(self, a: Mapping[int, Node], b: Mapping[int, Node]) -> Node:
         shared = sorted(a.keys() & b.keys())
-        return total([Binary("*", self.weights[i], Binary("*", a[i], b[i])) for i in shared]) if shared else ZERO
+        return sum_of_terms([Binary("*", self.weights[i], Binary("*", a[i], b[i])) for i in shared]) if shared else ZERO
 
 
 def _where_positive(value: Node, then: Node, otherwise: Node) -> Node:

@@ -33,15 +33,15 @@ from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import (
     COMMENTS,
     LONGEST_HEADER,
+    cell_excerpt,
     clocks_of,
     name_of_title,
-    normal,
-    number_of,
-    shown,
+    normalise_newlines,
+    number_in_cell,
     title,
 )
 from xdynamics.model.instrument_files import RUN, STEP, preambled, rasp, rigol, tds, vernier
-from xdynamics.model.text_cells import Cells, cells_of, first_numbers, has_unit, is_table, numbers_of
+from xdynamics.model.text_cells import Cells, cells_of, first_numbers, has_unit, is_table, number_cells
 from xdynamics.units import parse_quantity, parse_scale
 
 KEYS = ("skip", "header", "units", "time_zero", "decimal")
@@ -77,7 +77,7 @@ class Reading:
     columns: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, keys: Mapping[str, Any]) -> Reading:
+    def from_keys(cls, keys: Mapping[str, Any]) -> Reading:
         """Check the keys.
 
         Raises
@@ -96,10 +96,10 @@ class Reading:
         if not isinstance(units, Mapping) or not all(isinstance(unit, str) for unit in units.values()):
             raise InputError(f'units is {units!r}, needs a table of units by column, {{ t = "s", x = "mm" }}')
         for name, unit in units.items():
-            _checked(f"units: column '{name}'", lambda unit=unit: parse_scale(unit))  # type: ignore[misc]
+            _make_labelled(f"units: column '{name}'", lambda unit=unit: parse_scale(unit))  # type: ignore[misc]
         zero, decimal = keys.get("time_zero", ""), keys.get("decimal", "")
         if zero and zero != FIRST:
-            _checked("time_zero", lambda: parse_quantity(zero))
+            _make_labelled("time_zero", lambda: parse_quantity(zero))
         if decimal not in ("", ".", ","):
             raise InputError(f"decimal is {decimal!r}, needs '.' or ','")
         columns = keys.get(COLUMNS, {})
@@ -131,7 +131,7 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
     1.8,0
     <BLANKLINE>
     """
-    lines = [line for line in normal(text).split("\n")[reading.skip :] if line.strip(" \t,;")]
+    lines = [line for line in normalise_newlines(text).split("\n")[reading.skip :] if line.strip(" \t,;")]
     if not lines:
         if reading.skip and text.strip():
             raise InputError(f"table '{name}' has no lines after the first {reading.skip}, which skip leaves out")
@@ -142,37 +142,37 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
     if ready and reading == AS_IT_IS:
         return text
     if reading.header:
-        grid = _titled(name, lines, reading)
+        grid = _cells_below_titles(name, lines, reading)
     elif not ready:
-        known: Callable[[list[str], str], Cells | None]
-        for known in (rasp, vernier, tds, rigol, preambled):
-            if (grid := known(lines, reading.decimal)) is not None:
+        read_known_file: Callable[[list[str], str], Cells | None]
+        for read_known_file in (rasp, vernier, tds, rigol, preambled):
+            if (grid := read_known_file(lines, reading.decimal)) is not None:
                 break
     if reading == AS_IT_IS:
         return text if grid is None else grid.text(name)
     grid = grid or _split(lines, reading)
-    return _counted(name, _renamed(name, _with_units(name, grid, reading), reading), reading).text(name)
+    return _count_times(name, _renamed(name, _with_column_units(name, grid, reading), reading), reading).text(name)
 
 
-def _checked(what: str, make: Callable[[], Any]) -> Any:
+def _make_labelled(label: str, make: Callable[[], Any]) -> Any:
     try:
         return make()
     except InputError as error:
-        raise InputError(f"{what}: {error}") from None
+        raise InputError(f"{label}: {error}") from None
 
 
-def _titled(name: str, lines: list[str], reading: Reading) -> Cells:
+def _cells_below_titles(name: str, lines: list[str], reading: Reading) -> Cells:
     """Read the numbers of a file below the titles that are said."""
     lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
     begin = first_numbers(lines, reading.decimal)
     if begin < 0:
         raise InputError(
-            f"table '{name}' has no two lines of as many numbers below each other; it begins {shown(lines[0])}"
+            f"table '{name}' has no two lines of as many numbers below each other; it begins {cell_excerpt(lines[0])}"
         )
-    rows = tuple(tuple(row) for line in lines[begin:] if (row := numbers_of(line, reading.decimal)))
+    rows = tuple(tuple(row) for line in lines[begin:] if (row := number_cells(line, reading.decimal)))
     if len(rows[0]) != len(reading.header):
         raise InputError(
-            f"table '{name}' has {len(rows[0])} numbers in a line, {' '.join(map(shown, rows[0][:6]))}, and header has"
+            f"table '{name}' has {len(rows[0])} numbers in a line, {' '.join(map(cell_excerpt, rows[0][:6]))}, and header has"
             f" {len(reading.header)} titles; name each column, those that are not wanted too"
         )
     return Cells("with titles that were given", reading.header, rows)
@@ -181,25 +181,25 @@ def _titled(name: str, lines: list[str], reading: Reading) -> Cells:
 def _split(lines: list[str], reading: Reading) -> Cells:
     """Split a file whose first line is its header."""
     lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
-    rows = (numbers_of(line, reading.decimal) or cells_of(line) for line in lines[1:])
+    rows = (number_cells(line, reading.decimal) or cells_of(line) for line in lines[1:])
     header = cells_of(lines[0])
     while header and not header[-1]:
         header.pop()
     return Cells("read as it was said", tuple(header), tuple(tuple(row) for row in rows))
 
 
-def _with_units(name: str, grid: Cells, reading: Reading) -> Cells:
+def _with_column_units(name: str, grid: Cells, reading: Reading) -> Cells:
     header = list(grid.header)
     names = [name_of_title(title) for title in header]
     for column, unit in reading.units.items():
         if names.count(column) != 1:
             raise InputError(
-                f"table '{name}' has no column '{column}', which units names; there are {', '.join(map(shown, names))}"
+                f"table '{name}' has no column '{column}', which units names; there are {', '.join(map(cell_excerpt, names))}"
             )
         k = names.index(column)
         if has_unit(header[k]):
             raise InputError(
-                f"table '{name}': column {shown(header[k])} has a unit already, and units gives '{unit}'; write header to change it"
+                f"table '{name}': column {cell_excerpt(header[k])} has a unit already, and units gives '{unit}'; write header to change it"
             )
         header[k] = f"{column} [{unit}]"
     return replace(grid, header=tuple(header))
@@ -212,7 +212,7 @@ def _renamed(name: str, grid: Cells, reading: Reading) -> Cells:
     for ours, theirs in reading.columns.items():
         if names.count(theirs) != 1:
             raise InputError(
-                f"table '{name}' has no column '{theirs}', which columns names; there are {', '.join(map(shown, names))}"
+                f"table '{name}' has no column '{theirs}', which columns names; there are {', '.join(map(cell_excerpt, names))}"
             )
         for k, column in enumerate(names):
             if column in (theirs, f"u({theirs})"):
@@ -220,31 +220,31 @@ def _renamed(name: str, grid: Cells, reading: Reading) -> Cells:
     return replace(grid, header=tuple(header))
 
 
-def _counted(name: str, grid: Cells, reading: Reading) -> Cells:
+def _count_times(name: str, grid: Cells, reading: Reading) -> Cells:
     """Count the times from where it is said."""
     if not reading.time_zero:
         return grid
     names = [name_of_title(title) for title in grid.header]
     clocks = [names.index(clock) for clock in clocks_of(grid.header)][:1]
     for k in clocks or [k for k, column in enumerate(names) if column.startswith("event_time_")] or [0]:
-        grid = _counted_column(name, grid, reading, k)
+        grid = _count_column(name, grid, reading, k)
     return replace(grid, kind=f"{grid.kind}, time counted from {reading.time_zero}")
 
 
-def _counted_column(name: str, grid: Cells, reading: Reading, k: int) -> Cells:
-    scale = _checked(f"table '{name}', column {shown(grid.header[k])}", lambda: title(grid.header[k])).unit
+def _count_column(name: str, grid: Cells, reading: Reading, k: int) -> Cells:
+    scale = _make_labelled(f"table '{name}', column {cell_excerpt(grid.header[k])}", lambda: title(grid.header[k])).unit
     if reading.time_zero == FIRST:
-        zero = Fraction(grid.rows[0][k]) if number_of(grid.rows[0][k]) is not None else Fraction(0)
+        zero = Fraction(grid.rows[0][k]) if number_in_cell(grid.rows[0][k]) is not None else Fraction(0)
     else:
         quantity = parse_quantity(reading.time_zero)
         if quantity.unit.dimension != scale.dimension:
             raise InputError(
-                f"time_zero is '{reading.time_zero}', and column {shown(grid.header[k])} is in '{scale.text}'"
+                f"time_zero is '{reading.time_zero}', and column {cell_excerpt(grid.header[k])} is in '{scale.text}'"
             )
         zero = Fraction(repr(quantity.value)) * quantity.unit.factor / scale.factor
     rows = [
         (*row[:k], repr(float(Fraction(row[k]) - zero)), *row[k + 1 :])
-        if len(row) > k and number_of(row[k]) is not None
+        if len(row) > k and number_in_cell(row[k]) is not None
         else row
         for row in grid.rows
     ]

@@ -8,11 +8,11 @@ from math import cos, sin
 from typing import Any
 
 from xdynamics.expressions import Name
-from xdynamics.faults import InputError, brief
+from xdynamics.faults import InputError, brief_repr
 from xdynamics.model.body_sections import AXES, PLACE, SPACE, Triple
 from xdynamics.model.kinds import Kind, Source
 from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
-from xdynamics.model.table_keys import keys
+from xdynamics.model.table_keys import check_keys
 from xdynamics.model.unit_vectors import normalised, plain_numbers, unit_quaternion
 from xdynamics.units import parse_quantity, parse_unit
 
@@ -51,8 +51,8 @@ class Joint:
     @property
     def axes(self) -> tuple[Numbers, Numbers]:
         """The unit vector of the axis in either of the two."""
-        first, *others = (tuple(normalised(axis, "axis")) for axis in self.axis)
-        return first, others[0] if others else first
+        first, *further_axes = (tuple(normalised(axis, "axis")) for axis in self.axis)
+        return first, further_axes[0] if further_axes else first
 
     @property
     def quaternion(self) -> Numbers:
@@ -60,7 +60,7 @@ class Joint:
         return UNTURNED if self.attitude is None else _quaternion(self.attitude)
 
 
-def joint(at: tuple[Name | Triple, Name | Triple], **values: Any) -> Joint:
+def make_joint(at: tuple[Name | Triple, Name | Triple], **values: Any) -> Joint:
     """Make a joint of one kind.
 
     Raises
@@ -70,15 +70,15 @@ def joint(at: tuple[Name | Triple, Name | Triple], **values: Any) -> Joint:
     """
     kinds = [kind for kind in KINDS if kind in values]
     if len(kinds) != 1:
-        given = f"{' and '.join(kinds)} are given" if kinds else "none is given"
-        raise InputError(f'it is one of {", ".join(KINDS)}, and {given}; write one, like hinge = ["arm", "rod"]')
+        problem = f"{' and '.join(kinds)} are given" if kinds else "none is given"
+        raise InputError(f'it is one of {", ".join(KINDS)}, and {problem}; write one, like hinge = ["arm", "rod"]')
     kind, (first, second) = kinds[0], values[kinds[0]]
     if first == second:
         raise InputError(f"{kind} joins {first} to itself; name two bodies, or a body and '{SPACE}'")
-    for name, place in zip((first, second), at, strict=True):
-        if name == SPACE and isinstance(place, Name):
+    for name, joint_point in zip((first, second), at, strict=True):
+        if name == SPACE and isinstance(joint_point, Name):
             raise InputError(
-                f"at: '{place.name}' is a point of '{SPACE}', which has no names; write its three components"
+                f"at: '{joint_point.name}' is a point of '{SPACE}', which has no names; write its three components"
             )
     turning, fixed = kind in (HINGE, SLIDER), kind in (SLIDER, RIGID)
     if turning and "axis" not in values:
@@ -92,21 +92,21 @@ def joint(at: tuple[Name | Triple, Name | Triple], **values: Any) -> Joint:
     return Joint(at, **values)
 
 
-def _pair(value: Any, key: str, _: Source) -> tuple[str, ...]:
+def _read_body_pair(value: Any, key: str, _: Source) -> tuple[str, ...]:
     if not isinstance(value, list | tuple) or len(value) != 2 or not all(isinstance(name, str) for name in value):
-        raise InputError(f'{key} is {brief(value)}, needs two bodies, or a body and "{SPACE}": ["arm", "rod"]')
+        raise InputError(f'{key} is {brief_repr(value)}, needs two bodies, or a body and "{SPACE}": ["arm", "rod"]')
     return tuple(value)
 
 
-def _places(value: Any, key: str, source: Source) -> tuple[Any, ...]:
+def _read_joint_points(value: Any, key: str, source: Source) -> tuple[Any, ...]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise InputError(
-            f'{key} is {brief(value)}, needs two points, one in each: ["tip", "top"], or [["0 m", "0 m", "0.5 m"], "top"]'
+            f'{key} is {brief_repr(value)}, needs two points, one in each: ["tip", "top"], or [["0 m", "0 m", "0.5 m"], "top"]'
         )
-    return tuple(PLACE.read(place, f"{key}[{i}]", source) for i, place in enumerate(value))
+    return tuple(PLACE.read(joint_point, f"{key}[{i}]", source) for i, joint_point in enumerate(value))
 
 
-def _axis(value: Any, key: str, _: Source) -> tuple[Numbers, ...]:
+def _read_axes(value: Any, key: str, _: Source) -> tuple[Numbers, ...]:
     pair = isinstance(value, list | tuple) and len(value) == 2
     axes = tuple(tuple(plain_numbers(axis, key, len(AXES))) for axis in (value if pair else [value]))
     for axis in axes:
@@ -118,7 +118,7 @@ def _written_attitude(value: Any, _: Any) -> Any:
     return value if isinstance(value, dict) else list(value)
 
 
-def _attitude(value: Any, *_: Any) -> Any:
+def _read_attitude(value: Any, *_: Any) -> Any:
     _quaternion(value)
     return dict(value) if isinstance(value, Mapping) else tuple(value)
 
@@ -127,30 +127,30 @@ def _quaternion(value: Any) -> Numbers:
     """Return a quaternion from four numbers, or from an axis and an angle."""
     if not isinstance(value, Mapping):
         return tuple(unit_quaternion(value))
-    keys(value, ("axis", "angle"), ("axis", "angle"))
-    axis, angle = _direction(value["axis"]), parse_quantity(value["angle"])
+    check_keys(value, ("axis", "angle"), ("axis", "angle"))
+    axis, angle = _unit_direction(value["axis"]), parse_quantity(value["angle"])
     if angle.unit.dimension != parse_unit("rad").dimension:
         raise InputError(f"attitude: angle is {value['angle']!r}, needs an angle, like '30 degree'")
     return cos(angle.si / 2), *(sin(angle.si / 2) * part for part in axis)
 
 
-def _direction(value: Any) -> Numbers:
+def _unit_direction(value: Any) -> Numbers:
     return tuple(normalised(plain_numbers(value, "axis", len(AXES)), "axis"))
 
 
-PAIR = Kind(f'two names, of bodies or "{SPACE}"', _pair, lambda names, _: list(names), ())
+PAIR = Kind(f'two names, of bodies or "{SPACE}"', _read_body_pair, lambda names, _: list(names), ())
 PLACES = Kind(
     "two points, each by name or as three quantities or expressions",
-    _places,
-    lambda places, time: [PLACE.write(place, time) for place in places],
+    _read_joint_points,
+    lambda points, time: [PLACE.write(point, time) for point in points],
 )
 AXIS_KIND = Kind(
     "three numbers, or two times three",
-    _axis,
+    _read_axes,
     lambda axes, _: [list(axis) for axis in axes] if len(axes) > 1 else list(axes[0]),
     (),
 )
-ATTITUDE = Kind('[w, x, y, z], or { axis = [0, 0, 1], angle = "30 degree" }', _attitude, _written_attitude, None)
+ATTITUDE = Kind('[w, x, y, z], or { axis = [0, 0, 1], angle = "30 degree" }', _read_attitude, _written_attitude, None)
 SECTION = Section(
     "joints of two bodies, or of a body and space: constraints, with the force and the torque in each",
     "joint",
@@ -159,7 +159,7 @@ SECTION = Section(
         Key(HINGE, PAIR, "in one point, turning about one axis", "another kind", omitted=()),
         Key(SLIDER, PAIR, "the second along an axis of the first, unturned in it", "another kind", omitted=()),
         Key(RIGID, PAIR, "one welded to the other", "another kind", omitted=()),
-        Key("at", PLACES.of("m"), "in the axes of each: points that lie on each other, or on the axis", NEEDED),
+        Key("at", PLACES.with_unit("m"), "in the axes of each: points that lie on each other, or on the axis", NEEDED),
         Key(
             "axis",
             AXIS_KIND,
@@ -205,6 +205,6 @@ at = [["0.1 m", "0 m", "0 m"], "centre"]
 axis = [1, 0, 0]
 description = "of the frame"
 """,
-    make=joint,
-    apart=True,
+    make=make_joint,
+    own_tables=True,
 )

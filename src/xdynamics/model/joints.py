@@ -16,42 +16,44 @@ from typing import Any
 from xdynamics.expressions import Along, Call, Name, Node, Number, text_of
 from xdynamics.expressions.calculus import ONE, TWO, ZERO, add, multiply, negative
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.bodies import AXIS, LONGEST_NAME, scalar_part, turn, vector, vector_part
+from xdynamics.model.bodies import AXIS, LONGEST_NAME, quasi_coordinate, scalar_part, vector, vector_part
 from xdynamics.model.body_sections import AXES, CENTRE, SPACE, Triple
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.joint_sections import BALL, HINGE, SLIDER, Joint, Numbers
 from xdynamics.model.kinds import Source
-from xdynamics.model.table_keys import near
+from xdynamics.model.table_keys import suggestion
 from xdynamics.reaction_names import constraint_force, joint_force, joint_torque
 from xdynamics.schema import velocity
-from xdynamics.shapes.naming import element
+from xdynamics.shapes.naming import join_element_name
 
 Quaternion = tuple[Node, Triple]
 
 
 def with_joints(tables: dict[str, Any], source: Source, ledger: Ledger) -> None:
     """Put what joints stand for among the constraints and definitions of a statement; what is wrong is noted."""
-    given = tables.get("joints")
-    if not isinstance(given, Mapping) or not given:
+    joint_tables = tables.get("joints")
+    if not isinstance(joint_tables, Mapping) or not joint_tables:
         return
     bodies = tables.get("bodies") or {}
     for title in ("constraints", "definitions"):
         if not isinstance(tables.setdefault(title, {}), dict):
             return  # said where it is read
-    for name, entry in given.items():
+    for name, entry in joint_tables.items():
         with ledger.entry(f"joint '{name}'"):
-            _check_name(name)
+            _check_joint_name(name)
             joint = SECTIONS["joints"].read(name, entry, source)
             _check_bodies(joint, bodies)
             for title, made in tables_of_joint(name, joint).items():
                 for key, expression in made.items():
                     if key in tables[title]:
-                        called = SECTIONS[title].entry
-                        raise InputError(f"makes a {called} '{key}', and there is one; rename the joint, or the other")
+                        entry_kind = SECTIONS[title].entry
+                        raise InputError(
+                            f"makes a {entry_kind} '{key}', and there is one; rename the joint, or the other"
+                        )
                     tables[title][key] = expression
 
 
-def _check_name(name: str) -> None:
+def _check_joint_name(name: str) -> None:
     if not (name.isascii() and name.isidentifier() and name[0] != "_" and len(name) <= LONGEST_NAME):
         raise InputError(
             f"a joint's name is a letter, then letters, digits and underscores, {LONGEST_NAME} at most: those of its"
@@ -63,11 +65,11 @@ def _check_bodies(joint: Joint, bodies: Mapping[str, Any]) -> None:
     """Refuse bodies that there are not, and points that they have not."""
     if SPACE in bodies:
         raise InputError(f"'{SPACE}' is what no body moves in, and there is a body of that name; rename that")
-    for name, place in zip(joint.bodies, joint.at, strict=True):
+    for name, joint_point in zip(joint.bodies, joint.at, strict=True):
         if name == SPACE:
             continue
         if name not in bodies:
-            raise InputError(f"{joint.kind}: there is no body '{name}'{near(name, (*bodies, SPACE))}")
+            raise InputError(f"{joint.kind}: there is no body '{name}'{suggestion(name, (*bodies, SPACE))}")
         body = bodies[name] if isinstance(bodies[name], Mapping) else {}
         if body.get("dims"):
             raise InputError(
@@ -75,42 +77,47 @@ def _check_bodies(joint: Joint, bodies: Mapping[str, Any]) -> None:
                 ' write holds = "point(…) - point(…)" in [constraints]'
             )
         points = (CENTRE, *(body.get("points") or ()))
-        if isinstance(place, Name) and place.name not in points:
-            raise InputError(f"at: body '{name}' has no point '{place.name}'{near(place.name, points)}")
+        if isinstance(joint_point, Name) and joint_point.name not in points:
+            raise InputError(
+                f"at: body '{name}' has no point '{joint_point.name}'{suggestion(joint_point.name, points)}"
+            )
 
 
 def tables_of_joint(name: str, joint: Joint) -> dict[str, dict[str, str]]:
     """Return what a joint stands for, as entries of sections of a model file."""
-    first, second = map(_place, joint.bodies, joint.at)
-    apart = f"{first} - ({second})"
+    first, second = map(_point_text, joint.bodies, joint.at)
+    separation = f"{first} - ({second})"
     kind, across = joint.kind, _across(joint)
     constraints = dict[str, str]()
     if kind == SLIDER:
-        for key, normal in zip(_slides(name), across, strict=True):
-            constraints[key] = f"dot({_direction(joint.bodies[0], normal)}, {apart}, {AXIS})"
+        for key, normal in zip(_slider_constraints(name), across, strict=True):
+            constraints[key] = f"dot({_direction_text(joint.bodies[0], normal)}, {separation}, {AXIS})"
     else:
-        constraints[_meeting(name)] = apart
+        constraints[_point_constraint(name)] = separation
     if kind != BALL:
-        _, turned = _between(joint, _along)
-        off = [multiply(TWO, negative(_dot(normal, turned))) for normal in _fixed(joint)]
-        constraints |= {key: text_of(tree) for key, tree in zip(_turns(name, joint), _entries(off), strict=True)}
-    return {"constraints": constraints, "definitions": dict(_definitions(name, joint, apart))}
+        _, relative_vector = _relative_attitude(joint, _taken_components)
+        off = [multiply(TWO, negative(_numeric_dot(normal, relative_vector))) for normal in _fixed_directions(joint)]
+        constraints |= {
+            key: text_of(tree)
+            for key, tree in zip(_turn_constraints(name, joint), _constraint_entries(off), strict=True)
+        }
+    return {"constraints": constraints, "definitions": dict(_joint_definitions(name, joint, separation))}
 
 
-def _definitions(name: str, joint: Joint, apart: str) -> Iterator[tuple[str, str]]:
+def _joint_definitions(name: str, joint: Joint, separation: str) -> Iterator[tuple[str, str]]:
     """Yield how far a hinge has turned, and how fast it does, or how far a slider has gone."""
     if joint.kind == HINGE:
-        scalar, turned = _between(joint, _along)
-        angle = multiply(TWO, Call("atan2", (_dot(joint.axes[0], turned), scalar)))
+        scalar, relative_vector = _relative_attitude(joint, _taken_components)
+        angle = multiply(TWO, Call("atan2", (_numeric_dot(joint.axes[0], relative_vector), scalar)))
         yield f"{name}_angle", text_of(angle)
         rate: Node = ZERO
         for body, axis, sign in zip(joint.bodies, joint.axes, (-1.0, 1.0), strict=True):
             if body != SPACE:
-                spin = _along(velocity(turn(body)))
-                rate = add(rate, _dot([sign * part for part in axis], spin))
+                spin = _taken_components(velocity(quasi_coordinate(body)))
+                rate = add(rate, _numeric_dot([sign * part for part in axis], spin))
         yield velocity(f"{name}_angle"), text_of(rate)
     if joint.kind == SLIDER:
-        yield f"{name}_travel", f"-dot({_direction(joint.bodies[0], joint.axes[0])}, {apart}, {AXIS})"
+        yield f"{name}_travel", f"-dot({_direction_text(joint.bodies[0], joint.axes[0])}, {separation}, {AXIS})"
 
 
 def made_by_joints(joints: Mapping[str, Joint], title: str) -> set[str]:
@@ -120,74 +127,82 @@ def made_by_joints(joints: Mapping[str, Joint], title: str) -> set[str]:
 
 def joint_reactions(joints: Mapping[str, Joint]) -> dict[str, Node]:
     """Return the force and the torque in each joint, in space, by components: on the first, at the point of the second."""
-    found = dict[str, Node]()
+    reactions = dict[str, Node]()
     for name, joint in joints.items():
-        force, torque = _force(name, joint), _torque(name, joint)
-        found |= {element(joint_force(name), [axis]): tree for axis, tree in zip(AXES, force, strict=True)}
+        force, torque = _force_in_space(name, joint), _torque_in_space(name, joint)
+        reactions |= {
+            join_element_name(joint_force(name), [axis]): tree for axis, tree in zip(AXES, force, strict=True)
+        }
         if torque is not None:
-            found |= {element(joint_torque(name), [axis]): tree for axis, tree in zip(AXES, torque, strict=True)}
-    return found
+            reactions |= {
+                join_element_name(joint_torque(name), [axis]): tree for axis, tree in zip(AXES, torque, strict=True)
+            }
+    return reactions
 
 
-def _force(name: str, joint: Joint) -> Triple:
+def _force_in_space(name: str, joint: Joint) -> Triple:
     if joint.kind != SLIDER:
-        return _components(constraint_force(_meeting(name)))
+        return _element_components(constraint_force(_point_constraint(name)))
     pulls = (
-        _times(Name(constraint_force(key)), normal) for key, normal in zip(_slides(name), _across(joint), strict=True)
+        _scale_direction(Name(constraint_force(key)), normal)
+        for key, normal in zip(_slider_constraints(name), _across(joint), strict=True)
     )
-    return _turned(_attitude(joint.bodies[0], _components), _total(pulls))
+    return _rotate_to_space(_body_attitude(joint.bodies[0], _element_components), _sum_triples(pulls))
 
 
-def _torque(name: str, joint: Joint) -> Triple | None:
+def _torque_in_space(name: str, joint: Joint) -> Triple | None:
     """Return the derivatives of the small angles by those of the first body, times their multipliers."""
     if joint.kind == BALL:
         return None
-    scalar, turned = _between(joint, _components)
-    keys = [constraint_force(key) for key in _turns(name, joint)]
-    multipliers = _components(keys[0]) if joint.kind != HINGE else tuple(map(Name, keys))
+    scalar, relative_vector = _relative_attitude(joint, _element_components)
+    keys = [constraint_force(key) for key in _turn_constraints(name, joint)]
+    multipliers = _element_components(keys[0]) if joint.kind != HINGE else tuple(map(Name, keys))
     pulls = (
-        _sum(_times(multiply(scalar, size), normal), _cross(turned, _times(size, normal)))
-        for size, normal in zip(multipliers, _fixed(joint), strict=True)
+        _add_triples(
+            _scale_direction(multiply(scalar, size), normal),
+            _cross_triples(relative_vector, _scale_direction(size, normal)),
+        )
+        for size, normal in zip(multipliers, _fixed_directions(joint), strict=True)
     )
-    return _turned(_attitude(joint.bodies[0], _components), _total(pulls))
+    return _rotate_to_space(_body_attitude(joint.bodies[0], _element_components), _sum_triples(pulls))
 
 
 # ---------------------------------------------------------------------------------------------------------------- names
 
 
-def _meeting(name: str) -> str:
+def _point_constraint(name: str) -> str:
     return f"{name}_point"
 
 
-def _slides(name: str) -> tuple[str, str]:
+def _slider_constraints(name: str) -> tuple[str, str]:
     return f"{name}_across_1", f"{name}_across_2"
 
 
-def _turns(name: str, joint: Joint) -> tuple[str, ...]:
+def _turn_constraints(name: str, joint: Joint) -> tuple[str, ...]:
     return (f"{name}_turn_1", f"{name}_turn_2") if joint.kind == HINGE else (f"{name}_turn",)
 
 
-def _place(body: str, place: Name | Triple) -> str:
+def _point_text(body: str, joint_point: Name | Triple) -> str:
     """Return the text of where a point is in space."""
-    if body == SPACE and not isinstance(place, Name):
-        return text_of(vector(place))
-    return f"point({body}, {place.name if isinstance(place, Name) else _listed(place)})"
+    if body == SPACE and not isinstance(joint_point, Name):
+        return text_of(vector(joint_point))
+    return f"point({body}, {joint_point.name if isinstance(joint_point, Name) else _triple_text(joint_point)})"
 
 
-def _direction(body: str, axis: Numbers) -> str:
+def _direction_text(body: str, axis: Numbers) -> str:
     """Return the text of a vector of a body in space."""
-    x, y, z = map(_number, axis)
-    return text_of(vector((x, y, z))) if body == SPACE else f"direction({body}, {_listed((x, y, z))})"
+    x, y, z = map(_signed_number, axis)
+    return text_of(vector((x, y, z))) if body == SPACE else f"direction({body}, {_triple_text((x, y, z))})"
 
 
-def _listed(parts: Triple) -> str:
+def _triple_text(parts: Triple) -> str:
     return f"[{', '.join(map(text_of, parts))}]"
 
 
 # ----------------------------------------------------------------------------------------------------------- directions
 
 
-def _fixed(joint: Joint) -> tuple[Numbers, ...]:
+def _fixed_directions(joint: Joint) -> tuple[Numbers, ...]:
     """Return the directions in the first body about which the second does not turn."""
     return _across(joint) if joint.kind == HINGE else ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -205,9 +220,13 @@ def perpendiculars(axis: Numbers) -> tuple[Numbers, Numbers]:
     >>> perpendiculars((0.0, 0.0, 1.0))
     ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     """
-    least = min(range(len(AXES)), key=lambda i: abs(axis[i]))  # the coordinate axis farthest from it: nothing cancels
-    length = sqrt(1.0 - axis[least] ** 2)
-    a, b, c = (((i == least) - axis[least] * axis[i]) / length + 0.0 for i in range(len(AXES)))  # no negative zero
+    smallest_axis = min(
+        range(len(AXES)), key=lambda i: abs(axis[i])
+    )  # the coordinate axis farthest from it: nothing cancels
+    length = sqrt(1.0 - axis[smallest_axis] ** 2)
+    a, b, c = (
+        ((i == smallest_axis) - axis[smallest_axis] * axis[i]) / length + 0.0 for i in range(len(AXES))
+    )  # no negative zero
     x, y, z = axis
     return (a, b, c), (y * c - z * b + 0.0, z * a - x * c + 0.0, x * b - y * a + 0.0)
 
@@ -215,43 +234,46 @@ def perpendiculars(axis: Numbers) -> tuple[Numbers, Numbers]:
 def _constant_turn(joint: Joint) -> Numbers:
     """Return Q, that takes components in the first body to those in the second where they are not off."""
     if joint.kind != HINGE:
-        w, *rest = joint.quaternion
-        return w, *(-part for part in rest)
+        w, *imaginary_parts = joint.quaternion
+        return w, *(-part for part in imaginary_parts)
     (x, y, z), (u, v, w) = joint.axes
     scalar = 1.0 + x * u + y * v + z * w
     if scalar < 1e-12:  # opposite: half a turn about what is across
         return 0.0, *perpendiculars(joint.axes[0])[0]
-    turned = y * w - z * v, z * u - x * w, x * v - y * u
-    length = sqrt(scalar**2 + sum(part**2 for part in turned))
-    return scalar / length, *(part / length for part in turned)
+    cross_vector = y * w - z * v, z * u - x * w, x * v - y * u
+    length = sqrt(scalar**2 + sum(part**2 for part in cross_vector))
+    return scalar / length, *(part / length for part in cross_vector)
 
 
-def _between(joint: Joint, parts: Any) -> Quaternion:
+def _relative_attitude(joint: Joint, parts: Any) -> Quaternion:
     """Return p = q_a* q_b Q."""
-    first, second = (_attitude(body, parts) for body in joint.bodies)
-    scalar, *turned = map(_number, _constant_turn(joint))
-    return _product((first[0], _negated(first[1])), _product(second, (scalar, tuple(turned))))  # type: ignore[arg-type]
+    first, second = (_body_attitude(body, parts) for body in joint.bodies)
+    scalar, *imaginary_parts = map(_signed_number, _constant_turn(joint))
+    return _quaternion_product(
+        (first[0], _negate_triple(first[1])),
+        _quaternion_product(second, (scalar, tuple(imaginary_parts))),  # type: ignore[arg-type]
+    )
 
 
-def _attitude(body: str, parts: Any) -> Quaternion:
+def _body_attitude(body: str, parts: Any) -> Quaternion:
     if body == SPACE:
         return ONE, (ZERO, ZERO, ZERO)
     return Name(scalar_part(body)), parts(vector_part(body))
 
 
-def _along(name: str) -> Triple:
+def _taken_components(name: str) -> Triple:
     """Return the components of a quantity along `axis` as expressions have them."""
     x, y, z = (Along("take", (Name(name), Number(float(i))), (AXIS,)) for i in range(len(AXES)))
     return x, y, z
 
 
-def _components(name: str) -> Triple:
+def _element_components(name: str) -> Triple:
     """Return the components of a quantity along `axis` as elements are named."""
-    x, y, z = (Name(element(name, [axis])) for axis in AXES)
+    x, y, z = (Name(join_element_name(name, [axis])) for axis in AXES)
     return x, y, z
 
 
-def _entries(off: list[Node]) -> list[Node]:
+def _constraint_entries(off: list[Node]) -> list[Node]:
     """Return conditions as they are entered: two, or one along `axis`."""
     return off if len(off) < len(AXES) else [vector((off[0], off[1], off[2]))]
 
@@ -259,56 +281,58 @@ def _entries(off: list[Node]) -> list[Node]:
 # -------------------------------------------------------------------------------------------------------------- algebra
 
 
-def _number(value: float) -> Node:
+def _signed_number(value: float) -> Node:
     return ZERO if value == 0.0 else Number(value) if value > 0.0 else negative(Number(-value))
 
 
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    turned = _sum(_sum(_scaled(a[0], b[1]), _scaled(b[0], a[1])), _cross(a[1], b[1]))
-    return add(multiply(a[0], b[0]), negative(_inner(a[1], b[1]))), turned
+def _quaternion_product(a: Quaternion, b: Quaternion) -> Quaternion:
+    product_vector = _add_triples(
+        _add_triples(_scale_triple(a[0], b[1]), _scale_triple(b[0], a[1])), _cross_triples(a[1], b[1])
+    )
+    return add(multiply(a[0], b[0]), negative(_inner_product(a[1], b[1]))), product_vector
 
 
-def _turned(q: Quaternion, a: Triple) -> Triple:
+def _rotate_to_space(q: Quaternion, a: Triple) -> Triple:
     """Return a vector of a body by its components in space: a + 2 q x (q x a + q0 a)."""
-    inner = _sum(_cross(q[1], a), _scaled(q[0], a))
-    return _sum(a, _scaled(TWO, _cross(q[1], inner)))
+    inner = _add_triples(_cross_triples(q[1], a), _scale_triple(q[0], a))
+    return _add_triples(a, _scale_triple(TWO, _cross_triples(q[1], inner)))
 
 
-def _cross(a: Triple, b: Triple) -> Triple:
-    def part(i: int, j: int) -> Node:
+def _cross_triples(a: Triple, b: Triple) -> Triple:
+    def cross_component(i: int, j: int) -> Node:
         return add(multiply(a[i], b[j]), negative(multiply(a[j], b[i])))
 
-    return part(1, 2), part(2, 0), part(0, 1)
+    return cross_component(1, 2), cross_component(2, 0), cross_component(0, 1)
 
 
-def _inner(a: Triple, b: Triple) -> Node:
+def _inner_product(a: Triple, b: Triple) -> Node:
     return add(add(multiply(a[0], b[0]), multiply(a[1], b[1])), multiply(a[2], b[2]))
 
 
-def _dot(numbers: Iterable[float], a: Triple) -> Node:
-    x, y, z = map(_number, numbers)
-    return _inner((x, y, z), a)
+def _numeric_dot(numbers: Iterable[float], a: Triple) -> Node:
+    x, y, z = map(_signed_number, numbers)
+    return _inner_product((x, y, z), a)
 
 
-def _scaled(size: Node, a: Triple) -> Triple:
+def _scale_triple(size: Node, a: Triple) -> Triple:
     return multiply(size, a[0]), multiply(size, a[1]), multiply(size, a[2])
 
 
-def _times(size: Node, numbers: Numbers) -> Triple:
-    x, y, z = map(_number, numbers)
-    return _scaled(size, (x, y, z))
+def _scale_direction(size: Node, numbers: Numbers) -> Triple:
+    x, y, z = map(_signed_number, numbers)
+    return _scale_triple(size, (x, y, z))
 
 
-def _sum(a: Triple, b: Triple) -> Triple:
+def _add_triples(a: Triple, b: Triple) -> Triple:
     return add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2])
 
 
-def _negated(a: Triple) -> Triple:
+def _negate_triple(a: Triple) -> Triple:
     return negative(a[0]), negative(a[1]), negative(a[2])
 
 
-def _total(parts: Iterable[Triple]) -> Triple:
+def _sum_triples(parts: Iterable[Triple]) -> Triple:
     total: Triple = (ZERO, ZERO, ZERO)
     for part in parts:
-        total = _sum(total, part)
+        total = _add_triples(total, part)
     return total

@@ -8,12 +8,12 @@ from typing import Any
 
 from xdynamics.expressions import Node, parse, text_of
 from xdynamics.expressions.corrections import with_unit_names
-from xdynamics.faults import InputError, brief
+from xdynamics.faults import InputError, brief_repr
 from xdynamics.model.file_access import FileAccess
 from xdynamics.model.parts import Function
-from xdynamics.model.python import Functions, function_of
-from xdynamics.model.table_keys import choice
-from xdynamics.shapes import Shapes, prepared
+from xdynamics.model.python import Functions, read_function
+from xdynamics.model.table_keys import read_choice
+from xdynamics.shapes import Shapes, resolve_min_max
 from xdynamics.units import (
     NONE,
     NUMBERS,
@@ -65,15 +65,15 @@ class Kind:
     omitted: Any = NEVER
     unit: str = ""
 
-    def of(self, unit: str) -> Kind:
+    def with_unit(self, unit: str) -> Kind:
         """Return the kind with its unit, or whatever else belongs to it, in the help."""
         return replace(self, takes=f"{self.takes}, {unit}", unit=unit)
 
 
-def words(*known: str) -> Kind:
+def word_kind(*choices: str) -> Kind:
     """Return the kind of values that are one of some words."""
-    takes = " | ".join(f'"{word}"' for word in known)
-    return Kind(takes, lambda value, key, _: choice(value, key, known))
+    takes = " | ".join(f'"{word}"' for word in choices)
+    return Kind(takes, lambda value, key, _: read_choice(value, key, choices))
 
 
 def raw(takes: str) -> Kind:
@@ -81,7 +81,7 @@ def raw(takes: str) -> Kind:
     return Kind(takes, lambda value, *_: value)
 
 
-def description(value: Any, *_: Any) -> str:
+def read_text(value: Any, *_: Any) -> str:
     """Read a text for people.
 
     Raises
@@ -97,61 +97,61 @@ def description(value: Any, *_: Any) -> str:
     return text
 
 
-def name_of(named: str) -> Kind:
+def name_kind(subject: str) -> Kind:
     """Return the kind of values that are the name of something."""
 
-    def read(value: Any, key: str, *_: Source) -> str:
+    def read_name(value: Any, key: str, *_: Source) -> str:
         if not isinstance(value, str):
-            raise InputError(f"{key} is {brief(value)}, needs the name of {named}")
+            raise InputError(f"{key} is {brief_repr(value)}, needs the name of {subject}")
         return value
 
-    return Kind(f"name, of {named}", read)
+    return Kind(f"name, of {subject}", read_name)
 
 
-def names_of(named: str) -> Kind:
+def name_list_kind(subject: str) -> Kind:
     """Return the kind of values that are lists of names, each once."""
 
-    def read(value: Any, key: str, *_: Source) -> tuple[str, ...]:
+    def read_names(value: Any, key: str, *_: Source) -> tuple[str, ...]:
         if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
-            raise InputError(f"{key} is {brief(value)}, needs a list of {named}")
+            raise InputError(f"{key} is {brief_repr(value)}, needs a list of {subject}")
         if len(set(value)) < len(value):
             raise InputError(f"{key} lists one of {', '.join(value)} twice")
         return tuple(value)
 
-    return Kind(f"list of names, {named}", read, lambda names, _: list(names), ())
+    return Kind(f"list of names, {subject}", read_names, lambda names, _: list(names), ())
 
 
-def _expression(value: Any, key: str, source: Source) -> Node:
+def _read_expression(value: Any, key: str, source: Source) -> Node:
     try:
-        return prepared(parse(value), source.shapes)
+        return resolve_min_max(parse(value), source.shapes)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
 
 
-def _condition(value: Any, key: str, source: Source) -> Node:
+def _read_condition(value: Any, key: str, source: Source) -> Node:
     """Read an expression that is zero."""
     if isinstance(value, str) and any(sign in value for sign in "<>=") and "where" not in value:
         raise InputError(
             f"{key}: '{value}' compares, and a constraint is one expression that is zero, like sqrt(x**2 + y**2) - L; what"
             " holds on one side only is a gap of [contacts]"
         )
-    return _expression(value, key, source)
+    return _read_expression(value, key, source)
 
 
-def _coefficient(value: Any, key: str, source: Source) -> Node:
+def _read_coefficient(value: Any, key: str, source: Source) -> Node:
     """Read an expression, or a plain number."""
     plain = isinstance(value, int | float) and not isinstance(value, bool)
-    return _expression(repr(value) if plain else value, key, source)
+    return _read_expression(repr(value) if plain else value, key, source)
 
 
-def _component(value: Any, key: str, source: Source) -> Node | Function:
+def _read_component(value: Any, key: str, source: Source) -> Node | Function:
     """Read an expression, a Python function, or a table that describes one."""
     if callable(value) or isinstance(value, Mapping):
-        return function_of(value, source.functions)
-    return _expression(value, key, source)
+        return read_function(value, source.functions)
+    return _read_expression(value, key, source)
 
 
-def _written(value: Node | Function, *_: Unit) -> Any:
+def _write_component(value: Node | Function, *_: Unit) -> Any:
     """Write an expression as text, a Python function as the table that describes it."""
     if not isinstance(value, Function):
         return text_of(value)
@@ -163,20 +163,20 @@ def _written(value: Node | Function, *_: Unit) -> Any:
     }
 
 
-def _trees(value: Any, key: str, source: Source) -> dict[str, Node]:
+def _read_trees(value: Any, key: str, source: Source) -> dict[str, Node]:
     if not isinstance(value, Mapping):
-        raise InputError(f'{key} is {brief(value)}, needs a table like {{ v_y = "-v_y" }}')
-    return {name: _expression(text, f"{key} '{name}'", source) for name, text in value.items()}
+        raise InputError(f'{key} is {brief_repr(value)}, needs a table like {{ v_y = "-v_y" }}')
+    return {name: _read_expression(text, f"{key} '{name}'", source) for name, text in value.items()}
 
 
-def _links(value: Any, key: str, _source: Source) -> tuple[tuple[str, str], ...]:
+def _read_links(value: Any, key: str, _source: Source) -> tuple[tuple[str, str], ...]:
     is_list = isinstance(value, list | tuple) and all(isinstance(pair, list | tuple) for pair in value)
     if not is_list or any([type(end) for end in pair] != [str, str] for pair in value):
-        raise InputError(f'{key} is {brief(value)}, needs pairs of names, like [["origin", "bob"]]')
+        raise InputError(f'{key} is {brief_repr(value)}, needs pairs of names, like [["origin", "bob"]]')
     return tuple((first, second) for first, second in value)
 
 
-def _pairs(value: Any, key: str, source: Source) -> tuple[tuple[Node, Node], ...]:
+def _read_pairs(value: Any, key: str, source: Source) -> tuple[tuple[Node, Node], ...]:
     one_pair = isinstance(value, list | tuple) and all(isinstance(item, str) for item in value)
     pairs = [value] if one_pair else value
     if (
@@ -185,119 +185,123 @@ def _pairs(value: Any, key: str, source: Source) -> tuple[tuple[Node, Node], ...
         or any(not isinstance(pair, list | tuple) or len(pair) != 2 for pair in pairs)
     ):
         raise InputError(
-            f'{key} is {brief(value)}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs'
+            f'{key} is {brief_repr(value)}, needs two expressions, ["l*sin(theta)", "-l*cos(theta)"], or a list of such pairs'
         )
-    return tuple((_expression(across, key, source), _expression(up, key, source)) for across, up in pairs)
+    return tuple((_read_expression(across, key, source), _read_expression(up, key, source)) for across, up in pairs)
 
 
-def _flag(value: Any, key: str, *_: Source) -> bool:
+def _read_flag(value: Any, key: str, *_: Source) -> bool:
     if not isinstance(value, bool):
-        raise InputError(f"{key} is {brief(value)}, needs true or false")
+        raise InputError(f"{key} is {brief_repr(value)}, needs true or false")
     return value
 
 
-def _count(value: Any, key: str, *_: Source) -> int:
+def _read_count(value: Any, key: str, *_: Source) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < MOST_COUNTED:
-        raise InputError(f"{key} is {brief(value)}, needs a whole number from 1 on")
+        raise InputError(f"{key} is {brief_repr(value)}, needs a whole number from 1 on")
     return value
 
 
-def _duration(value: Any, key: str, *_: Source) -> Quantity:
+def _read_duration(value: Any, key: str, *_: Source) -> Quantity:
     quantity = parse_quantity(value)
     if quantity.unit.dimension not in (TIME, NONE) or quantity.value <= 0:
         raise InputError(f"{key} is '{quantity}', needs a positive time")
     return quantity
 
 
-def _wait(value: Any, key: str, *_: Source) -> Quantity | None:
-    quantity = _phase(value, key)
+def _read_wait(value: Any, key: str, *_: Source) -> Quantity | None:
+    quantity = _read_phase(value, key)
     return quantity if quantity.value else None
 
 
-def _phase(value: Any, key: str, *_: Source) -> Quantity:
+def _read_phase(value: Any, key: str, *_: Source) -> Quantity:
     quantity = parse_quantity(value)
     if quantity.unit.dimension not in (TIME, NONE) or quantity.value < 0:
         raise InputError(f"{key} is '{quantity}', needs a time that is not negative")
     return quantity
 
 
-def _quantity(value: Any, key: str, *_: Source) -> Quantity:
+def _read_quantity(value: Any, key: str, *_: Source) -> Quantity:
     try:
         return parse_quantity(value)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
 
 
-def _limit(value: Any, key: str, source: Source) -> Node:
+def _read_limit(value: Any, key: str, source: Source) -> Node:
     """Read a quantity, a plain number or an expression as an expression."""
     if isinstance(value, str):
         try:
-            return _expression(with_unit_names(str(parse_quantity(value))), key, source)
+            return _read_expression(with_unit_names(str(parse_quantity(value))), key, source)
         except InputError:
-            return _expression(value, key, source)
-    return _coefficient(value, key, source)
+            return _read_expression(value, key, source)
+    return _read_coefficient(value, key, source)
 
 
-def _positive(value: Any, key: str, *_: Source) -> Quantity:
+def _read_positive(value: Any, key: str, *_: Source) -> Quantity:
     quantity = parse_quantity(value)
     if not quantity.value > 0:
         raise InputError(f"{key} is '{quantity}', needs a positive quantity")
     return quantity
 
 
-def _size(value: Any, key: str, *_: Source) -> Quantity:
+def _read_size(value: Any, key: str, *_: Source) -> Quantity:
     quantity = parse_quantity(value)
     if quantity.value < 0:
         raise InputError(f"{key} is '{quantity}', needs to be non-negative")
     return quantity
 
 
-def _instants(value: Any, key: str, source: Source) -> tuple[float, ...]:
+def _read_instants(value: Any, key: str, source: Source) -> tuple[float, ...]:
     instants = [value] if isinstance(value, str | int | float) else value
     return tuple(time_in(source.time, instant, key) for instant in instants)
 
 
-def _text_of(tree: Node, *_: Unit) -> str:
+def _tree_text(tree: Node, *_: Unit) -> str:
     return text_of(tree)
 
 
-def _as_text(quantity: Quantity, *_: Unit) -> str:
+def _quantity_text(quantity: Quantity, *_: Unit) -> str:
     return str(quantity)
 
 
-def _csv(value: Any, key: str, *_: Source) -> str:
+def _read_csv_text(value: Any, key: str, *_: Source) -> str:
     if not isinstance(value, str):
-        raise InputError(f"{key} is {brief(value)}, needs the text of a table")
+        raise InputError(f"{key} is {brief_repr(value)}, needs the text of a table")
     return value
 
 
-def _time_unit(value: Any, key: str, *_: Source) -> str:
+def _read_time_unit(value: Any, key: str, *_: Source) -> str:
     if value not in (SECONDS.text, NUMBERS.text):
-        raise InputError(f"{key} is {brief(value)}; time is in '{SECONDS.text}', or a pure number, '{NUMBERS.text}'")
+        raise InputError(
+            f"{key} is {brief_repr(value)}; time is in '{SECONDS.text}', or a pure number, '{NUMBERS.text}'"
+        )
     return str(value)
 
 
-TEXT = Kind("text", description, omitted="")
-TIME_UNIT = Kind('"s" | "1"', _time_unit)
-CSV = Kind("text", _csv)
+TEXT = Kind("text", read_text, omitted="")
+TIME_UNIT = Kind('"s" | "1"', _read_time_unit)
+CSV = Kind("text", _read_csv_text)
 UNIT = Kind("unit", lambda value, *_: parse_unit(value), lambda unit, _: unit.text, None)
-EXPRESSION = Kind("expression", _expression, _text_of, None)
-CONDITION = Kind("expression", _condition, _text_of, None)
-COEFFICIENT = Kind("expression", _coefficient, _text_of, None)
+EXPRESSION = Kind("expression", _read_expression, _tree_text, None)
+CONDITION = Kind("expression", _read_condition, _tree_text, None)
+COEFFICIENT = Kind("expression", _read_coefficient, _tree_text, None)
 FORMULA = Kind(
-    "expression", lambda value, _, source: prepared(parse(value), source.shapes), _text_of
+    "expression", lambda value, _, source: resolve_min_max(parse(value), source.shapes), _tree_text
 )  # named by its entry alone
-COMPONENT = Kind("expression", _component, _written, None)
-EXPRESSIONS = Kind("table of expressions", _trees, lambda trees, _: {key: text_of(trees[key]) for key in trees}, {})
-LINKS = Kind("list of pairs of names", _links, lambda pairs, _: [[*pair] for pair in pairs], ())
-PLANE = Kind("pair of expressions", _pairs, lambda pairs, _: [[*map(text_of, pair)] for pair in pairs], ())
-FLAG = Kind("true | false", _flag, omitted=False)
-COUNT = Kind("whole number from 1 on", _count, omitted=1)
-DURATION = Kind("time", _duration, _as_text, None)
-WAIT = Kind("time", _wait, _as_text, None)
-PHASE = Kind("time", _phase, _as_text, None)
-QUANTITY = Kind("quantity", _quantity, _as_text)
-LIMIT = Kind("quantity or expression", _limit, _text_of, None)
-INSTANTS = Kind("time", _instants, lambda times, unit: [f"{time!r}{unit_suffix(unit)}" for time in times], ())
-POSITIVE = Kind("quantity", _positive, _as_text, None)
-SIZE = Kind("quantity", _size, _as_text, None)
+COMPONENT = Kind("expression", _read_component, _write_component, None)
+EXPRESSIONS = Kind(
+    "table of expressions", _read_trees, lambda trees, _: {key: text_of(trees[key]) for key in trees}, {}
+)
+LINKS = Kind("list of pairs of names", _read_links, lambda pairs, _: [[*pair] for pair in pairs], ())
+PLANE = Kind("pair of expressions", _read_pairs, lambda pairs, _: [[*map(text_of, pair)] for pair in pairs], ())
+FLAG = Kind("true | false", _read_flag, omitted=False)
+COUNT = Kind("whole number from 1 on", _read_count, omitted=1)
+DURATION = Kind("time", _read_duration, _quantity_text, None)
+WAIT = Kind("time", _read_wait, _quantity_text, None)
+PHASE = Kind("time", _read_phase, _quantity_text, None)
+QUANTITY = Kind("quantity", _read_quantity, _quantity_text)
+LIMIT = Kind("quantity or expression", _read_limit, _tree_text, None)
+INSTANTS = Kind("time", _read_instants, lambda times, unit: [f"{time!r}{unit_suffix(unit)}" for time in times], ())
+POSITIVE = Kind("quantity", _read_positive, _quantity_text, None)
+SIZE = Kind("quantity", _read_size, _quantity_text, None)

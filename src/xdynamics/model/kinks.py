@@ -29,30 +29,30 @@ _ROUNDING = Number(1e-15)
 Path = tuple[tuple[Compare, bool], ...]
 
 
-def turning(node: Call) -> Node:
+def jump_function(node: Call) -> Node:
     """Return the function that passes through zero where `floor`, `ceil`, `round` or `mod` jumps.
 
     It is positive where the whole number is even. The small terms put a whole number, where sines and cosines of
     multiples of pi are off by rounding, on its own side; they move a jump by less than 1e-15 of the argument.
     """
-    u = counted(node.function, node.arguments)
+    u = rounded_argument(node.function, node.arguments)
     far = Call("hypot", (ONE, u))
     if node.function == "round":
         return Binary("+", Call("cos", (Binary("*", Name("pi"), u),)), Binary("*", _ROUNDING, far))
     return Call("sin", (Binary("+", Binary("*", Name("pi"), u), Binary("*", _ROUNDING, Binary("-", far, ONE))),))
 
 
-def counted(function: str, arguments: tuple[Node, ...]) -> Node:
+def rounded_argument(function: str, arguments: tuple[Node, ...]) -> Node:
     """Return what is rounded down, or to the nearest whole number."""
     if function == "mod":
         return Binary("/", arguments[0], arguments[1])
     return Negative(arguments[0]) if function == "ceil" else arguments[0]
 
 
-def turned(function: str, node: Node) -> Call:
-    """Return the call of `floor`, `ceil`, `round` or `mod` as it was written, from its `turning`."""
+def original_call(function: str, node: Node) -> Call:
+    """Return the call of `floor`, `ceil`, `round` or `mod` as it was written, from its `jump_function`."""
     wave = node.left if isinstance(node, Binary) else node
-    assert isinstance(wave, Call)  # noqa: S101 - as `turning` makes it
+    assert isinstance(wave, Call)  # noqa: S101 - as `jump_function` makes it
     angle = wave.arguments[0]
     assert isinstance(angle, Binary)  # noqa: S101
     product = angle if function == "round" else angle.left
@@ -96,12 +96,14 @@ def kinks(node: Node, path: Path = (), factors: tuple[Node, ...] = ()) -> Iterat
     if not isinstance(node, Call):
         return
     for function, jumps, at_zero in kinks_of_call(node):
-        continuous = not jumps or any(_vanishes(factor, function) for factor in factors) or _meets(node, function)
-        flatness = int(not jumps or _meets(node, function)) + sum(factor == function for factor in factors)
+        continuous = (
+            not jumps or any(_vanishes(factor, function) for factor in factors) or _branches_vanish(node, function)
+        )
+        flatness = int(not jumps or _branches_vanish(node, function)) + sum(factor == function for factor in factors)
         yield node.function, function, not continuous, at_zero, path, flatness
 
 
-def _meets(node: Call, function: Node) -> bool:
+def _branches_vanish(node: Call, function: Node) -> bool:
     """Whether both branches of a `where` are zero at its switch: its value has a kink there, and no jump."""
     return node.function == "where" and all(_vanishes(branch, function) for branch in node.arguments[1:])
 
@@ -163,25 +165,25 @@ def _kinks_of_chain(node: Binary, path: Path, factors: tuple[Node, ...]) -> Iter
     first, links = chain(node)
     pending = [factors]  # the factors that the value up to each link is multiplied by, from the last link to the first
     for link in reversed(links):
-        right_factors = _powers(link.right) if link.operator == "*" else ()
+        right_factors = _repeated_factors(link.right) if link.operator == "*" else ()
         pending.append(() if link.operator == "**" else (*pending[-1], *right_factors))
     yield from kinks(first, path, pending.pop())
     for link in links:
-        after = pending.pop()
-        others = (*after, *_powers(link.left)) if link.operator == "*" else after
-        yield from kinks(link.right, path, others if link.operator in "+-*" else ())
+        factors_after = pending.pop()
+        link_factors = (*factors_after, *_repeated_factors(link.left)) if link.operator == "*" else factors_after
+        yield from kinks(link.right, path, link_factors if link.operator in "+-*" else ())
 
 
-def _powers(node: Node) -> Iterator[Node]:
+def _repeated_factors(node: Node) -> Iterator[Node]:
     """Yield the factors of a product, those of integer powers repeated; the product itself is included."""
     yield node
     if isinstance(node, Negative):
-        yield from _powers(node.operand)
+        yield from _repeated_factors(node.operand)
     elif isinstance(node, Binary) and node.operator == "*":
-        yield from _powers(node.left)
-        yield from _powers(node.right)
+        yield from _repeated_factors(node.left)
+        yield from _repeated_factors(node.right)
     elif isinstance(node, Binary) and node.operator == "/":
-        yield from _powers(node.left)
+        yield from _repeated_factors(node.left)
     elif isinstance(node, Binary) and node.operator == "**" and isinstance(node.right, Number):
         yield from [node.left] * int(node.right.value)
 
@@ -191,12 +193,20 @@ def kinks_of_call(node: Call) -> Iterator[tuple[Node, bool, int]]:
     if node.function in ("abs", "sign"):
         yield node.arguments[0], node.function == "sign", 1
     elif node.function in CALLED_ALONE:
-        yield turning(node), True, 1
+        yield jump_function(node), True, 1
     elif node.function in ("min", "max"):
-        *rest, last = node.arguments
-        for i, argument in enumerate(rest):
-            others = (*rest[i + 1 :], last)
-            yield Binary("-", argument, others[0] if len(others) == 1 else Call(node.function, others)), False, 1
+        *earlier_arguments, last = node.arguments
+        for i, argument in enumerate(earlier_arguments):
+            later_arguments = (*earlier_arguments[i + 1 :], last)
+            yield (
+                Binary(
+                    "-",
+                    argument,
+                    later_arguments[0] if len(later_arguments) == 1 else Call(node.function, later_arguments),
+                ),
+                False,
+                1,
+            )
     elif node.function == "where":
         condition = node.arguments[0]
         if isinstance(condition, Compare) and condition.operator not in ("==", "!="):

@@ -37,7 +37,7 @@ class Lagrangian:
 
 
 def motion_of(
-    energies: Lagrangian, coordinates: list[str], definitions: Mapping[str, Node], known: set[str]
+    energies: Lagrangian, coordinates: list[str], definitions: Mapping[str, Node], constant_names: set[str]
 ) -> tuple[tuple[tuple[Node, ...], ...], dict[str, Force]]:
     """Derive the mass matrix and the force terms of a Lagrangian.
 
@@ -46,7 +46,7 @@ def motion_of(
     energies : Lagrangian
     coordinates : list of str
     definitions : mapping of str to Node
-    known : set of str
+    constant_names : set of str
         Names that are constant: parameters.
 
     Raises
@@ -56,7 +56,7 @@ def motion_of(
     """
     kinetic = expand(energies.kinetic, definitions)
     velocities = [velocity(name) for name in coordinates]
-    if forbidden := sorted(free_names(kinetic) - {"t", *coordinates, *velocities} - known):
+    if forbidden := sorted(free_names(kinetic) - {"t", *coordinates, *velocities} - constant_names):
         raise InputError(
             f"kinetic reads '{forbidden[0]}'; a kinetic energy is of coordinates, velocities, t and parameters"
         )

@@ -62,7 +62,7 @@ class Diagonal(Sequence[tuple[Node, ...]]):
         i = range(len(self))[i]
         return (ZERO,) * i + (self._entries[self.names[i]],) + (ZERO,) * (len(self) - i - 1)
 
-    def own(self, i: int) -> Node:
+    def diagonal_entry(self, i: int) -> Node:
         """Return the mass of a coordinate by its number."""
         return self._entries[self.names[i]]
 
@@ -77,22 +77,22 @@ class Diagonal(Sequence[tuple[Node, ...]]):
     @property
     def entries(self) -> dict[tuple[int, int], Node]:
         """Every entry that is not a literal zero, by row and column."""
-        own = ((i, self._entries[name]) for i, name in enumerate(self.names))
-        return {(i, i): entry for i, entry in own if entry != ZERO}
+        numbered_entries = ((i, self._entries[name]) for i, name in enumerate(self.names))
+        return {(i, i): entry for i, entry in numbered_entries if entry != ZERO}
 
 
 def own_mass(mass: Sequence[tuple[Node, ...]], i: int) -> Node:
     """Return the mass of a coordinate by its number: the entry on the diagonal."""
-    entry: Node = mass.own(i) if isinstance(mass, Diagonal) else mass[i][i]
+    entry: Node = mass.diagonal_entry(i) if isinstance(mass, Diagonal) else mass[i][i]
     return entry
 
 
 class ForceOfPotential(Force):
     """A force term of the elements, whose potential is made when it is asked for."""
 
-    def __init__(self, whole: Force, potential: Callable[[], Node], components: Mapping[str, Any]) -> None:
+    def __init__(self, declared_force: Force, potential: Callable[[], Node], components: Mapping[str, Any]) -> None:
         # frozen: its numbers are those of the other, and nothing sets `potential`, which is found on the class
-        self.__dict__.update(vars(whole) | {"components": components, "over": "", "_potential": potential})
+        self.__dict__.update(vars(declared_force) | {"components": components, "over": "", "_potential": potential})
         del self.__dict__["potential"]
 
     @cached_property

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
 from xdynamics.model.bodies import unit_quaternions
-from xdynamics.model.derivatives import jacobian, tape
+from xdynamics.model.derivatives import jacobian_names, tape
 from xdynamics.model.model import Model
-from xdynamics.model.motion import constants, inputs_of, tables_of, variables
-from xdynamics.model.tangent_space import displacements, tangent_space, turning
-from xdynamics.model.whole_jacobian import is_dense, whole_jacobian
+from xdynamics.model.motion import constants, drive_pieces, motion_inputs, variables
+from xdynamics.model.tangent_space import displacement_turning, displacements, tangent_space
+from xdynamics.model.whole_jacobian import is_densely_linked, quantity_jacobian
 from xdynamics.schema import acceleration, rate
 
 Floats = NDArray[np.float64]
@@ -57,12 +57,12 @@ class Linearisation:
     turning: Floats
 
     @property
-    def along(self) -> tuple[Floats, Floats]:
+    def displacement_matrices(self) -> tuple[Floats, Floats]:
         """K and M of the displacements, shapes (f, f)."""
-        space, turned = self.displacements, self.turning
+        space, turning_part = self.displacements, self.turning
         if len(space) == space.shape[1]:
             return self.stiffness, self.mass
-        return space.T @ self.stiffness @ space - turned.T @ self.mass @ turned, space.T @ self.mass @ space
+        return space.T @ self.stiffness @ space - turning_part.T @ self.mass @ turning_part, space.T @ self.mass @ space
 
     @property
     def reduced(self) -> Floats:
@@ -73,11 +73,11 @@ class Linearisation:
         left = space.T.copy()  # without what velocities follow by: numbers of unlike units are not added
         follows = np.delete(space, np.s_[n : 2 * n], axis=0).any(axis=0)
         left[follows, n : 2 * n] = 0.0
-        found, free = np.asarray(left @ self.jacobian @ space), self.turning.shape[1]
-        if self.turning.any():  # see `tangent_space.turning`, here in the metric of the coordinates
+        reduced_matrix, free = np.asarray(left @ self.jacobian @ space), self.turning.shape[1]
+        if self.turning.any():  # see `tangent_space.displacement_turning`, here in the metric of the coordinates
             following = space[n : 2 * n, :free]
-            found[free : 2 * free, :free] += following.T @ following
-        return found
+            reduced_matrix[free : 2 * free, :free] += following.T @ following
+        return reduced_matrix
 
 
 def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:
@@ -119,30 +119,30 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
     InputError
         If a force is written in Python, or a state lacks a number.
     """
-    constant_values, tables, names = constants(model), tables_of(model), variables(model)
+    constant_values, tables, names = constants(model), drive_pieces(model), variables(model)
     n, column_of = len(model.statement.coordinates), {name: i for i, name in enumerate(names)}
-    mass = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
+    mass = {row_column: model.expanded(entry) for row_column, entry in model.statement.mass_entries.items()}
     attitudes = [column_of[part] for parts in unit_quaternions(model.shaped.bodies, model.shapes) for part in parts]
-    derived = _of_wholes if is_dense(model) else _of_elements
+    derived = _derivatives_by_quantity if is_densely_linked(model) else _derivatives_by_element
     for state in states:
-        values = inputs_of(model, _checked(model, state), constant_values, tables)
+        values = motion_inputs(model, _checked_state(model, state), constant_values, tables)
         matrix = np.zeros((n, n))
         a, derivatives, slopes = derived(model, values)
-        for place, entry in mass.items():
-            matrix[place] = evaluate(entry, values)
+        for row_column, entry in mass.items():
+            matrix[row_column] = evaluate(entry, values)
         slopes = np.diagonal(matrix)[:, np.newaxis] * derivatives[:n] if slopes is None else slopes
         full_jacobian = np.vstack([np.eye(n, len(names), n), derivatives])
         stiffness = 0.0 - slopes[:, :n] - slopes[:, attitudes] @ full_jacobian[attitudes, n : 2 * n]
-        spaces = displacements(model, values), tangent_space(model, values), turning(model, values, matrix)
+        spaces = displacements(model, values), tangent_space(model, values), displacement_turning(model, values, matrix)
         yield Linearisation(names, matrix, stiffness, a, full_jacobian, *spaces)
 
 
-def _of_wholes(model: Model, values: dict[str, float]) -> tuple[Floats, Floats, None]:
+def _derivatives_by_quantity(model: Model, values: dict[str, float]) -> tuple[Floats, Floats, None]:
     """Return accelerations and the derivatives of accelerations and rates; those of forces follow, as masses are diagonal."""
-    return *whole_jacobian(model, values), None
+    return *quantity_jacobian(model, values), None
 
 
-def _of_elements(model: Model, values: dict[str, float]) -> tuple[Floats, Floats, Floats]:
+def _derivatives_by_element(model: Model, values: dict[str, float]) -> tuple[Floats, Floats, Floats]:
     """Return accelerations, the derivatives of accelerations and rates, and dF - dM a; add all that they follow from."""
     names, n = variables(model), len(model.statement.coordinates)
     column_of = {name: i for i, name in enumerate(names)}
@@ -150,13 +150,13 @@ def _of_elements(model: Model, values: dict[str, float]) -> tuple[Floats, Floats
         name: i
         for i, name in enumerate((*model.statement.coordinates, *(rate(name) for name in model.statement.states)))
     }
-    values |= tape(model).evaluated(values)
+    values |= tape(model).evaluate_tape(values)
     derivatives, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
-    for (row, by), name in jacobian(model).items():
-        place = row_of[row], column_of[by]
-        derivatives[place] = values[name]
-        if place[0] < n:
-            slopes[place] = values[f"_s_{row}_{by}"]
+    for (row, variable), name in jacobian_names(model).items():
+        row_column = row_of[row], column_of[variable]
+        derivatives[row_column] = values[name]
+        if row_column[0] < n:
+            slopes[row_column] = values[f"_s_{row}_{variable}"]
     return np.array([values[acceleration(name)] for name in model.statement.coordinates]), derivatives, slopes
 
 
@@ -168,13 +168,13 @@ def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterat
     InputError
         If a state lacks a number.
     """
-    constant_values, tables, n = constants(model), tables_of(model), len(model.statement.coordinates)
-    entries = {place: model.expanded(entry) for place, entry in model.statement.mass_entries.items()}
+    constant_values, tables, n = constants(model), drive_pieces(model), len(model.statement.coordinates)
+    entries = {row_column: model.expanded(entry) for row_column, entry in model.statement.mass_entries.items()}
     for state in states:
-        values = inputs_of(model, _checked(model, state), constant_values, tables)
+        values = motion_inputs(model, _checked_state(model, state), constant_values, tables)
         matrix = np.zeros((n, n))
-        for place, entry in entries.items():
-            matrix[place] = evaluate(entry, values)
+        for row_column, entry in entries.items():
+            matrix[row_column] = evaluate(entry, values)
         yield matrix
 
 
@@ -183,7 +183,7 @@ def initial_state(model: Model) -> dict[str, float]:
     return {name: model.statement.initial[name].si for name in ("t", *variables(model))}
 
 
-def _checked(model: Model, state: Mapping[str, float]) -> dict[str, float]:
+def _checked_state(model: Model, state: Mapping[str, float]) -> dict[str, float]:
     needed = ("t", *variables(model))
     if missing := [name for name in needed if name not in state]:
         raise InputError(

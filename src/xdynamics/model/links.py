@@ -12,11 +12,11 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, Ledger, brief
+from xdynamics.faults import InputError, Ledger, brief_repr
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.kinds import Source
 from xdynamics.model.section import Section
-from xdynamics.model.table_keys import keys
+from xdynamics.model.table_keys import check_keys
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.shapes import Extent, Relation, Shapes
 from xdynamics.shapes.extents import every_two
@@ -26,7 +26,7 @@ LABEL = re.compile(r"[A-Za-z0-9_]{1,40}")
 FIRST, SECOND = ENDS = ("first", "second")
 
 
-def extent(value: Any, name: str, _: Source) -> Extent:
+def read_extent(value: Any, name: str, _: Source) -> Extent:
     """Read a dimension: a number of elements, or their labels.
 
     Raises
@@ -41,7 +41,7 @@ def extent(value: Any, name: str, _: Source) -> Extent:
             raise InputError(f"has {value} elements, needs 1 to {MOST_ELEMENTS}")
         return Extent(name, value)
     if not isinstance(value, list | tuple) or not value or not all(isinstance(label, str) for label in value):
-        raise InputError(f'is {brief(value)}, needs a number of elements, or their labels: ["Sun", "Jupiter"]')
+        raise InputError(f'is {brief_repr(value)}, needs a number of elements, or their labels: ["Sun", "Jupiter"]')
     for label in value:
         if not LABEL.fullmatch(label) or label.isdigit():
             raise InputError(
@@ -89,9 +89,9 @@ class Links:
     description: str = ""
 
     @property
-    def columns(self) -> list[str]:
+    def table_columns(self) -> list[str]:
         """The names of the columns of its table; none without one."""
-        return [cell.split("[")[0].strip() for cell in Sheet.of(self.table, self.csv).header] if self.csv else []
+        return [cell.split("[")[0].strip() for cell in Sheet.from_text(self.table, self.csv).header] if self.csv else []
 
     def relation(self, name: str, extents: Mapping[str, Extent]) -> Relation:
         """Return the links.
@@ -110,13 +110,13 @@ class Links:
                 raise InputError(f"'{dim}' is no dimension; there are: {', '.join(extents) or 'none'}")
         source, target = extents[dims[0]], extents[dims[1]]
         if self.csv:
-            first, second = self._listed(source, target)
+            first, second = self._table_pairs(source, target)
         elif self.neighbours:
-            first, second = self._near(source)
+            first, second = self._neighbour_pairs(source)
         else:
-            first, second = self._all(source, target)
+            first, second = self._all_pairs(source, target)
         if not len(first):
-            raise InputError(f"has no link, and needs one or more: {self._cause(source)}")
+            raise InputError(f"has no link, and needs one or more: {self._no_link_cause(source)}")
         of_every_two = bool(self.of) and not self.csv and not self.neighbours
         relation = Relation(name, source.name, target.name, first, second, of_every_two)
         _MADE[self, *between] = self._latest[between] = relation
@@ -127,14 +127,14 @@ class Links:
         """The links, kept as long as what declares them."""
         return {}
 
-    def _cause(self, source: Extent) -> str:
+    def _no_link_cause(self, source: Extent) -> str:
         """Say why there is no link."""
         if self.csv:
             return f"table '{self.table}' has a header and no rows"
         few = "one element" if source.size == 1 else f"{source.size} elements"
         return f"'{source.name}' has {few}; leave the relation out"
 
-    def _all(self, source: Extent, target: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _all_pairs(self, source: Extent, target: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return every two elements once, or every element of one dimension with every one of the other."""
         n, m = source.size, target.size
         count = n * (n - 1) // 2 if self.of else n * m
@@ -144,7 +144,7 @@ class Links:
             return every_two(n)
         return np.repeat(np.arange(n), m), np.tile(np.arange(m), n)
 
-    def _near(self, source: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _neighbour_pairs(self, source: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return each element with the next ones."""
         n, count = source.size, self.neighbours
         if self.ring and n <= 2 * count:
@@ -164,20 +164,21 @@ class Links:
             return numbers[:-1], numbers[1:]
         first = np.repeat(np.arange(n, dtype=np.int64), count)
         second = first + np.tile(np.arange(1, count + 1, dtype=np.int64), n)
-        inside = second < n
-        return (first, second % n) if self.ring else (first[inside], second[inside])
+        in_range = second < n
+        return (first, second % n) if self.ring else (first[in_range], second[in_range])
 
-    def _listed(self, source: Extent, target: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _table_pairs(self, source: Extent, target: Extent) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Read the columns `first` and `second` of the table."""
-        sheet = Sheet.of(self.table, self.csv)
+        sheet = Sheet.from_text(self.table, self.csv)
         bare = [cell.split("[")[0].strip() for cell in sheet.header]
         for end in ENDS:
             if end not in bare:
                 raise InputError(
-                    f"table '{self.table}' has no column '{end}' with an end of each link; it is {sheet.layout}"
+                    f"table '{self.table}' has no column '{end}' with an end of each link; it is {sheet.layout_text}"
                 )
         first, second = (
-            self._ends(sheet, bare.index(end), extent) for end, extent in zip(ENDS, (source, target), strict=True)
+            self._column_elements(sheet, bare.index(end), extent)
+            for end, extent in zip(ENDS, (source, target), strict=True)
         )
         if source is target and (first == second).any():
             k = int((first == second).argmax())
@@ -188,16 +189,16 @@ class Links:
         _, earliest, number = np.unique(low * target.size + high, return_index=True, return_inverse=True)
         if len(earliest) < len(first):
             k = int((earliest[number] < np.arange(len(first))).argmax())
-            line, other = (sheet.lines[row][0] for row in (k, earliest[number[k]]))
+            line, earlier_line = (sheet.lines[row][0] for row in (k, earliest[number[k]]))
             raise InputError(
-                f"table '{self.table}', line {line}: the link of line {other} is there again; leave it out"
+                f"table '{self.table}', line {line}: the link of line {earlier_line} is there again; leave it out"
             )
         return first, second
 
-    def _ends(self, sheet: Sheet, column: int, extent: Extent) -> NDArray[np.int64]:
+    def _column_elements(self, sheet: Sheet, column: int, extent: Extent) -> NDArray[np.int64]:
         """Read the elements at one end of each link."""
-        if (found := sheet.elements(column, extent)) is not None:
-            return found
+        if (elements := sheet.elements(column, extent)) is not None:
+            return elements
         numbers = np.empty(len(sheet.lines), np.int64)
         for k, (line, cells) in enumerate(sheet.lines):
             if len(cells) <= column:
@@ -230,7 +231,7 @@ def links_table(entry: Any, section: Section, name: str, source: Source) -> Any:
         If keys are missing, or exclude each other.
     """
     refuse_word(name)
-    keys(entry, section.known, ())
+    check_keys(entry, section.fixed_keys, ())
     if ("of" in entry) == ("from" in entry or "to" in entry) or ("from" in entry) != ("to" in entry):
         raise InputError('needs the dimension that it is of, of = "body", or two: from = "body" and to = "wall"')
     tabled = "table" in entry or "csv" in entry
@@ -245,10 +246,10 @@ def links_table(entry: Any, section: Section, name: str, source: Source) -> Any:
     if not tabled:
         return entry
     file = str(entry.get("table", f"{name}.csv"))
-    return {**entry, "table": file, "csv": str(entry["csv"]) if "csv" in entry else source.access.text_of(file)}
+    return {**entry, "table": file, "csv": str(entry["csv"]) if "csv" in entry else source.access.read_table(file)}
 
 
-def links(**values: Any) -> Links:
+def make_links(**values: Any) -> Links:
     """Make a relation of the values of its keys."""
     ends = {"source": values.pop("from", ""), "target": values.pop("to", "")}
     return Links(**values, **ends)

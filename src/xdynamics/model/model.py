@@ -14,12 +14,18 @@ from xdynamics.expressions import free_names
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.body_consistency import check_bodies_made
-from xdynamics.model.consistency import check, check_made, check_written
-from xdynamics.model.csv_sheet import normal
+from xdynamics.model.consistency import check_made, check_statement, check_written
+from xdynamics.model.csv_sheet import normalise_newlines
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.element_numbers import ElementNumbers
 from xdynamics.model.element_shapes import check_link_tables, check_shapes, declared_shapes, dimensions_of
-from xdynamics.model.element_values import following, gathered, in_units_of, of_elements, written_out
+from xdynamics.model.element_values import (
+    converted_like,
+    explicit_values,
+    follow_parameters,
+    gather_elements,
+    replaces_elements,
+)
 from xdynamics.model.elements import Elements
 from xdynamics.model.end_forces import check_end_forces
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
@@ -27,13 +33,13 @@ from xdynamics.model.model_trees import BY_NAME, ModelTrees
 from xdynamics.model.name_consistency import check_names_of_today
 from xdynamics.model.parts import NOBODY, Authorship
 from xdynamics.model.python import Functions
-from xdynamics.model.reading import derived, read
-from xdynamics.model.replacement import changes_numbers_alone, replaced
+from xdynamics.model.reading import derive_motion, read_statement
+from xdynamics.model.replacement import changes_numbers_alone, replace_entries
 from xdynamics.model.statement import Statement
-from xdynamics.model.text_limits import parsed
+from xdynamics.model.text_limits import parse_model_text
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.runtime.files import asked, check_no_address, decoded, read_bounded, reason
-from xdynamics.shapes import Shapes, written
+from xdynamics.runtime.files import ask_path, check_no_address, decoded, read_bounded, reason
+from xdynamics.shapes import Shapes, internal_text
 from xdynamics.units import Dimension
 
 _OF_TREES = (
@@ -49,7 +55,11 @@ _IN_TABLES = "; keep its numbers in tables beside it; what to_toml wrote is read
 
 def _named_inside(entries: Any) -> Any:
     """Return entries with elements as they are named inside."""
-    return {written(str(name)): entry for name, entry in entries.items()} if isinstance(entries, Mapping) else entries
+    return (
+        {internal_text(str(name)): entry for name, entry in entries.items()}
+        if isinstance(entries, Mapping)
+        else entries
+    )
 
 
 class Model(ModelTrees):
@@ -89,7 +99,7 @@ class Model(ModelTrees):
     file: Path | None = None  # that it was read from
 
     def __init__(self, **statement: Any) -> None:
-        self._fill(statement, Path(), {}, FileAccess(Path(), ANYWHERE))
+        self._fill_from_sections(statement, Path(), {}, FileAccess(Path(), ANYWHERE))
 
     @classmethod
     def from_toml(
@@ -127,7 +137,7 @@ class Model(ModelTrees):
         path = Path(path)
         if tables not in ACCESSES:
             raise InputError(f"tables is {tables!r}; there are {', '.join(ACCESSES)}")
-        if asked(path, Path.is_dir):
+        if ask_path(path, Path.is_dir):
             raise ModelError(f"model file '{path}' is a directory; name the .toml file in it")
         try:
             text = decoded(read_bounded(path, LARGEST_FILE, _IN_TABLES))
@@ -139,7 +149,7 @@ class Model(ModelTrees):
             raise ModelError(
                 f"model file '{path}' cannot be read: it is no text in UTF-8; archives are shown by `xdynamics show`"
             ) from None
-        model = cls._parsed(text, path, functions, FileAccess(path.parent, tables))
+        model = cls._from_parsed_text(text, path, functions, FileAccess(path.parent, tables))
         model.file = path.absolute()
         return model
 
@@ -152,7 +162,7 @@ class Model(ModelTrees):
         ModelError
             If the text cannot be read, or with every fault of its statement.
         """
-        return cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED))
+        return cls._from_parsed_text(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED))
 
     @classmethod
     def from_record(
@@ -185,7 +195,7 @@ class Model(ModelTrees):
                 )
             of_run: Model = text.dynamics.model(functions)  # of the floor above, which knows records
             return of_run
-        model = cls._parsed(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED), recorded=True)
+        model = cls._from_parsed_text(text, Path("model.toml"), functions, FileAccess(Path(), EMBEDDED), recorded=True)
         return model if about == model.about else model.with_statement(with_parts(model.statement, about=about))
 
     @classmethod
@@ -242,22 +252,24 @@ class Model(ModelTrees):
 
     @cached_property
     def _toml(self) -> str:
-        return toml.write(self.shaped)
+        return toml.model_toml(self.shaped)
 
     @cached_property
     def shaped(self) -> Statement:
         """The statement with dimensions; without any it is `statement`, of which it has the numbers in any case."""
-        return self.statement if self._declared is None else gathered(self._declared, self.statement, self.shapes)
+        return (
+            self.statement if self._declared is None else gather_elements(self._declared, self.statement, self.shapes)
+        )
 
     def written_out(self) -> dict[str, Any]:
         """Return the sections of its file with a number for each element, be they given one by one or by an expression."""
-        return toml.tables_of(written_out(self.shaped, self.shapes))
+        return toml.section_tables(explicit_values(self.shaped, self.shapes))
 
     @classmethod
     def of_elements(cls, statement: Statement, dimensions: dict[str, Dimension]) -> Model:
         """Return the model of a statement of single numbers that is known to be sound."""
         model = object.__new__(cls)
-        model._hold(statement, dimensions, Shapes(), None)
+        model._hold_statement(statement, dimensions, Shapes(), None)
         return model
 
     def replace(self, **sections: Mapping[str, Any] | str) -> Model:
@@ -276,31 +288,33 @@ class Model(ModelTrees):
         """
         model = object.__new__(Model)
         model.file = self.file
-        sections = self._by_label(sections)
+        sections = self._with_labels(sections)
         if (
             self._declared is not None
-            and of_elements(sections)
-            and (others := sections.keys() - {"parameters", "initial"})
+            and replaces_elements(sections)
+            and (further_titles := sections.keys() - {"parameters", "initial"})
         ):
-            numbers = {title: entries for title, entries in sections.items() if title not in others}
-            return self.replace(**numbers).replace(**{title: sections[title] for title in others})
-        if self._declared is None or of_elements(sections):
-            named = {title: _named_inside(entries) for title, entries in sections.items()}
-            return self.with_statement(replaced(self.statement, named, self.functions))
-        model._state(replaced(self.shaped, sections, self.functions))
+            numbers = {title: entries for title, entries in sections.items() if title not in further_titles}
+            return self.replace(**numbers).replace(**{title: sections[title] for title in further_titles})
+        if self._declared is None or replaces_elements(sections):
+            internal_sections = {title: _named_inside(entries) for title, entries in sections.items()}
+            return self.with_statement(replace_entries(self.statement, internal_sections, self.functions))
+        model._take_statement(replace_entries(self.shaped, sections, self.functions))
         if "forces" in sections:
             check_end_forces(model.shaped, model.shapes)
         return model
 
-    def _by_label(self, sections: dict[str, Any]) -> dict[str, Any]:
+    def _with_labels(self, sections: dict[str, Any]) -> dict[str, Any]:
         """Return sections with elements of quantities that are given by number named by their labels."""
         if self._declared is None:
             return sections
-        own = {title: entries for title, entries in sections.items() if title in ("parameters", "initial")}
+        element_sections = {title: entries for title, entries in sections.items() if title in ("parameters", "initial")}
         try:
             return sections | {
-                title: self.shapes.all_inside({str(name): entry for name, entry in entries.items()}, f"[{title}] names")
-                for title, entries in own.items()
+                title: self.shapes.with_internal_names(
+                    {str(name): entry for name, entry in entries.items()}, f"[{title}] names"
+                )
+                for title, entries in element_sections.items()
                 if isinstance(entries, Mapping)
             }
         except InputError as error:
@@ -311,18 +325,18 @@ class Model(ModelTrees):
         model = object.__new__(Model)
         model.file = self.file
         if self._declared is not None:
-            statement = in_units_of(statement, self.statement)
+            statement = converted_like(statement, self.statement)
         if changes_numbers_alone(self.statement, statement):  # trees are those of this model
             if self._declared is not None:
-                statement = following(self._declared, statement, self.statement, self.shapes)
-            model._hold(statement, self.dimensions, self.shapes, self._declared)
+                statement = follow_parameters(self._declared, statement, self.statement, self.shapes)
+            model._hold_statement(statement, self.dimensions, self.shapes, self._declared)
             vars(statement).setdefault("calendar", self.statement.calendar)  # of its trees alone
             model.__dict__.update({name: value for name, value in vars(self).items() if name in _OF_TREES})
         elif self._declared is not None:
-            model._state(gathered(self._declared, statement, self.shapes))
+            model._take_statement(gather_elements(self._declared, statement, self.shapes))
         else:
-            statement = derived(statement)
-            model._hold(statement, check(statement), Shapes(), None)
+            statement = derive_motion(statement)
+            model._hold_statement(statement, check_statement(statement), Shapes(), None)
         return model
 
     @cached_property
@@ -334,14 +348,14 @@ class Model(ModelTrees):
         """Return the derivatives of values at the start by parameters that they follow, by both names, in SI units."""
         if not self.read_at_start.intersection(parameters):
             return {}
-        return ElementNumbers(self.shaped, self.shapes).slopes(self.statement.parameters, parameters)
+        return ElementNumbers(self.shaped, self.shapes).start_slopes(self.statement.parameters, parameters)
 
     def started(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values at the start that follow arrays of parameters, in SI units, by name; see `march_many`."""
         if not self.read_at_start & parameters.keys():
             return {}
-        known = {name: part.quantity.si for name, part in self.statement.parameters.items()}
-        return ElementNumbers(self.shaped, self.shapes).varied(parameters, known)
+        si_values = {name: part.quantity.si for name, part in self.statement.parameters.items()}
+        return ElementNumbers(self.shaped, self.shapes).varied_starts(parameters, si_values)
 
     @cached_property
     def read_by_points(self) -> frozenset[str]:
@@ -361,25 +375,27 @@ class Model(ModelTrees):
         return hash(self.digest)
 
     def __repr__(self) -> str:
-        along = {name: f"({', '.join(dims)})" for name, dims in self.shapes.dims.items()}
-        variables = ", ".join(name + along.get(name, "") for name in (*self.shaped.coordinates, *self.shaped.states))
+        dims_text = {name: f"({', '.join(dims)})" for name, dims in self.shapes.dims.items()}
+        variables = ", ".join(
+            name + dims_text.get(name, "") for name in (*self.shaped.coordinates, *self.shaped.states)
+        )
         return f"<xdynamics.Model {self.name!r}: {variables}; forces {', '.join(self.shaped.forces) or 'none'}>"
 
     @classmethod
-    def _parsed(
+    def _from_parsed_text(
         cls, text: str, path: Path, functions: Functions | None, access: FileAccess, *, recorded: bool = False
     ) -> Model:
         try:
-            statement = parsed(normal(text), recorded=recorded)
+            statement = parse_model_text(normalise_newlines(text), recorded=recorded)
         except InputError as error:
             raise ModelError(f"model file '{path}' cannot be read: {error}") from None
         except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
             raise ModelError(f"model file '{path}' is no TOML: {error}") from None
         model = object.__new__(cls)
-        model._fill(statement, path, functions or {}, access, recorded=recorded)
+        model._fill_from_sections(statement, path, functions or {}, access, recorded=recorded)
         return model
 
-    def _fill(
+    def _fill_from_sections(
         self,
         statement: Mapping[str, Any],
         path: Path,
@@ -388,32 +404,35 @@ class Model(ModelTrees):
         *,
         recorded: bool = False,
     ) -> None:
-        self._state(read(statement, path, functions, access))
+        self._take_statement(read_statement(statement, path, functions, access))
         if not recorded:
             check_names_of_today(self.shaped)
         if self._declared is not None and not recorded:
             check_end_forces(self._declared, self.shapes)
 
-    def _state(self, whole: Statement) -> None:
+    def _take_statement(self, declared_statement: Statement) -> None:
         """Take a statement that was read, perhaps with dimensions."""
-        if not (whole.extents or whole.starting):
-            statement = derived(whole)
-            self._hold(statement, check(statement), Shapes(), None)
+        if not (declared_statement.extents or declared_statement.starting):
+            statement = derive_motion(declared_statement)
+            self._hold_statement(statement, check_statement(statement), Shapes(), None)
             return
-        ledger = Ledger(f"model '{whole.name}'", ModelError)
-        check_link_tables(whole, ledger)
-        shapes = declared_shapes(whole, ledger)
+        ledger = Ledger(f"model '{declared_statement.name}'", ModelError)
+        check_link_tables(declared_statement, ledger)
+        shapes = declared_shapes(declared_statement, ledger)
         ledger.raise_faults()
-        units = check_written(whole)
-        check_shapes(whole, shapes, ledger)
+        units = check_written(declared_statement)
+        check_shapes(declared_statement, shapes, ledger)
         ledger.raise_faults()
-        statement, dimensions = derived(Elements(whole, shapes).whole()), dimensions_of(units, shapes)
-        check_made(statement, dimensions, motion=whole.lagrangian is not None)
+        statement, dimensions = (
+            derive_motion(Elements(declared_statement, shapes).element_statement()),
+            dimensions_of(units, shapes),
+        )
+        check_made(statement, dimensions, motion=declared_statement.lagrangian is not None)
         check_bodies_made(statement, shapes, ledger)
         ledger.raise_faults()
-        self._hold(statement, dimensions, shapes, whole)
+        self._hold_statement(statement, dimensions, shapes, declared_statement)
 
-    def _hold(
+    def _hold_statement(
         self, statement: Statement, dimensions: dict[str, Dimension], shapes: Shapes, declared: Statement | None
     ) -> None:
         self.statement, self.shapes, self._declared = statement, shapes, declared

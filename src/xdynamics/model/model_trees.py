@@ -11,8 +11,15 @@ from xdynamics.expressions.calculus import ONE, multiply, negative
 from xdynamics.faults import ModelError
 from xdynamics.model import toml
 from xdynamics.model.body_sections import Body
-from xdynamics.model.delays import delayed_rates, delays_of, in_names, place_before, slope_before, value_before
-from xdynamics.model.drive_arguments import place_of
+from xdynamics.model.delays import (
+    argument_before,
+    delayed_rates,
+    delays_of,
+    slope_before,
+    value_before,
+    with_delayed_names,
+)
+from xdynamics.model.drive_arguments import lookup_argument
 from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.joint_sections import Joint
 from xdynamics.model.lagrangian import Lagrangian
@@ -105,7 +112,7 @@ class ModelTrees:
         return ReadOnlySection("initial", self.statement.initial, self.shapes)
 
     @property
-    def _written(self) -> Statement:
+    def _written_statement(self) -> Statement:
         """The statement as it was written, perhaps with other numbers."""
         return self.statement if self._declared is None else self._declared
 
@@ -132,37 +139,39 @@ class ModelTrees:
     @property
     def python_functions(self) -> list[Function]:
         """Everything written in Python: force components and event functions."""
-        return list({function.name: function for function in self._written.functions}.values())
+        return list({function.name: function for function in self._written_statement.functions}.values())
 
     @property
     def python_forces(self) -> list[Function]:
         """Every force component written in Python."""
-        components = [component for force in self._written.forces.values() for component in force.components.values()]
+        components = [
+            component for force in self._written_statement.forces.values() for component in force.components.values()
+        ]
         return list({component.name: component for component in components if isinstance(component, Function)}.values())
 
     @cached_property
     def form(self) -> str:
         """The model as TOML without the numbers of parameters, tables and the start: what programs are compiled from."""
-        written = self._written
+        statement = self._written_statement
         parameters = {
             name: replace(entry, quantity=Quantity(0.0, entry.quantity.unit), spread=None)
-            for name, entry in written.parameters.items()
+            for name, entry in statement.parameters.items()
         }
-        initial = {name: Quantity(0.0, entry.unit) for name, entry in written.initial.items()}
+        initial = {name: Quantity(0.0, entry.unit) for name, entry in statement.initial.items()}
         drives = {
-            name: replace(drive, table=drive.table.form, description="") for name, drive in written.drives.items()
+            name: replace(drive, table=drive.table.form, description="") for name, drive in statement.drives.items()
         }
         stripped = replace(
-            written,
+            statement,
             name="",
             description="",
             parameters=parameters,
             drives=drives,
-            arrays={name: values.form for name, values in written.arrays.items()},
+            arrays={name: values.form for name, values in statement.arrays.items()},
             initial=initial,
             starting={},
             starts={},
-            observed={name: Observable(tree) for name, tree in written.observables.items()},
+            observed={name: Observable(tree) for name, tree in statement.observables.items()},
             run={},
             validation={},
             correlations={},
@@ -171,15 +180,15 @@ class ModelTrees:
             fit=None,
             at_rest=(),
         )
-        return toml.write(stripped)
+        return toml.model_toml(stripped)
 
     @cached_property
     def units(self) -> dict[str, Unit]:
         """The unit of every coordinate, velocity and first-order state: as declared; of a velocity, that per time."""
-        written = self._written
-        coordinate_units = {name: part.unit for name, part in written.coordinates.items()}
+        statement = self._written_statement
+        coordinate_units = {name: part.unit for name, part in statement.coordinates.items()}
         velocity_units = {velocity(name): unit.per(self.time_unit) for name, unit in coordinate_units.items()}
-        units = coordinate_units | velocity_units | {name: part.unit for name, part in written.states.items()}
+        units = coordinate_units | velocity_units | {name: part.unit for name, part in statement.states.items()}
         return (
             Elementwise(self.shapes, {name: always(unit) for name, unit in units.items()})
             if self.shapes.dims
@@ -189,7 +198,7 @@ class ModelTrees:
     @cached_property
     def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
         """The components of every force term; those of a potential are derived: -dV/dq."""
-        return {term: self._components(force) for term, force in self.forces.items()}
+        return {term: self._derived_components(force) for term, force in self.forces.items()}
 
     @cached_property
     def uncertain(self) -> dict[str, Parameter]:
@@ -208,12 +217,12 @@ class ModelTrees:
     def expanded(self, node: Node) -> Node:
         """Return an expression with every definition substituted, and with names for delayed values."""
         tree = expand(node, self.definitions)
-        return in_names(tree, self.delays, self.moving | {*self.drives}) if self.delays else tree
+        return with_delayed_names(tree, self.delays, self.moving | {*self.drives}) if self.delays else tree
 
     @cached_property
     def delays(self) -> tuple[Node, ...]:
         """The different delays, with definitions expanded."""
-        return delays_of(self._written)
+        return delays_of(self._written_statement)
 
     @cached_property
     def moving(self) -> frozenset[str]:
@@ -242,7 +251,7 @@ class ModelTrees:
     def looked_up_at(self) -> dict[str, Node]:
         """What the table of each drive is looked up at: t where its argument is linear in time, else the argument."""
         moving = {*self.units, *self.drives} if self.drives else set[str]()
-        return {name: place_of(self.expanded(drive.argument), moving) for name, drive in self.drives.items()}
+        return {name: lookup_argument(self.expanded(drive.argument), moving) for name, drive in self.drives.items()}
 
     @cached_property
     def rates(self) -> dict[str, Node]:
@@ -256,11 +265,14 @@ class ModelTrees:
         for delay in range(len(self.delays)):
             rates |= delayed_rates(delay, self.statement.coordinates, self.statement.states)
             for name in self.drives:
-                before, place = value_before(delay, name), place_before(self.looked_up_at[name], self.moving, delay)
-                rates[before] = multiply(Name(slope_before(before)), derivative(place, rates))
+                past_value, past_argument = (
+                    value_before(delay, name),
+                    argument_before(self.looked_up_at[name], self.moving, delay),
+                )
+                rates[past_value] = multiply(Name(slope_before(past_value)), derivative(past_argument, rates))
         return rates
 
-    def _components(self, force: Force) -> Mapping[str, Node | Function]:
+    def _derived_components(self, force: Force) -> Mapping[str, Node | Function]:
         if force.components or force.potential is None:
             return force.components
         rates: dict[str, dict[str, Node]] = {name: {name: ONE} for name in self.statement.coordinates}

@@ -19,15 +19,15 @@ from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, der
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, ModelError
-from xdynamics.model.constraints import bound, conditions, tying
+from xdynamics.model.constraints import conditions, keep_conditions, multiplier_assignments
 from xdynamics.model.delays import in_history, is_before, value_at_start
-from xdynamics.model.drive_arguments import CLOCK, in_time
-from xdynamics.model.drives import coefficients, looked_up
+from xdynamics.model.drive_arguments import CLOCK, table_in_time
+from xdynamics.model.drives import piece_coefficients, value_and_slope
 from xdynamics.model.elementwise import Elementwise, in_si
-from xdynamics.model.mass import Assignment, factors, solved
+from xdynamics.model.mass import Assignment, mass_factors, solve_mass
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
-from xdynamics.model.reactions import free, modes, reacting, reactions, unloaded
+from xdynamics.model.reactions import free_acceleration, mode_names, reaction_assignments, reactions, unloaded
 from xdynamics.model.regime_model import switch_inputs
 from xdynamics.model.switches import Switch, where_it_decides
 from xdynamics.reaction_names import constraint_force
@@ -59,7 +59,7 @@ def unbound(name: str) -> str:
     return f"_unbound_{name}"
 
 
-def slope(drive: str) -> str:
+def drive_slope(drive: str) -> str:
     """Name the derivative of a drive by its argument."""
     return f"_slope_{drive}"
 
@@ -72,28 +72,30 @@ def motion(model: Model) -> tuple[Assignment, ...]:
     section 4.1.2). A mass that is not positive gives nan, which ends a run. Contacts and friction elements add their
     forces to the free accelerations.
     """
-    assignments = [*_terms(model), *factors(model)]
+    assignments = [*_force_terms(model), *mass_factors(model)]
     tied = conditions(model)
-    free_of_reactions = free if reactions(model) else acceleration
-    named = unbound if tied else free_of_reactions
-    assignments += solved(model, {named(name): total for name, total in _totals(model).items()})
+    free_of_reactions = free_acceleration if reactions(model) else acceleration
+    acceleration_name = unbound if tied else free_of_reactions
+    assignments += solve_mass(
+        model, {acceleration_name(name): total for name, total in _summed_force_terms(model).items()}
+    )
     if tied:
-        assignments += tying(model)
-        assignments += bound(
+        assignments += multiplier_assignments(model)
+        assignments += keep_conditions(
             model,
             {name: Name(unbound(name)) for name in model.statement.coordinates},
             [condition.bias for condition in tied],
             {name: free_of_reactions(name) for name in model.statement.coordinates},
             [unloaded(condition) if reactions(model) else constraint_force(condition.name) for condition in tied],
         )
-    assignments += reacting(model)
+    assignments += reaction_assignments(model)
     return (
         *assignments,
         *(Assignment(rate(name), model.expanded(state.rate)) for name, state in model.statement.states.items()),
     )
 
 
-def _terms(model: Model) -> Iterator[Assignment]:
+def _force_terms(model: Model) -> Iterator[Assignment]:
     """Write every force term; in a regime in which it does not act it is 0, whatever its value would be."""
     for term, components in model.force_components.items():
         for name, component in components.items():
@@ -133,14 +135,16 @@ def decides(model: Model, switch: Switch) -> Node:
 @lru_cache(maxsize=64)
 def constant_names(model: Model) -> Blocks:
     """Return the names of `constants`, of which no value is made."""
-    own, before = _parameter_names(model), _before(model, UNSCALED) if model.delays else ()
-    others = (*CONSTANTS, "pi", *model.shaped.calendar, *before, *modes(model), *switch_inputs(model))
-    return own + Blocks.of("constant", [name for name in dict.fromkeys(others) if name not in own])
+    parameter_blocks, past_names = _parameter_names(model), _past_constants(model, UNSCALED) if model.delays else ()
+    further_names = (*CONSTANTS, "pi", *model.shaped.calendar, *past_names, *mode_names(model), *switch_inputs(model))
+    return parameter_blocks + Blocks.from_names(
+        "constant", [name for name in dict.fromkeys(further_names) if name not in parameter_blocks]
+    )
 
 
 def _parameter_names(model: Model) -> Blocks:
     parameters = model.statement.parameters
-    return parameters.names if isinstance(parameters, Elementwise) else Blocks.of("parameter", parameters)
+    return parameters.names if isinstance(parameters, Elementwise) else Blocks.from_names("parameter", parameters)
 
 
 @lru_cache(maxsize=64)
@@ -150,8 +154,8 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
     They are in SI units over the scales. A march that closes a contact changes the modes, which come last.
     """
     dimensions = model.dimensions
-    values = {name: part.si / scales.of(dimensions[name]) for name, part in model.statement.parameters.items()}
-    return values | _unit_constants(model, scales) | dict.fromkeys([*modes(model), *switch_inputs(model)], 0.0)
+    values = {name: part.si / scales.si_factor(dimensions[name]) for name, part in model.statement.parameters.items()}
+    return values | _unit_constants(model, scales) | dict.fromkeys([*mode_names(model), *switch_inputs(model)], 0.0)
 
 
 @lru_cache(maxsize=64)
@@ -160,10 +164,13 @@ def constant_values(model: Model, scales: Scales = UNSCALED) -> NDArray[np.float
     blocks = _parameter_names(model)
     values, first = in_si(model.statement.parameters, blocks), 0
     for block in blocks.blocks:
-        values[first : first + block.size] /= scales.of(model.dimensions[block.first])
+        values[first : first + block.size] /= scales.si_factor(model.dimensions[block.first])
         first += block.size
-    others = [*_unit_constants(model, scales).values(), *[0.0] * len([*modes(model), *switch_inputs(model)])]
-    values = np.append(values, others)
+    further_values = [
+        *_unit_constants(model, scales).values(),
+        *[0.0] * len([*mode_names(model), *switch_inputs(model)]),
+    ]
+    values = np.append(values, further_values)
     values.flags.writeable = False
     return values
 
@@ -171,24 +178,24 @@ def constant_values(model: Model, scales: Scales = UNSCALED) -> NDArray[np.float
 def _unit_constants(model: Model, scales: Scales) -> dict[str, float]:
     """Return unit constants, pi, and what delayed values are read with."""
     dimensions = model.dimensions
-    values = {name: float(constant(name).factor) / scales.of(dimensions[name]) for name in CONSTANTS}
+    values = {name: float(constant(name).factor) / scales.si_factor(dimensions[name]) for name in CONSTANTS}
     values["pi"] = math.pi
-    values |= {name: float(constant(name).factor) / scales.of(TIME) for name in model.shaped.calendar}
-    return values | _before(model, scales) if model.delays else values
+    values |= {name: float(constant(name).factor) / scales.si_factor(TIME) for name in model.shaped.calendar}
+    return values | _past_constants(model, scales) if model.delays else values
 
 
-def _before(model: Model, scales: Scales) -> dict[str, float]:
+def _past_constants(model: Model, scales: Scales) -> dict[str, float]:
     """Return what delayed values are read with: whether their times lie before the start, and the values there."""
-    here = {in_history(i): 1.0 for i in range(len(model.delays))}
+    history_flags = {in_history(i): 1.0 for i in range(len(model.delays))}
     names = [name for name in model.moving if name not in model.history]
-    return here | {
-        value_at_start(name): model.statement.initial[name].si / scales.of(model.dimensions[name])
+    return history_flags | {
+        value_at_start(name): model.statement.initial[name].si / scales.si_factor(model.dimensions[name])
         for name in sorted(names)
     }
 
 
 @lru_cache(maxsize=16)
-def tables_of(model: Model, scales: Scales = UNSCALED) -> tuple[Table, ...]:
+def drive_pieces(model: Model, scales: Scales = UNSCALED) -> tuple[Table, ...]:
     """Return the pieces of every drive, in SI units over the scales.
 
     Raises
@@ -198,16 +205,16 @@ def tables_of(model: Model, scales: Scales = UNSCALED) -> tuple[Table, ...]:
     """
     tables = []
     for name, drive in model.drives.items():
-        argument = drive.table.argument / scales.of(drive.table.argument_unit.dimension)
-        value = drive.table.value / scales.of(model.dimensions[name])
+        argument = drive.table.argument / scales.si_factor(drive.table.argument_unit.dimension)
+        value = drive.table.value / scales.si_factor(model.dimensions[name])
         of_time = model.looked_up_at[name] == CLOCK
         with np.errstate(all="ignore"):  # checked below, where the position is known
-            tables.append(coefficients(argument, value, drive.interpolation, drive.outside, of_time=of_time))
+            tables.append(piece_coefficients(argument, value, drive.interpolation, drive.outside, of_time=of_time))
         _check_pieces(name, drive, tables[-1])
         if of_time and drive.argument != CLOCK:
-            tree, known = model.expanded(drive.argument), constants(model, scales)
-            rate_in_time = evaluate(derivative(tree, {"t": ONE}), known)
-            tables[-1] = in_time(tables[-1], rate_in_time, evaluate(tree, {**known, "t": 0.0}))
+            tree, constant_numbers = model.expanded(drive.argument), constants(model, scales)
+            rate_in_time = evaluate(derivative(tree, {"t": ONE}), constant_numbers)
+            tables[-1] = table_in_time(tables[-1], rate_in_time, evaluate(tree, {**constant_numbers, "t": 0.0}))
     return tuple(tables)
 
 
@@ -228,8 +235,8 @@ def _check_pieces(name: str, drive: Drive, pieces: Table) -> None:
         )
 
 
-def inputs_of(
-    model: Model, state: Mapping[str, float], known: Mapping[str, float], tables: Iterable[Table]
+def motion_inputs(
+    model: Model, state: Mapping[str, float], constant_numbers: Mapping[str, float], tables: Iterable[Table]
 ) -> dict[str, float]:
     """Return what the assignments of the motion read at one state: constants, state, regime, drives and their slopes.
 
@@ -238,10 +245,10 @@ def inputs_of(
     model : Model
     state : mapping of str to float
         A number for `t`, every coordinate, velocity and first-order state; the regime, if it is not the first.
-    known : mapping of str to float
+    constant_numbers : mapping of str to float
         `constants` in the same units.
     tables : iterable of (ndarray, ndarray)
-        Each drive's `coefficients`, in the same units.
+        Each drive's `piece_coefficients`, in the same units.
 
     Raises
     ------
@@ -250,60 +257,60 @@ def inputs_of(
     """
     if model.delays:
         raise InputError(f"the model '{model.name}' {ALONG_A_MARCH}")
-    values = dict(known) | {name: state[name] for name in ("t", *variables(model))}
+    values = dict(constant_numbers) | {name: state[name] for name in ("t", *variables(model))}
     values[REGIME_NUMBER] = state.get(REGIME_NUMBER, float(first_regime(model)))
-    for (name, at), table in zip(model.looked_up_at.items(), tables, strict=True):
-        pair = looked_up(table, evaluate(at, values), of_time=at == CLOCK)
-        values[name], values[slope(name)] = map(float, pair)
+    for (name, argument), table in zip(model.looked_up_at.items(), tables, strict=True):
+        pair = value_and_slope(table, evaluate(argument, values), of_time=argument == CLOCK)
+        values[name], values[drive_slope(name)] = map(float, pair)
     return values
 
 
-def evaluated(
-    model: Model, state: Mapping[str, float], known: Mapping[str, float], tables: Iterable[Table]
+def evaluate_motion(
+    model: Model, state: Mapping[str, float], constant_numbers: Mapping[str, float], tables: Iterable[Table]
 ) -> dict[str, float]:
     """Evaluate forces, accelerations and rates at one state, by the operations of a compiled law.
 
     Parameters
     ----------
     model, state, known, tables
-        As for `inputs_of`.
+        As for `motion_inputs`.
 
     Returns
     -------
     dict of str to float
         All values by name, including drives.
     """
-    values = inputs_of(model, state, known, tables)
+    values = motion_inputs(model, state, constant_numbers, tables)
     for assignment in motion(model):
-        values[assignment.name] = _number(model, assignment.value, values)
+        values[assignment.name] = _assignment_value(model, assignment.value, values)
     return values
 
 
-def evaluated_many(
+def evaluate_over_states(
     model: Model,
-    wanted: Sequence[Node],
+    trees: Sequence[Node],
     state: Mapping[str, Any],
-    known: Mapping[str, float],
+    constant_numbers: Mapping[str, float],
     tables: Iterable[Table],
     math_functions: str = NAME,
     read: Sequence[Assignment] | None = None,
     parts: Sequence[slice] | None = None,
 ) -> list[Any]:
-    """Evaluate expressions at many states at once, as `evaluated` would, with only those assignments that they read.
+    """Evaluate expressions at many states at once, as `evaluate_motion` would, with only those assignments that they read.
 
     Parameters
     ----------
     model : Model
-    wanted : sequence of Node
+    trees : sequence of Node
         With definitions expanded.
     state : mapping of str to ndarray, shape (k,)
         For `t`, every coordinate, velocity and first-order state, and the regime.
     known, tables
-        As for `evaluated`.
+        As for `evaluate_motion`.
     math_functions : str
         The set of elementary functions.
     read : sequence of Assignment, optional
-        The result of `read_by`, if it is available.
+        The result of `assignments_read`, if it is available.
     parts : sequence of slice, optional
         Of the states: those at which each expression is wanted. What several of them read is evaluated once.
 
@@ -312,13 +319,13 @@ def evaluated_many(
     InputError
         If they read delayed values, which no states by themselves give.
     """
-    values: dict[str, Any] = dict(known) | dict(state)
-    read = read_by(model, wanted) if read is None else read
-    names = _names_in(wanted, read) if model.delays or model.drives else set[str]()
-    for (name, at), table in zip(model.looked_up_at.items(), tables, strict=True):
-        if names & {name, slope(name)}:  # the state of a table that is not read may not be known
-            x = evaluate_many(at, values, math_functions)
-            values[name], values[slope(name)] = looked_up(table, x, of_time=at == CLOCK)
+    values: dict[str, Any] = dict(constant_numbers) | dict(state)
+    read = assignments_read(model, trees) if read is None else read
+    names = _names_in(trees, read) if model.delays or model.drives else set[str]()
+    for (name, argument), table in zip(model.looked_up_at.items(), tables, strict=True):
+        if names & {name, drive_slope(name)}:  # the state of a table that is not read may not be known
+            x = evaluate_many(argument, values, math_functions)
+            values[name], values[drive_slope(name)] = value_and_slope(table, x, of_time=argument == CLOCK)
     if any(map(is_before, names)):
         raise InputError(f"the model '{model.name}' {ALONG_A_MARCH}")
     for item in read:
@@ -327,13 +334,16 @@ def evaluated_many(
             values[item.name] = call(*(values[name] for name in item.value.arguments))
         else:
             values[item.name] = evaluate_many(item.value, values, math_functions)
-    given = [values] * len(wanted) if parts is None else [_PartialValues(values, part) for part in parts]
-    return [evaluate_many(item, here, math_functions) for item, here in zip(wanted, given, strict=True)]
+    values_by_tree = [values] * len(trees) if parts is None else [_PartialValues(values, part) for part in parts]
+    return [
+        evaluate_many(item, tree_values, math_functions)
+        for item, tree_values in zip(trees, values_by_tree, strict=True)
+    ]
 
 
-def _names_in(wanted: Iterable[Node], read: Iterable[Assignment]) -> set[str]:
+def _names_in(trees: Iterable[Node], read: Iterable[Assignment]) -> set[str]:
     """Return what some expressions and assignments read."""
-    values = [*wanted, *(item.value for item in read)]
+    values = [*trees, *(item.value for item in read)]
     return set().union(*(set(it.arguments) if isinstance(it, Function) else free_names(it) for it in values))
 
 
@@ -353,11 +363,11 @@ class _PartialValues(dict[str, Any]):
         return self[name]
 
 
-def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:
+def assignments_read(model: Model, trees: Iterable[Node]) -> list[Assignment]:
     """Return the assignments of the motion that expressions without definitions depend on, in order."""
-    needed = set().union(*(free_names(item) for item in wanted))
+    needed = set().union(*(free_names(item) for item in trees))
     assignments: list[Assignment] = []
-    if needed <= _given(model) or needed.isdisjoint(_assigned(model)):
+    if needed <= _unassigned_names(model) or needed.isdisjoint(_assigned(model)):
         return assignments
     for item in reversed(motion(model)):
         if item.name in needed:
@@ -367,7 +377,7 @@ def read_by(model: Model, wanted: Iterable[Node]) -> list[Assignment]:
 
 
 @lru_cache(maxsize=64)
-def _given(model: Model) -> frozenset[str]:
+def _unassigned_names(model: Model) -> frozenset[str]:
     """Name what the motion never assigns: it need not be written to know that, which takes long for many bodies."""
     return frozenset(("t", REGIME_NUMBER, *variables(model), *model.statement.parameters, *CONSTANTS, "pi"))
 
@@ -378,13 +388,13 @@ def _assigned(model: Model) -> frozenset[str]:
     return frozenset(item.name for item in motion(model))
 
 
-def _number(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:
+def _assignment_value(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:
     if isinstance(value, Function):
         return float(model.functions[value.name](*(values[name] for name in value.arguments)))
     return evaluate(value, values)
 
 
-def _totals(model: Model) -> dict[str, Node]:
+def _summed_force_terms(model: Model) -> dict[str, Node]:
     """Add the force terms of each coordinate, in their order."""
     totals: dict[str, Node] = {}
     for term, components in model.force_components.items():

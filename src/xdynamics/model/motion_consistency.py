@@ -10,7 +10,7 @@ from xdynamics.expressions import (
     dimension_of,
     expand,
     free_names,
-    shown,
+    shortened_text,
     text_of,
 )
 from xdynamics.faults import InputError, Ledger
@@ -32,7 +32,7 @@ def check_motion(statement: Statement, dimensions: Mapping[str, Dimension], ledg
     for (i, j), entry in statement.mass_entries.items():
         row, column, mirrored = coordinates[i], coordinates[j], statement.mass[j][i]
         if i != j:
-            check_dimension(
+            check_tree_dimension(
                 ledger,
                 f"mass entry ({i + 1}, {j + 1})",
                 entry,
@@ -57,7 +57,7 @@ def check_motion(statement: Statement, dimensions: Mapping[str, Dimension], ledg
             elif isinstance(node, Function):
                 check_function(f"force '{term}'", node, statement, dimensions, ledger)
             else:
-                check_dimension(ledger, f"force '{term}' of '{name}'", node, dimensions, force_dimensions[name])
+                check_tree_dimension(ledger, f"force '{term}' of '{name}'", node, dimensions, force_dimensions[name])
 
 
 def _check_potential(
@@ -86,32 +86,32 @@ def _check_potential(
         return
     acted = [name for name in force_dimensions if name in used] or list(force_dimensions)[:1]
     for energy in dict.fromkeys(force_dimensions[name] * dimensions[name] for name in acted):
-        check_dimension(ledger, f"potential of '{term}'", potential, dimensions, energy)
+        check_tree_dimension(ledger, f"potential of '{term}'", potential, dimensions, energy)
 
 
 def check_function(
-    what: str, function: Function, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
+    label: str, function: Function, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
 ) -> None:
     """Check that a function in Python asks for names that are declared."""
     for name in function.arguments:
         if name in statement.definitions:
             ledger.note(
-                f"{what}: function '{function.name}' asks for the definition '{name}'; let it ask for what that is"
+                f"{label}: function '{function.name}' asks for the definition '{name}'; let it ask for what that is"
                 " made of"
             )
         elif name not in dimensions:
-            ledger.note(f"{what}: function '{function.name}' asks for '{name}', which is not declared")
+            ledger.note(f"{label}: function '{function.name}' asks for '{name}', which is not declared")
 
 
-def check_dimension(
-    ledger: Ledger, what: str, node: Node, dimensions: Mapping[str, Dimension], needed: Dimension
+def check_tree_dimension(
+    ledger: Ledger, label: str, node: Node, dimensions: Mapping[str, Dimension], needed: Dimension
 ) -> None:
     """Check one expression against the unit that is needed."""
     try:
         dimension = dimension_of(node, dimensions)
     except InputError as error:
-        ledger.note(f"{what}: {error}")
+        ledger.note(f"{label}: {error}")
         return
     if dimension != needed and node != Number(0.0):
         column = getattr(node, "column", 1) or 1
-        ledger.note(f"{what} has units '{dimension}', needs '{needed}' (column {column}: {shown(node)})")
+        ledger.note(f"{label} has units '{dimension}', needs '{needed}' (column {column}: {shortened_text(node)})")

@@ -49,11 +49,11 @@ def check_names_of_today(statement: Statement) -> None:
     for section in ("coordinates", "parameters", "arrays", "definitions", "drives", "states", "observables"):
         for name in map(str, getattr(statement, section)):
             if name in OF_TODAY | work or name.startswith(("solver_", *shares)):
-                ledger.note(f"{_called(section)} '{name}': the record of a run has that name; rename it")
+                ledger.note(f"{_entry_kind(section)} '{name}': the record of a run has that name; rename it")
     for section in ("extents", "relations"):
         for name in getattr(statement, section):
             if name in DIMENSIONS_OF_TODAY:
-                ledger.note(f"{_called(section)} '{name}': records have a dimension of that name; rename it")
+                ledger.note(f"{_entry_kind(section)} '{name}': records have a dimension of that name; rename it")
     ledger.raise_faults()
 
 
@@ -90,9 +90,9 @@ def check_names(statement: Statement, ledger: Ledger) -> None:
     refused = set[str]()
     for section in sections:
         for name in getattr(statement, section):
-            if fault := _fault_of(section, str(name)):
+            if fault := _name_fault(section, str(name)):
                 refused.add(str(name))
-                ledger.note(f"{_called(section)} '{name}': {fault}")
+                ledger.note(f"{_entry_kind(section)} '{name}': {fault}")
     for name, owner in claimed_names(vars(statement)):
         if name in owner_of and not _is_said_elsewhere(name, owner, owner_of[name], refused):
             ledger.note(f"{owner} and {owner_of[name]} both claim the name '{name}'; rename one")
@@ -101,21 +101,21 @@ def check_names(statement: Statement, ledger: Ledger) -> None:
     for section in ("extents", "relations"):
         for name in getattr(statement, section):
             if name in owner_of and name not in refused:
-                ledger.note(f"{_called(section)} '{name}' and {owner_of[name]} have one name; rename one")
-            owner_of.setdefault(name, f"{_called(section)} '{name}'")
+                ledger.note(f"{_entry_kind(section)} '{name}' and {owner_of[name]} have one name; rename one")
+            owner_of.setdefault(name, f"{_entry_kind(section)} '{name}'")
 
 
-def _is_said_elsewhere(name: str, owner: str, other: str, refused: set[str]) -> bool:
+def _is_said_elsewhere(name: str, owner: str, second_owner: str, refused: set[str]) -> bool:
     """Whether two owners of a name in the record have a fault of their own: one may not be called so, or both are."""
     if owner in {f"dimension '{word}'" for word in refused}:
         return True
     (kind, word), (others_kind, others_word) = (
-        text.split(" ", 1) if " '" in text else (text, "") for text in (owner, other)
+        text.split(" ", 1) if " '" in text else (text, "") for text in (owner, second_owner)
     )
     return word == others_word != f"'{name}'" and not {"dimension", "relation"}.isdisjoint({kind, others_kind})
 
 
-def _fault_of(section: str, name: str) -> str:
+def _name_fault(section: str, name: str) -> str:
     """Return why nothing in a section may have a name; empty if it may."""
     if keyword.iskeyword(name):
         return f"'{name}' is a word of Python; choose another name, like '{name}_'"
@@ -138,9 +138,9 @@ def _fault_of(section: str, name: str) -> str:
     return ""
 
 
-def _called(section: str) -> str:
+def _entry_kind(section: str) -> str:
     """Return what an entry of a section is called."""
-    return _CALLED.get(section, section.removesuffix("s"))
+    return _ENTRY_KINDS.get(section, section.removesuffix("s"))
 
 
-_CALLED = {"extents": "dimension", "arrays": "parameter", "bodies": "body"}
+_ENTRY_KINDS = {"extents": "dimension", "arrays": "parameter", "bodies": "body"}

@@ -18,7 +18,7 @@ from xdynamics.expressions import (
 )
 from xdynamics.expressions.calculus import ONE, TWO, ZERO
 from xdynamics.expressions.tree import exponent_of
-from xdynamics.model.kinks import counted, kinks, turning
+from xdynamics.model.kinks import jump_function, kinks, rounded_argument
 
 FAR = Number(1e300)  # bounds nothing
 # The least and the greatest argument with a value; a logarithm has none at zero itself.
@@ -36,7 +36,7 @@ def on_sides(node: Node, sides: Mapping[Node, str]) -> Node:
     Roots and what else has no value beyond some argument keep the value at its end where the motion has passed a switch
     whose side is held: a step that is landed a rounding beyond ``max(-x, 0*metre)**1.5`` would have no force otherwise.
     """
-    return _Sides(sides, ()).of(node)
+    return _Sides(sides, ()).substitute(node)
 
 
 @dataclass(frozen=True)
@@ -46,41 +46,41 @@ class _Sides:
     names: Mapping[Node, str]
     around: tuple[Node, ...]
 
-    def within(self, function: Node) -> _Sides:
+    def with_decider(self, function: Node) -> _Sides:
         """Return the same inside of what the side of a function decides."""
         return self if function in self.around else _Sides(self.names, (*self.around, function))
 
-    def of(self, node: Node) -> Node:
+    def substitute(self, node: Node) -> Node:
         """Substitute sides in a tree."""
         if isinstance(node, Binary):
             first, links = chain(node)
-            tree = self.of(first)
+            tree = self.substitute(first)
             for child in links:
                 if is_root(child):
                     tree = self._continued(child.left, tree, (ZERO, None))
-                tree = Binary(child.operator, tree, self.of(child.right), child.column)
+                tree = Binary(child.operator, tree, self.substitute(child.right), child.column)
             return tree
         if isinstance(node, Negative):
-            return Negative(self.of(node.operand), node.column)
+            return Negative(self.substitute(node.operand), node.column)
         if isinstance(node, Compare):
-            return Compare(node.operator, self.of(node.left), self.of(node.right), node.column)
-        return self._of_call(node) if isinstance(node, Call) else node
+            return Compare(node.operator, self.substitute(node.left), self.substitute(node.right), node.column)
+        return self._substitute_call(node) if isinstance(node, Call) else node
 
-    def _of_call(self, node: Call) -> Node:
+    def _substitute_call(self, node: Call) -> Node:
         if node.function in ("min", "max"):
             return self._extremum(node)
         condition = node.arguments[0]
         if node.function == "where" and isinstance(condition, Compare):
             function = Binary("-", condition.left, condition.right)
             if function in self.names:
-                inside, decided = self.within(function), Name(self.names[function])
-                arms = map(inside.of, node.arguments[1:])
+                inner_sides, decided = self.with_decider(function), Name(self.names[function])
+                arms = map(inner_sides.substitute, node.arguments[1:])
                 return Call("where", (Compare(condition.operator[0], decided, ZERO), *arms), node.column)
-        inner = tuple(map(self.of, node.arguments))
+        inner = tuple(map(self.substitute, node.arguments))
         if node.function in ("abs", "sign") and condition in self.names:
             side_name = Name(self.names[condition])
             return side_name if node.function == "sign" else Binary("*", side_name, inner[0])
-        if node.function in CALLED_ALONE and (name := self.names.get(turning(node))) is not None:
+        if node.function in CALLED_ALONE and (name := self.names.get(jump_function(node))) is not None:
             return _whole_on_side(node.function, inner, Name(name))
         if node.function in DOMAINS:
             inner = (self._continued(condition, inner[0], DOMAINS[node.function]),)
@@ -88,28 +88,28 @@ class _Sides:
 
     def _extremum(self, node: Call) -> Node:
         """Write min and max as `where`, as far as their sides are known."""
-        result, others = self.of(node.arguments[-1]), node.arguments[-1:]
+        extremum, later_arguments = self.substitute(node.arguments[-1]), node.arguments[-1:]
         for argument in reversed(node.arguments[:-1]):
-            best = others[0] if len(others) == 1 else Call(node.function, others)
+            best = later_arguments[0] if len(later_arguments) == 1 else Call(node.function, later_arguments)
             side_name = self.names.get(Binary("-", argument, best))
             if side_name is None:
-                result = Call(node.function, (self.of(argument), result))
+                extremum = Call(node.function, (self.substitute(argument), extremum))
             else:
                 condition = Compare("<" if node.function == "min" else ">", Name(side_name), ZERO)
-                result = Call("where", (condition, self.of(argument), result))
-            others = (argument, *others)
-        return result
+                extremum = Call("where", (condition, self.substitute(argument), extremum))
+            later_arguments = (argument, *later_arguments)
+        return extremum
 
-    def _continued(self, plain: Node, held: Node, domain: tuple[Node, Node | None]) -> Node:
+    def _continued(self, plain: Node, argument: Node, domain: tuple[Node, Node | None]) -> Node:
         """Keep an argument inside of a domain where a side is held that the motion has left."""
-        functions = dict.fromkeys((*self.around, *self._inside(plain)))
+        functions = dict.fromkeys((*self.around, *self._switch_functions(plain)))
         if not functions:
-            return held
-        least, greatest = domain
-        held = Call("max", (held, self._where_held(functions, Negative(FAR), least)))
-        return held if greatest is None else Call("min", (held, self._where_held(functions, FAR, greatest)))
+            return argument
+        lower_bound, greatest = domain
+        argument = Call("max", (argument, self._where_held(functions, Negative(FAR), lower_bound)))
+        return argument if greatest is None else Call("min", (argument, self._where_held(functions, FAR, greatest)))
 
-    def _inside(self, plain: Node) -> Iterator[Node]:
+    def _switch_functions(self, plain: Node) -> Iterator[Node]:
         """Yield the functions of the switches of an expression."""
         return (function for _, function, *_ in kinks(plain) if function in self.names)
 
@@ -130,10 +130,10 @@ def is_root(node: Binary) -> bool:
 
 def _whole_on_side(function: str, inner: tuple[Node, ...], side_name: Name) -> Node:
     """Write `floor`, `ceil`, `round` and `mod` for a known side: the even, or odd, whole number that is near."""
-    moved = Binary("+", ONE, side_name) if function == "round" else side_name
-    halves = Binary("+", Binary("/", counted(function, inner), TWO), Binary("/", moved, Number(4.0)))
+    shifted_side = Binary("+", ONE, side_name) if function == "round" else side_name
+    halves = Binary("+", Binary("/", rounded_argument(function, inner), TWO), Binary("/", shifted_side, Number(4.0)))
     odd = Binary("/", Binary("-", ONE, side_name), TWO)
-    whole = Binary("+", Binary("*", TWO, Call("floor", (halves,))), odd)
+    whole_number = Binary("+", Binary("*", TWO, Call("floor", (halves,))), odd)
     if function == "mod":
-        return Binary("-", inner[0], Binary("*", inner[1], whole))
-    return Negative(whole) if function == "ceil" else whole
+        return Binary("-", inner[0], Binary("*", inner[1], whole_number))
+    return Negative(whole_number) if function == "ceil" else whole_number

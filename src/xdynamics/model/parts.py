@@ -83,7 +83,7 @@ class Authorship:
     comment: str = ""
 
     @classmethod
-    def of(cls, attributes: Mapping[Any, Any]) -> Authorship:
+    def from_attributes(cls, attributes: Mapping[Any, Any]) -> Authorship:
         """Read what the attributes of a record say."""
         return cls(**{name: str(attributes[key]) for name, key in _IN_ACDD.items() if key in attributes})
 
@@ -125,7 +125,7 @@ class Function:
     callable: Callable[..., float] | None = field(default=None, compare=False)
 
     @classmethod
-    def of(cls, function: Callable[..., float]) -> Function:
+    def from_callable(cls, function: Callable[..., float]) -> Function:
         """Describe a Python function.
 
         Raises

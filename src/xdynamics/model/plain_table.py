@@ -26,7 +26,7 @@ class PlainTable:
     Parameters
     ----------
     content : bytes
-        Lines as `of` finds them.
+        Lines as `from_text` finds them.
     separator : str
     rows : int
         How many lines there are.
@@ -36,7 +36,7 @@ class PlainTable:
         self.content, self.separator, self.rows = content, separator, rows
 
     @classmethod
-    def of(cls, text: str, separator: str, columns: int) -> PlainTable | None:
+    def from_text(cls, text: str, separator: str, columns: int) -> PlainTable | None:
         """Return a table; None if it is small, or its lines are not all of one form, and are to be read one by one."""
         if len(text) < LEAST or not text.isascii() or any(mark in text for mark in _UNUSUAL):
             return None
@@ -48,8 +48,8 @@ class PlainTable:
         content = f"{text}\n".encode()
         letters = np.frombuffer(content, np.uint8)
         ends = np.flatnonzero((letters == _END) | (letters == ord(separator)))
-        rows, rest = divmod(ends.size, columns)
-        if rest:
+        rows, remainder = divmod(ends.size, columns)
+        if remainder:
             return None
         is_last = (letters[ends] == _END).reshape(rows, columns)
         longest = int(np.diff(ends[columns - 1 :: columns], prepend=-1).max())
@@ -60,21 +60,21 @@ class PlainTable:
         """Return columns as numbers, or as texts of a length, shape (rows, columns); None if a cell is none of that kind."""
         try:
             lines = io.BytesIO(self.content)
-            found = np.loadtxt(lines, kind, comments=None, delimiter=self.separator, usecols=places, ndmin=2)
+            table_columns = np.loadtxt(lines, kind, comments=None, delimiter=self.separator, usecols=places, ndmin=2)
         except ValueError:
             return None
-        return found if len(found) == self.rows else None
+        return table_columns if len(table_columns) == self.rows else None
 
-    def elements(self, place: int, extent: Extent) -> NDArray[np.int64] | None:
+    def elements(self, column: int, extent: Extent) -> NDArray[np.int64] | None:
         """Return the elements that a column names, by their numbers, or by their labels where they have some."""
         if not extent.labels:
-            numbers = None if b"+" in self.content else self.columns([place], np.int64)
-            known = numbers is not None and numbers.min() >= 0 and numbers.max() < extent.size
-            return numbers[:, 0] if numbers is not None and known else None
-        texts = self.columns([place], f"S{_LONGEST + 1}")  # a longer one is no label
+            numbers = None if b"+" in self.content else self.columns([column], np.int64)
+            are_elements = numbers is not None and numbers.min() >= 0 and numbers.max() < extent.size
+            return numbers[:, 0] if numbers is not None and are_elements else None
+        texts = self.columns([column], f"S{_LONGEST + 1}")  # a longer one is no label
         labels, which = (None, None) if texts is None else np.unique(np.char.strip(texts[:, 0]), return_inverse=True)
         if labels is None or which is None or labels.size > extent.size:
             return None
         places = {label.encode(): number for number, label in enumerate(extent.labels)}
-        found = np.array([places.get(label, -1) for label in labels.tolist()], np.int64)
-        return found[which] if found.min() >= 0 else None
+        label_numbers = np.array([places.get(label, -1) for label in labels.tolist()], np.int64)
+        return label_numbers[which] if label_numbers.min() >= 0 else None

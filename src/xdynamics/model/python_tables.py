@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.model.csv_sheet import name_of_title, shown, written
+from xdynamics.model.csv_sheet import cell_excerpt, csv_text, name_of_title
 from xdynamics.units import SECONDS, parse_unit
 
 
-def tabled(owner: str, table: Any) -> str:
+def table_text(owner: str, table: Any) -> str:
     """Write a table passed in Python as CSV text, which the model keeps.
 
     Parameters
@@ -30,16 +30,16 @@ def tabled(owner: str, table: Any) -> str:
     if hasattr(table, "to_frame") and not hasattr(table, "columns") and not hasattr(table, "dims"):
         table = table.to_frame()  # a Series of pandas
     if hasattr(table, "dims") and hasattr(table, "coords"):
-        return written(_columns(owner, table))
+        return csv_text(_columns_of_array(owner, table))
     if hasattr(table, "columns") or isinstance(table, Mapping):
-        return written(columns_of(table))
+        return csv_text(columns_of_frame(table))
     raise InputError(
-        f"table is {shown(str(table))}, needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their"
+        f"table is {cell_excerpt(str(table))}, needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their"
         f' headers: {{"t [s]": …, "{owner} [N]": …}}'
     )
 
 
-def columns_of(table: Any) -> dict[str, Any]:
+def columns_of_frame(table: Any) -> dict[str, Any]:
     """Return the columns of a DataFrame, its index among them if it has a name, or of a mapping; dates in seconds.
 
     Dates and time differences are counted from the first, ``time [s]``.
@@ -58,16 +58,20 @@ def columns_of(table: Any) -> dict[str, Any]:
     return columns
 
 
-def _columns(owner: str, table: Any) -> dict[str, Any]:
+def _columns_of_array(owner: str, table: Any) -> dict[str, Any]:
     """Return the columns of a DataArray, or of a Dataset: the coordinate, then the variables along it that have units."""
-    whole = hasattr(table, "data_vars")
-    if not whole and len(table.dims) != 1:
+    is_dataset = hasattr(table, "data_vars")
+    if not is_dataset and len(table.dims) != 1:
         raise InputError(f"table has the dims {table.dims}, needs one, along which it was measured")
     arrays = (
-        {str(name): array for name, array in table.data_vars.items()} if whole else {str(table.name or owner): table}
+        {str(name): array for name, array in table.data_vars.items()}
+        if is_dataset
+        else {str(table.name or owner): table}
     )
     arrays = {
-        name: array for name, array in arrays.items() if len(array.dims) == 1 and (not whole or "units" in array.attrs)
+        name: array
+        for name, array in arrays.items()
+        if len(array.dims) == 1 and (not is_dataset or "units" in array.attrs)
     }
     dims = {array.dims[0] for array in arrays.values()}
     if len(dims) != 1:
@@ -80,14 +84,14 @@ def _columns(owner: str, table: Any) -> dict[str, Any]:
     if coordinate is None:
         raise InputError(f"table has no coordinate along '{dim}' that says where it was measured")
     columns = {}
-    for what, name, array in (
+    for label, name, array in (
         (f"coordinate '{coordinate.name}'", str(coordinate.name), coordinate),
-        *((f"variable '{name}'" if whole else "table", name, array) for name, array in arrays.items()),
+        *((f"variable '{name}'" if is_dataset else "table", name, array) for name, array in arrays.items()),
     ):
         stamped = stamps(array)
         if stamped is None and "units" not in array.attrs:
-            raise InputError(f"{what} has no units; set its attribute 'units'")
-        key = f"u({name[2:]})" if whole and name.startswith("u_") and name[2:] in arrays else name
+            raise InputError(f"{label} has no units; set its attribute 'units'")
+        key = f"u({name[2:]})" if is_dataset and name.startswith("u_") and name[2:] in arrays else name
         columns[f"{key} [{array.attrs['units'] if stamped is None else SECONDS.text}]"] = (
             array.values if stamped is None else stamped[0]
         )

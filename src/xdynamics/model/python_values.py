@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.faults import InputError, few
-from xdynamics.model.csv_sheet import written
-from xdynamics.model.python_tables import columns_of
+from xdynamics.faults import InputError, first_names
+from xdynamics.model.csv_sheet import csv_text
+from xdynamics.model.python_tables import columns_of_frame
 from xdynamics.model.uncertainty import SIZES
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.units import parse_unit
@@ -48,24 +48,24 @@ def as_in_file(entry: Any, name: str, dims: tuple[str, ...] | None, shapes: Shap
             raise InputError(
                 f"table is a {type(table).__name__}, needs the name of a CSV file, a DataFrame, or columns by name"
             )
-        return {**entry, "table": f"{name}.csv", "csv": written(columns_of(table), {*shapes.extents})}
+        return {**entry, "table": f"{name}.csv", "csv": csv_text(columns_of_frame(table), {*shapes.extents})}
     arrays = {key: entry[key] for key in ("value", *SIZES) if is_array(entry.get(key))}
     for key, array in arrays.items():
-        entry = {**entry, **_listed(key, array, entry, dims, shapes)}
+        entry = {**entry, **_array_entry(key, array, entry, dims, shapes)}
     return entry
 
 
-def _listed(key: str, array: Any, entry: Mapping[str, Any], dims: tuple[str, ...] | None, shapes: Shapes) -> Any:
+def _array_entry(key: str, array: Any, entry: Mapping[str, Any], dims: tuple[str, ...] | None, shapes: Shapes) -> Any:
     """Return what stands in a file for one key with an array."""
     if array.dtype.kind not in "biufUO":
         raise InputError(f"{key} has numbers of the kind {array.dtype}, needs real ones")
     if not hasattr(array, "dims"):
         return {key: array.tolist()}
-    own = tuple(str(dim) for dim in array.dims)
-    needed = tuple(entry.get("dims", own)) if dims is None else dims
-    if sorted(own) != sorted(needed):
+    array_dims = tuple(str(dim) for dim in array.dims)
+    needed = tuple(entry.get("dims", array_dims)) if dims is None else dims
+    if sorted(array_dims) != sorted(needed):
         raise InputError(
-            f"{key} is a DataArray along {', '.join(own)}, needs {', '.join(needed) or 'no dimensions'}; rename or reduce it"
+            f"{key} is a DataArray along {', '.join(array_dims)}, needs {', '.join(needed) or 'no dimensions'}; rename or reduce it"
         )
     if "units" not in array.attrs:
         raise InputError(f"{key} is a DataArray without units; set its attribute 'units', of pure numbers '1'")
@@ -73,11 +73,13 @@ def _listed(key: str, array: Any, entry: Mapping[str, Any], dims: tuple[str, ...
     if key == "value" and "unit" in entry:
         raise InputError(f"unit is '{entry['unit']}', and the DataArray has units '{unit}'; leave one out")
     parse_unit(unit)
-    turned = array.transpose(*needed)
-    numbers = np.asarray(turned.values)
+    ordered_array = array.transpose(*needed)
+    numbers = np.asarray(ordered_array.values)
     for axis, dim in enumerate(needed):
-        if dim in turned.coords and shapes.extent(dim).labels:
-            numbers = numbers.take(_places(key, [str(label) for label in turned[dim].values], shapes.extent(dim)), axis)
+        if dim in ordered_array.coords and shapes.extent(dim).labels:
+            numbers = numbers.take(
+                _label_positions(key, [str(label) for label in ordered_array[dim].values], shapes.extent(dim)), axis
+            )
     if key == "value":
         return {key: numbers.tolist(), "unit": unit} | ({"dims": list(needed)} if dims is None else {})
     return {
@@ -85,13 +87,15 @@ def _listed(key: str, array: Any, entry: Mapping[str, Any], dims: tuple[str, ...
     }
 
 
-def _places(key: str, labels: list[str], extent: Extent) -> list[int]:
+def _label_positions(key: str, labels: list[str], extent: Extent) -> list[int]:
     """Return where the elements of a dimension are among the labels of an array."""
     if missing := [label for label in extent.labels if labels.count(label) != 1]:
         raise InputError(
-            f"{key} has the labels {few(labels)} along '{extent.name}', needs each of {few(extent.labels)} exactly once; '{missing[0]}' is not"
+            f"{key} has the labels {first_names(labels)} along '{extent.name}', needs each of {first_names(extent.labels)} exactly once; '{missing[0]}' is not"
         )
     if len(labels) > extent.size:
-        other = next(label for label in labels if label not in extent.labels)
-        raise InputError(f"{key} has the label '{other}' along '{extent.name}', which has {few(extent.labels)}")
+        unknown_label = next(label for label in labels if label not in extent.labels)
+        raise InputError(
+            f"{key} has the label '{unknown_label}' along '{extent.name}', which has {first_names(extent.labels)}"
+        )
     return [labels.index(label) for label in extent.labels]

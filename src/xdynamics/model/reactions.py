@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, dimension_of, expand
-from xdynamics.expressions.calculus import ONE, ZERO, multiply, total
-from xdynamics.model.constraints import Condition, bound, conditions, moved
-from xdynamics.model.mass import Assignment, less, solved
+from xdynamics.expressions.calculus import ONE, ZERO, multiply, sum_of_terms
+from xdynamics.model.constraints import Condition, conditions, keep_conditions, rate_row_and_bias
+from xdynamics.model.mass import Assignment, solve_mass, subtract_terms
 from xdynamics.model.model import Model
 from xdynamics.model.parts import APPROACH
 from xdynamics.reaction_names import constraint_force, contact_force, friction_force
@@ -49,7 +49,7 @@ class Reaction:
         The derivative of `rate` by the velocity of each coordinate that it depends on: the force acts along it.
     bias : Node
         The time derivative of `rate` with zero accelerations.
-    size, most : Node
+    size, sticking_limit : Node
         Coefficient of friction, or force, while it slips, and the largest at which it sticks; `size` of a normal force
         is the coefficient of restitution.
     """
@@ -63,7 +63,7 @@ class Reaction:
     row: Mapping[str, Node]
     bias: Node
     size: Node
-    most: Node
+    sticking_limit: Node
 
 
 @lru_cache(maxsize=64)
@@ -81,41 +81,43 @@ def reactions(model: Model) -> tuple[Reaction, ...]:
                 i,
                 model.expanded(contact.gap),
                 rate,
-                *moved(model, rate),
+                *rate_row_and_bias(model, rate),
                 restitution,
                 ONE,
             )
         )
     for i, (name, contact) in enumerate(model.contacts.items()):
         if contact.slip is not None and contact.friction is not None and contact.static is not None:
-            forces.append(_tangent(model, name, TANGENT, i, (contact.slip, contact.friction, contact.static)))
+            forces.append(_tangent_reaction(model, name, TANGENT, i, (contact.slip, contact.friction, contact.static)))
     for name, element in model.frictions.items():
         trees = element.slip, element.kinetic, element.static
-        forces.append(_tangent(model, name, DRY, len(forces), trees))
+        forces.append(_tangent_reaction(model, name, DRY, len(forces), trees))
     return tuple(forces)
 
 
-def _tangent(model: Model, owner: str, sort: int, normal: int, trees: tuple[Node, Node, Node]) -> Reaction:
-    slip, size, most = map(model.expanded, trees)
-    return Reaction(friction_force(owner), owner, sort, normal, ZERO, slip, *moved(model, slip), size, most)
+def _tangent_reaction(model: Model, owner: str, sort: int, normal: int, trees: tuple[Node, Node, Node]) -> Reaction:
+    slip, size, sticking_limit = map(model.expanded, trees)
+    return Reaction(
+        friction_force(owner), owner, sort, normal, ZERO, slip, *rate_row_and_bias(model, slip), size, sticking_limit
+    )
 
 
-def holds(reaction: Reaction) -> str:
+def holding_flag(reaction: Reaction) -> str:
     """Name the number that is 1 where a reaction holds its row."""
     return f"_holds_{reaction.name}"
 
 
-def way(reaction: Reaction) -> str:
+def mode_number(reaction: Reaction) -> str:
     """Name the number that is the sign of the slip, or the time at which a contact has settled."""
     return f"_until_{reaction.name}" if reaction.sort == NORMAL else f"_way_{reaction.name}"
 
 
-def modes(model: Model) -> tuple[str, ...]:
+def mode_names(model: Model) -> tuple[str, ...]:
     """Name the numbers that describe the modes of contacts and friction elements."""
-    return tuple(name for reaction in reactions(model) for name in (holds(reaction), way(reaction)))
+    return tuple(name for reaction in reactions(model) for name in (holding_flag(reaction), mode_number(reaction)))
 
 
-def free(name: str) -> str:
+def free_acceleration(name: str) -> str:
     """Name the acceleration that a coordinate has without reactions."""
     return f"_free_{name}"
 
@@ -148,7 +150,7 @@ def rate_dimension(model: Model, reaction: Reaction) -> Dimension:
     return dimension_of(reaction.rate, dimensions)
 
 
-def reacting(model: Model) -> Iterator[Assignment]:
+def reaction_assignments(model: Model) -> Iterator[Assignment]:
     """Write the reactions, and the accelerations with them.
 
     The matrix is eliminated without exchanging rows: its pivots are positive where there is one solution for every
@@ -157,62 +159,62 @@ def reacting(model: Model) -> Iterator[Assignment]:
     acting = reactions(model)
     if not acting:
         return
-    yield from pressing(model)
+    yield from delassus_assignments(model)
     entries: dict[tuple[int, int], Node] = {}
     right: list[Node] = []
     for k, reaction in enumerate(acting):
-        held = Compare("==", Name(holds(reaction)), ONE)
+        is_holding = Compare("==", Name(holding_flag(reaction)), ONE)
         for j in range(len(acting)):
             otherwise = _let_go(reaction, k, j)
-            if _meet(model, reaction, acting[j]) or otherwise != ZERO:
-                gram = Name(_gram(k, j)) if _meet(model, reaction, acting[j]) else ZERO
+            if _shared_coordinates(model, reaction, acting[j]) or otherwise != ZERO:
+                gram = Name(_gram(k, j)) if _shared_coordinates(model, reaction, acting[j]) else ZERO
                 entries[k, j] = Name(f"_entry{k}_{j}")
-                yield Assignment(f"_entry{k}_{j}", Call("where", (held, gram, otherwise)))
-        slipping = multiply(Negative(Name(way(reaction))), reaction.size) if reaction.sort == DRY else ZERO
+                yield Assignment(f"_entry{k}_{j}", Call("where", (is_holding, gram, otherwise)))
+        slipping = multiply(Negative(Name(mode_number(reaction))), reaction.size) if reaction.sort == DRY else ZERO
         right.append(Name(f"_right{k}"))
-        yield Assignment(f"_right{k}", Call("where", (held, Negative(Name(_without(k))), slipping)))
+        yield Assignment(f"_right{k}", Call("where", (is_holding, Negative(Name(_free_row_rate(k))), slipping)))
     yield from _eliminated(entries, right, [reaction.name for reaction in acting])
     for c, condition in enumerate(conditions(model)):
         shares = (multiply(Name(_borne(k, c)), Name(reaction.name)) for k, reaction in enumerate(acting))
-        yield Assignment(constraint_force(condition.name), total([Name(unloaded(condition)), *shares]))
+        yield Assignment(constraint_force(condition.name), sum_of_terms([Name(unloaded(condition)), *shares]))
     for name in model.statement.coordinates:
         pulls = [
-            multiply(Name(_reach(k, name)), Name(reaction.name))
+            multiply(Name(_reaction_reach(k, name)), Name(reaction.name))
             for k, reaction in enumerate(acting)
-            if name in _reached(model, reaction)
+            if name in _accelerated_coordinates(model, reaction)
         ]
-        yield Assignment(acceleration(name), total([Name(free(name)), *pulls]))
+        yield Assignment(acceleration(name), sum_of_terms([Name(free_acceleration(name)), *pulls]))
 
 
-def pressing(model: Model) -> Iterator[Assignment]:
+def delassus_assignments(model: Model) -> Iterator[Assignment]:
     """Write rows, the effect of a unit of each reaction on accelerations and rows, and each row's free acceleration."""
     acting = reactions(model)
     for k, reaction in enumerate(acting):
-        yield from (Assignment(_row(k, name), tree) for name, tree in reaction.row.items())
-        reached = _reached(model, reaction)
+        yield from (Assignment(_reaction_row(k, name), tree) for name, tree in reaction.row.items())
+        reached = _accelerated_coordinates(model, reaction)
         yield from _answering(model, k, reached)
-        products = (Binary("*", Name(_row(k, name)), Name(free(name))) for name in reaction.row)
-        yield Assignment(_without(k), total([reaction.bias, *products]))
+        products = (Binary("*", Name(_reaction_row(k, name)), Name(free_acceleration(name))) for name in reaction.row)
+        yield Assignment(_free_row_rate(k), sum_of_terms([reaction.bias, *products]))
     for k, reaction in enumerate(acting):
-        for j, other in enumerate(acting):
-            if shared := _meet(model, reaction, other):
-                terms = [Binary("*", Name(_row(k, name)), Name(_reach(j, name))) for name in shared]
-                yield Assignment(_gram(k, j), total(terms))
+        for j, second_reaction in enumerate(acting):
+            if shared := _shared_coordinates(model, reaction, second_reaction):
+                terms = [Binary("*", Name(_reaction_row(k, name)), Name(_reaction_reach(j, name))) for name in shared]
+                yield Assignment(_gram(k, j), sum_of_terms(terms))
 
 
 def _answering(model: Model, k: int, reached: list[str]) -> Iterator[Assignment]:
     """Write what a unit of a reaction does to accelerations, and to the multipliers of constraints."""
     reaction, tied = reactions(model)[k], conditions(model)
-    named = _reach if not tied else _pushed
-    rows = {named(k, name): Name(_row(k, name)) if name in reaction.row else ZERO for name in reached}
-    yield from solved(model, rows, reached)
+    reach_name = _reaction_reach if not tied else _pushed
+    rows = {reach_name(k, name): Name(_reaction_row(k, name)) if name in reaction.row else ZERO for name in reached}
+    yield from solve_mass(model, rows, reached)
     if tied:
         free = {name: Name(_pushed(k, name)) for name in reached}
-        targets = {name: _reach(k, name) for name in reached}
-        yield from bound(model, free, [ZERO] * len(tied), targets, [_borne(k, c) for c in range(len(tied))])
+        targets = {name: _reaction_reach(k, name) for name in reached}
+        yield from keep_conditions(model, free, [ZERO] * len(tied), targets, [_borne(k, c) for c in range(len(tied))])
 
 
-def table(model: Model) -> tuple[list[Node], ...]:
+def reaction_table(model: Model) -> tuple[list[Node], ...]:
     """Return what `march.contacts.delassus` needs of a state: numbers of each reaction, then the matrices, row by row.
 
     Returns
@@ -228,10 +230,16 @@ def table(model: Model) -> tuple[list[Node], ...]:
     rows: list[Node] = []
     reach: list[Node] = []
     for k, reaction in enumerate(acting):
-        numbers += [reaction.gap, reaction.rate, Name(_without(k)), reaction.size, reaction.most]
-        grams += [Name(_gram(k, j)) if _meet(model, reaction, other) else ZERO for j, other in enumerate(acting)]
-        rows += [Name(_row(k, name)) if name in reaction.row else ZERO for name in coordinates]
-        reach += [Name(_reach(k, name)) if name in _reached(model, reaction) else ZERO for name in coordinates]
+        numbers += [reaction.gap, reaction.rate, Name(_free_row_rate(k)), reaction.size, reaction.sticking_limit]
+        grams += [
+            Name(_gram(k, j)) if _shared_coordinates(model, reaction, second_reaction) else ZERO
+            for j, second_reaction in enumerate(acting)
+        ]
+        rows += [Name(_reaction_row(k, name)) if name in reaction.row else ZERO for name in coordinates]
+        reach += [
+            Name(_reaction_reach(k, name)) if name in _accelerated_coordinates(model, reaction) else ZERO
+            for name in coordinates
+        ]
     return numbers, grams, rows, reach
 
 
@@ -239,7 +247,11 @@ def _let_go(reaction: Reaction, k: int, j: int) -> Node:
     """Return an entry of the row of a reaction that does not hold: zero force, or a fraction of the normal force."""
     if j == k:
         return ONE
-    return multiply(Name(way(reaction)), reaction.size) if reaction.sort == TANGENT and j == reaction.normal else ZERO
+    return (
+        multiply(Name(mode_number(reaction)), reaction.size)
+        if reaction.sort == TANGENT and j == reaction.normal
+        else ZERO
+    )
 
 
 def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: list[str]) -> Iterator[Assignment]:
@@ -252,30 +264,32 @@ def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: 
             yield Assignment(factor, Binary("/", entries[i, p], Name(f"_pivot{p}")))
             for j in (j for j in range(p + 1, n) if (p, j) in entries):
                 changed = f"_entry{i}_{j}_{p}"
-                yield Assignment(changed, less(entries.get((i, j), ZERO), [Binary("*", Name(factor), entries[p, j])]))
+                yield Assignment(
+                    changed, subtract_terms(entries.get((i, j), ZERO), [Binary("*", Name(factor), entries[p, j])])
+                )
                 entries[i, j] = Name(changed)
-            yield Assignment(f"_right{i}_{p}", less(right[i], [Binary("*", Name(factor), right[p])]))
+            yield Assignment(f"_right{i}_{p}", subtract_terms(right[i], [Binary("*", Name(factor), right[p])]))
             right[i] = Name(f"_right{i}_{p}")
     for i in reversed(range(n)):
-        back = (Binary("*", entries[i, j], Name(names[j])) for j in range(i + 1, n) if (i, j) in entries)
-        yield Assignment(names[i], Binary("/", less(right[i], back), Name(f"_pivot{i}")))
+        back_products = (Binary("*", entries[i, j], Name(names[j])) for j in range(i + 1, n) if (i, j) in entries)
+        yield Assignment(names[i], Binary("/", subtract_terms(right[i], back_products), Name(f"_pivot{i}")))
 
 
-def _reached(model: Model, reaction: Reaction) -> list[str]:
+def _accelerated_coordinates(model: Model, reaction: Reaction) -> list[str]:
     """Return the coordinates that a reaction accelerates: all of them through a full mass, or constraints."""
     return list(model.statement.coordinates) if model.mass_is_full or model.constraints else list(reaction.row)
 
 
-def _meet(model: Model, reaction: Reaction, other: Reaction) -> list[str]:
+def _shared_coordinates(model: Model, reaction: Reaction, second_reaction: Reaction) -> list[str]:
     """Return the coordinates through which one reaction is coupled to another."""
-    return [name for name in reaction.row if name in _reached(model, other)]
+    return [name for name in reaction.row if name in _accelerated_coordinates(model, second_reaction)]
 
 
-def _row(k: int, name: str) -> str:
+def _reaction_row(k: int, name: str) -> str:
     return f"_row{k}_{name}"
 
 
-def _reach(k: int, name: str) -> str:
+def _reaction_reach(k: int, name: str) -> str:
     return f"_reach{k}_{name}"
 
 
@@ -291,5 +305,5 @@ def _gram(k: int, j: int) -> str:
     return f"_gram{k}_{j}"
 
 
-def _without(k: int) -> str:
+def _free_row_rate(k: int) -> str:
     return f"_without{k}"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import islice
 from typing import Any, NoReturn, TypeVar
 
-from xdynamics.faults import InputError, ModelError, few, spoken
+from xdynamics.faults import InputError, ModelError, display_text, first_names
 from xdynamics.shapes import Shapes
 
 Part = TypeVar("Part")
@@ -42,36 +42,36 @@ class ReadOnlySection(Mapping[str, Part]):
 
     def __getitem__(self, name: str) -> Part:
         try:
-            return self._entries[self._shapes.inside(name)]
+            return self._entries[self._shapes.internal_name(name)]
         except InputError as error:  # a dimension has no such element
             raise KeyError(str(error)) from None
         except KeyError:
             pass
         if dims := self._shapes.dims.get(name):
             raise KeyError(
-                f"'{name}' is along {', '.join(dims)}; ask for an element, like '{spoken(self._shapes.first(name))}'"
+                f"'{name}' is along {', '.join(dims)}; ask for an element, like '{display_text(self._shapes.first(name))}'"
             )
         raise KeyError(
-            f"there is no '{name}' in the section {self._title}; there are {few([*islice(self, SHOWN + 1)])}"
+            f"there is no '{name}' in the section {self._title}; there are {first_names([*islice(self, SHOWN + 1)])}"
         )
 
     def __iter__(self) -> Iterator[str]:
-        return map(spoken, self._entries)
+        return map(display_text, self._entries)
 
     def __len__(self) -> int:
         return len(self._entries)
 
-    def __or__(self, other: Mapping[str, Any]) -> dict[str, Any]:
-        return {**self, **other}
+    def __or__(self, right: Mapping[str, Any]) -> dict[str, Any]:
+        return {**self, **right}
 
-    def __ror__(self, other: Mapping[str, Any]) -> dict[str, Any]:
-        return {**other, **self}
+    def __ror__(self, left: Mapping[str, Any]) -> dict[str, Any]:
+        return {**left, **self}
 
     def __repr__(self) -> str:
-        shown = [self._shown(name) for name in islice(self, SHOWN)]
-        return f"<{self._title}: {', '.join([*shown, *(['…'] * (len(self) > SHOWN))]) or 'none'}>"
+        entry_texts = [self._entry_text(name) for name in islice(self, SHOWN)]
+        return f"<{self._title}: {', '.join([*entry_texts, *(['…'] * (len(self) > SHOWN))]) or 'none'}>"
 
-    def _shown(self, name: str) -> str:
+    def _entry_text(self, name: str) -> str:
         """Return an entry in words: a quantity, a parameter's value, or the unit of what moves."""
         part: Any = self[name]
         if dims := getattr(part, "dims", ()):

@@ -10,14 +10,14 @@ from typing import Any
 from xdynamics.expressions import Node, parse
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.faults import InputError, Ledger, ModelError
-from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, columns_of
+from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, read_log_columns
 from xdynamics.model.body_reading import with_bodies
-from xdynamics.model.controllers import check_controllers, held
-from xdynamics.model.controllers import starts as first_values
+from xdynamics.model.controllers import check_controllers, controller_states
+from xdynamics.model.controllers import start_values as first_values
 from xdynamics.model.file_access import FileAccess
-from xdynamics.model.given_values import Values, values_of
+from xdynamics.model.given_values import Values, read_values
 from xdynamics.model.grammar import HEAD, SECTIONS
-from xdynamics.model.kinds import Source, description
+from xdynamics.model.kinds import Source, read_text
 from xdynamics.model.lagrangian import TERMS, motion_of
 from xdynamics.model.links import related
 from xdynamics.model.parts import DIRECTIONS, STRIKE, Coordinate
@@ -25,16 +25,16 @@ from xdynamics.model.python import Functions
 from xdynamics.model.python_values import is_array
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
-from xdynamics.model.table_keys import choice, keys, near
+from xdynamics.model.table_keys import check_keys, read_choice, suggestion
 from xdynamics.model.text_limits import excess
 from xdynamics.model.uncertainty import correlations_of
 from xdynamics.model.value_forms import is_of_elements
 from xdynamics.schema import velocity
-from xdynamics.shapes import Shapes, prepared
+from xdynamics.shapes import Shapes, resolve_min_max
 from xdynamics.units import SECONDS, Quantity, Scales, Unit, time_in
 
 
-def read(statement: Mapping[str, Any], path: Path, functions: Functions, access: FileAccess) -> Statement:
+def read_statement(statement: Mapping[str, Any], path: Path, functions: Functions, access: FileAccess) -> Statement:
     """Read every section of a statement.
 
     Raises
@@ -48,20 +48,20 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, access:
         ledger.note('name is missing; write name = "…" first')
     for key in statement:
         if key not in (*(head.name for head in HEAD), *SECTIONS):
-            ledger.note(f"[{key}] is no section{near(key, tuple(SECTIONS))}")
+            ledger.note(f"[{key}] is no section{suggestion(key, tuple(SECTIONS))}")
     statement = with_bodies(statement, Source(functions, access), ledger)
-    tables = {key: _table(statement, key, ledger) for key in SECTIONS}
+    tables = {key: _section_table(statement, key, ledger) for key in SECTIONS}
     tables["events"], impacts = _without_impacts(tables["events"], tables["contacts"], ledger)
     start = tables["initial"]
     tables["initial"] = {key: value for key, value in start.items() if key not in ("regime", "consistent")}
-    parts: dict[str, Any] = {"name": name, "description": _head(name, statement, ledger), "time_unit": SECONDS}
+    parts: dict[str, Any] = {"name": name, "description": _read_head(name, statement, ledger), "time_unit": SECONDS}
     shapes = Shapes()
     for key, section in SECTIONS.items():
         source = Source(functions, access, parts["time_unit"], shapes)
         if key in _OF_ELEMENTS:
-            tables[key], parts[_OF_ELEMENTS[key]] = _arrays(key, tables[key], parts, source, ledger)
+            tables[key], parts[_OF_ELEMENTS[key]] = _split_arrays(key, tables[key], parts, source, ledger)
         if section.entry:
-            parts[section.field or key] = _entries(section, tables[key], source, ledger)
+            parts[section.field or key] = _read_entries(section, tables[key], source, ledger)
         elif section.make is not None and tables[key]:
             with ledger.entry(key):
                 parts[section.field or key] = section.read(key, tables[key], source)
@@ -72,43 +72,43 @@ def read(statement: Mapping[str, Any], path: Path, functions: Functions, access:
         if key == "relations":
             shapes = related(parts["extents"], parts["relations"], ledger)
             ledger.raise_faults()
-    parts["contacts"] |= _entries(_IMPACTS, impacts, source, ledger)
-    _hold(parts, ledger)
+    parts["contacts"] |= _read_entries(_IMPACTS, impacts, source, ledger)
+    _add_held_states(parts, ledger)
     parts["observables"] = {entry: part.expression for entry, part in parts["observed"].items()}
-    parts |= _start(parts, start, ledger)
+    parts |= _read_start(parts, start, ledger)
     with ledger.entry("correlations"):
         parts["correlations"] = correlations_of(tables["correlations"])
-    parts["run"] = _run(tables["run"], parts["time_unit"], ledger)
+    parts["run"] = _read_run_settings(tables["run"], parts["time_unit"], ledger)
     ledger.raise_faults()
     with ledger.entry("lagrangian" if parts.get("lagrangian") else "mass"):
         if parts.get("lagrangian"):
             _check_derived(parts, tables["mass"])
             parts["mass"] = ()
         else:
-            parts["mass"] = _mass(tables["mass"], parts["coordinates"], source)
+            parts["mass"] = _read_mass(tables["mass"], parts["coordinates"], source)
     ledger.raise_faults()
     return Statement(**parts)
 
 
-def _arrays(
+def _split_arrays(
     key: str, table: Mapping[str, Any], parts: Mapping[str, Any], source: Source, ledger: Ledger
 ) -> tuple[dict[str, Any], dict[str, Values]]:
     """Part entries with values for elements, or by expressions, from the others."""
-    others, arrays = {}, {}
+    single_entries, arrays = {}, {}
     moving = parts["coordinates"] | {velocity(name): part for name, part in parts["coordinates"].items()}
     dims = {name: part.dims for name, part in (moving | parts.get("states", {})).items()}
     for name, entry in table.items():
         declared = dims.get(name, ()) if key == "initial" else None
         if declared or (is_of_elements(entry) and (key == "initial" or isinstance(entry, Mapping) or is_array(entry))):
             with ledger.entry(f"{SECTIONS[key].entry} '{name}'"):
-                keys(entry if isinstance(entry, Mapping) else {}, SECTIONS[key].known, ())
-                arrays[name] = values_of(entry, name, source, declared)
+                check_keys(entry if isinstance(entry, Mapping) else {}, SECTIONS[key].fixed_keys, ())
+                arrays[name] = read_values(entry, name, source, declared)
         else:
-            others[name] = entry
-    return others, arrays
+            single_entries[name] = entry
+    return single_entries, arrays
 
 
-def _entries(section: Section, table: Mapping[str, Any], source: Source, ledger: Ledger) -> dict[str, Any]:
+def _read_entries(section: Section, table: Mapping[str, Any], source: Source, ledger: Ledger) -> dict[str, Any]:
     """Read every entry of a section; what cannot be read is noted, and reading goes on."""
     entries = {}
     for name, content in table.items():
@@ -117,21 +117,21 @@ def _entries(section: Section, table: Mapping[str, Any], source: Source, ledger:
     return entries
 
 
-def _head(name: Any, statement: Mapping[str, Any], ledger: Ledger) -> str:
+def _read_head(name: Any, statement: Mapping[str, Any], ledger: Ledger) -> str:
     """Return the description of a model; the characters of its name are checked too."""
     about = ""
     with ledger.entry("description"):
-        about = description(statement.get("description", ""))
+        about = read_text(statement.get("description", ""))
     if isinstance(name, str):
         with ledger.entry("name"):
-            description(name)
+            read_text(name)
     return about
 
 
-def _start(parts: Mapping[str, Any], section: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
+def _read_start(parts: Mapping[str, Any], section: Mapping[str, Any], ledger: Ledger) -> dict[str, Any]:
     """Return where a motion starts: at time 0, at rest and in the first regime, unless stated otherwise."""
     starts, regimes, time = parts["initial"], list(parts["regimes"]), parts["time_unit"]
-    given = {*starts, *parts["starting"]}
+    stated_names = {*starts, *parts["starting"]}
     regime = section.get("regime", regimes[0] if regimes else "")
     if "regime" in section and regime not in regimes:
         ledger.note(f"initial regime {regime!r} is none; there are: {', '.join(regimes) or 'none'}")
@@ -140,8 +140,8 @@ def _start(parts: Mapping[str, Any], section: Mapping[str, Any], ledger: Ledger)
         ledger.note(f"initial: consistent is {consistent!r}, needs true or false")
     if consistent is True and not parts["constraints"]:
         ledger.note("initial: consistent is true, and there are no [constraints] that values could be moved to")
-    rest = {velocity(name): about.unit.per(time) for name, about in parts["coordinates"].items()}
-    at_rest = {name: Quantity(0.0, unit) for name, unit in rest.items() if name not in given}
+    velocity_units = {velocity(name): about.unit.per(time) for name, about in parts["coordinates"].items()}
+    at_rest = {name: Quantity(0.0, unit) for name, unit in velocity_units.items() if name not in stated_names}
     return {
         "regime": str(regime),
         "consistent": consistent is True,
@@ -154,12 +154,12 @@ def _start(parts: Mapping[str, Any], section: Mapping[str, Any], ledger: Ledger)
     }
 
 
-def _hold(parts: dict[str, Any], ledger: Ledger) -> None:
+def _add_held_states(parts: dict[str, Any], ledger: Ledger) -> None:
     """Have what controllers hold among the states of a model."""
     controllers = parts["controllers"]
     with ledger.entry("controllers"):
         check_controllers(controllers)
-        states = [name for part in controllers.values() for name in held({"": part}, parts["time_unit"])]
+        states = [name for part in controllers.values() for name in controller_states({"": part}, parts["time_unit"])]
         for name in states:
             if name in parts["states"] or states.count(name) > 1:
                 raise InputError(f"'{name}' is held by a controller, and is a state or held once more; rename one")
@@ -167,10 +167,10 @@ def _hold(parts: dict[str, Any], ledger: Ledger) -> None:
                 raise InputError(
                     f"'{name}' is held by a controller: give its first value there, as start, not in [initial]"
                 )
-        parts["states"] = parts["states"] | held(controllers, parts["time_unit"])
+        parts["states"] = parts["states"] | controller_states(controllers, parts["time_unit"])
 
 
-def _table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[str, Any]:
+def _section_table(statement: Mapping[str, Any], key: str, ledger: Ledger) -> Mapping[str, Any]:
     section = statement.get(key, {})
     if isinstance(section, Mapping) and (fault := excess(section)):
         ledger.note(f"[{key}] {fault}")
@@ -196,12 +196,12 @@ def _without_impacts(
 
 def _impact_table(entry: Mapping[str, Any], section: Section, *_: Any) -> dict[str, Any]:
     """Return the contact that an event with the action ``impact`` is, with the event's function as its gap."""
-    own = tuple(key for key in section.known if key != "gap")
-    keys(entry, ("function", "direction", "action", *own), needed=("function", "restitution"))
-    direction = choice(entry.get("direction", "falling"), "direction", DIRECTIONS[:2])
+    contact_keys = tuple(key for key in section.fixed_keys if key != "gap")
+    check_keys(entry, ("function", "direction", "action", *contact_keys), needed=("function", "restitution"))
+    direction = read_choice(entry.get("direction", "falling"), "direction", DIRECTIONS[:2])
     parse(entry["function"])
     gap = entry["function"] if direction == "falling" else f"-({entry['function']})"
-    return {"gap": gap} | {key: value for key, value in entry.items() if key in own}
+    return {"gap": gap} | {key: value for key, value in entry.items() if key in contact_keys}
 
 
 # sections with entries that have values for elements, and the attribute of the statement that holds those
@@ -209,21 +209,21 @@ _OF_ELEMENTS = {"parameters": "arrays", "initial": "starting"}
 _IMPACTS = replace(SECTIONS["contacts"], entry="event", full=_impact_table)
 
 
-def _mass(
+def _read_mass(
     section: Mapping[str, Any], coordinates: Mapping[str, Coordinate], source: Source
 ) -> tuple[tuple[Node, ...], ...]:
     """Read the mass matrix as rows, whether it is written by coordinate or as a matrix of those without an entry."""
     names = list(coordinates)
 
-    def tree(entry: Any) -> Node:
-        return prepared(parse(str(entry)), source.shapes)
+    def read_entry(entry: Any) -> Node:
+        return resolve_min_max(parse(str(entry)), source.shapes)
 
     square: list[str] = []
     if "matrix" in section and "matrix" not in coordinates:
         rows, square = section["matrix"], [name for name in names if name not in section]
         n = len(square)
-        whole = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
-        if not whole or [len(row) for row in rows] != [n] * n:
+        is_matrix = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
+        if not is_matrix or [len(row) for row in rows] != [n] * n:
             raise InputError(
                 f"matrix needs {n} rows of {n} entries, one for each of {', '.join(square)}, which have no other entry"
             )
@@ -232,10 +232,10 @@ def _mass(
     if missing or unknown:
         faults = [f"of coordinate '{name}' is missing" for name in missing]
         raise InputError("; ".join(faults + [f"of '{name}', which is no coordinate" for name in unknown]))
-    entries = {(name, name): tree(section[name]) for name in names if name not in square}
+    entries = {(name, name): read_entry(section[name]) for name in names if name not in square}
     for name, row in zip(square, section["matrix"] if square else (), strict=True):
-        entries |= {(name, other): tree(entry) for other, entry in zip(square, row, strict=True)}
-    return tuple(tuple(entries.get((name, other), ZERO) for other in names) for name in names)
+        entries |= {(name, column_name): read_entry(entry) for column_name, entry in zip(square, row, strict=True)}
+    return tuple(tuple(entries.get((name, column_name), ZERO) for column_name in names) for name in names)
 
 
 def _check_derived(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:
@@ -246,7 +246,7 @@ def _check_derived(parts: dict[str, Any], mass: Mapping[str, Any]) -> None:
         raise InputError(f"makes a force '{clashing[0]}', and [forces] has one of that name; rename it")
 
 
-def derived(statement: Statement) -> Statement:
+def derive_motion(statement: Statement) -> Statement:
     """Return a statement of single numbers with the mass matrix and the forces of its Lagrangian.
 
     Raises
@@ -258,17 +258,19 @@ def derived(statement: Statement) -> Statement:
         return statement
     ledger = Ledger(f"model '{statement.name}'", ModelError)
     with ledger.entry("lagrangian"):
-        known = {*statement.parameters, *statement.unit_constants, "pi"}
-        matrix, forces = motion_of(statement.lagrangian, list(statement.coordinates), statement.definitions, known)
+        constant_names = {*statement.parameters, *statement.unit_constants, "pi"}
+        matrix, forces = motion_of(
+            statement.lagrangian, list(statement.coordinates), statement.definitions, constant_names
+        )
         statement = replace(statement, mass=matrix, forces=forces | statement.forces)
     ledger.raise_faults()
     return statement
 
 
-def _run(section: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, Any]:
+def _read_run_settings(section: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, Any]:
     for key in section:
         if key not in IN_FILES:
-            ledger.note(f"[run] has no setting '{key}'{near(key, IN_FILES)}")
+            ledger.note(f"[run] has no setting '{key}'{suggestion(key, IN_FILES)}")
     with ledger.entry("[run]"):
         every = section.get("keep_every", 1)
         if isinstance(every, bool) or not isinstance(every, int) or every < 1:
@@ -278,5 +280,5 @@ def _run(section: Mapping[str, Any], time: Unit, ledger: Ledger) -> dict[str, An
         if "step" in section:
             time_in(time, section["step"], "step")
         Scales.parse(section.get("scales"))
-        columns_of(section.get("log", FULL))
+        read_log_columns(section.get("log", FULL))
     return dict(section)

@@ -21,11 +21,11 @@ from xdynamics.model.switches import (
     borders,
     bounds_of_friction,
     owner_of_masses,
-    side,
+    switch_side,
     watched_switches,
 )
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import NONE
 
 
@@ -44,24 +44,30 @@ class RegimeModel(Model):
     """
 
     def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str) -> None:
-        own = ("digest", "form", "force_components")
+        replaced_names = ("digest", "form", "force_components")
         self.__dict__.update(
-            {name: value for name, value in vars(plain).items() if name not in own}, shaped=plain.shaped
+            {name: value for name, value in vars(plain).items() if name not in replaced_names}, shaped=plain.shaped
         )
         self.plain, self.switches, self.located = plain, switches, located
         states = {
-            name: replace(part, rate=self._on_sides(name, part.rate)) for name, part in plain.statement.states.items()
+            name: replace(part, rate=self._one_sided_tree(name, part.rate))
+            for name, part in plain.statement.states.items()
         }
-        self.statement = replace(plain.statement, states=states, mass=self._masses())
+        self.statement = replace(plain.statement, states=states, mass=self._one_sided_masses())
         self.mass = self.statement.mass
         self.frictions = {
-            name: replace(part, kinetic=self._on_sides(name, part.kinetic), static=self._on_sides(name, part.static))
+            name: replace(
+                part, kinetic=self._one_sided_tree(name, part.kinetic), static=self._one_sided_tree(name, part.static)
+            )
             for name, part in plain.frictions.items()
         }
-        self.contacts = {name: self._rubbing(name, part) for name, part in plain.contacts.items()}
-        asked = {owner_of_masses(plain), *bounds_of_friction(plain)}  # whose trees have their units looked at again
-        if any(switch.owner in asked for switch in switches):
-            sides = {side(i): NONE for i, switch in enumerate(switches) if not switch.drive}
+        self.contacts = {name: self._one_sided_contact(name, part) for name, part in plain.contacts.items()}
+        checked_owners = {
+            owner_of_masses(plain),
+            *bounds_of_friction(plain),
+        }  # whose trees have their units looked at again
+        if any(switch.owner in checked_owners for switch in switches):
+            sides = {switch_side(i): NONE for i, switch in enumerate(switches) if not switch.drive}
             self.dimensions = plain.dimensions | sides
 
     def replace(self, **sections: Mapping[str, Any] | str) -> Model:
@@ -89,33 +95,36 @@ class RegimeModel(Model):
         terms = self.plain.force_components
         return {
             term: {
-                name: component if isinstance(component, Function) else self._on_sides(term, component)
+                name: component if isinstance(component, Function) else self._one_sided_tree(term, component)
                 for name, component in components.items()
             }
             for term, components in terms.items()
         }
 
-    def _masses(self) -> Sequence[tuple[Node, ...]]:
+    def _one_sided_masses(self) -> Sequence[tuple[Node, ...]]:
         """Return the mass matrix, with the sides of switches in place of signs and comparisons."""
         mass, owner = self.plain.statement.mass, owner_of_masses(self.plain)
         if not any(switch.owner == owner and not switch.drive for switch in self.switches):
             return mass
         if isinstance(mass, Diagonal):
-            return Diagonal(mass.names, {name: self._on_sides(owner, mass.own(i)) for i, name in enumerate(mass.names)})
-        return tuple(tuple(self._on_sides(owner, entry) for entry in row) for row in mass)
+            return Diagonal(
+                mass.names,
+                {name: self._one_sided_tree(owner, mass.diagonal_entry(i)) for i, name in enumerate(mass.names)},
+            )
+        return tuple(tuple(self._one_sided_tree(owner, entry) for entry in row) for row in mass)
 
-    def _rubbing(self, name: str, contact: Contact) -> Contact:
+    def _one_sided_contact(self, name: str, contact: Contact) -> Contact:
         """Return a contact whose friction has the sides of switches."""
         if contact.friction is None or contact.static is None:
             return contact
-        friction, static = (self._on_sides(name, tree) for tree in (contact.friction, contact.static))
+        friction, static = (self._one_sided_tree(name, tree) for tree in (contact.friction, contact.static))
         return replace(contact, friction=friction, static=static)
 
-    def _on_sides(self, owner: str, tree: Node) -> Node:
+    def _one_sided_tree(self, owner: str, tree: Node) -> Node:
         sides = {
-            switch.function: side(i)
+            switch.function: switch_side(i)
             for i, switch in enumerate(self.switches)
-            if switch.owner == parted(owner)[0] and not switch.drive
+            if switch.owner == split_element_name(owner)[0] and not switch.drive
         }
         return on_sides(self.plain.expanded(tree), sides) if sides else tree
 
@@ -131,7 +140,9 @@ def regime_model(model: Model, located: str = LOCATED) -> Model:
 
 def switch_inputs(model: Model) -> tuple[str, ...]:
     """Name the numbers that forces take from the march: the side of each switch, or the next points of its table."""
-    groups = [borders(switch.drive) if switch.drive else (side(i),) for i, switch in enumerate(watched_by(model))]
+    groups = [
+        borders(switch.drive) if switch.drive else (switch_side(i),) for i, switch in enumerate(watched_by(model))
+    ]
     return tuple(name for names in groups for name in names)
 
 

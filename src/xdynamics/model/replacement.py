@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from xdynamics.expressions import parse
-from xdynamics.faults import DOT, InputError, Ledger, ModelError, few, spoken, written
-from xdynamics.keywords import joined
+from xdynamics.faults import DOT, InputError, Ledger, ModelError, display_text, first_names, internal_text
+from xdynamics.keywords import merge_settings
 from xdynamics.model.file_access import ANYWHERE, FileAccess
-from xdynamics.model.given_values import Values, unit_of
+from xdynamics.model.given_values import Values, unit_of_values
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinds import Source
 from xdynamics.model.parts import Parameter
 from xdynamics.model.python import Functions
-from xdynamics.model.reading import read
+from xdynamics.model.reading import read_statement
 from xdynamics.model.statement import Statement
-from xdynamics.model.toml import tables_of
-from xdynamics.model.uncertainty import SIZES, parted
+from xdynamics.model.toml import section_tables
+from xdynamics.model.uncertainty import SIZES, split_uncertainty
 from xdynamics.model.value_forms import is_expression
 from xdynamics.units import NONE, parse_quantity, parse_unit
 
@@ -33,7 +33,7 @@ _ONE_BY_ONE = ("parameters", "initial", "drives")  # sections whose entries noth
 _OUTSIDE = FileAccess(Path(), ANYWHERE)
 
 
-def replaced(statement: Statement, sections: Mapping[str, Any], functions: Functions) -> Statement:
+def replace_entries(statement: Statement, sections: Mapping[str, Any], functions: Functions) -> Statement:
     """Return a statement with some entries of some sections replaced, added, or taken away by None; read but not checked.
 
     Raises
@@ -53,7 +53,7 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
             statement = _with_parts(statement, title, entries, ledger, Source(functions, _OUTSIDE, statement.time_unit))
         ledger.raise_faults()
         return statement
-    tables = tables_of(statement)
+    tables = section_tables(statement)
     for title, entries in sections.items():
         if title in _TEXTS:
             if not isinstance(entries, str):
@@ -62,10 +62,10 @@ def replaced(statement: Statement, sections: Mapping[str, Any], functions: Funct
             continue
         shaped = {"parameters": statement.arrays, "initial": statement.starting}.get(title, {})
         old, dropped = tables.get(title, {}), _dropped(entries)
-        new = _entries(title, old, entries, shaped)
-        whole = joined(old, new) if title == "run" else old | new
-        tables[title] = {name: entry for name, entry in whole.items() if name not in dropped}
-    return read(tables, Path(), functions, _OUTSIDE)
+        new = _new_entries(title, old, entries, shaped)
+        merged = merge_settings(old, new) if title == "run" else old | new
+        tables[title] = {name: entry for name, entry in merged.items() if name not in dropped}
+    return read_statement(tables, Path(), functions, _OUTSIDE)
 
 
 def _on_scales(statement: Statement, title: str, entries: Any) -> Any:
@@ -85,11 +85,15 @@ def _on_scales(statement: Statement, title: str, entries: Any) -> Any:
 def changes_numbers_alone(old: Statement, new: Statement) -> bool:
     """Whether two statements differ in numbers of parameters and of the start alone, and no check depends on these."""
     starts: dict[str, Any] = {"initial": old.initial, "starts": old.starts, "at_rest": old.at_rest}
-    alike = replace(new, parameters=old.parameters, **starts) == old and _units(new) == _units(old)
-    return alike and not (old.contacts or old.assemblies or old.frictions or old.constraints or old.correlations)
+    same_otherwise = replace(new, parameters=old.parameters, **starts) == old and _statement_units(
+        new
+    ) == _statement_units(old)
+    return same_otherwise and not (
+        old.contacts or old.assemblies or old.frictions or old.constraints or old.correlations
+    )
 
 
-def _units(statement: Statement) -> tuple[Any, ...]:
+def _statement_units(statement: Statement) -> tuple[Any, ...]:
     parameters = {name: (entry.quantity.unit, entry.description) for name, entry in statement.parameters.items()}
     return parameters, {name: start.unit for name, start in statement.initial.items()}
 
@@ -99,41 +103,45 @@ def _with_parts(statement: Statement, title: str, entries: Any, ledger: Ledger, 
     old: dict[str, Any] = dict(getattr(statement, title))
     if title == "initial":
         old = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in old.items()}
-    given = {name: old[name] for name in entries if name in old} if isinstance(entries, Mapping) else {}
-    written = {name: section.write(part, source.time) for name, part in given.items()}
+    old_parts = {name: old[name] for name in entries if name in old} if isinstance(entries, Mapping) else {}
+    old_entries = {name: section.write(part, source.time) for name, part in old_parts.items()}
     parts = {}
-    for name, value in _entries(title, {**dict.fromkeys(old), **written}, entries).items():
+    for name, value in _new_entries(title, {**dict.fromkeys(old), **old_entries}, entries).items():
         with ledger.entry(f"{section.entry} '{name}'"):
             parts[name] = section.read(name, value, source)
     if title != "initial":
         changed: dict[str, Any] = {title: old | parts}
         return replace(statement, **changed)
-    whole = old | parts
+    all_parts = old | parts
     return replace(
         statement,
-        initial={name: start.quantity for name, start in whole.items()},
-        starts={name: start for name, start in whole.items() if start.spread or start.description},
+        initial={name: start.quantity for name, start in all_parts.items()},
+        starts={name: start for name, start in all_parts.items() if start.spread or start.description},
         at_rest=tuple(name for name in statement.at_rest if name not in parts),
     )
 
 
-def _entries(title: str, old: Any, entries: Any, shaped: Mapping[str, Values] | None = None) -> dict[str, Any]:
+def _new_entries(title: str, old: Any, entries: Any, shaped: Mapping[str, Values] | None = None) -> dict[str, Any]:
     """Return the new entries of a section as they stand in a file; some may have values for elements."""
     if not isinstance(old, dict) or not isinstance(entries, Mapping):
         raise ModelError(f"{title} has no entries to replace")
     for key, entry in entries.items():
         if key not in old and (title not in _GROWING or entry is None):
-            whole, dot, _ = written(str(key)).partition(DOT)
-            elements = [spoken(entry) for entry in old if dot and entry.startswith(whole + DOT)]
-            known = elements or dict.fromkeys(entry.partition(DOT)[0] for entry in old)
-            raise ModelError(f"{title} has no entry '{spoken(str(key))}'; there are: {few([*known]) or 'none'}")
+            quantity, dot, _ = internal_text(str(key)).partition(DOT)
+            elements = [display_text(entry) for entry in old if dot and entry.startswith(quantity + DOT)]
+            known_names = elements or dict.fromkeys(entry.partition(DOT)[0] for entry in old)
+            raise ModelError(
+                f"{title} has no entry '{display_text(str(key))}'; there are: {first_names([*known_names]) or 'none'}"
+            )
     new = {}
     for key, value in entries.items():
         if key not in old or value is None or title == "run":
             new[key] = value
         else:
             new[key] = (
-                _whole(key, old[key], shaped[key], value) if shaped and key in shaped else _value(key, old[key], value)
+                _replace_array_value(key, old[key], shaped[key], value)
+                if shaped and key in shaped
+                else _replace_value(key, old[key], value)
             )
     return new
 
@@ -143,43 +151,43 @@ def _dropped(entries: Any) -> set[str]:
     return {name for name, entry in entries.items() if entry is None} if isinstance(entries, Mapping) else set()
 
 
-def _whole(entry: str, old: Any, values: Values, value: Any) -> Any:
+def _replace_array_value(entry: str, old: Any, values: Values, value: Any) -> Any:
     """Return the entry of a quantity with dimensions with other values, in its unit unless they have one."""
-    kept = (
+    kept_keys = (
         {key: item for key, item in old.items() if key in ("dims", "description")} if isinstance(old, Mapping) else {}
     )
     value = {"value": value} if hasattr(value, "dims") else value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, Mapping):
-        return {**value, **({"dims": kept["dims"]} if "dims" in kept else {})}
-    if "dims" not in kept and (values.tree is not None or is_expression(value)):  # at the start, of parameters
+        return {**value, **({"dims": kept_keys["dims"]} if "dims" in kept_keys else {})}
+    if "dims" not in kept_keys and (values.tree is not None or is_expression(value)):  # at the start, of parameters
         return value
-    unit = unit_of(values)
+    unit = unit_of_values(values)
     if is_expression(value):
         try:
-            own = unit_of(Values(values.dims, tree=parse(value))).dimension
+            dimension = unit_of_values(Values(values.dims, tree=parse(value))).dimension
         except InputError as error:
             raise ModelError(f"parameter '{entry}': {error}") from None
-        if own == unit.dimension != NONE:
-            return kept | {"value": value}
-        if own != NONE:
-            raise ModelError(f"{entry} = {value!r} has units '{own}', needs '{unit.dimension}', or none")
-    return kept | {"value": value, "unit": unit.text if values.scale is None else values.scale.text}
+        if dimension == unit.dimension != NONE:
+            return kept_keys | {"value": value}
+        if dimension != NONE:
+            raise ModelError(f"{entry} = {value!r} has units '{dimension}', needs '{unit.dimension}', or none")
+    return kept_keys | {"value": value, "unit": unit.text if values.scale is None else values.scale.text}
 
 
-def _value(entry: str, old: Any, value: Any) -> Any:
+def _replace_value(entry: str, old: Any, value: Any) -> Any:
     """Replace the value of an entry; a bare number keeps the entry's unit, a quantity must have its dimension."""
     text = old.get("value") if isinstance(old, Mapping) else old
     if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type
         value = value.item()
     try:
-        pair = parted(value)
+        pair = split_uncertainty(value)
     except InputError as error:
         raise ModelError(f"{entry} = {value!r}: {error}") from None
     if pair:
-        kept = (
+        kept_keys = (
             {key: item for key, item in old.items() if key not in ("unit", *SIZES)} if isinstance(old, Mapping) else {}
         )
-        return kept | {"value": pair[0], "uncertainty": pair[1]}
+        return kept_keys | {"value": pair[0], "uncertainty": pair[1]}
     if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
         return value
     try:
@@ -193,9 +201,9 @@ def _value(entry: str, old: Any, value: Any) -> Any:
             raise ModelError(f"{entry}: {error}") from None
         if quantity.unit.dimension != unit.dimension:
             raise ModelError(f"{entry} = {value!r} has units '{quantity.unit.dimension}', needs '{unit.dimension}'")
-    written = value if isinstance(value, str) else f"{value!r} {unit.text}"
+    value_text = value if isinstance(value, str) else f"{value!r} {unit.text}"
     if not isinstance(old, Mapping):
-        return written
-    kept = {key: item for key, item in old.items() if key != "unit"}
-    kept |= {key: f"{size!r} {unit.text}" for key in SIZES if isinstance(size := kept.get(key), int | float)}
-    return kept | {"value": written}
+        return value_text
+    kept_keys = {key: item for key, item in old.items() if key != "unit"}
+    kept_keys |= {key: f"{size!r} {unit.text}" for key in SIZES if isinstance(size := kept_keys.get(key), int | float)}
+    return kept_keys | {"value": value_text}

@@ -8,7 +8,7 @@ from operator import attrgetter
 from typing import Any
 
 from xdynamics.model.kinds import TEXT, Kind, Source
-from xdynamics.model.table_keys import keys
+from xdynamics.model.table_keys import check_keys
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.units import Dimension, Unit, parse_unit
 
@@ -33,7 +33,7 @@ class Key:
         The attribute of the part that it is written from, if that has another name.
     omitted : object
         The value that is not written, if that is another than the kind's.
-    kept : bool
+    is_rewritten : bool
         Whether it is written again; of a key that says how a file is read, the text that was read is.
     """
 
@@ -43,7 +43,7 @@ class Key:
     default: str = ""
     field: str = ""
     omitted: Any = _OF_KIND
-    kept: bool = True
+    is_rewritten: bool = True
 
     @property
     def takes(self) -> str:
@@ -60,7 +60,7 @@ class Key:
         """Whether it stands for any name."""
         return self.name.startswith("<")
 
-    def holds(self, value: Any) -> bool:
+    def must_write(self, value: Any) -> bool:
         """Whether a value is to be written."""
         omitted = self.kind.omitted if self.omitted is _OF_KIND else self.omitted
         return self.default == NEEDED or not bool(value == omitted)
@@ -93,9 +93,9 @@ class Section:
         The key whose value that is.
     full : callable of (entry, Section, name, Source), optional
         Returns the table that an entry stands for, if it is one in another form.
-    written : callable of one part, optional
+    short_form : callable of one part, optional
         Returns what stands in the place of an entry's table; None if nothing does.
-    apart : bool
+    own_tables : bool
         Whether every entry is written as a table of its own.
     """
 
@@ -108,16 +108,16 @@ class Section:
     field: str = ""
     brief: str = ""
     full: Callable[[Any, Section, str, Source], Any] | None = None
-    written: Callable[[Any], Any] | None = None
-    apart: bool = False
+    short_form: Callable[[Any], Any] | None = None
+    own_tables: bool = False
 
     @cached_property
-    def known(self) -> tuple[str, ...]:
+    def fixed_keys(self) -> tuple[str, ...]:
         """The keys with a fixed name."""
         return tuple(key.name for key in self.keys if not key.is_open)
 
     @cached_property
-    def needed(self) -> tuple[str, ...]:
+    def required_keys(self) -> tuple[str, ...]:
         """The keys that are required."""
         return tuple(key.name for key in self.keys if key.default == NEEDED and not key.is_open)
 
@@ -127,7 +127,7 @@ class Section:
         return parse_unit(kind.unit).dimension
 
     @cached_property
-    def values(self) -> Kind | None:
+    def value_kind(self) -> Kind | None:
         """The kind of entries that have no keys, but are a value each."""
         return self.keys[0].kind if len(self.keys) == 1 and self.keys[0].is_open else None
 
@@ -139,34 +139,36 @@ class Section:
         InputError
             Naming the key that is wrong.
         """
-        if self.values is not None:
-            return self.values.read(entry, name, source)
+        if self.value_kind is not None:
+            return self.value_kind.read(entry, name, source)
         if self.full is not None:
             entry = self.full(entry, self, name, source)
         elif self.brief and not isinstance(entry, Mapping):
             entry = {self.brief: entry}
-        rest = next((key for key in self.keys if key.is_open), None)
-        if rest is None or not isinstance(entry, Mapping):
-            keys(entry, self.known, self.needed)
+        open_key = next((key for key in self.keys if key.is_open), None)
+        if open_key is None or not isinstance(entry, Mapping):
+            check_keys(entry, self.fixed_keys, self.required_keys)
         values = {key.name: key.kind.read(entry[key.name], key.name, source) for key in self.keys if key.name in entry}
-        if rest is not None:
-            others = {key: value for key, value in entry.items() if key not in self.known}
-            values[rest.field or rest.name] = {key: rest.kind.read(value, key, source) for key, value in others.items()}
+        if open_key is not None:
+            open_entries = {key: value for key, value in entry.items() if key not in self.fixed_keys}
+            values[open_key.field or open_key.name] = {
+                key: open_key.kind.read(value, key, source) for key, value in open_entries.items()
+            }
         return values if self.make is None else self.make(**values)
 
     def write(self, part: Any, time: Unit) -> Any:
         """Return the keys of an entry, with their values as in TOML, or what stands in their place."""
-        if self.values is not None:
-            return self.values.write(part, time)
-        if self.written is not None and (brief := self.written(part)) is not None:
+        if self.value_kind is not None:
+            return self.value_kind.write(part, time)
+        if self.short_form is not None and (brief := self.short_form(part)) is not None:
             return brief
         body: dict[str, Any] = {}
         for key in self.keys:
-            if not key.kept:
+            if not key.is_rewritten:
                 continue
             value = key.value_of(part)
             if key.is_open:
                 body |= {name: key.kind.write(item, time) for name, item in value.items()}
-            elif key.holds(value):
+            elif key.must_write(value):
                 body[key.name] = key.kind.write(value, time)
         return body

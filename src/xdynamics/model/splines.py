@@ -40,11 +40,11 @@ def monotone_slopes(x: Floats, y: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = (w1 / secant[:-1] + w2 / secant[1:]) / (w1 + w2)
         inner = np.where(np.sign(secant[:-1]) * np.sign(secant[1:]) > 0.0, 1.0 / mean, 0.0)
-    first, last = _at_end(h[0], h[1], secant[0], secant[1]), _at_end(h[-1], h[-2], secant[-1], secant[-2])
+    first, last = _end_slope(h[0], h[1], secant[0], secant[1]), _end_slope(h[-1], h[-2], secant[-1], secant[-2])
     return np.concatenate([[first], inner, [last]])
 
 
-def _at_end(h: float, h_next: float, secant: float, next_secant: float) -> float:
+def _end_slope(h: float, h_next: float, secant: float, next_secant: float) -> float:
     slope = ((2.0 * h + h_next) * secant - h * next_secant) / (h + h_next)
     if np.sign(slope) != np.sign(secant):
         return 0.0

@@ -111,16 +111,16 @@ class Statement:
     @cached_property
     def unit_constants(self) -> tuple[str, ...]:
         """Names of units that expressions may use as constants; of the calendar those that name nothing of the model's."""
-        own = (self.coordinates, self.parameters, self.definitions, self.drives, self.states, self.arrays)
-        return (*CONSTANTS, *(name for name in CALENDAR if not any(name in section for section in own)))
+        named_sections = (self.coordinates, self.parameters, self.definitions, self.drives, self.states, self.arrays)
+        return (*CONSTANTS, *(name for name in CALENDAR if not any(name in section for section in named_sections)))
 
     @cached_property
     def calendar(self) -> tuple[str, ...]:
         """Years and months that expressions read: a law has a place for them only where they are."""
-        named = self.unit_constants[len(CONSTANTS) :]
-        if not named:
+        calendar_names = self.unit_constants[len(CONSTANTS) :]
+        if not calendar_names:
             return ()
-        return tuple(name for name in named if name in self.names_read)
+        return tuple(name for name in calendar_names if name in self.names_read)
 
     @cached_property
     def names_read(self) -> frozenset[str]:
@@ -166,5 +166,5 @@ def trees_in(part: Any) -> Iterator[Node]:
             if type(value) is not float:  # of which a table may have a million
                 yield from trees_in(value)
     elif is_dataclass(part):
-        for own in fields(part):
-            yield from trees_in(getattr(part, own.name))
+        for part_field in fields(part):
+            yield from trees_in(getattr(part, part_field.name))

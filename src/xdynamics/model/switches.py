@@ -31,10 +31,10 @@ from xdynamics.model.lagrangian import POTENTIAL
 from xdynamics.model.model import Model
 from xdynamics.model.one_sided_trees import FAR
 from xdynamics.model.parts import Contact, Friction, Function
-from xdynamics.model.switch_names import MOST_COUNTED, named
+from xdynamics.model.switch_names import MOST_COUNTED, switch_labels
 from xdynamics.schema import velocity
-from xdynamics.shapes.naming import element, parted
-from xdynamics.shapes.trees import expanded
+from xdynamics.shapes.naming import join_element_name, split_element_name
+from xdynamics.shapes.trees import expand_definitions
 
 MOST_SWITCHES = 40  # watched at most: locating more costs more than it is worth
 # `landed on` is located, too, but points of tables where forces have a kink are counted, and no events.
@@ -103,15 +103,15 @@ def switches(model: Model) -> tuple[Switch, ...]:
     return tuple(_hidden(model, inf))
 
 
-def _hidden(model: Model, most: float) -> list[Switch]:
-    """Return the hidden switches, or some of them as soon as there are more than `most`."""
+def _hidden(model: Model, maximum: float) -> list[Switch]:
+    """Return the hidden switches, or some of them as soon as there are more than `maximum`."""
     hidden: list[Switch] = []
-    for owner, trees in _trees(model, smooth=False):
+    for owner, trees in _trees_by_owner(model, smooth=False):
         if model.drives:
             drives = {switch.drive for switch in hidden}
-            hidden += [_between(model, owner, name) for name in _bent(model, trees()) if name not in drives]
-        hidden += _of_trees(model, owner, trees(), most - len(hidden))
-        if len(hidden) > most:
+            hidden += [_table_switch(model, owner, name) for name in _bent(model, trees()) if name not in drives]
+        hidden += _switches_of_trees(model, owner, trees(), maximum - len(hidden))
+        if len(hidden) > maximum:
             break
     return hidden
 
@@ -125,8 +125,8 @@ def are_too_many(model: Model) -> bool:
 @lru_cache(maxsize=64)
 def count_of_switches(model: Model) -> str:
     """Return in words how many switches are hidden; of elements they may be a million, and are counted to a hundred."""
-    counted = len(_hidden(model, MOST_COUNTED if model.shapes.dims else inf))
-    return f"over {MOST_COUNTED}" if model.shapes.dims and counted > MOST_COUNTED else str(counted)
+    count = len(_hidden(model, MOST_COUNTED if model.shapes.dims else inf))
+    return f"over {MOST_COUNTED}" if model.shapes.dims and count > MOST_COUNTED else str(count)
 
 
 def jumping_switches(model: Model) -> tuple[Switch, ...]:
@@ -135,7 +135,9 @@ def jumping_switches(model: Model) -> tuple[Switch, ...]:
         # derivatives of a potential jump where it has a kink
         derived = model.shaped.lagrangian is not None
         derived = derived or any(force.potential is not None for force in model.shaped.forces.values())
-        if not any(_call_any(trees, SWITCHING if derived else JUMPING) for _, trees, _ in _wholes(model)):
+        if not any(
+            _call_any(trees, SWITCHING if derived else JUMPING) for _, trees, _ in _quantities_with_trees(model)
+        ):
             return ()
     return tuple(switch for switch in switches(model) if switch.jumps)
 
@@ -147,7 +149,7 @@ def owners_of_switches(model: Model) -> tuple[str, ...]:
     drives = model.shaped.drives.keys()
     return tuple(
         owner
-        for owner, trees, smooth in _wholes(model)
+        for owner, trees, smooth in _quantities_with_trees(model)
         if not smooth and (_call_any(trees, SWITCHING) or any(free_names(tree) & drives for tree in trees))
     )
 
@@ -159,21 +161,21 @@ def smooth_switches(model: Model) -> tuple[Switch, ...]:
     Of elements over a hundred are not: writing them out would take longer than the run. Points of tables are not included;
     see `bent_and_smooth`.
     """
-    most, found = MOST_COUNTED if model.shapes.dims else inf, list[Switch]()
-    for owner, trees in _trees(model, smooth=True):
-        found += _of_trees(model, owner, trees(), most)
-        if len(found) > most:
+    maximum, hidden_switches = MOST_COUNTED if model.shapes.dims else inf, list[Switch]()
+    for owner, trees in _trees_by_owner(model, smooth=True):
+        hidden_switches += _switches_of_trees(model, owner, trees(), maximum)
+        if len(hidden_switches) > maximum:
             return ()
-    return tuple(found)
+    return tuple(hidden_switches)
 
 
 def bent_and_smooth(model: Model) -> tuple[str, ...]:
     """Return the forces and rates, declared smooth, that read a table with kinks or jumps that the motion passes."""
-    return tuple(owner for owner, trees in _trees(model, smooth=True) if _bent(model, trees()))
+    return tuple(owner for owner, trees in _trees_by_owner(model, smooth=True) if _bent(model, trees()))
 
 
-def _of_trees(model: Model, owner: str, trees: Iterator[Node], most: float = inf) -> list[Switch]:
-    """Return the switches of one force or rate, or some if they are more than `most`; one that occurs again gets paths."""
+def _switches_of_trees(model: Model, owner: str, trees: Iterator[Node], maximum: float = inf) -> list[Switch]:
+    """Return the switches of one force or rate, or some if they are more than `maximum`; one that occurs again gets paths."""
     merged: dict[tuple[str, Node], Switch] = {}
     own_slips = _slips(model, owner)
     for name, function, jumps, at_zero, path, flatness in (kink for tree in trees for kink in kinks(tree)):
@@ -185,40 +187,40 @@ def _of_trees(model: Model, owner: str, trees: Iterator[Node], most: float = inf
             merged[name, function] = replace(previous, paths=paths, flatness=min(previous.flatness, flatness))
             continue
         merged[name, function] = Switch(owner, name, function, jumps, at_zero, paths=(path,), flatness=flatness)
-        if len(merged) > most:
+        if len(merged) > maximum:
             break
-    names = named(model, owner, [*merged])
+    names = switch_labels(model, owner, [*merged])
     return [
         replace(switch, name=name, text=text, dims=dims)
         for switch, (name, text, dims) in zip(merged.values(), names, strict=True)
     ]
 
 
-def where_it_decides(switch: Switch, sides: Mapping[Node, str], inside: Node, outside: Node) -> Node:
-    """Return a tree that is `inside` where a switch has an effect, and `outside` elsewhere.
+def where_it_decides(switch: Switch, sides: Mapping[Node, str], tree_inside: Node, tree_outside: Node) -> Node:
+    """Return a tree that is `tree_inside` where a switch has an effect, and `tree_outside` elsewhere.
 
     Parameters
     ----------
     switch : Switch
     sides : mapping of Node to str
         Names of the sides of conditions that are switches themselves, by their functions; others are compared.
-    inside, outside : Node
+    tree_inside, tree_outside : Node
     """
     if not switch.nested:
-        return inside
-    result = outside
+        return tree_inside
+    decided = tree_outside
     for path in reversed(switch.paths):
-        tree = inside
+        tree = tree_inside
         for condition, holds in reversed(path):
             side_name = sides.get(Binary("-", condition.left, condition.right))
             if side_name is not None:
                 condition = Compare(condition.operator[0], Name(side_name), ZERO)  # noqa: PLW2901
-            tree = Call("where", (condition, tree, result) if holds else (condition, result, tree))
-        result = tree
-    return result
+            tree = Call("where", (condition, tree, decided) if holds else (condition, decided, tree))
+        decided = tree
+    return decided
 
 
-def bounded(model: Model, function: Node) -> Node:
+def bounded_function(model: Model, function: Node) -> Node:
     """Return the function of a switch with a large number in place of infinity, if it may be infinite.
 
     Of ``min(F, P/v)`` at v = 0 one side is known, and has a value.
@@ -248,16 +250,18 @@ def _bent(model: Model, trees: Iterator[Node]) -> list[str]:
     ]
 
 
-def _between(model: Model, owner: str, name: str) -> Switch:
+def _table_switch(model: Model, owner: str, name: str) -> Switch:
     """Return the switch at the neighbouring points of a table."""
     argument = model.looked_up_at[name]
     left, left_far, right, right_far = map(Name, borders(name))
     below = Binary("+", Binary("*", left, argument), left_far)
     above = Binary("-", right_far, Binary("*", right, argument))
     jumps = model.drives[name].interpolation == "previous" or model.drives[name].outside == "zero"
-    table, labels = parted(name)
+    table, labels = split_element_name(name)
     dims = model.shapes.dims.get(table, ())
-    return Switch(owner, element(f"{owner}.{table}", labels), Binary("*", below, above), jumps, drive=name, dims=dims)
+    return Switch(
+        owner, join_element_name(f"{owner}.{table}", labels), Binary("*", below, above), jumps, drive=name, dims=dims
+    )
 
 
 def landed_on(model: Model) -> dict[str, str]:
@@ -282,23 +286,23 @@ def borders(drive: str) -> tuple[str, str, str, str]:
     return f"_left_{drive}", f"_left_far_{drive}", f"_right_{drive}", f"_right_far_{drive}"
 
 
-def side(i: int) -> str:
+def switch_side(i: int) -> str:
     """Name the number that is the sign of a switch's function."""
     return f"_side_{i}"
 
 
-def _trees(model: Model, *, smooth: bool) -> Iterator[tuple[str, Callable[[], Iterator[Node]]]]:
+def _trees_by_owner(model: Model, *, smooth: bool) -> Iterator[tuple[str, Callable[[], Iterator[Node]]]]:
     """Yield every force and state, and what makes its trees; of a quantity those of its elements, one after the other."""
     if model.shapes.dims and not _may_switch(model):
         return
     for term, components in model.force_components.items():
         if model.forces[term].smooth == smooth:
-            yield term, partial(_written_out, model, components)
+            yield term, partial(_component_trees, model, components)
     for name, state in model.shaped.states.items():
         if state.smooth == smooth:
-            yield name, partial(_rates, model, name)
+            yield name, partial(_rate_trees, model, name)
     if not smooth:
-        yield owner_of_masses(model), partial(_masses, model)
+        yield owner_of_masses(model), partial(_switching_masses, model)
         for name, trees in bounds_of_friction(model).items():
             yield name, partial(map, model.expanded, trees)
 
@@ -307,17 +311,19 @@ def bounds_of_friction(model: Model) -> dict[str, list[Node]]:
     """Return what friction is while it slips, and at most, of every friction element and contact; of elements, of all."""
     bounds: dict[str, list[Node]] = {}
     for name, friction in model.frictions.items():
-        bounds.setdefault(parted(name)[0], []).extend((friction.kinetic, friction.static))
+        bounds.setdefault(split_element_name(name)[0], []).extend((friction.kinetic, friction.static))
     for name, contact in model.contacts.items():
         if contact.friction is not None and contact.static is not None:
-            bounds.setdefault(parted(name)[0], []).extend((contact.friction, contact.static))
+            bounds.setdefault(split_element_name(name)[0], []).extend((contact.friction, contact.static))
     return bounds
 
 
 def _slips(model: Model, owner: str) -> set[Node]:
     """Return the slips of what rubs, whose zeros are events of their own: friction may read ``abs(slip)``."""
     parts: dict[str, Friction | Contact] = {**model.frictions, **model.contacts}
-    slips = [part.slip for name, part in parts.items() if parted(name)[0] == owner and part.slip is not None]
+    slips = [
+        part.slip for name, part in parts.items() if split_element_name(name)[0] == owner and part.slip is not None
+    ]
     return {tree for slip in map(model.expanded, slips) for tree in (slip, Negative(slip))}
 
 
@@ -326,9 +332,9 @@ def owner_of_masses(model: Model) -> str:
     return "mass_matrix" if "mass" in model.shaped.forces or "mass" in model.shaped.states else "mass"
 
 
-def _masses(model: Model) -> Iterator[Node]:
+def _switching_masses(model: Model) -> Iterator[Node]:
     """Yield the masses that may switch, definitions substituted; of elements all, if the whole may."""
-    if model.shapes.dims and not _call_any(masses_of_wholes(model), SWITCHING):
+    if model.shapes.dims and not _call_any(masses_of_quantities(model), SWITCHING):
         return
     for entry in model.statement.mass_entries.values():
         tree = model.expanded(entry)
@@ -336,70 +342,76 @@ def _masses(model: Model) -> Iterator[Node]:
             yield tree
 
 
-def masses_of_wholes(model: Model) -> list[Node]:
+def masses_of_quantities(model: Model) -> list[Node]:
     """Return the masses of a model with dimensions, or the energy from which they are derived."""
-    whole = model.shaped
-    trees = whole.mass_entries.values() if whole.lagrangian is None else [whole.lagrangian.kinetic]
-    return [expanded(tree, whole.definitions, model.shapes) for tree in trees]
+    statement = model.shaped
+    trees = statement.mass_entries.values() if statement.lagrangian is None else [statement.lagrangian.kinetic]
+    return [expand_definitions(tree, statement.definitions, model.shapes) for tree in trees]
 
 
-def _written_out(model: Model, components: Mapping[str, Node | Function]) -> Iterator[Node]:
+def _component_trees(model: Model, components: Mapping[str, Node | Function]) -> Iterator[Node]:
     parts = (components[name] for name in components)  # each when it is asked for: the first may be too many
     return (model.expanded(part) for part in parts if not isinstance(part, Function))
 
 
-def _rates(model: Model, name: str) -> Iterator[Node]:
+def _rate_trees(model: Model, name: str) -> Iterator[Node]:
     return (model.expanded(model.statement.states[element].rate) for element in model.shapes.elements(name))
 
 
 def _may_switch(model: Model) -> bool:
     """Whether a model with dimensions has anything that switches; if not, no trees of its elements are asked for."""
-    return bool(model.shaped.drives) or any(_call_any(trees, SWITCHING) for _, trees, _ in _wholes(model))
+    return bool(model.shaped.drives) or any(
+        _call_any(trees, SWITCHING) for _, trees, _ in _quantities_with_trees(model)
+    )
 
 
-def _wholes(model: Model) -> Iterator[tuple[str, list[Node], bool]]:
+def _quantities_with_trees(model: Model) -> Iterator[tuple[str, list[Node], bool]]:
     """Yield every force and state of a model with dimensions: its trees, and whether it is declared smooth."""
-    whole = model.shaped
-    for name, force in whole.forces.items():
+    statement = model.shaped
+    for name, force in statement.forces.items():
         parts = (force.potential, *force.components.values())
         trees = [part for part in parts if part is not None and not isinstance(part, Function)]
-        yield name, [expanded(tree, whole.definitions, model.shapes) for tree in trees], force.smooth
-    for name, state in whole.states.items():
-        yield name, [expanded(state.rate, whole.definitions, model.shapes)], state.smooth
-    yield owner_of_masses(model), masses_of_wholes(model), False
-    if whole.lagrangian is not None and whole.lagrangian.potential is not None:
-        yield POTENTIAL, [expanded(whole.lagrangian.potential, whole.definitions, model.shapes)], False
+        yield name, [expand_definitions(tree, statement.definitions, model.shapes) for tree in trees], force.smooth
+    for name, state in statement.states.items():
+        yield name, [expand_definitions(state.rate, statement.definitions, model.shapes)], state.smooth
+    yield owner_of_masses(model), masses_of_quantities(model), False
+    if statement.lagrangian is not None and statement.lagrangian.potential is not None:
+        yield (
+            POTENTIAL,
+            [expand_definitions(statement.lagrangian.potential, statement.definitions, model.shapes)],
+            False,
+        )
     rubs: dict[str, tuple[Node | None, ...]] = {
-        name: (part.kinetic, part.static) for name, part in whole.frictions.items()
+        name: (part.kinetic, part.static) for name, part in statement.frictions.items()
     }
-    rubs |= {name: (part.friction, part.static) for name, part in whole.contacts.items()}
+    rubs |= {name: (part.friction, part.static) for name, part in statement.contacts.items()}
     for name, bounds in rubs.items():
-        trees = [expanded(tree, whole.definitions, model.shapes) for tree in bounds if tree is not None]
+        trees = [expand_definitions(tree, statement.definitions, model.shapes) for tree in bounds if tree is not None]
         yield name, trees, False
 
 
 def _call_any(trees: list[Node], functions: tuple[str, ...]) -> bool:
     """Whether trees call one of some functions, of more than numbers of elements."""
     calls = (node for tree in trees for node in every(tree) if isinstance(node, Call | Along))
-    return any(call.function in functions and not _of_numbers(call) for call in calls)
+    return any(call.function in functions and not _is_of_numbers(call) for call in calls)
 
 
-def _of_numbers(node: Call | Along) -> bool:
+def _is_of_numbers(node: Call | Along) -> bool:
     """Whether it is of numbers of elements alone, or a `where` with such a condition, which never changes."""
-    asked = node.arguments[:1] if node.function == "where" else node.arguments
-    return not any(map(free_names, asked))
+    deciding_arguments = node.arguments[:1] if node.function == "where" else node.arguments
+    return not any(map(free_names, deciding_arguments))
 
 
 def _moves(model: Model, function: Node) -> bool:
     """Whether the function of a switch changes along a motion."""
-    if not free_names(function).isdisjoint(_moving(model)):
+    if not free_names(function).isdisjoint(_moving_variables(model)):
         return True
     read = model.reads(function)
-    return bool(read & _moving(model)) or (bool(model.delays) and any(map(is_before, read)))
+    return bool(read & _moving_variables(model)) or (bool(model.delays) and any(map(is_before, read)))
 
 
 @lru_cache(maxsize=1)
-def _moving(model: Model) -> frozenset[str]:
+def _moving_variables(model: Model) -> frozenset[str]:
     return frozenset(
         {"t", *model.statement.coordinates, *map(velocity, model.statement.coordinates), *model.statement.states}
     )

@@ -67,21 +67,21 @@ def sections_of(equations: Any, sections: Mapping[str, Any]) -> dict[str, Any]:
         time: "t"
     }
     trees = Trees(names)
-    rows = [[text_of(trees.tree(entry)) for entry in mass.row(i)] for i in range(len(coordinates))]
+    rows = [[text_of(trees.convert(entry)) for entry in mass.row(i)] for i in range(len(coordinates))]
     forces = {
-        names[coordinate]: text_of(trees.tree(entry)) for coordinate, entry in zip(coordinates, forcing, strict=True)
+        names[coordinate]: text_of(trees.convert(entry)) for coordinate, entry in zip(coordinates, forcing, strict=True)
     }
     units = sections.get("coordinates", {})
     if missing := [names[coordinate] for coordinate in coordinates if names[coordinate] not in units]:
         raise InputError(f'coordinates need a unit for \'{missing[0]}\': coordinates={{"{missing[0]}": "m"}}')
     if TERM in sections.get("forces", {}):
         raise InputError(f"forces has '{TERM}', which is what the equations are called; rename it")
-    own = {
+    motion_sections = {
         "coordinates": {names[coordinate]: units[names[coordinate]] for coordinate in coordinates},
         "mass": {"matrix": rows},
     }
-    own["forces"] = {TERM: forces} | dict(sections.get("forces", {}))
-    return {"name": "from sympy"} | dict(sections) | own
+    motion_sections["forces"] = {TERM: forces} | dict(sections.get("forces", {}))
+    return {"name": "from sympy"} | dict(sections) | motion_sections
 
 
 def _by_kane(equations: Any, speeds: Sequence[Any]) -> tuple[Any, Any]:
@@ -89,7 +89,10 @@ def _by_kane(equations: Any, speeds: Sequence[Any]) -> tuple[Any, Any]:
     from sympy import simplify
 
     derivatives = equations.kindiffdict()
-    if any(simplify(derivatives[speed] - own) != 0 for speed, own in zip(speeds, equations.u, strict=True)):
+    if any(
+        simplify(derivatives[speed] - generalised_speed) != 0
+        for speed, generalised_speed in zip(speeds, equations.u, strict=True)
+    ):
         raise InputError(
             "the generalised speeds of KanesMethod are no time derivatives of its coordinates; choose u = q'"
         )
@@ -113,7 +116,7 @@ class Trees:
     def __init__(self, names: Mapping[Any, str]) -> None:
         self._names = names
 
-    def tree(self, one: Any) -> Node:
+    def convert(self, expression: Any) -> Node:
         """Convert an expression of sympy.
 
         Raises
@@ -123,65 +126,65 @@ class Trees:
         """
         import sympy
 
-        if one in self._names:
-            return Name(self._names[one])
-        if one is sympy.pi:
+        if expression in self._names:
+            return Name(self._names[expression])
+        if expression is sympy.pi:
             return Name("pi")
-        if one.is_Symbol:
-            return Name(str(one.name))
-        if one.is_Number:
-            return self._number(one)
-        if one.is_Add:
-            return self._sum(one.as_ordered_terms())
-        if one.is_Mul:
-            return self._product(one)
-        if one.is_Pow:
-            return self._power(*one.as_base_exp())
-        name = FUNCTIONS.get(type(one).__name__)
+        if expression.is_Symbol:
+            return Name(str(expression.name))
+        if expression.is_Number:
+            return self._convert_number(expression)
+        if expression.is_Add:
+            return self._convert_sum(expression.as_ordered_terms())
+        if expression.is_Mul:
+            return self._convert_product(expression)
+        if expression.is_Pow:
+            return self._convert_power(*expression.as_base_exp())
+        name = FUNCTIONS.get(type(expression).__name__)
         if name is None:
-            raise InputError(f"the equations hold {str(one)[:60]!r}, which the language of expressions has not")
-        return Call(name, tuple(self.tree(argument) for argument in one.args))
+            raise InputError(f"the equations hold {str(expression)[:60]!r}, which the language of expressions has not")
+        return Call(name, tuple(self.convert(argument) for argument in expression.args))
 
-    def _number(self, number: Any) -> Node:
+    def _convert_number(self, number: Any) -> Node:
         if number.is_negative:
-            return Negative(self._number(-number))
+            return Negative(self._convert_number(-number))
         if number.is_Rational and number.q != 1:
             return Binary("/", Number(float(number.p)), Number(float(number.q)))
         if not number.is_finite:
             raise InputError(f"the equations hold the number {number}")
         return Number(float(number))
 
-    def _sum(self, terms: list[Any]) -> Node:
-        total = self.tree(terms[0])
+    def _convert_sum(self, terms: list[Any]) -> Node:
+        total = self.convert(terms[0])
         for term in terms[1:]:
             sign = "-" if term.could_extract_minus_sign() else "+"
-            total = Binary(sign, total, self.tree(-term if sign == "-" else term))
+            total = Binary(sign, total, self.convert(-term if sign == "-" else term))
         return total
 
-    def _product(self, product: Any) -> Node:
+    def _convert_product(self, product: Any) -> Node:
         import sympy
 
         if product.could_extract_minus_sign():
-            return Negative(self.tree(-product))
+            return Negative(self.convert(-product))
         above, below = sympy.fraction(product)
         numerator: Node | None = None
         for factor in [item for item in above.as_ordered_factors() if item != 1]:
-            tree = self.tree(factor)
+            tree = self.convert(factor)
             numerator = tree if numerator is None else Binary("*", numerator, tree)
         numerator = Number(1.0) if numerator is None else numerator
-        return numerator if below == 1 else Binary("/", numerator, self.tree(below))
+        return numerator if below == 1 else Binary("/", numerator, self.convert(below))
 
-    def _power(self, base: Any, exponent: Any) -> Node:
+    def _convert_power(self, base: Any, exponent: Any) -> Node:
         import sympy
 
         if base is sympy.E:
-            return Call("exp", (self.tree(exponent),))
+            return Call("exp", (self.convert(exponent),))
         if exponent == sympy.Rational(1, 2):
-            return Call("sqrt", (self.tree(base),))
+            return Call("sqrt", (self.convert(base),))
         if exponent == -1:
-            return Binary("/", Number(1.0), self.tree(base))
+            return Binary("/", Number(1.0), self.convert(base))
         if not exponent.is_Rational:
             raise InputError(
                 f"the equations hold the power {str(base**exponent)[:60]!r}; an exponent has to be a number"
             )
-        return Binary("**", self.tree(base), self._number(exponent))
+        return Binary("**", self.convert(base), self._convert_number(exponent))

@@ -11,7 +11,7 @@ from xdynamics.faults import InputError
 MOST_COMPARED = 1_000  # names compared to find the one that was meant
 
 
-def keys(entry: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
+def check_keys(entry: Any, known_keys: tuple[str, ...], needed: tuple[str, ...]) -> None:
     """Check the keys of an entry; see `grammar`.
 
     Raises
@@ -20,15 +20,15 @@ def keys(entry: Any, known: tuple[str, ...], needed: tuple[str, ...]) -> None:
         If it is not a table, has unknown keys, or lacks a needed one.
     """
     if not isinstance(entry, Mapping):
-        has = f"with {', '.join(needed)}" if needed else f"of keys, such as {', '.join(known[:3])}"
+        has = f"with {', '.join(needed)}" if needed else f"of keys, such as {', '.join(known_keys[:3])}"
         raise InputError(f"{entry!r} must be a table {has}")
-    faults = [f"key '{key}' is not known{near(key, known)}" for key in entry if key not in known]
+    faults = [f"key '{key}' is not known{suggestion(key, known_keys)}" for key in entry if key not in known_keys]
     faults += [f"key '{key}' is missing" for key in needed if key not in entry]
     if faults:
         raise InputError("; ".join(faults))
 
 
-def choice(value: Any, key: str, known: tuple[str, ...]) -> str:
+def read_choice(value: Any, key: str, choices: tuple[str, ...]) -> str:
     """Read a value that is one of some words.
 
     Raises
@@ -36,12 +36,12 @@ def choice(value: Any, key: str, known: tuple[str, ...]) -> str:
     InputError
         If it is none of them.
     """
-    if value not in known:
-        raise InputError(f"{key} {value!r} is not known; there are {', '.join(known)}")
+    if value not in choices:
+        raise InputError(f"{key} {value!r} is not known; there are {', '.join(choices)}")
     return str(value)
 
 
-def near(name: str, known: tuple[str, ...]) -> str:
+def suggestion(name: str, known_names: tuple[str, ...]) -> str:
     """Suggest the word that may have been meant, or list those there are."""
-    alike = get_close_matches(name, known[:MOST_COMPARED], n=1)
-    return f"; did you mean '{alike[0]}'?" if alike else f"; there are {', '.join(known)}"
+    close_names = get_close_matches(name, known_names[:MOST_COMPARED], n=1)
+    return f"; did you mean '{close_names[0]}'?" if close_names else f"; there are {', '.join(known_names)}"

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, brief, few
+from xdynamics.faults import InputError, brief_repr, first_names
 from xdynamics.model.csv_sheet import OF_UNCERTAINTIES, SKIPPING, Sheet, name_of_title, title
-from xdynamics.model.csv_sheet import shown as shown_cell
+from xdynamics.model.csv_sheet import cell_excerpt as shown_cell
 from xdynamics.model.kinds import Source
 from xdynamics.model.uncertainty import SIZES
 from xdynamics.shapes import Extent
@@ -40,28 +40,32 @@ def from_table(
     columns = entry.get("columns", [entry.get("column", name)])
     extents = [source.shapes.extent(dim) for dim in dims]
     if not isinstance(columns, list | tuple) or not all(isinstance(column, str) for column in columns):
-        raise InputError(f"columns is {brief(columns)}, needs a list of names of columns")
+        raise InputError(f"columns is {brief_repr(columns)}, needs a list of names of columns")
     if len(columns) != (extents[1].size if len(dims) > 1 else 1):
         needed = f"{extents[1].size}, one for each of '{dims[1]}': rows are of '{dims[0]}'" if len(dims) > 1 else "one"
         raise InputError(f"columns names {len(columns)}, needs {needed}")
     file = str(entry.get("table", f"{name}.csv"))
-    sheet = Sheet.of(file, str(entry["csv"]) if "csv" in entry else source.access.text_of(file))
-    doubted = _doubted(entry, sheet, columns)
-    wanted = [*columns, *(f"u({name_of_title(column)})" for column in doubted)]
-    read, units = columns_of(sheet, wanted, extents[0])
+    sheet = Sheet.from_text(file, str(entry["csv"]) if "csv" in entry else source.access.read_table(file))
+    doubted = _uncertain_columns(entry, sheet, columns)
+    column_names = [*columns, *(f"u({name_of_title(column)})" for column in doubted)]
+    read, units = columns_by_element(sheet, column_names, extents[0])
     unit = units[0]
-    for column, other in zip(wanted, units, strict=True):
-        if other.dimension != unit.dimension:
-            raise InputError(f"table '{file}': column '{column}' is in '{other.text}', the first in '{unit.text}'")
-    factors = [1.0 if other.text == unit.text else float(other.factor / unit.factor) for other in units]
+    for column, column_unit in zip(column_names, units, strict=True):
+        if column_unit.dimension != unit.dimension:
+            raise InputError(
+                f"table '{file}': column '{column}' is in '{column_unit.text}', the first in '{unit.text}'"
+            )
+    factors = [
+        1.0 if column_unit.text == unit.text else float(column_unit.factor / unit.factor) for column_unit in units
+    ]
     read = read * factors
     sizes = np.zeros((len(read), len(columns) if doubted else 0))
-    for place, column in enumerate(doubted, len(columns)):
-        sizes[:, columns.index(column)] = read[:, place]
+    for column_index, column in enumerate(doubted, len(columns)):
+        sizes[:, columns.index(column)] = read[:, column_index]
     return tuple(read[:, : len(columns)].ravel().tolist()), unit, tuple(sizes.ravel().tolist())
 
 
-def _doubted(entry: Mapping[str, Any], sheet: Sheet, columns: Sequence[str]) -> list[str]:
+def _uncertain_columns(entry: Mapping[str, Any], sheet: Sheet, columns: Sequence[str]) -> list[str]:
     """Return those of some columns beside which their standard uncertainties stand: ``u(k) [N/m]``.
 
     Raises
@@ -70,20 +74,22 @@ def _doubted(entry: Mapping[str, Any], sheet: Sheet, columns: Sequence[str]) -> 
         If the entry has uncertainties, too, or those of a column are common to its rows.
     """
     names = {name_of_title(cell.strip()) for cell in sheet.header}
-    own, common = (
-        [column for column in columns if f"{of}{name_of_title(column)})" in names] for of in OF_UNCERTAINTIES
+    uncertain_columns, common = (
+        [column for column in columns if f"{prefix}{name_of_title(column)})" in names] for prefix in OF_UNCERTAINTIES
     )
     if common:
         raise InputError(
             f"table '{sheet.name}' has a column 'u_common({common[0]})', which drives alone have; what is common to all"
             " elements is a parameter of its own, with its uncertainty, by which they are multiplied or shifted"
         )
-    if own and (given := [key for key in SIZES if key in entry]):
-        raise InputError(f"has {given[0]}, and table '{sheet.name}' has a column 'u({own[0]})'; leave one out")
-    return own
+    if uncertain_columns and (size_keys := [key for key in SIZES if key in entry]):
+        raise InputError(
+            f"has {size_keys[0]}, and table '{sheet.name}' has a column 'u({uncertain_columns[0]})'; leave one out"
+        )
+    return uncertain_columns
 
 
-def columns_of(sheet: Sheet, columns: Sequence[str], extent: Extent) -> tuple[NDArray[np.float64], list[Unit]]:
+def columns_by_element(sheet: Sheet, columns: Sequence[str], extent: Extent) -> tuple[NDArray[np.float64], list[Unit]]:
     """Return columns of a table, a row for each element, matched by a column of labels where there is one.
 
     Raises
@@ -92,22 +98,22 @@ def columns_of(sheet: Sheet, columns: Sequence[str], extent: Extent) -> tuple[ND
         If a column is missing, or a label is unknown, twice or missing.
     """
     bare = [cell.strip() for cell in sheet.header]
-    named = [name_of_title(cell) for cell in bare]
+    column_names = [name_of_title(cell) for cell in bare]
     places = []
     for column in columns:
-        at = [i for i, cell in enumerate(bare) if column in (cell, named[i])]
-        if len(at) != 1:
-            count = "no column" if not at else f"{len(at)} columns"
-            raise InputError(f"table '{sheet.name}' has {count} '{column}'; it is {sheet.layout}")
-        places.append(at[0])
+        matches = [i for i, cell in enumerate(bare) if column in (cell, column_names[i])]
+        if len(matches) != 1:
+            count = "no column" if not matches else f"{len(matches)} columns"
+            raise InputError(f"table '{sheet.name}' has {count} '{column}'; it is {sheet.layout_text}")
+        places.append(matches[0])
     try:
         rows = sheet.columns(places)
     except InputError as error:
         faults = (fault.removesuffix(SKIPPING) for fault in error.faults)
         raise InputError(str(error), tuple(f"table '{sheet.name}', {fault}" for fault in faults)) from None
-    units = [_unit_of(sheet, place) for place in places]
-    if extent.name in named:
-        rows = _matched(sheet, rows, named.index(extent.name), extent)
+    units = [_column_unit(sheet, column_index) for column_index in places]
+    if extent.name in column_names:
+        rows = _rows_by_label(sheet, rows, column_names.index(extent.name), extent)
     elif len(rows) != extent.size:
         raise InputError(
             f"table '{sheet.name}' has {len(rows)} rows, and '{extent.name}' has {extent.size} elements; give a row for each"
@@ -115,7 +121,7 @@ def columns_of(sheet: Sheet, columns: Sequence[str], extent: Extent) -> tuple[ND
     return rows, units
 
 
-def _unit_of(sheet: Sheet, place: int) -> Unit:
+def _column_unit(sheet: Sheet, column_index: int) -> Unit:
     """Return the unit of a column.
 
     Raises
@@ -124,16 +130,16 @@ def _unit_of(sheet: Sheet, place: int) -> Unit:
         If it has none that can be read.
     """
     try:
-        return title(sheet.header[place]).unit
+        return title(sheet.header[column_index]).unit
     except InputError as error:
-        raise InputError(f"table '{sheet.name}', column {shown_cell(sheet.header[place])}: {error}") from None
+        raise InputError(f"table '{sheet.name}', column {shown_cell(sheet.header[column_index])}: {error}") from None
 
 
-def _matched(sheet: Sheet, rows: NDArray[np.float64], column: int, extent: Extent) -> NDArray[np.float64]:
+def _rows_by_label(sheet: Sheet, rows: NDArray[np.float64], column: int, extent: Extent) -> NDArray[np.float64]:
     """Return rows in the order of elements, by their labels."""
-    known = sheet.elements(column, extent)
-    if known is not None and (np.bincount(known, minlength=extent.size) == 1).all():
-        return rows[np.argsort(known)]
+    row_elements = sheet.elements(column, extent)
+    if row_elements is not None and (np.bincount(row_elements, minlength=extent.size) == 1).all():
+        return rows[np.argsort(row_elements)]
     places: dict[int, int] = {}
     for row, (line, cells) in enumerate(sheet.lines):
         label = cells[column].strip()
@@ -145,5 +151,7 @@ def _matched(sheet: Sheet, rows: NDArray[np.float64], column: int, extent: Exten
             raise InputError(f"table '{sheet.name}', line {line}: {shown_cell(label)} is there twice; leave one out")
         places[number] = row
     if missing := [extent.label(i) for i in range(extent.size) if i not in places]:
-        raise InputError(f"table '{sheet.name}' has no row for {few(missing)} of '{extent.name}'; give a row for each")
+        raise InputError(
+            f"table '{sheet.name}' has no row for {first_names(missing)} of '{extent.name}'; give a row for each"
+        )
     return rows[[places[i] for i in range(extent.size)]]

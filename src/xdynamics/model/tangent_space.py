@@ -17,7 +17,7 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.model.constraint_consistency import INDEPENDENT, over_mass
 from xdynamics.model.constraints import conditions
 from xdynamics.model.model import Model
-from xdynamics.model.motion import constants, inputs_of, tables_of, variables
+from xdynamics.model.motion import constants, drive_pieces, motion_inputs, variables
 
 Floats = NDArray[np.float64]
 
@@ -42,14 +42,14 @@ def tangent_space(model: Model, values: Mapping[str, float]) -> Floats:
     if not model.constraints:
         return np.eye(size)
     residuals, rates = _gradients(model, values)
-    ties, others = rates[:, n : 2 * n], np.r_[0:n, 2 * n : size]
-    speeds = _null_space(ties, free or n - independent(model)[0])
+    ties, position_columns = rates[:, n : 2 * n], np.r_[0:n, 2 * n : size]
+    speeds = _null_space(ties, free or n - independent_counts(model)[0])
     if free:
         moves = np.zeros((size - n, free + size - 2 * n))
         moves[:n, :free], moves[n:, free:] = speeds, np.eye(size - 2 * n)
     else:
-        moves = _null_space(residuals[:, others], size - independent(model)[1] - speeds.shape[1])
-    following = -np.linalg.pinv(ties, rcond=INDEPENDENT) @ rates[:, others] @ moves
+        moves = _null_space(residuals[:, position_columns], size - independent_counts(model)[1] - speeds.shape[1])
+    following = -np.linalg.pinv(ties, rcond=INDEPENDENT) @ rates[:, position_columns] @ moves
     return _in_order(moves, following, speeds, free or moves.shape[1])
 
 
@@ -69,10 +69,10 @@ def displacements(model: Model, values: Mapping[str, float]) -> Floats:
     n = len(model.statement.coordinates)
     if not model.constraints:
         return np.eye(n)
-    return _null_space(_gradients(model, values)[1][:, n : 2 * n], n - independent(model)[0])
+    return _null_space(_gradients(model, values)[1][:, n : 2 * n], n - independent_counts(model)[0])
 
 
-def turning(model: Model, values: Mapping[str, float], mass: Floats) -> Floats:
+def displacement_turning(model: Model, values: Mapping[str, float], mass: Floats) -> Floats:
     """Return the part of the velocities that follows a unit of each displacement, as columns, shape (n, n - rank).
 
     Displacements Z that stay orthogonal in the metric of the mass turn with the motion by F = Z', so that what is left of
@@ -91,7 +91,7 @@ def free_coordinates(model: Model) -> int:
     """Return how many coordinates are left to linear equations q' = v; 0 where they are of the first order."""
     tied = conditions(model)
     holonomic = all(c.residual != ZERO and not free_names(c.residual) & model.statement.states.keys() for c in tied)
-    return len(model.statement.coordinates) - independent(model)[0] if holonomic else 0
+    return len(model.statement.coordinates) - independent_counts(model)[0] if holonomic else 0
 
 
 def count_of_changes(model: Model) -> int:
@@ -100,22 +100,22 @@ def count_of_changes(model: Model) -> int:
     return (
         size - 2 * (len(model.statement.coordinates) - free)
         if free or not model.constraints
-        else size - independent(model)[1]
+        else size - independent_counts(model)[1]
     )
 
 
 @lru_cache(maxsize=64)
-def independent(model: Model) -> tuple[int, int]:
+def independent_counts(model: Model) -> tuple[int, int]:
     """Return how many gradients of rates by velocities are independent at the start, and of all conditions by the state."""
     if not model.constraints:
         return 0, 0
     state = {name: model.statement.initial[name].si for name in ("t", *variables(model))}
-    residuals, rates = _gradients(model, inputs_of(model, state, constants(model), tables_of(model)))
+    residuals, rates = _gradients(model, motion_inputs(model, state, constants(model), drive_pieces(model)))
     n = len(model.statement.coordinates)
-    return _rank(rates[:, n : 2 * n]), _rank(np.vstack([residuals, rates]))
+    return _matrix_rank(rates[:, n : 2 * n]), _matrix_rank(np.vstack([residuals, rates]))
 
 
-def _rank(matrix: Floats) -> int:
+def _matrix_rank(matrix: Floats) -> int:
     return int(np.linalg.matrix_rank(matrix, tol=INDEPENDENT * np.linalg.norm(matrix, 2)))
 
 
@@ -127,18 +127,18 @@ def _null_space(matrix: Floats, size: int) -> Floats:
 def _gradients(model: Model, values: Mapping[str, float]) -> tuple[Floats, Floats]:
     """Return the derivatives of residuals and of rates by (q, v, x); none of a residual that is none."""
     columns = {name: i for i, name in enumerate(variables(model))}
-    found: tuple[list[Floats], list[Floats]] = [], []
-    for slopes in _slopes(model):
-        for rows, trees in zip(found, slopes, strict=True):
+    rows_by_kind: tuple[list[Floats], list[Floats]] = [], []
+    for slopes in _condition_slopes(model):
+        for rows, trees in zip(rows_by_kind, slopes, strict=True):
             row = np.zeros(len(columns))
             for name, tree in trees.items():
                 row[columns[name]] = evaluate(tree, values)
             if trees:
                 rows.append(row)
-    return tuple(np.array(rows).reshape(-1, len(columns)) for rows in found)  # type: ignore[return-value]
+    return tuple(np.array(rows).reshape(-1, len(columns)) for rows in rows_by_kind)  # type: ignore[return-value]
 
 
 @lru_cache(maxsize=16)
-def _slopes(model: Model) -> list[tuple[dict[str, Node], dict[str, Node]]]:
-    by = {name: {name: ONE} for name in variables(model)}
-    return [(derivatives(c.residual, by), derivatives(c.rate, by)) for c in conditions(model)]
+def _condition_slopes(model: Model) -> list[tuple[dict[str, Node], dict[str, Node]]]:
+    seeds = {name: {name: ONE} for name in variables(model)}
+    return [(derivatives(c.residual, seeds), derivatives(c.rate, seeds)) for c in conditions(model)]

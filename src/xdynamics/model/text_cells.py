@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import (
     SEPARATORS,
-    number_of,
-    shown,
+    cell_excerpt,
+    number_in_cell,
     title,
 )
 from xdynamics.units import parse_unit
@@ -28,11 +28,11 @@ class Cells:
 
     def text(self, name: str) -> str:
         """Write it as CSV, with a comment that says where it is from."""
-        written = io.StringIO()
-        rows = csv.writer(written, lineterminator="\n")
+        buffer = io.StringIO()
+        rows = csv.writer(buffer, lineterminator="\n")
         rows.writerow(self.header)
         rows.writerows(self.rows)
-        return f"# {name}, {self.kind}\n{written.getvalue()}"
+        return f"# {name}, {self.kind}\n{buffer.getvalue()}"
 
 
 def cells_of(line: str) -> list[str]:
@@ -48,27 +48,27 @@ def cells_of(line: str) -> list[str]:
         cells = next(csv.reader([line], delimiter=separator)) if separator else line.split()
     except csv.Error:
         raise InputError(
-            f"a cell of the line {shown(line)} has over {csv.field_size_limit()} characters, the limit"
+            f"a cell of the line {cell_excerpt(line)} has over {csv.field_size_limit()} characters, the limit"
         ) from None
     return [cell.strip() for cell in cells]
 
 
-def numbers_of(line: str, decimal: str) -> list[str]:
+def number_cells(line: str, decimal: str) -> list[str]:
     """Return the cells of a line of numbers with decimal points, without empty ones at its end; none if it is no such line."""
     cells = cells_of(line)
     while cells and not cells[-1]:
         cells.pop()
     comma = decimal == "," or (not decimal and ";" in line) or (not decimal and "\t" in line and "." not in line)
     cells = [cell.replace(",", ".") if comma else cell for cell in cells]
-    good = any(cells) and all(not cell or number_of(cell) is not None for cell in cells)
+    good = any(cells) and all(not cell or number_in_cell(cell) is not None for cell in cells)
     return cells if good else []
 
 
 def first_numbers(lines: Sequence[str], decimal: str) -> int:
     """Return the number of the first line of numbers that another one with as many cells follows."""
     for k in range(min(len(lines) - 1, 200)):
-        one, other = numbers_of(lines[k], decimal), numbers_of(lines[k + 1], decimal)
-        if one and len(one) == len(other):
+        cells, next_cells = number_cells(lines[k], decimal), number_cells(lines[k + 1], decimal)
+        if cells and len(cells) == len(next_cells):
             return k
     return -1
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.units.rounded import read
+from xdynamics.units.rounded import read_decimal
 
 MOST_ENTRIES = 10_000  # keys and headers of a text, or entries of a section; a thousand bodies have some 6,000
 LARGEST = 20_000_000  # characters
@@ -27,7 +27,7 @@ _SIZES = "; so many numbers belong into a table"
 _OF_RECORDS = "; the model_toml of a record is read by Model.from_record"
 
 
-def parsed(text: str, *, recorded: bool = False) -> dict[str, Any]:
+def parse_model_text(text: str, *, recorded: bool = False) -> dict[str, Any]:
     """Parse TOML, unless it exceeds the limits of a model, or of a record's.
 
     Raises
@@ -38,7 +38,7 @@ def parsed(text: str, *, recorded: bool = False) -> dict[str, Any]:
         If the text is not TOML.
     """
     check_text(text, recorded=recorded)
-    return tomllib.loads(text, parse_float=read)
+    return tomllib.loads(text, parse_float=read_decimal)
 
 
 def check_text(text: str, *, recorded: bool = False) -> None:

@@ -9,8 +9,8 @@ from operator import attrgetter
 from typing import Any
 
 from xdynamics.expressions import text_of
-from xdynamics.model.body_reading import made_by
-from xdynamics.model.controllers import held, starting_from
+from xdynamics.model.body_reading import body_entries
+from xdynamics.model.controllers import controller_states, starting_from
 from xdynamics.model.entries import written_parameter
 from xdynamics.model.given_values import Values, written_values
 from xdynamics.model.grammar import SECTIONS
@@ -22,21 +22,23 @@ from xdynamics.model.statement import Statement
 from xdynamics.units.rounded import decimal_text
 
 
-def write(statement: Statement) -> str:
+def model_toml(statement: Statement) -> str:
     """Return TOML that reads back as the same model, whoever stands for it."""
-    tables, lines = tables_of(statement), []
+    tables, lines = section_tables(statement), []
     tables.pop("about", None)  # a record has it among its attributes, where it can be changed
     for title, body in tables.items():
         if not isinstance(body, dict):
-            lines.append(f"{title} = {_value(body)}")
+            lines.append(f"{title} = {_toml_value(body)}")
             continue
-        apart = {f"{title}.{name}": table for name, table in body.items()} if SECTIONS[title].apart else {title: body}
-        for heading, table in apart.items():
-            lines += ["", f"[{heading}]", *(f"{key} = {_value(value)}" for key, value in table.items())]
+        tables_by_heading = (
+            {f"{title}.{name}": table for name, table in body.items()} if SECTIONS[title].own_tables else {title: body}
+        )
+        for heading, table in tables_by_heading.items():
+            lines += ["", f"[{heading}]", *(f"{key} = {_toml_value(value)}" for key, value in table.items())]
     return "\n".join(lines) + "\n"
 
 
-def tables_of(statement: Statement) -> dict[str, Any]:
+def section_tables(statement: Statement) -> dict[str, Any]:
     """Return what the sections of a model file are, as they are read: the head, then every section with entries."""
     tables: dict[str, Any] = {"name": statement.name}
     if statement.description:
@@ -52,13 +54,13 @@ def _body(section: Section, title: str, statement: Statement) -> dict[str, Any]:
     part = getattr(statement, section.field or title)
     if not section.entry:
         return {} if part is None else section.write(part, statement.time_unit)
-    if statement.bodies and (made := made_by(statement.bodies, title) | made_by_joints(statement.joints, title)):
+    if statement.bodies and (made := body_entries(statement.bodies, title) | made_by_joints(statement.joints, title)):
         part = {name: entry for name, entry in part.items() if name not in made}
     if title == "parameters":
         part = part | statement.arrays
     if any(isinstance(entry, Values) for entry in part.values()):
         return {
-            name: _values_of(statement, entry, declared=False)
+            name: _values_entry(statement, entry, declared=False)
             if isinstance(entry, Values)
             else section.write(entry, statement.time_unit)
             for name, entry in part.items()
@@ -69,18 +71,23 @@ def _body(section: Section, title: str, statement: Statement) -> dict[str, Any]:
 
 def _initial(statement: Statement) -> dict[str, Any]:
     starts = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in statement.initial.items()}
-    elsewhere = {*statement.at_rest, *held(statement.controllers, statement.time_unit)}
+    elsewhere = {*statement.at_rest, *controller_states(statement.controllers, statement.time_unit)}
     body: dict[str, Any] = {name: written_parameter(start) for name, start in starts.items() if name not in elsewhere}
-    body |= {name: _values_of(statement, values, declared=True) for name, values in statement.starting.items()}
+    body |= {name: _values_entry(statement, values, declared=True) for name, values in statement.starting.items()}
     body |= {"regime": statement.regime} if statement.regime else {}
     return body | ({"consistent": True} if statement.consistent else {})
 
 
-def _states(statement: Statement) -> dict[str, Any]:
-    own = {*held(statement.controllers, statement.time_unit), *made_by(statement.bodies, "states")}
+def _state_tables(statement: Statement) -> dict[str, Any]:
+    made_elsewhere = {
+        *controller_states(statement.controllers, statement.time_unit),
+        *body_entries(statement.bodies, "states"),
+    }
     section = SECTIONS["states"]
     return {
-        name: section.write(part, statement.time_unit) for name, part in statement.states.items() if name not in own
+        name: section.write(part, statement.time_unit)
+        for name, part in statement.states.items()
+        if name not in made_elsewhere
     }
 
 
@@ -93,34 +100,40 @@ def _controllers(statement: Statement) -> dict[str, Any]:
     }
 
 
-def _values_of(statement: Statement, values: Values, *, declared: bool) -> Any:
+def _values_entry(statement: Statement, values: Values, *, declared: bool) -> Any:
     return written_values(values, statement.bare_shapes, declared=declared)
 
 
 def _correlations(statement: Statement) -> dict[str, dict[str, float]]:
     tables: dict[str, dict[str, float]] = {}
-    for (name, other), value in statement.correlations.items():
-        tables.setdefault(name, {})[other] = value
+    for (name, second_name), value in statement.correlations.items():
+        tables.setdefault(name, {})[second_name] = value
     return tables
 
 
-def _mass(statement: Statement) -> dict[str, Any]:
+def _mass_table(statement: Statement) -> dict[str, Any]:
     if statement.lagrangian:
         return {}
-    of_bodies = made_by(statement.bodies, "mass")
-    own = {i: name for i, name in enumerate(statement.coordinates) if name not in of_bodies}
+    of_bodies = body_entries(statement.bodies, "mass")
+    written_coordinates = {i: name for i, name in enumerate(statement.coordinates) if name not in of_bodies}
     coupled = (
         {i for pair in statement.mass_entries if pair[0] != pair[1] for i in pair} if statement.mass_is_full else set()
     )
-    alone = {i for i, name in own.items() if i not in coupled and (not coupled or statement.coordinates[name].dims)}
-    square = [i for i in own if i not in alone]
+    diagonal_only = {
+        i
+        for i, name in written_coordinates.items()
+        if i not in coupled and (not coupled or statement.coordinates[name].dims)
+    }
+    square = [i for i in written_coordinates if i not in diagonal_only]
     matrix = {"matrix": [[text_of(statement.mass[i][j]) for j in square] for i in square]} if square else {}
-    return matrix | {name: text_of(statement.mass[i][i]) for i, name in own.items() if i in alone}
+    return matrix | {
+        name: text_of(statement.mass[i][i]) for i, name in written_coordinates.items() if i in diagonal_only
+    }
 
 
 _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that are not written entry by entry, key by key
-    "mass": _mass,
-    "states": _states,
+    "mass": _mass_table,
+    "states": _state_tables,
     "controllers": _controllers,
     "initial": _initial,
     "correlations": _correlations,
@@ -128,7 +141,7 @@ _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that ar
 }
 
 
-def _value(value: Any) -> str:
+def _toml_value(value: Any) -> str:
     """Print one TOML value; a text of several lines is kept as it is, in a literal block."""
     if type(value) is float:  # first of all: of those there may be very many
         return decimal_text(value)
@@ -140,13 +153,13 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_value(item) for item in value)}]"
+        return f"[{', '.join(_toml_value(item) for item in value)}]"
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{json.dumps(key)} = {_value(item)}' for key, item in value.items())} }}"
+        return f"{{ {', '.join(f'{json.dumps(key)} = {_toml_value(item)}' for key, item in value.items())} }}"
     if isinstance(value, Integral):
         return str(int(value))
     return (
         decimal_text(value if isinstance(value, float) else float(value))
         if isinstance(value, Real)
-        else _value(str(value))
+        else _toml_value(str(value))
     )

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from xdynamics.expressions import Node, derivative, free_names
 from xdynamics.expressions.calculus import ONE
-from xdynamics.faults import few
-from xdynamics.model.controllers import held
-from xdynamics.model.elementwise import names_of
+from xdynamics.faults import first_names
+from xdynamics.model.controllers import controller_states
+from xdynamics.model.elementwise import element_blocks
 from xdynamics.model.parts import Contact, Function
 from xdynamics.model.reactions import NORMAL, reactions
-from xdynamics.model.whole import acting, has_wholes, written_out
+from xdynamics.model.whole import expanded_tree, forces_by_coordinate, prints_quantities
 from xdynamics.schema import velocity
 from xdynamics.shapes.blocks import Blocks
 
@@ -49,26 +49,29 @@ def traits_of(model: Model) -> dict[Trait, str]:
         Trait.HELD_LINKS: curved_contacts(model) if _takes_energy(model) else [],
     }
     traits |= {trait: ", ".join(names) for trait, names in owners.items() if names}
-    coordinates, kept = names_of(model.statement.coordinates), held(model.controllers, model.time_unit)
+    coordinates, held_names = (
+        element_blocks(model.statement.coordinates),
+        controller_states(model.controllers, model.time_unit),
+    )
     velocities = coordinates.renamed("", velocity)
     states = Blocks(
-        block for block in names_of(model.statement.states).blocks if block.name not in kept
+        block for block in element_blocks(model.statement.states).blocks if block.name not in held_names
     )  # constant between ticks
     for label, names_read in _right_hand_side(model):
         if fault := _among(names_read, velocities):
-            traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_listed(fault)}")
+            traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_list_names(fault)}")
         if fault := _among(names_read, states):
-            traits.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_listed(fault)}")
+            traits.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_list_names(fault)}")
     if model.mass_is_full:
         for (i, j), entry in model.statement.mass_entries.items():
             if fault := model.reads(entry) & set(model.statement.coordinates):
-                traits.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_listed(fault)}")
-    moved, shaped = velocities + coordinates + states, bool(model.shapes.dims)
+                traits.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_list_names(fault)}")
+    varying_blocks, shaped = velocities + coordinates + states, bool(model.shapes.dims)
     for name, state in (model.shaped if shaped else model.statement).states.items():
         if Trait.COUPLED_STATES in traits:  # the first is told
             break
-        if fault := _among(_read(model, state.rate) if shaped else model.reads(state.rate), moved):
-            traits[Trait.COUPLED_STATES] = f"the rate of '{name}' depends on {_listed(fault)}"
+        if fault := _among(_names_read(model, state.rate) if shaped else model.reads(state.rate), varying_blocks):
+            traits[Trait.COUPLED_STATES] = f"the rate of '{name}' depends on {_list_names(fault)}"
     return traits
 
 
@@ -77,22 +80,24 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
 
     Of a force with dimensions these are the names of whole quantities; one that reads positions alone is left out.
     """
-    wholes = acting(model) if model.shapes.dims else {}
+    wholes = forces_by_coordinate(model) if model.shapes.dims else {}
     forces = [
-        (f"force '{term}' of '{coordinate}'", _read(model, part))
+        (f"force '{term}' of '{coordinate}'", _names_read(model, part))
         for term, parts in wholes.items()
         for coordinate, part in parts.items()
         if not isinstance(part, Function) and not _is_plain(model, part)
     ]
-    apart = {term for term, parts in wholes.items() if not any(isinstance(part, Function) for part in parts.values())}
-    if not has_wholes(model) or len(apart) < len(wholes):  # elements of forces are dear
+    whole_terms = {
+        term for term, parts in wholes.items() if not any(isinstance(part, Function) for part in parts.values())
+    }
+    if not prints_quantities(model) or len(whole_terms) < len(wholes):  # elements of forces are dear
         forces += [
             (f"force '{term}' of '{coordinate}'", model.reads(expression))
             for term, components in model.force_components.items()
-            if term not in apart
+            if term not in whole_terms
             for coordinate, expression in components.items()
         ]
-    shaped = model.shaped.mass if has_wholes(model) else ()
+    shaped = model.shaped.mass if prints_quantities(model) else ()
     plain = bool(shaped) and all(_is_plain(model, row[i]) for i, row in enumerate(shaped))
     entries = () if plain else model.statement.mass_entries.values()
     masses = [("the mass", model.reads(entry)) for entry in entries]
@@ -102,23 +107,23 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
             set().union(*(model.reads(tree) for tree in (*reaction.row.values(), reaction.bias, *sizes))),
         )
         for reaction in reactions(model)
-        for sizes in [() if reaction.sort == NORMAL else (reaction.size, reaction.most)]
+        for sizes in [() if reaction.sort == NORMAL else (reaction.size, reaction.sticking_limit)]
     ]
     return forces + masses + pressed
 
 
 def curved_contacts(model: Model) -> list[str]:
     """Return the contacts of many links whose forces, where they hold bodies, depend on velocities."""
-    return [name for name, contact in model.assemblies.items() if _turns(model, contact)]
+    return [name for name, contact in model.assemblies.items() if _turns_direction(model, contact)]
 
 
 def _takes_energy(model: Model) -> bool:
     """Whether impacts or friction take energy, so that bodies may come to be held."""
     contacts = [*model.contacts.values(), *model.assemblies.values()]
-    return bool(model.frictions) or any(one.restitution != ONE or one.slip is not None for one in contacts)
+    return bool(model.frictions) or any(contact.restitution != ONE or contact.slip is not None for contact in contacts)
 
 
-def _turns(model: Model, contact: Contact) -> bool:
+def _turns_direction(model: Model, contact: Contact) -> bool:
     """Whether a contact holds its links along a direction that changes as bodies move, or with such friction."""
     gap, coordinates = model.expanded(contact.gap), {*model.statement.coordinates}
     slopes = [derivative(gap, {name: ONE}) for name in free_names(gap) & coordinates]
@@ -131,27 +136,29 @@ def _turns(model: Model, contact: Contact) -> bool:
 
 def _among(names: set[str], blocks: Blocks) -> set[str]:
     """Return which names are those of blocks or of their elements, of which none is made."""
-    return {name for name in names if blocks.find(name) is not None}
+    return {name for name in names if blocks.find_offset(name) is not None}
 
 
-def _read(model: Model, whole: Node) -> set[str]:
+def _names_read(model: Model, tree: Node) -> set[str]:
     """Return the names of whole quantities that a force with dimensions reads, also through drives."""
-    names = free_names(written_out(model, whole))
+    names = free_names(expanded_tree(model, tree))
     read = [
-        free_names(written_out(model, drive.argument)) for name, drive in model.shaped.drives.items() if name in names
+        free_names(expanded_tree(model, drive.argument)) for name, drive in model.shaped.drives.items() if name in names
     ]
     return names.union(*read)
 
 
-def _is_plain(model: Model, whole: Node | Function) -> bool:
+def _is_plain(model: Model, tree: Node | Function) -> bool:
     """Whether a force with dimensions reads no velocity, state or drive."""
-    if isinstance(whole, Function):
+    if isinstance(tree, Function):
         return False
     velocities = set(map(velocity, model.shaped.coordinates))
-    return not free_names(written_out(model, whole)) & {*velocities, *model.shaped.states, *model.shaped.drives}
+    return not free_names(expanded_tree(model, tree)) & {*velocities, *model.shaped.states, *model.shaped.drives}
 
 
-def _listed(names: set[str]) -> str:
+def _list_names(names: set[str]) -> str:
     """List names in the order of their letters, then of their numbers."""
     parts = {name: re.split(r"(\d+)", name) for name in names}
-    return few(sorted(names, key=lambda name: [int(part) if i % 2 else part for i, part in enumerate(parts[name])]))
+    return first_names(
+        sorted(names, key=lambda name: [int(part) if i % 2 else part for i, part in enumerate(parts[name])])
+    )

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.faults import InputError, brief
-from xdynamics.model.table_keys import choice
+from xdynamics.faults import InputError, brief_repr
+from xdynamics.model.table_keys import read_choice
 from xdynamics.units import Quantity, Scale, parse_quantity, unit_text
 
 NORMAL, RECTANGULAR, TRIANGULAR, ARCSINE, STUDENT = "normal", "rectangular", "triangular", "arcsine", "t"
@@ -57,7 +57,7 @@ class Spread:
         factor = HALF_WIDTHS[self.distribution] if self.bounded else 1.0
         return Quantity(self.size.value / factor, self.size.unit)
 
-    def at(self, points: Floats) -> Floats:
+    def quantiles(self, points: Floats) -> Floats:
         """Return the quantiles of probabilities between 0 and 1, in standard uncertainties from the value.
 
         For all but Student's t, which is scipy's, the arithmetic is the same on every machine.
@@ -86,7 +86,7 @@ class Discrepancy:
     description: str = ""
 
 
-def parted(text: Any) -> tuple[str, str] | None:
+def split_uncertainty(text: Any) -> tuple[str, str] | None:
     """Split a quantity with its standard uncertainty into both: as `show` prints them, or its last digits in brackets (JCGM 100:2008, 7.2.2).
 
     Raises
@@ -96,22 +96,22 @@ def parted(text: Any) -> tuple[str, str] | None:
 
     Examples
     --------
-    >>> parted("50 ± 0.5 g"), parted("50 g ± 500 mg"), parted("(1.23 ± 0.15)e-6 kg")
+    >>> split_uncertainty("50 ± 0.5 g"), split_uncertainty("50 g ± 500 mg"), split_uncertainty("(1.23 ± 0.15)e-6 kg")
     (('50 g', '0.5 g'), ('50 g', '500 mg'), ('1.23e-6 kg', '0.15e-6 kg'))
-    >>> parted("6.67430(15)e-11 m3 kg-1 s-2")
+    >>> split_uncertainty("6.67430(15)e-11 m3 kg-1 s-2")
     ('6.67430e-11 m3 kg-1 s-2', '0.00015e-11 m3 kg-1 s-2')
     """
     if not isinstance(text, str):
         return None
     if match := _LAST_DIGITS.fullmatch(text):
-        number, digits, rest = match.groups()
+        number, digits, unit_suffix = match.groups()
         places = len(number.partition(".")[2])
         digits = digits.zfill(places + 1)
         cut = len(digits) - places
-        return number + rest, f"{digits[:cut]}.{digits[cut:]}".rstrip(".") + rest
+        return number + unit_suffix, f"{digits[:cut]}.{digits[cut:]}".rstrip(".") + unit_suffix
     if match := _SCALED.fullmatch(text):
-        value, size, rest = match.groups()
-        return value + rest, size + rest
+        value, size, unit_suffix = match.groups()
+        return value + unit_suffix, size + unit_suffix
     if (match := _BETWEEN.search(text)) is None:
         return None
     value, size = text[: match.start()].strip(), text[match.end() :].strip()
@@ -119,7 +119,7 @@ def parted(text: Any) -> tuple[str, str] | None:
     return value if unit_text(value) else f"{value} {unit_text(size) or 1}", size
 
 
-def spread_of(entry: Mapping[str, Any], value: Quantity, scale: Scale | None = None) -> Spread | None:
+def read_spread(entry: Mapping[str, Any], value: Quantity, scale: Scale | None = None) -> Spread | None:
     """Read the spread of an entry, if it has one; a bare size is on the scale of the value, else in its unit.
 
     Raises
@@ -135,22 +135,24 @@ def spread_of(entry: Mapping[str, Any], value: Quantity, scale: Scale | None = N
     if len(sizes) > 1:
         raise InputError("has an uncertainty and a half_width; write one: the other follows from the distribution")
     bounded = sizes == ["half_width"]
-    distribution = choice(entry.get("distribution", RECTANGULAR if bounded else NORMAL), "distribution", DISTRIBUTIONS)
+    distribution = read_choice(
+        entry.get("distribution", RECTANGULAR if bounded else NORMAL), "distribution", DISTRIBUTIONS
+    )
     if bounded and distribution not in HALF_WIDTHS:
         raise InputError(f"half_width: a distribution that is {distribution} has no bounds; write its uncertainty")
-    size = _size(entry[sizes[0]], sizes[0], value, scale or Scale(value.unit))
+    size = _read_spread_size(entry[sizes[0]], sizes[0], value, scale or Scale(value.unit))
     return Spread(size, distribution, bounded, _freedom(entry, distribution))
 
 
-def _size(written: Any, key: str, value: Quantity, scale: Scale) -> Quantity:
+def _read_spread_size(entry: Any, key: str, value: Quantity, scale: Scale) -> Quantity:
     try:
-        size = parse_quantity(written, difference=True)
+        size = parse_quantity(entry, difference=True)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
     if size.unit.text == "1":
         size = Quantity(scale.difference(size.value), value.unit)
     if size.value < 0:
-        raise InputError(f"{key} {written!r} needs to be non-negative")
+        raise InputError(f"{key} {entry!r} needs to be non-negative")
     if size.unit.dimension != value.unit.dimension:
         raise InputError(f"{key} is in '{size.unit.dimension}', the value in '{value.unit.dimension}'")
     return size
@@ -160,11 +162,13 @@ def _freedom(entry: Mapping[str, Any], distribution: str) -> float | None:
     value = entry.get("degrees_of_freedom")
     if distribution != STUDENT:
         if value is not None:
-            raise InputError(f"degrees_of_freedom is {brief(value)}; a distribution that is {distribution} has none")
+            raise InputError(
+                f"degrees_of_freedom is {brief_repr(value)}; a distribution that is {distribution} has none"
+            )
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not 2 < value < float("inf"):
         raise InputError(
-            f"degrees_of_freedom is {brief(value)}; a t distribution needs a number over 2, or has no deviation"
+            f"degrees_of_freedom is {brief_repr(value)}; a t distribution needs a number over 2, or has no deviation"
         )
     return float(value)
 
@@ -178,32 +182,32 @@ def correlations_of(section: Mapping[str, Any]) -> dict[tuple[str, str], float]:
         If a coefficient is not a number from -1 to 1, or a pair occurs twice.
     """
     coefficients: dict[tuple[str, str], float] = {}
-    for name, others in section.items():
-        if not isinstance(others, Mapping):
-            raise InputError(f"{name} = {others!r} must be a table, like m = {{ c = 0.3 }}")
-        for other, value in others.items():
+    for name, coefficient_by_name in section.items():
+        if not isinstance(coefficient_by_name, Mapping):
+            raise InputError(f"{name} = {coefficient_by_name!r} must be a table, like m = {{ c = 0.3 }}")
+        for second_name, value in coefficient_by_name.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not -1 <= value <= 1:
-                raise InputError(f"{name} and {other}: {value!r} is no number from -1 to 1")
-            coefficients[name, other] = float(value)
+                raise InputError(f"{name} and {second_name}: {value!r} is no number from -1 to 1")
+            coefficients[name, second_name] = float(value)
     check_pairs(coefficients, str)
     return coefficients
 
 
-def check_pairs(pairs: Iterable[tuple[str, str]], inside: Callable[[str], str]) -> None:
+def check_pairs(pairs: Iterable[tuple[str, str]], internal_name: Callable[[str], str]) -> None:
     """Refuse a number's correlation with itself, and pairs that occur twice, by the names that they have inside.
 
     Raises
     ------
     InputError
     """
-    known = set[frozenset[str]]()
-    for name, other in pairs:
-        pair = frozenset(map(inside, (name, other)))
-        if len(pair) == 1 or pair in known:
+    seen_pairs = set[frozenset[str]]()
+    for name, second_name in pairs:
+        pair = frozenset(map(internal_name, (name, second_name)))
+        if len(pair) == 1 or pair in seen_pairs:
             raise InputError(
-                f"{name} and {other}: " + ("a number with itself has 1" if len(pair) == 1 else "are there twice")
+                f"{name} and {second_name}: " + ("a number with itself has 1" if len(pair) == 1 else "are there twice")
             )
-        known.add(pair)
+        seen_pairs.add(pair)
 
 
 # Wichura 1988, algorithm AS 241 (doi:10.2307/2347330): numerator and denominator near the middle, in the tails, far out
@@ -279,18 +283,20 @@ def normal_quantile(points: Floats) -> Floats:
     """Return the quantiles of the standard normal distribution for probabilities between 0 and 1, to 16 digits."""
     off = points - 0.5
     far: Floats = np.sqrt(-FUNCTIONS["log"](np.minimum(points, 1.0 - points)))
-    tail = np.where(far <= 5.0, _ratio(_TAIL, far - 1.6), _ratio(_FAR, far - 5.0))
-    return np.where(np.abs(off) <= 0.425, off * _ratio(_NEAR, 0.180625 - off * off), np.where(off < 0.0, -tail, tail))
+    tail = np.where(far <= 5.0, _rational_value(_TAIL, far - 1.6), _rational_value(_FAR, far - 5.0))
+    return np.where(
+        np.abs(off) <= 0.425, off * _rational_value(_NEAR, 0.180625 - off * off), np.where(off < 0.0, -tail, tail)
+    )
 
 
-def _ratio(powers: tuple[tuple[float, ...], tuple[float, ...]], x: Floats) -> Floats:
+def _rational_value(powers: tuple[tuple[float, ...], tuple[float, ...]], x: Floats) -> Floats:
     above, below = (np.zeros_like(x), np.zeros_like(x))
     for p, q in zip(reversed(powers[0]), reversed(powers[1]), strict=True):
         above, below = above * x + p, below * x + q
     return above / below
 
 
-def deviations(spreads: Sequence[Spread], correlation: Floats, points: Floats) -> Floats:
+def draw_deviations(spreads: Sequence[Spread], correlation: Floats, points: Floats) -> Floats:
     """Return draws as deviations from the values in standard uncertainties; normal ones with their correlations.
 
     Parameters
@@ -305,8 +311,8 @@ def deviations(spreads: Sequence[Spread], correlation: Floats, points: Floats) -
     InputError
         If the correlations contradict each other.
     """
-    root = root_of(correlation)
-    draws = np.stack([spread.at(points[:, i]) for i, spread in enumerate(spreads)], axis=-1)
+    root = cholesky_factor(correlation)
+    draws = np.stack([spread.quantiles(points[:, i]) for i, spread in enumerate(spreads)], axis=-1)
     mixed = np.zeros_like(draws)
     for i in range(len(spreads)):
         for k in range(i + 1):
@@ -315,7 +321,7 @@ def deviations(spreads: Sequence[Spread], correlation: Floats, points: Floats) -
     return mixed
 
 
-def root_of(correlation: Floats) -> Floats:
+def cholesky_factor(correlation: Floats) -> Floats:
     """Return the lower Cholesky factor of a correlation matrix, with zero columns where no variance remains.
 
     Raises
@@ -341,11 +347,11 @@ def root_of(correlation: Floats) -> Floats:
     return root
 
 
-def matrix_of(names: list[str], correlations: Mapping[tuple[str, str], float]) -> Floats:
+def correlation_matrix(names: list[str], correlations: Mapping[tuple[str, str], float]) -> Floats:
     """Return the correlation matrix of some names."""
     matrix = np.eye(len(names))
-    for (name, other), value in correlations.items():
-        if name in names and other in names:
-            i, j = names.index(name), names.index(other)
+    for (name, second_name), value in correlations.items():
+        if name in names and second_name in names:
+            i, j = names.index(name), names.index(second_name)
             matrix[i, j] = matrix[j, i] = value
     return matrix

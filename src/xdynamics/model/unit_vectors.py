@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
-from xdynamics.faults import InputError, brief
+from xdynamics.faults import InputError, brief_repr
 
 UNIT = 1e-12  # how far from 1 the length of a quaternion may be that is written in decimals
 FORMS = {3: "[x, y, z]", 4: '[w, x, y, z], or { axis = [0, 0, 1], angle = "30 degree" }'}
@@ -24,7 +24,7 @@ def plain_numbers(value: Any, key: str, count: int) -> list[float]:
         isinstance(entry, int | float) and not isinstance(entry, bool) for entry in value
     )
     if not plain or len(value) != count:
-        raise InputError(f"{key} is {brief(value)}, needs numbers {FORMS[count]}")
+        raise InputError(f"{key} is {brief_repr(value)}, needs numbers {FORMS[count]}")
     return [float(entry) for entry in value]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from xdynamics.expressions import parse
 from xdynamics.faults import InputError
 from xdynamics.model.python_values import is_array
-from xdynamics.model.uncertainty import parted
+from xdynamics.model.uncertainty import split_uncertainty
 from xdynamics.units import parse_quantity
 
 _CALLING = re.compile(r"[A-Za-z_]\w*\s*\(|^\s*[0-9.]+\s*[*+(-]")
@@ -25,7 +25,7 @@ def is_of_elements(entry: Any) -> bool:
 
 def is_expression(value: Any) -> bool:
     """Whether a text is an expression, and no number with a unit."""
-    if not isinstance(value, str) or parted(value):
+    if not isinstance(value, str) or split_uncertainty(value):
         return False
     try:
         parse_quantity(value)
@@ -40,7 +40,7 @@ def is_expression(value: Any) -> bool:
 
 def is_meant(value: Any) -> bool:
     """Whether a text that is neither is meant as an expression: it has a call, or an operator behind its first number."""
-    if not isinstance(value, str) or parted(value) or is_expression(value):
+    if not isinstance(value, str) or split_uncertainty(value) or is_expression(value):
         return False
     try:
         parse_quantity(value)

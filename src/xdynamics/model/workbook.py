@@ -30,7 +30,7 @@ def text_of_workbook(content: bytes) -> str:
     except Exception:  # noqa: BLE001 - whatever openpyxl and zipfile say of a file that is no workbook
         raise InputError("it is no workbook of Excel (.xlsx)") from None
     for sheet in book.worksheets:
-        rows = _rows(sheet)
+        rows = _sheet_rows(sheet)
         if len(rows) > 1:
             text, width = io.StringIO(), max(map(len, rows))
             csv.writer(text, lineterminator="\n").writerows(row + [""] * (width - len(row)) for row in rows)
@@ -38,11 +38,11 @@ def text_of_workbook(content: bytes) -> str:
     raise InputError("no sheet of the workbook has two rows or more")
 
 
-def _rows(sheet: Any) -> list[list[str]]:
+def _sheet_rows(sheet: Any) -> list[list[str]]:
     """Return the rows of a sheet that are not empty, wherever they stand; a sheet that is too large is refused, not cut."""
     rows: list[list[str]] = []
     for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
-        cells = _cells(row)
+        cells = _row_cells(row)
         if len(cells) > MOST_COLUMNS:
             raise InputError(
                 f"sheet '{sheet.title}' has {len(cells)} columns in row {number}, {MOST_COLUMNS} at most; save what is"
@@ -55,7 +55,7 @@ def _rows(sheet: Any) -> list[list[str]]:
     return rows
 
 
-def _cells(row: tuple[Any, ...]) -> list[str]:
+def _row_cells(row: tuple[Any, ...]) -> list[str]:
     cells = ["" if cell is None else repr(cell) if isinstance(cell, float) else str(cell) for cell in row]
     while cells and not cells[-1]:
         cells.pop()

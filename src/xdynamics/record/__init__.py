@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from xdynamics.record.run_columns import columns, constants, element_columns, factors, followed_tolerances
     from xdynamics.record.run_dataset import check, check_kind, dataset, described, foreseen
     from xdynamics.record.run_identity import (
-        apart,
         comes_of,
         identity,
         input_digest,
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
         is_of_model,
         model_words,
         same_settings,
+        word_differences,
     )
     from xdynamics.record.unfolding import of_elements, shapes_of, unfold, whole_of
     from xdynamics.record.variable_attributes import own_attributes, plain
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # name -> its room, entered when the name is first used: who reads attributes alone, like the examining process, loads no engine
 _ROOMS = {
     "Column": "column",
-    "apart": "run_identity",
+    "word_differences": "run_identity",
     "check": "run_dataset",
     "check_elements": "folding",
     "check_kind": "run_dataset",
@@ -60,7 +60,6 @@ _ROOMS = {
 
 __all__ = [
     "Column",
-    "apart",
     "check",
     "check_elements",
     "check_kind",
@@ -87,6 +86,7 @@ __all__ = [
     "sizes_of",
     "unfold",
     "whole_of",
+    "word_differences",
 ]
 
 __getattr__ = entrance(__name__, _ROOMS)

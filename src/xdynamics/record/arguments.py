@@ -29,7 +29,7 @@ EVERYWHERE = "everywhere"
 SCALES = {"length": "m", "time": SECONDS.text, "mass": "kg"}  # units of the scales of nondimensional variables
 
 
-def scales_of(run: xr.Dataset) -> Scales:
+def recorded_scales(run: xr.Dataset) -> Scales:
     """Return the scales of the nondimensional variables that a run was marched in."""
     recorded = {name: run.attrs.get(f"solver_{name}_scale") for name in SCALES}
     return Scales.parse(
@@ -37,7 +37,7 @@ def scales_of(run: xr.Dataset) -> Scales:
     )
 
 
-def asked_of(run: xr.Dataset) -> dict[str, Any]:
+def recorded_arguments(run: xr.Dataset) -> dict[str, Any]:
     """Return the arguments of `simulate` that a record was made with."""
     recorded = run.attrs
     scales = {
@@ -46,7 +46,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
         if f"solver_{name}_scale" in recorded
     }
     arguments = {
-        name: keyword.read(_plain(recorded[keyword.attribute]), SECONDS)
+        name: keyword.read(_plain_attribute(recorded[keyword.attribute]), SECONDS)
         for name, keyword in KEYWORDS.items()
         if keyword.attribute in recorded
     }
@@ -72,7 +72,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
     elif "solver_step" in recorded:
         arguments["step"] = float(recorded["solver_step"])
     if "solver_rtol" in recorded:
-        arguments |= _tolerances(run)
+        arguments |= _recorded_tolerances(run)
     arguments |= _exact_times(recorded, arguments)
     if recorded["solver_step_control"] == "adaptive":
         if recorded["solver_first_step_choice"] not in (
@@ -85,7 +85,7 @@ def asked_of(run: xr.Dataset) -> dict[str, Any]:
     return arguments
 
 
-def _plain(value: Any) -> Any:
+def _plain_attribute(value: Any) -> Any:
     """Return an attribute as a plain value: a word, a number, a row of numbers."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
@@ -114,17 +114,18 @@ def _exact_times(recorded: Mapping[Any, Any], arguments: Mapping[str, Any]) -> d
     """Return times that are more than floats, of records whose numbers are sums of two."""
     exact = dict[str, Any]()
     for name, attribute in (("until", "solver_until"), ("step", "solver_step"), ("nodes", "solver_nodes")):
-        if (rest := recorded.get(schema.rest(attribute))) is not None:
+        if (recorded_rest := recorded.get(schema.rest_name(attribute))) is not None:
             values = [
-                _joined(value, left) for value, left in zip(*map(np.atleast_1d, (arguments[name], rest)), strict=True)
+                _float_with_rest(value, left)
+                for value, left in zip(*map(np.atleast_1d, (arguments[name], recorded_rest)), strict=True)
             ]
             exact[name] = values if name == "nodes" else values[0]
     return exact
 
 
-def _joined(value: float, rest: float) -> float:
+def _float_with_rest(value: float, remainder: float) -> float:
     """Return a float that knows what is left of its number."""
-    return Rounded.of(Fraction(float(value)) + Fraction(float(rest)), float(value))
+    return Rounded.from_exact(Fraction(float(value)) + Fraction(float(remainder)), float(value))
 
 
 def precision_of(used: Mapping[Any, Any]) -> str:
@@ -148,21 +149,24 @@ def _asked_longest(run: xr.Dataset) -> bool:
     return float(run.attrs["solver_max_step"]) != span
 
 
-def _tolerances(run: xr.Dataset) -> dict[str, Any]:
+def _recorded_tolerances(run: xr.Dataset) -> dict[str, Any]:
     """Return the tolerances that a record was made with; those that followed their variables do so again."""
     rtol, rescaling = float(run.attrs["solver_rtol"]), 1.0
     if run.attrs["solver_estimator"] == STEP_DOUBLING and "solver_rtol_used" not in run.attrs:
         # version 0.1 judged by the given rtol: give the one that is rescaled to it
         order = int(run.attrs["solver_order"])
         rescaling = rtol ** (order / (order + 1)) / rtol
-    given = {name: variable for name, variable in run.variables.items() if "atol_si" in variable.attrs}
-    if any(np.ndim(own.attrs["atol_si"]) or schema.ATOL_FOLLOWING in own.attrs for own in given.values()):
-        given = dict(unfold(run).variables)  # not one number for all elements
+    variables_with_atol = {name: variable for name, variable in run.variables.items() if "atol_si" in variable.attrs}
+    if any(
+        np.ndim(candidate.attrs["atol_si"]) or schema.ATOL_FOLLOWING in candidate.attrs
+        for candidate in variables_with_atol.values()
+    ):
+        variables_with_atol = dict(unfold(run).variables)  # not one number for all elements
     atol = {
         str(name): Quantity(
             rescaling * float(variable.attrs["atol_si"]), Unit("SI", parse_unit(variable.attrs["units"]).dimension)
         )
-        for name, variable in given.items()
+        for name, variable in variables_with_atol.items()
         if "atol_si" in variable.attrs and schema.ATOL_RULE not in variable.attrs
     }
     for name, (size, units) in left_out_atols(run.attrs).items():

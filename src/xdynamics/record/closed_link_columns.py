@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import dimension_of
 from xdynamics.march import LogBlock
-from xdynamics.march.energy_gains import energy_dimension
+from xdynamics.march.energy_gains import impact_energy_dimension
 from xdynamics.model import Model
 from xdynamics.model.assemblies import Assembly, assemblies
-from xdynamics.record.column import About, Column, times
+from xdynamics.record.column import About, Column, multiply_values
 from xdynamics.record.folded_columns import element_at, place_variable
-from xdynamics.schema import CLOSED_AT, CLOSED_LINKS, LINK_STATES, NOWHERE, Variable, at_closed, flags
+from xdynamics.schema import CLOSED_AT, CLOSED_LINKS, LINK_STATES, NOWHERE, Variable, at_closed, flag_attributes
 from xdynamics.shapes import Shapes
 from xdynamics.units import Unit, spell
 
@@ -49,76 +49,84 @@ class ClosedLinks:
     def _begins(self) -> Array:
         return np.asarray(np.cumsum([0, *(contact.links for contact in self.contacts)]))
 
-    def step(self, block: LogBlock) -> Array:
+    def row_numbers(self, block: LogBlock) -> Array:
         """Take the number of the row of each closed link."""
         return block.numbered(self.rows(block)[0])
 
-    def time(self, factor: float) -> Taking:
+    def row_times(self, factor: float) -> Taking:
         """Return what takes the time of each closed link."""
 
-        def take(block: LogBlock) -> Array:
+        def take_row_times(block: LogBlock) -> Array:
             places = self.rows(block)[0].astype(np.int64) - int(block.log.base[0]["rows"])
-            return times(block.log.rows[0, places], factor)
+            return multiply_values(block.log.rows[0, places], factor)
 
-        return take
+        return take_row_times
 
-    def contact(self, block: LogBlock) -> Array:
+    def contact_numbers(self, block: LogBlock) -> Array:
         """Take the contact of each closed link."""
         numbers = np.searchsorted(self._begins, self.rows(block)[1], side="right")
         return np.asarray(numbers - 1, np.int32)
 
-    def along(self, dim: str, find: Finding) -> Taking:
+    def element_numbers(self, dim: str, find: Finding) -> Taking:
         """Return what takes a number of each closed link whose contact has a dimension."""
 
-        def take(block: LogBlock) -> Array:
-            numbers, owners = self.rows(block)[1].astype(np.int64), self.contact(block)
-            found = np.full(numbers.size, NOWHERE, np.int32)
+        def take_element_numbers(block: LogBlock) -> Array:
+            numbers, owners = self.rows(block)[1].astype(np.int64), self.contact_numbers(block)
+            numbers_by_link = np.full(numbers.size, NOWHERE, np.int32)
             for c, contact in enumerate(self.contacts):
                 if dim in contact.dims:
-                    found[owners == c] = find(contact, numbers[owners == c] - self._begins[c])
-            return found
+                    numbers_by_link[owners == c] = find(contact, numbers[owners == c] - self._begins[c])
+            return numbers_by_link
 
-        return take
+        return take_element_numbers
 
-    def number(self, row: int, factors: Sequence[float]) -> Taking:
+    def numbers_in_units(self, row: int, factors: Sequence[float]) -> Taking:
         """Return what takes a number of each closed link in the unit of its contact."""
         if len({*factors}) == 1:
-            return lambda block: times(self.rows(block)[row], factors[0])
-        return lambda block: self.rows(block)[row] * np.array(factors)[self.contact(block)]
+            return lambda block: multiply_values(self.rows(block)[row], factors[0])
+        return lambda block: self.rows(block)[row] * np.array(factors)[self.contact_numbers(block)]
 
 
 def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
     """Return what is closed in each row: the row, the contact, the link, its elements, its gap and its force."""
-    words = flags({c: contact.name for c, contact in enumerate(links.contacts)}, "i4")
-    contact = replace(_variable("contact", "i4", "1", "contact of the link"), role="flag", more=words)
+    words = flag_attributes({c: contact.name for c, contact in enumerate(links.contacts)}, "i4")
+    contact = replace(_link_variable("contact", "i4", "1", "contact of the link"), role="flag", more=words)
     collected = [
-        Column(_variable("step", "i8", "1", "step_number of the row in which the link is closed"), links.step),
-        Column(replace(CLOSED_AT, units=about.model.time_unit.text), links.time(about.units.time)),
-        Column(contact, links.contact),
+        Column(
+            _link_variable("step", "i8", "1", "step_number of the row in which the link is closed"), links.row_numbers
+        ),
+        Column(replace(CLOSED_AT, units=about.model.time_unit.text), links.row_times(about.units.time)),
+        Column(contact, links.contact_numbers),
     ]
-    for name, dim, of, find in places_of(links.contacts, about.model.shapes):
-        at = place_variable(name, dim, of, about.model.shapes.extent(of))
-        which = element_at(name, dim, of).removesuffix(f" of the {dim}")
+    for name, dim, target_dim, find in link_places(links.contacts, about.model.shapes):
+        element_variable = place_variable(name, dim, target_dim, about.model.shapes.extent(target_dim))
+        which = element_at(name, dim, target_dim).removesuffix(f" of the {dim}")
         long_name = f"{which} of the closed link, counted from 0; {NOWHERE} where its contact has none"
-        role = "contact" if at.role == "event" else at.role
-        at = replace(at, name=at_closed(name), dims=(CLOSED_LINKS,), long_name=long_name, role=role)
-        collected.append(Column(at, links.along(dim, find)))
+        role = "contact" if element_variable.role == "event" else element_variable.role
+        element_variable = replace(
+            element_variable, name=at_closed(name), dims=(CLOSED_LINKS,), long_name=long_name, role=role
+        )
+        collected.append(Column(element_variable, links.element_numbers(dim, find)))
     if links.iterated and any_rubs(links.contacts):
-        told = "whether the link sticks or slips from this state on"
-        told = told if about.located else "whether the link stuck or slipped over the step before the row"
-        states = flags(dict(enumerate(LINK_STATES)))
-        does = replace(_variable(FRICTION_STATE, "i1", "1", told), role="flag", more=states)
+        friction_words = "whether the link sticks or slips from this state on"
+        friction_words = (
+            friction_words if about.located else "whether the link stuck or slipped over the step before the row"
+        )
+        states = flag_attributes(dict(enumerate(LINK_STATES)))
+        does = replace(_link_variable(FRICTION_STATE, "i1", "1", friction_words), role="flag", more=states)
         collected.append(Column(does, lambda block: np.asarray(links.rows(block)[6].astype(np.int8))))
-    return [*collected, *_numbers(about, links)]
+    return [*collected, *_number_columns(about, links)]
 
 
-def _numbers(about: About, links: ClosedLinks) -> Iterator[Column]:
+def _number_columns(about: About, links: ClosedLinks) -> Iterator[Column]:
     """Yield the gaps and forces of closed links; where units differ, with that of each contact."""
     every, when = links.contacts, about.when_forces_act
-    held = "which is held at zero" if about.located else "negative where it overlaps: its rate is held at zero, not it"
+    gap_words = (
+        "which is held at zero" if about.located else "negative where it overlaps: its rate is held at zero, not it"
+    )
     gaps = [unit_of_gap(contact) for contact in every]
     numbers = [
-        ("gap", 2, gaps, f"gap of the link, {held}"),
+        ("gap", 2, gaps, f"gap of the link, {gap_words}"),
         ("force", 3, [*map(unit_of_force, every)], f"normal force of the link{when}, positive where it pushes"),
     ]
     if links.iterated:
@@ -137,14 +145,14 @@ def _numbers(about: About, links: ClosedLinks) -> Iterator[Column]:
         numbers.append(("friction_force", 5, units_of_friction(every), words))
     for name, row, units, words in numbers:
         texts = [unit.text for unit in units]
-        listed = ", ".join(f"{contact.name} {text}" for contact, text in zip(every, texts, strict=True))
-        alike = len({*texts}) == 1
-        more = {} if alike else {"comment": f"unit by contact: {listed}"}
-        variable = replace(_variable(name, "f8", texts[0] if alike else "1", words), more=more)
-        yield Column(variable, links.number(row, [*map(about.units.factor, units)]))
+        units_by_contact = ", ".join(f"{contact.name} {text}" for contact, text in zip(every, texts, strict=True))
+        same_unit = len({*texts}) == 1
+        more = {} if same_unit else {"comment": f"unit by contact: {units_by_contact}"}
+        variable = replace(_link_variable(name, "f8", texts[0] if same_unit else "1", words), more=more)
+        yield Column(variable, links.numbers_in_units(row, [*map(about.units.factor, units)]))
 
 
-def _variable(name: str, dtype: str, unit: str, long_name: str) -> Variable:
+def _link_variable(name: str, dtype: str, unit: str, long_name: str) -> Variable:
     return Variable(at_closed(name), (CLOSED_LINKS,), dtype, unit, long_name, "contact")
 
 
@@ -161,23 +169,23 @@ def any_rubs(every: Sequence[Assembly]) -> bool:
     return any(contact.contact.slip is not None for contact in every)
 
 
-def places_of(every: Sequence[Assembly], shapes: Shapes) -> Iterator[tuple[str, str, str, Finding]]:
+def link_places(every: Sequence[Assembly], shapes: Shapes) -> Iterator[tuple[str, str, str, Finding]]:
     """Yield what says which link it is: its name, the dimension it is found by, that it is of, how it is found."""
     dims = shapes.ordered({dim for contact in every for dim in contact.dims})
     relations = [dim for dim in dims if dim in shapes.relations]
     for dim in dims:
-        yield dim, dim, dim, _along(dim)
+        yield dim, dim, dim, _find_along(dim)
         if dim in shapes.relations:
             relation = shapes.relations[dim]
-            for k, (end, of) in enumerate((("first", relation.source), ("second", relation.target))):
-                yield end if len(relations) == 1 else f"{dim}_{end}", dim, of, _end(k)
+            for k, (end, target_dim) in enumerate((("first", relation.source), ("second", relation.target))):
+                yield end if len(relations) == 1 else f"{dim}_{end}", dim, target_dim, _find_end(k)
 
 
-def _along(dim: str) -> Finding:
+def _find_along(dim: str) -> Finding:
     return lambda contact, links: contact.numbers(links)[dim]
 
 
-def _end(k: int) -> Finding:
+def _find_end(k: int) -> Finding:
     return lambda contact, links: contact.ends(links)[k]
 
 
@@ -189,13 +197,13 @@ def unit_of_gap(contact: Assembly) -> Unit:
 def unit_of_force(contact: Assembly) -> Unit:
     """Return the unit of normal forces of a contact."""
     gap = dimension_of(contact.contact.gap, contact.model.dimensions)
-    return spell(energy_dimension(contact.model) / gap, angle=True)
+    return spell(impact_energy_dimension(contact.model) / gap, angle=True)
 
 
 def units_of_friction(every: Sequence[Assembly]) -> list[Unit]:
     """Return the unit of friction forces of each contact; of one without friction that of others, since it has none."""
     model = every[0].model
-    power = energy_dimension(model) / model.time_unit.dimension
+    power = impact_energy_dimension(model) / model.time_unit.dimension
     slips = [contact.contact.slip for contact in every]
     units = [
         None if slip is None else spell(power / dimension_of(slip, model.dimensions), angle=True) for slip in slips

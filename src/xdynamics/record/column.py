@@ -17,10 +17,10 @@ from xdynamics.march import LogBlock, Tolerances
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
 from xdynamics.model.constraints import multiplier_dimensions
-from xdynamics.model.elementwise import names_of
+from xdynamics.model.elementwise import element_blocks
 from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.reactions import reaction_dimensions
-from xdynamics.model.whole import has_wholes
+from xdynamics.model.whole import prints_quantities
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import Variable
 from xdynamics.shapes.blocks import Block as Quantity
@@ -59,7 +59,7 @@ class About:
     located: bool = True
 
     @classmethod
-    def of(cls, layout: Layout, settings: Settings, *, samples: bool = False) -> About:
+    def for_settings(cls, layout: Layout, settings: Settings, *, samples: bool = False) -> About:
         """Return what the columns of a march with these settings depend on."""
         return cls(layout, settings.scales, settings.tolerances, samples, settings.method.stepper.locates)
 
@@ -85,7 +85,7 @@ class Units:
     def __init__(self, about: About) -> None:
         self.about = about
         self.scales = about.scales
-        self.time = self.scales.of(TIME)
+        self.time = self.scales.si_factor(TIME)
         model, layout = about.model, about.layout
         declared, dimensions, time = layout.declared, model.dimensions, model.time_unit
         self.known = {name: state.unit for name, state in declared.states.items()}
@@ -93,9 +93,9 @@ class Units:
             name, unit = block.name, declared.coordinates[block.name].unit
             self.known[name], self.known[schema.velocity(name)] = unit, unit.per(time)
             self.known[schema.acceleration(name)] = unit.per(time, 2)
-            mass = dimension_of(own_mass(model.mass, layout.coordinates.place(name)), dimensions)
-            own = dimensions[block.first]
-            force_unit = spell(mass * own / time.dimension**2, angle=own == NONE)
+            mass = dimension_of(own_mass(model.mass, layout.coordinates.offset_of(name)), dimensions)
+            coordinate_dimension = dimensions[block.first]
+            force_unit = spell(mass * coordinate_dimension / time.dimension**2, angle=coordinate_dimension == NONE)
             for term, components in layout.terms.items():
                 if name in components:
                     self.known[schema.force(term, name)] = force_unit
@@ -108,7 +108,7 @@ class Units:
 
     def factor(self, unit: Unit) -> float:
         """Return the factor from internal numbers to a unit."""
-        return self.scales.of(unit.dimension) / float(unit.factor)
+        return self.scales.si_factor(unit.dimension) / float(unit.factor)
 
     def derived(self, block: Quantity) -> Unit:
         """Return the unit of an energy, an observable or a gap."""
@@ -120,24 +120,27 @@ class Units:
         observable = layout.declared.observed.get(name)
         if observable is not None and observable.unit is not None:
             return observable.unit
-        if has_wholes(self.about.model):  # not element by element: a sum may have a million terms
-            return spell(dimension_of(layout.wholes[name][1], self._of_wholes))
-        return spell(dimension_of(self.about.model.observables[block.first], self._dimensions))
+        if prints_quantities(self.about.model):  # not element by element: a sum may have a million terms
+            return spell(dimension_of(layout.derived_quantities[name][1], self._quantity_dimensions))
+        return spell(dimension_of(self.about.model.observables[block.first], self._element_dimensions))
 
     @cached_property
-    def _dimensions(self) -> dict[str, Dimension]:
+    def _element_dimensions(self) -> dict[str, Dimension]:
         """The dimension of every name that an observable may read."""
         model, coordinates = self.about.model, self.about.layout.coordinates
         dimensions, square = model.dimensions, model.time_unit.dimension**2
         return dimensions | {schema.acceleration(name): dimensions[name] / square for name in coordinates}
 
     @cached_property
-    def _of_wholes(self) -> dict[str, Dimension]:
+    def _quantity_dimensions(self) -> dict[str, Dimension]:
         """The same of every quantity with dimensions, by its own name and not those of its elements."""
         dimensions, square = self.about.model.dimensions, self.about.model.time_unit.dimension**2
-        known = {block.name: dimensions[block.first] for block in names_of(dimensions).blocks}
-        moved = self.about.layout.coordinates.blocks
-        return known | {schema.acceleration(own.name): known[own.name] / square for own in moved}
+        dimensions_by_name = {block.name: dimensions[block.first] for block in element_blocks(dimensions).blocks}
+        coordinate_blocks = self.about.layout.coordinates.blocks
+        return dimensions_by_name | {
+            schema.acceleration(coordinate.name): dimensions_by_name[coordinate.name] / square
+            for coordinate in coordinate_blocks
+        }
 
 
 @dataclass(frozen=True)
@@ -152,46 +155,48 @@ class LineOf:
     def __call__(self, block: LogBlock) -> Array:
         """Take it of a block."""
         if not self.shape:
-            return np.ascontiguousarray(self.taken(block, self.index))  # a copy where rows stand one after the other
-        lines = self.taken(block, slice(self.index, self.index + math.prod(self.shape)))
+            return np.ascontiguousarray(
+                self.lines_in_unit(block, self.index)
+            )  # a copy where rows stand one after the other
+        lines = self.lines_in_unit(block, slice(self.index, self.index + math.prod(self.shape)))
         return lines.T.reshape(-1, *self.shape)
 
     def element(self, number: int) -> LineOf:
         """Return what takes one of the lines alone."""
         return LineOf(self.table, self.index + number, self.factor)
 
-    def taken(self, block: LogBlock, lines: int | slice) -> Array:
+    def lines_in_unit(self, block: LogBlock, lines: int | slice) -> Array:
         """Take some lines of a block, in the record's unit."""
         values: Array = getattr(block.log, self.table)[lines, : getattr(block, self.table)]
-        return times(values, self.factor)
+        return multiply_values(values, self.factor)
 
 
-def row_of(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[LogBlock], Array]:
+def take_row(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[LogBlock], Array]:
     """Take a quantity of the logged rows."""
     return LineOf("rows", index, factor, shape)
 
 
-def sample_of(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[LogBlock], Array]:
+def take_sample(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[LogBlock], Array]:
     """Take a quantity of the force samples."""
     return LineOf("samples", index, factor, shape)
 
 
-def trial_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock], Array]:
+def take_trial_field(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock], Array]:
     """Take a field of the rejected trials."""
-    return lambda block: times(block.log.trials[name][: block.trials], factor).astype(dtype)
+    return lambda block: multiply_values(block.log.trials[name][: block.trials], factor).astype(dtype)
 
 
-def named_row(table: str, name: str) -> Callable[[LogBlock], Array]:
+def take_row_numbers(table: str, name: str) -> Callable[[LogBlock], Array]:
     """Take the numbers of rows in the march that a field of the ``trials`` or ``events`` names."""
     return lambda block: block.numbered(getattr(block.log, table)[name][: getattr(block, table)])
 
 
-def event_of(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock], Array]:
+def take_event_field(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock], Array]:
     """Take a field of the events."""
-    return lambda block: times(block.log.events[name][: block.events], factor).astype(dtype)
+    return lambda block: multiply_values(block.log.events[name][: block.events], factor).astype(dtype)
 
 
-def times(values: Array, factor: float) -> Array:
+def multiply_values(values: Array, factor: float) -> Array:
     """Multiply by a factor; return the same array if the factor is 1."""
     if factor == 1.0:
         return values

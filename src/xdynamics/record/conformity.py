@@ -75,7 +75,7 @@ ALONG_STEPS = (
 STORED = ("f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8")  # what a file keeps
 
 
-def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> list[str]:
+def faults_of(run: xr.Dataset, *, values: bool = True, is_full_run: bool = True) -> list[str]:
     """List how a Dataset departs from the schema; an empty list is a valid record.
 
     Parameters
@@ -83,58 +83,66 @@ def faults_of(run: xr.Dataset, *, values: bool = True, whole: bool = True) -> li
     run : xarray.Dataset
     values : bool
         Whether to read times and flags too; else only the values of events.
-    whole : bool
+    is_full_run : bool
         Whether a record not marked as a selection or derived data must have all that a run has.
     """
-    whole = whole and is_whole(run.attrs)
+    is_full_run = is_full_run and is_whole(run.attrs)
     expected = {fixed.name: fixed for fixed in in_words_of(FIXED, run)}
     placed, shaped = is_run(run.attrs), {*model_dimensions(run)}
     variable_faults = {
-        name: [*_variable(str(name), variable, expected.get(str(name)) if placed else None, shaped, placed=placed)]
+        name: [
+            *_variable_departures(
+                str(name), variable, expected.get(str(name)) if placed else None, shaped, placed=placed
+            )
+        ]
         for name, variable in run.variables.items()
     }
-    faults = [*_attributes(run.attrs), *(_missing(run) if whole else ())]
+    faults = [*_attribute_departures(run.attrs), *(_missing_variables(run) if is_full_run else ())]
     if STEPS in run.dims and not run.sizes[STEPS]:
         faults.append(f"dimension '{STEPS}' has no row, needs one at least")
-    faults += [f"variable {str(name)!r} {fault}" for name, listed in variable_faults.items() for fault in listed]
+    faults += [
+        f"variable {str(name)!r} {fault}" for name, departures in variable_faults.items() for fault in departures
+    ]
     # values are checked only of variables without faults
-    sound = {str(name): run.variables[name] for name, listed in variable_faults.items() if not listed}
-    faults += _rows(run, sound) if whole else ()  # a selection's events name rows of the whole run
-    return [*faults, *_flags(sound, everywhere=values), *(_times(sound) if values else ())]
+    sound = {str(name): run.variables[name] for name, departures in variable_faults.items() if not departures}
+    faults += (
+        _event_row_departures(run, sound) if is_full_run else ()
+    )  # a selection's events name rows of the whole run
+    return [*faults, *_flags(sound, everywhere=values), *(_time_departures(sound) if values else ())]
 
 
-def _attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
+def _attribute_departures(attributes: Mapping[Any, Any]) -> Iterator[str]:
     for name in REQUIRED_ATTRIBUTES:
         if name not in attributes:
             if not is_run(attributes):
                 continue
             yield f"attribute '{name}' is missing"
         elif name not in NUMBERS and not isinstance(attributes[name], str):
-            yield f"attribute '{name}' is {_short(attributes[name])}, needs a text"
+            yield f"attribute '{name}' is {_short_text(attributes[name])}, needs a text"
     control = attributes.get("solver_step_control", "given")
     if control not in BY_STEP_CONTROL:
-        yield f"attribute 'solver_step_control' is {_short(control)}; there are {', '.join(BY_STEP_CONTROL)}"
+        yield f"attribute 'solver_step_control' is {_short_text(control)}; there are {', '.join(BY_STEP_CONTROL)}"
     else:
         yield from (f"attribute '{name}' is missing" for name in BY_STEP_CONTROL[control] if name not in attributes)
     yield from (
-        f"attribute '{name}' is {_short(attributes[name])}, needs a number"
+        f"attribute '{name}' is {_short_text(attributes[name])}, needs a number"
         for name in NUMBERS
-        if name in attributes and not _is_number(attributes[name])
+        if name in attributes and not _is_finite_number(attributes[name])
     )
     yield from (
-        f"attribute '{name}' is {_short(attributes[name])}, needs two numbers"
+        f"attribute '{name}' is {_short_text(attributes[name])}, needs two numbers"
         for name in PAIRS
         if name in attributes and np.shape(attributes[name]) != (2,)
     )
     yield from (
-        f"attribute '{name}' is {_short(attributes[name])}, needs a text"
+        f"attribute '{name}' is {_short_text(attributes[name])}, needs a text"
         for name in (EVIDENCE, RUNS, DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL, ATOL_EFFECT)
         if not isinstance(attributes.get(name, ""), str)
     )
     yield from unkeepable(attributes)
 
 
-def _missing(run: xr.Dataset) -> Iterator[str]:
+def _missing_variables(run: xr.Dataset) -> Iterator[str]:
     for variable in in_words_of(FIXED, run):
         if variable.name not in run.variables and (variable.dims != (SAMPLES,) or SAMPLES in run.dims):
             yield f"variable '{variable.name}' is missing"
@@ -146,21 +154,23 @@ def _missing(run: xr.Dataset) -> Iterator[str]:
         yield f"variable '{GIVEN_STEP.name}' is missing"
 
 
-def _variable(
+def _variable_departures(
     name: str, variable: xr.Variable, expected: Variable | None, shaped: set[str], *, placed: bool
 ) -> Iterator[str]:
     """List the faults of a variable and, in a run record, of its place there; `shaped` are dimensions of its model."""
     attributes = variable.attrs
     inner = [size for dim, size in zip(variable.dims, variable.shape, strict=True) if dim in shaped]
-    own = tuple(dim for dim in variable.dims if dim not in shaped)
-    told = variable.dtype.kind in "UO" and (variable.dims in ((), (DOCUMENT,)) or attributes.get("role") == LABEL)
+    outer_dims = tuple(dim for dim in variable.dims if dim not in shaped)
+    is_plain_text = variable.dtype.kind in "UO" and (
+        variable.dims in ((), (DOCUMENT,)) or attributes.get("role") == LABEL
+    )
     if not _is_name(name):
         yield "has a name that no file can keep"
     if expected and tuple(variable.dims) != expected.dims:
         yield f"has dims {tuple(variable.dims)}, needs {expected.dims}"
     elif expected and expected.dtype != "U" and variable.dtype != np.dtype(expected.dtype):
         yield f"has the type {variable.dtype}, needs {np.dtype(expected.dtype)}"
-    elif (variable.dtype.kind in "UO" and placed and not told) or (
+    elif (variable.dtype.kind in "UO" and placed and not is_plain_text) or (
         variable.dtype.kind not in "UO" and variable.dtype.str[1:] not in STORED
     ):
         yield f"has the type {variable.dtype}, needs numbers, or one text without a dimension"
@@ -168,19 +178,21 @@ def _variable(
     yield from (f"has no attribute '{word}'" for word in needed_words if word not in attributes)
     texts = (*NEEDED, "flag_meanings")
     yield from (
-        f"has the attribute {word} = {_short(attributes[word])}, needs a text"
+        f"has the attribute {word} = {_short_text(attributes[word])}, needs a text"
         for word in texts
         if word in attributes and not isinstance(attributes[word], str)
     )
     yield from (
-        f"has the attribute {word} = {_short(attributes[word])}, needs a number"
+        f"has the attribute {word} = {_short_text(attributes[word])}, needs a number"
         for word in OF_ELEMENTS
-        if word in attributes and not _is_number(attributes[word]) and np.shape(attributes[word]) != (prod(inner),)
+        if word in attributes
+        and not _is_finite_number(attributes[word])
+        and np.shape(attributes[word]) != (prod(inner),)
     )
     yield from (f": {fault}" for fault in unkeepable(attributes))
     role = attributes.get("role")
     needed = (STEPS,) if role in ALONG_STEPS else () if role == "parameter" else None
-    if placed and needed is not None and isinstance(role, str) and (own != needed or variable.dtype.kind != "f"):
+    if placed and needed is not None and isinstance(role, str) and (outer_dims != needed or variable.dtype.kind != "f"):
         yield f"is a {role} along {tuple(variable.dims)} of type {variable.dtype}, needs {needed} and float64"
     timeless = (
         expected is not None and expected.units == SECONDS.text and attributes.get("units") == "1"
@@ -189,12 +201,12 @@ def _variable(
         if expected:
             yield "was edited since the run was marched, so that its unit is not known"
     elif expected and "units" in attributes and attributes["units"] != expected.units and not timeless:
-        yield f"has units {_short(attributes['units'])}, needs '{expected.units}'"
+        yield f"has units {_short_text(attributes['units'])}, needs '{expected.units}'"
     if role == "flag":
-        yield from _words(attributes)
+        yield from _flag_word_departures(attributes)
 
 
-def _words(about: Mapping[Any, Any]) -> Iterator[str]:
+def _flag_word_departures(about: Mapping[Any, Any]) -> Iterator[str]:
     """Compare the words of a flag with its numbers."""
     words, numbers = str(about.get("flag_meanings", "")).split(), np.atleast_1d(about.get("flag_values", ()))
     if not words or len(words) != numbers.size:
@@ -211,21 +223,21 @@ def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
             continue
         elif isinstance(value, str):
             if not _is_text(value):
-                yield f"attribute '{name}' is {_short(value)}, needs a text without null characters"
+                yield f"attribute '{name}' is {_short_text(value)}, needs a text without null characters"
         elif not (
             (isinstance(value, float) and kind is None)
             or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63)
             or (kind is not None and kind.str[1:] in STORED and np.ndim(value) < 2 and np.size(value))
         ):
-            yield f"attribute '{name}' is {_short(value)}, needs a text, a number or an array of numbers"
+            yield f"attribute '{name}' is {_short_text(value)}, needs a text, a number or an array of numbers"
 
 
-def _rows(run: xr.Dataset, sound: Mapping[str, xr.Variable]) -> Iterator[str]:
+def _event_row_departures(run: xr.Dataset, sound: Mapping[str, xr.Variable]) -> Iterator[str]:
     rows, by_place = run.sizes.get(STEPS, 0), are_rows_places(run)
     for name in ("event_row_before", "event_row_after"):
         if {name, *([] if by_place else [STEP_NUMBER.name])} <= {*sound}:
-            named = np.asarray(sound[name].values) if by_place else rows_named(run, name)
-            wrong = np.flatnonzero((named < 0) | (named >= rows))
+            row_places = np.asarray(sound[name].values) if by_place else rows_named(run, name)
+            wrong = np.flatnonzero((row_places < 0) | (row_places >= rows))
             if wrong.size:
                 row = sound[name].values[wrong[0]]
                 yield f"variable '{name}' names row {row} at event {wrong[0]}, and there are {rows}"
@@ -243,7 +255,7 @@ def _flags(sound: Mapping[str, xr.Variable], *, everywhere: bool) -> Iterator[st
                 )
 
 
-def _times(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
+def _time_departures(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
     """Check that time never decreases, and repeats only at the pairs of events; of concatenated runs in each of them."""
     if "time" not in sound or "row_kind" not in sound:
         return
@@ -276,7 +288,7 @@ def _rows_by_run(sound: Mapping[str, xr.Variable], dims: tuple[Any, ...]) -> Arr
     return np.asarray(sizes.values)
 
 
-def _is_number(value: Any) -> bool:
+def _is_finite_number(value: Any) -> bool:
     number = plain({"": value})[""]
     return isinstance(number, int) or (isinstance(number, float) and isfinite(number))
 
@@ -294,5 +306,5 @@ def _is_text(text: str) -> bool:
     return "\0" not in text
 
 
-def _short(value: Any) -> str:
+def _short_text(value: Any) -> str:
     return repr(str(value)[:40])

@@ -18,10 +18,10 @@ from xdynamics.reaction_names import (
     joint_force,
     joint_torque,
 )
-from xdynamics.record.column import About, Column, row_of
-from xdynamics.record.element_attributes import of_whole
+from xdynamics.record.column import About, Column, take_row
+from xdynamics.record.element_attributes import quantity_of
 from xdynamics.schema import STEPS, Variable
-from xdynamics.shapes.naming import element
+from xdynamics.shapes.naming import join_element_name
 from xdynamics.units import Unit, parse_unit, spell
 
 
@@ -30,23 +30,25 @@ def of_constraints(about: About) -> Iterator[Column]:
     layout, units = about.layout, about.units
     for condition in conditions(about.model):
         name = condition.name
-        constraint = about.model.shaped.constraints[of_whole(name)]
+        constraint = about.model.shaped.constraints[quantity_of(name)]
         noun = constraint.description or f"constraint {name}"
         made = constraint_force(name)
         words = f"multiplier of {noun}: the force on a coordinate is it times the derivative"
-        yield _column(about, made, units.known[made], words, "multiplier", _declared(constraint))
+        yield _constraint_column(
+            about, made, units.known[made], words, "multiplier", _constraint_attributes(constraint)
+        )
         for made, words in (
             (constraint_residual(name), f"how far positions are from {noun}"),
             (constraint_rate(name), f"how fast velocities leave {noun}"),
         ):
-            if made in layout.kept:
-                unit = spell(dimension_of(layout.kept[made], about.model.dimensions))
-                yield _column(about, made, unit, words, "residual", {})
+            if made in layout.constraint_outputs:
+                unit = spell(dimension_of(layout.constraint_outputs[made], about.model.dimensions))
+                yield _constraint_column(about, made, unit, words, "residual", {})
     yield from _of_joints(about)
-    if layout.standing:
-        index = layout.row.place(RANK.name)
+    if layout.constraint_diagnostics:
+        index = layout.row.offset_of(RANK.name)
         yield Column(RANK, lambda block: block.log.rows[index, : block.rows].astype("i4"))
-        yield Column(PROJECTION, row_of(layout.row.place(PROJECTION.name), 1.0))
+        yield Column(PROJECTION, take_row(layout.row.offset_of(PROJECTION.name), 1.0))
 
 
 def _of_joints(about: About) -> Iterator[Column]:
@@ -59,16 +61,16 @@ def _of_joints(about: About) -> Iterator[Column]:
         more = {"acts_on": first, "acts_from": second}
         for noun, made, unit in (("force", joint_force(name), "N"), ("torque", joint_torque(name), "N m")):
             for axis in AXES:
-                if (owner := element(made, [axis])) in about.layout.kept:
-                    yield _column(about, owner, parse_unit(unit), f"{noun} {where}", JOINT, more)
+                if (owner := join_element_name(made, [axis])) in about.layout.constraint_outputs:
+                    yield _constraint_column(about, owner, parse_unit(unit), f"{noun} {where}", JOINT, more)
 
 
-def _column(about: About, name: str, unit: Unit, long_name: str, role: str, more: dict[str, str]) -> Column:
+def _constraint_column(about: About, name: str, unit: Unit, long_name: str, role: str, more: dict[str, str]) -> Column:
     variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role, more)
-    return Column(variable, row_of(about.layout.row.place(name), about.units.factor(unit)))
+    return Column(variable, take_row(about.layout.row.offset_of(name), about.units.factor(unit)))
 
 
-def _declared(constraint: Constraint) -> dict[str, str]:
+def _constraint_attributes(constraint: Constraint) -> dict[str, str]:
     """Return what the model says of a constraint, as attributes of its multiplier."""
-    key, by = ("rolls", "velocities") if constraint.holds is None else ("holds", "coordinates")
-    return {key: text_of(constraint.condition), "acts_along": f"derivative of {key} by the {by}"}
+    key, differentiated_by = ("rolls", "velocities") if constraint.holds is None else ("holds", "coordinates")
+    return {key: text_of(constraint.condition), "acts_along": f"derivative of {key} by the {differentiated_by}"}

@@ -19,18 +19,18 @@ BREAKING_POINTS = (
 AT_START = "its value at the start (default)"
 
 
-def delays(march: March) -> dict[str, Any]:
+def delay_attributes(march: March) -> dict[str, Any]:
     """Describe the delayed values of a run, if there are any."""
     model, scheme = march.model, march.settings.scheme
     if not model.delays:
         return {}
-    before = {
+    history_words = {
         name: text_of(model.history[name]) if name in model.history else AT_START for name in delayed_quantities(model)
     }
     return {
         "solver_delays": np.array(delay_times(model)),
         "solver_delays_units": model.time_unit.text,
-        "solver_delay_history": "; ".join(f"{name}: {words}" for name, words in before.items()),
+        "solver_delay_history": "; ".join(f"{name}: {words}" for name, words in history_words.items()),
         "solver_delay_interpolation": f"polynomials of accepted steps: {scheme.interpolant.words}",
         "solver_delay_interpolation_order": scheme.interpolant.order,
         "solver_breaking_points": BREAKING_POINTS.format(most=scheme.order + 1),

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from xdynamics import schema
 from xdynamics.kernels import Layout
-from xdynamics.record.column import Column, row_of
+from xdynamics.record.column import Column, take_row
 
 
 def effort_columns(layout: Layout) -> list[Column]:
     """Return the columns of what a step took and of what was put right after it."""
-    found = []
+    collected = []
     if layout.deviations:
-        found.append(Column(schema.DEVIATION, row_of(layout.row.place(schema.DEVIATION.name), 1.0)))
+        collected.append(Column(schema.DEVIATION, take_row(layout.row.offset_of(schema.DEVIATION.name), 1.0)))
     if layout.effort:
-        index = layout.row.place(layout.effort[0])
-        found.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
-    return found
+        index = layout.row.offset_of(layout.effort[0])
+        collected.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
+    return collected

@@ -16,39 +16,43 @@ from xdynamics.schema import (
     ELEMENTS,
     OF_ELEMENTS,
 )
-from xdynamics.shapes.naming import DOT, parted, spoken
+from xdynamics.shapes.naming import DOT, display_text, split_element_name
 
 _LABELS = re.compile(rf"(?<=\w)(?:{DOT}(?:[0-9]+(?![0-9])|\w+))+")  # a number ends before what follows: after_hit·3_u
 
 
-def of_whole(text: str) -> str:
+def quantity_of(text: str) -> str:
     """Return a text about an element as one about the quantity.
 
     Examples
     --------
-    >>> of_whole("velocity of r·Jupiter·x")
+    >>> quantity_of("velocity of r·Jupiter·x")
     'velocity of r'
-    >>> of_whole("uncertainty of after_hit·3_u")
+    >>> quantity_of("uncertainty of after_hit·3_u")
     'uncertainty of after_hit_u'
     """
     return _LABELS.sub("", text) if DOT in text else text
 
 
-def of_wholes(names: Iterable[str]) -> tuple[str, ...]:
+def quantity_names(names: Iterable[str]) -> tuple[str, ...]:
     """Return names with those of quantities in the place of their elements'."""
-    return tuple(dict.fromkeys(map(of_whole, names)))
+    return tuple(dict.fromkeys(map(quantity_of, names)))
 
 
-def elements_of(name: str, known: Iterable[str]) -> str:
+def elements_of(name: str, known_names: Iterable[str]) -> str:
     """Say of a name that is not known how its elements are named, where it is a quantity with dimensions; else nothing."""
-    members = [spoken(entry) for entry in known if parted(entry)[1] and of_whole(entry) == of_whole(name)]
+    members = [
+        display_text(entry)
+        for entry in known_names
+        if split_element_name(entry)[1] and quantity_of(entry) == quantity_of(name)
+    ]
     if not members:
         return ""
     few = ", ".join(members[:3]) + (f", … {members[-1]}" if len(members) > 3 else "")
-    return f"; '{of_whole(name)}' has the elements {few}: name one"
+    return f"; '{quantity_of(name)}' has the elements {few}: name one"
 
 
-def attributes_of_whole(elements: Mapping[int, tuple[str, Mapping[Any, Any]]], size: int) -> dict[str, Any]:
+def attributes_of_quantity(elements: Mapping[int, tuple[str, Mapping[Any, Any]]], size: int) -> dict[str, Any]:
     """Return the attributes that elements share, and those that differ as one number for each element.
 
     Parameters
@@ -66,14 +70,14 @@ def attributes_of_whole(elements: Mapping[int, tuple[str, Mapping[Any, Any]]], s
         if key in OF_ELEMENTS:
             numbers = np.full(size, np.nan)
             numbers[[*values]] = [float(value) for value in values.values()]
-            alike = len(values) == len(every) and len(set(values.values())) == 1
-            shared[key] = float(first) if alike else numbers
+            all_equal = len(values) == len(every) and len(set(values.values())) == 1
+            shared[key] = float(first) if all_equal else numbers
         elif key == ATOL_RULE and len(values) < len(every):
             following = np.zeros(size, np.int8)
             following[[*values]] = 1
             shared[ATOL_FOLLOWING] = following
         elif isinstance(first, str):
-            texts = dict.fromkeys(of_whole(str(value)) for value in values.values())
+            texts = dict.fromkeys(quantity_of(str(value)) for value in values.values())
             shared[key] = "; ".join(texts)
         else:
             shared[key] = first
@@ -82,14 +86,14 @@ def attributes_of_whole(elements: Mapping[int, tuple[str, Mapping[Any, Any]]], s
 
 def attributes_of_element(attributes: Mapping[Any, Any], number: int, size: int) -> dict[str, Any]:
     """Return the attributes of one element."""
-    own = {key: value for key, value in attributes.items() if key not in (ELEMENTS, ELEMENT_NAME)}
+    element_attributes = {key: value for key, value in attributes.items() if key not in (ELEMENTS, ELEMENT_NAME)}
     for key in OF_ELEMENTS:
-        value = own.get(key)
+        value = element_attributes.get(key)
         if value is None or np.shape(value) != (size,) or size == 1:
             continue
-        own[key] = float(value[number])
-        if np.isnan(own[key]):
-            del own[key]
-    if own.pop(ATOL_FOLLOWING, 0):
-        own[ATOL_RULE] = ATOL_FOLLOWS
-    return own
+        element_attributes[key] = float(value[number])
+        if np.isnan(element_attributes[key]):
+            del element_attributes[key]
+    if element_attributes.pop(ATOL_FOLLOWING, 0):
+        element_attributes[ATOL_RULE] = ATOL_FOLLOWS
+    return element_attributes

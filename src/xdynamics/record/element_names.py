@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.schema import ELEMENT_NAME, ELEMENTS, NOWHERE, side_of
 from xdynamics.shapes import Shapes
-from xdynamics.shapes.naming import DOT, spoken
+from xdynamics.shapes.naming import DOT, display_text
 
 Array = NDArray[Any]
 
@@ -22,7 +22,7 @@ SIDE = side_of("")
 
 
 @dataclass(frozen=True)
-class Whole:
+class QuantityElements:
     """A quantity with dimensions among variables that are its elements.
 
     Attributes
@@ -55,30 +55,36 @@ class Whole:
     @property
     def more(self) -> dict[str, str]:
         """Attributes that say how its elements are named, and which it has."""
-        kept = {} if len(self.members) == self.size or not self.missing else {ELEMENTS: listed(self.members.values())}
-        return kept | ({ELEMENT_NAME: self.pattern} if self.pattern else {})
+        listed_elements = (
+            {}
+            if len(self.members) == self.size or not self.missing
+            else {ELEMENTS: names_as_words(self.members.values())}
+        )
+        return listed_elements | ({ELEMENT_NAME: self.pattern} if self.pattern else {})
 
     def stacked(self, parts: Mapping[int, Array]) -> Array:
         """Return the values of elements as one array, its dimensions last."""
         first = next(iter(parts.values()))
-        whole = np.empty((self.size, *first.shape), first.dtype)
+        stack = np.empty((self.size, *first.shape), first.dtype)
         if len(parts) < self.size:
             # where an element has no switch, its side is elsewhere
-            whole[:] = self.missing if first.dtype.kind == "f" else 0 if self.name.startswith(SIDE) else NOWHERE
+            stack[:] = self.missing if first.dtype.kind == "f" else 0 if self.name.startswith(SIDE) else NOWHERE
         for number, values in parts.items():
-            whole[number] = values
-        return np.moveaxis(whole, 0, -1).reshape((*first.shape, *self.shape))
+            stack[number] = values
+        return np.moveaxis(stack, 0, -1).reshape((*first.shape, *self.shape))
 
 
-def listed(names: Iterable[str]) -> str:
+def names_as_words(names: Iterable[str]) -> str:
     """Write names as words of one text, elements as people write them."""
-    return " ".join(spoken(name).replace(" ", "") for name in names)
+    return " ".join(display_text(name).replace(" ", "") for name in names)
 
 
-def expanded(names: Iterable[str], known: Iterable[str], shapes: Shapes) -> tuple[str, ...]:
+def expand_quantities(names: Iterable[str], known_names: Iterable[str], shapes: Shapes) -> tuple[str, ...]:
     """Return names with the elements of a quantity, as far as they are known, in its place."""
-    wholes = Names(shapes).wholes(known) if shapes.dims else {}
-    return tuple(member for name in names for member in (wholes[name].members.values() if name in wholes else (name,)))
+    quantities = Names(shapes).by_quantity(known_names) if shapes.dims else {}
+    return tuple(
+        member for name in names for member in (quantities[name].members.values() if name in quantities else (name,))
+    )
 
 
 class Names:
@@ -89,16 +95,16 @@ class Names:
         self._known: dict[tuple[str, int], tuple[str, ...]] = {}
         self._labels = {name: frozenset(extent.labels) for name, extent in shapes.extents.items()}
 
-    def wholes(self, names: Iterable[str]) -> dict[str, Whole]:
+    def by_quantity(self, names: Iterable[str]) -> dict[str, QuantityElements]:
         """Gather names that are elements by their quantities."""
-        wholes: dict[str, Whole] = {}
+        quantities: dict[str, QuantityElements] = {}
         for name in names:
-            if DOT in name and (place := self._place(name)):
-                whole, number = place
-                wholes.setdefault(whole.name, whole).members[number] = name
-        return wholes
+            if DOT in name and (position := self._element_position(name)):
+                quantity, number = position
+                quantities.setdefault(quantity.name, quantity).members[number] = name
+        return quantities
 
-    def _place(self, name: str) -> tuple[Whole, int] | None:
+    def _element_position(self, name: str) -> tuple[QuantityElements, int] | None:
         """Return the quantity of an element, and its number there."""
         stem, *labels = name.split(DOT)
         dims = self._dims(stem, len(labels))
@@ -112,7 +118,7 @@ class Names:
         number = 0
         for size, index in zip(shape, numbers, strict=True):
             number = number * size + index
-        return Whole(stem + tail, dims, shape, f"{stem}{{}}{tail}" if tail else ""), number
+        return QuantityElements(stem + tail, dims, shape, f"{stem}{{}}{tail}" if tail else ""), number
 
     def _dims(self, stem: str, count: int) -> tuple[str, ...]:
         """Return the dimensions of a quantity: of the longest name at its end that has some."""
@@ -129,8 +135,8 @@ class Names:
         return label[:end], label[end:]
 
     def _has(self, dim: str, label: str) -> bool:
-        known = self._labels.get(dim)
-        return label in known if known else label.isdigit() and int(label) < self.shapes.extent(dim).size
+        known_labels = self._labels.get(dim)
+        return label in known_labels if known_labels else label.isdigit() and int(label) < self.shapes.extent(dim).size
 
     def _number(self, dim: str, label: str) -> int:
         return self.shapes.extent(dim).number(label if self._labels.get(dim) else int(label))

@@ -15,7 +15,7 @@ Array = NDArray[Any]
 MOST_READ = 4  # selections of rows that are kept: elements are asked for the same ones, one after the other
 
 
-class Shared:
+class SharedElements:
     """A variable whose elements are read together.
 
     Parameters
@@ -26,15 +26,15 @@ class Shared:
         How many other dimensions it has.
     """
 
-    def __init__(self, variable: Variable, own: int) -> None:
-        self.variable, self.own = variable, own
+    def __init__(self, variable: Variable, outer_count: int) -> None:
+        self.variable, self.outer_count = variable, outer_count
         self._read: dict[Any, Array] = {}
 
-    def element(self, place: tuple[int, ...]) -> Any:
+    def element(self, element_index: tuple[int, ...]) -> Any:
         """Return the values of an element, to be read when they are used."""
-        return indexing.LazilyIndexedArray(ElementArray(self, place))
+        return indexing.LazilyIndexedArray(ElementArray(self, element_index))
 
-    def rows(self, key: tuple[Any, ...]) -> Array:
+    def rows_of_all(self, key: tuple[Any, ...]) -> Array:
         """Return the values of all elements in some rows."""
         if all(isinstance(part, slice) and part == slice(None) for part in key):
             return np.asarray(self.variable.values)
@@ -51,13 +51,13 @@ class Shared:
 class ElementArray(BackendArray):
     """The values of one element."""
 
-    def __init__(self, shared: Shared, place: tuple[int, ...]) -> None:
-        self.shared, self.place = shared, place
-        self.shape, self.dtype = shared.variable.shape[: shared.own], shared.variable.dtype
+    def __init__(self, shared: SharedElements, element_index: tuple[int, ...]) -> None:
+        self.shared, self.element_index = shared, element_index
+        self.shape, self.dtype = shared.variable.shape[: shared.outer_count], shared.variable.dtype
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._values)
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._element_values)
 
-    def _values(self, key: tuple[Any, ...]) -> Any:
-        place: Any = (..., *self.place)
-        return self.shared.rows(key)[place]
+    def _element_values(self, key: tuple[Any, ...]) -> Any:
+        index_of_all: Any = (..., *self.element_index)
+        return self.shared.rows_of_all(key)[index_of_all]

@@ -32,8 +32,8 @@ from xdynamics.model.detectors import (
 from xdynamics.model.lazy_trees import own_mass
 from xdynamics.model.parts import Contact, Event, Friction
 from xdynamics.record.assembly_columns import assembly_columns, impact_laws
-from xdynamics.record.column import About, Column, event_of, named_row, times
-from xdynamics.record.element_attributes import of_whole
+from xdynamics.record.column import About, Column, multiply_values, take_event_field, take_row_numbers
+from xdynamics.record.element_attributes import quantity_of
 from xdynamics.schema import EVENTS, Variable
 from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.units import Dimension, Unit, spell
@@ -49,61 +49,61 @@ def event_columns(about: About) -> list[Column]:
     """Return every variable along the events."""
     time = about.units.time
 
-    def bounds(block: LogBlock) -> Array:
+    def take_bounds(block: LogBlock) -> Array:
         events = block.log.events[: block.events]
-        return times(np.stack([events["left"], events["time"]], axis=1), time)
+        return multiply_values(np.stack([events["left"], events["time"]], axis=1), time)
 
-    parts = [_bracket(time), _left_over(about), event_of("interpolation", "f8", time)]
+    parts = [_bracket_taker(time), _residual_taker(about), take_event_field("interpolation", "f8", time)]
 
-    def uncertainty(block: LogBlock) -> Array:
+    def take_uncertainty(block: LogBlock) -> Array:
         if not block.events:  # most blocks have none
             return np.zeros(0)
         # no time is known better than half the spacing of floats
-        least = np.spacing(np.abs(times(block.log.events["time"][: block.events], time))) / 2.0
-        return np.maximum(sum(part(block) for part in parts), least)
+        half_spacing = np.spacing(np.abs(multiply_values(block.log.events["time"][: block.events], time))) / 2.0
+        return np.maximum(sum(part(block) for part in parts), half_spacing)
 
     takes = (
-        event_of("time", "f8", time),
-        bounds,
-        uncertainty,
-        named_row("events", "row_before"),
-        named_row("events", "row_after"),
-        event_of("kind", "i1"),
-        event_of("direction", "i1"),
+        take_event_field("time", "f8", time),
+        take_bounds,
+        take_uncertainty,
+        take_row_numbers("events", "row_before"),
+        take_row_numbers("events", "row_after"),
+        take_event_field("kind", "i1"),
+        take_event_field("direction", "i1"),
     )
     collected = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
     collected += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
     if about.layout.is_doubled:
-        collected.append(Column(schema.REST_EVENT_TIME, event_of("rest", "f8", time)))
-    collected.append(_detector(about))
-    collected += _values(about)
-    collected += _positions(about)
-    collected += _observed(about, uncertainty)
-    return [*collected, *_of_impacts(about), *assembly_columns(about)]
+        collected.append(Column(schema.REST_EVENT_TIME, take_event_field("rest", "f8", time)))
+    collected.append(_detector_column(about))
+    collected += _function_columns(about)
+    collected += _position_columns(about)
+    collected += _observable_columns(about, take_uncertainty)
+    return [*collected, *_impact_columns(about), *assembly_columns(about)]
 
 
-def _detector(about: About) -> Column:
+def _detector_column(about: About) -> Column:
     """Return which event function passed zero, with the rule of each."""
     names = labels(about.layout.watched)
     number, dtype = {name: i for i, name in enumerate(names)}, "i1" if len(names) <= MOST_FLAGS else "i4"
     owners = np.array([number[watched.name] for watched in about.layout.watched] or [0], dtype)
-    extra = schema.flags(dict(enumerate(names)) or {0: NO_DETECTOR}, dtype) | _detectors(about)
+    extra = schema.flag_attributes(dict(enumerate(names)) or {0: NO_DETECTOR}, dtype) | _detector_attributes(about)
     detector = Variable("event_detector", (EVENTS,), dtype, "1", "event function that passed zero", "flag", extra)
     return Column(detector, lambda block: owners[block.log.events["detector"][: block.events]])
 
 
-def _of_impacts(about: About) -> list[Column]:
+def _impact_columns(about: About) -> list[Column]:
     """Return impulses, shifts of coordinates, and the energy that impacts took."""
     model, collected = about.model, list[Column]()
     if model.assemblies and not about.layout.resets:
         return collected
-    for own in about.layout.coordinates.blocks:
-        name, unit, impulse = own.name, about.units.known[own.name], _impulse_unit(about, own)
+    for coordinate in about.layout.coordinates.blocks:
+        name, unit, impulse = coordinate.name, about.units.known[coordinate.name], _impulse_unit(about, coordinate)
         long_name = (
             f"shift of {name} at the event, by a reset or by contacts that come to rest; those of one time add up; 0 where"
             " none was"
         )
-        dims = (EVENTS, *own.dims)
+        dims = (EVENTS, *coordinate.dims)
         collected += [
             Column(
                 Variable(
@@ -115,10 +115,11 @@ def _of_impacts(about: About) -> list[Column]:
                     "event",
                     impact_laws(model),
                 ),
-                _impulse(about, own, impulse),
+                _impulse_taker(about, coordinate, impulse),
             ),
             Column(
-                Variable(f"event_offset_{name}", dims, "f8", unit.text, long_name, "event"), _offset(about, own, unit)
+                Variable(f"event_offset_{name}", dims, "f8", unit.text, long_name, "event"),
+                _offset_taker(about, coordinate, unit),
             ),
         ]
     if about.layout.reactions:
@@ -129,48 +130,52 @@ def _of_impacts(about: About) -> list[Column]:
             " moves"
         )
         lost = Variable("event_energy_lost", (EVENTS,), "f8", energy.text, long_name, "event")
-        collected.append(Column(lost, _lines(about.layout.coordinates.size, (), about.units.factor(energy))))
+        collected.append(
+            Column(lost, _impact_line_taker(about.layout.coordinates.size, (), about.units.factor(energy)))
+        )
     return collected
 
 
-def _impulse(about: About, own: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
+def _impulse_taker(about: About, coordinate: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
     """Take the impulses along a coordinate; zeros without contacts."""
     if not about.layout.reactions:
-        return _nothing(own.shape)
-    return _lines(about.layout.coordinates.place(own.name), own.shape, about.units.factor(unit))
+        return _zero_taker(coordinate.shape)
+    return _impact_line_taker(
+        about.layout.coordinates.offset_of(coordinate.name), coordinate.shape, about.units.factor(unit)
+    )
 
 
-def _offset(about: About, own: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
+def _offset_taker(about: About, coordinate: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
     """Take the shifts of a coordinate; zeros if nothing sets one and there are no contacts."""
     layout = about.layout
     if not (layout.reactions or layout.resets):
-        return _nothing(own.shape)
-    first = layout.coordinates.place(own.name) + (layout.coordinates.size + 1 if layout.reactions else 0)
-    return _lines(first, own.shape, about.units.factor(unit))
+        return _zero_taker(coordinate.shape)
+    first = layout.coordinates.offset_of(coordinate.name) + (layout.coordinates.size + 1 if layout.reactions else 0)
+    return _impact_line_taker(first, coordinate.shape, about.units.factor(unit))
 
 
-def _lines(first: int, shape: tuple[int, ...], factor: float) -> Callable[[LogBlock], Array]:
+def _impact_line_taker(first: int, shape: tuple[int, ...], factor: float) -> Callable[[LogBlock], Array]:
     """Take lines of what events do to coordinates."""
 
-    def take(block: LogBlock) -> Array:
+    def take_lines(block: LogBlock) -> Array:
         lines = block.log.impulses[first : first + math.prod(shape), : block.events]
-        return times(lines.T.reshape(-1, *shape), factor)
+        return multiply_values(lines.T.reshape(-1, *shape), factor)
 
-    return take
+    return take_lines
 
 
-def _bracket(factor: float) -> Callable[[LogBlock], Array]:
-    def take(block: LogBlock) -> Array:
+def _bracket_taker(factor: float) -> Callable[[LogBlock], Array]:
+    def take_bracket(block: LogBlock) -> Array:
         events = block.log.events[: block.events]
-        return times(events["time"] - events["left"], factor)
+        return multiply_values(events["time"] - events["left"], factor)
 
-    return take
+    return take_bracket
 
 
-def _left_over(about: About) -> Callable[[LogBlock], Array]:
+def _residual_taker(about: About) -> Callable[[LogBlock], Array]:
     factor = about.units.time
 
-    def take(block: LogBlock) -> Array:
+    def take_residual_part(block: LogBlock) -> Array:
         if not block.events:
             return np.zeros(0)
         events = block.log.events[: block.events]
@@ -180,14 +185,14 @@ def _left_over(about: About) -> Callable[[LogBlock], Array]:
             left = np.where(residual == 0.0, 0.0, np.abs(residual / slope))
         # where a function jumps its value is no measure; where it is indistinguishable from zero, the duration of that is
         left = np.where(np.isin(kind, [schema.JUMP, schema.POLE]), 0.0, left)
-        return times(
+        return multiply_values(
             np.where(np.isin(kind, [schema.TOUCH, schema.CLUSTER, schema.REST]), events["murk"] / 2.0, left), factor
         )
 
-    return take
+    return take_residual_part
 
 
-def _detectors(about: About) -> dict[str, str]:
+def _detector_attributes(about: About) -> dict[str, str]:
     """Describe every event by its function, direction, action and tolerances, contacts and friction by their rules."""
     shaped = about.model.shaped
     elements: dict[str, Mapping[str, Any]] = {
@@ -196,7 +201,7 @@ def _detectors(about: About) -> dict[str, str]:
         "friction_": shaped.frictions,
     }
     entries: list[tuple[str, str, Callable[[Any], Any]]] = [
-        ("", "functions", _searched),
+        ("", "functions", _search_words),
         ("", "directions", lambda element: element.direction),
         ("", "actions", lambda element: element.action),
         ("contact_", "gaps", lambda element: text_of(element.gap)),
@@ -204,16 +209,16 @@ def _detectors(about: About) -> dict[str, str]:
         ("contact_", "restitutions", lambda element: text_of(element.restitution)),
         ("contact_", "tangential_rules", _tangential),
         ("contact_", "rest_heights", lambda element: element.rest_height or "1e-9 of the largest gap so far"),
-        ("friction_", "rules", _rule),
-        *((kind, "time_tolerances", _time_tolerance) for kind in elements),
+        ("friction_", "rules", _friction_rule),
+        *((kind, "time_tolerances", _time_tolerance_words) for kind in elements),
         *(
             (kind, "position_tolerances", lambda element: element.position_tolerance or TIME_LEAVES)
             for kind in ("", "contact_")
         ),
     ]
     return {
-        f"{kind}{what}": "; ".join(f"{name}: {text(element)}" for name, element in elements[kind].items())
-        for kind, what, text in entries
+        f"{kind}{attribute_word}": "; ".join(f"{name}: {text(element)}" for name, element in elements[kind].items())
+        for kind, attribute_word, text in entries
         if elements[kind]
     }
 
@@ -228,26 +233,26 @@ def _tangential(contact: Contact) -> str:
     )
 
 
-def _rule(friction: Friction) -> str:
+def _friction_rule(friction: Friction) -> str:
     """Describe the rule of a friction element."""
     return f"slip {text_of(friction.slip)}, kinetic {text_of(friction.kinetic)}, static {text_of(friction.static)}"
 
 
-def _time_tolerance(element: Event | Contact | Friction) -> str:
+def _time_tolerance_words(element: Event | Contact | Friction) -> str:
     """Return how well an event is located in time; a periodic one is not searched for."""
     if isinstance(element, Event) and element.every is not None:
         return "none: a node"
     return str(element.time_tolerance or "solver_time_tolerance")
 
 
-def _searched(event: Event) -> str:
+def _search_words(event: Event) -> str:
     """Say whose zeros are located, or how often a periodic event is met."""
     if event.every is None:
-        return _text(event.function)
+        return _function_text(event.function)
     return f"every {event.every}" + (f" from {event.phase} after the start" if event.phase else "")
 
 
-def _text(function: Node | Function) -> str:
+def _function_text(function: Node | Function) -> str:
     if isinstance(function, Function):
         return (
             f"{function.name}({', '.join(function.arguments)}) in Python, looked at {LOOKS} times a step, slopes by"
@@ -271,7 +276,7 @@ _WATCHED = {
 }
 
 
-def _values(about: About) -> list[Column]:
+def _function_columns(about: About) -> list[Column]:
     """Return the event functions at the accepted states with their uncertainties; several units are listed in a comment."""
     model, scales = about.model, about.scales
     watched = about.layout.watched
@@ -280,21 +285,21 @@ def _values(about: About) -> list[Column]:
     shared = set(texts)
     extra: dict[str, Any] = {}
     if len(shared) > 1:
-        listed = dict.fromkeys(
-            f"{of_whole(detector.name)}{_WATCHED[detector.role]} {text}"
+        units_by_event = dict.fromkeys(
+            f"{quantity_of(detector.name)}{_WATCHED[detector.role]} {text}"
             for detector, text in zip(watched, texts, strict=True)
         )
-        extra["comment"] = "SI unit by event: " + ", ".join(listed)
-    factors = np.array([scales.of(dimension) for dimension in dimensions] or [1.0])
+        extra["comment"] = "SI unit by event: " + ", ".join(units_by_event)
+    factors = np.array([scales.si_factor(dimension) for dimension in dimensions] or [1.0])
     unit = shared.pop() if len(shared) == 1 else "1"
 
-    def taken(name: str) -> Callable[[LogBlock], Array]:
-        def take(block: LogBlock) -> Array:
+    def field_taker(name: str) -> Callable[[LogBlock], Array]:
+        def take_field(block: LogBlock) -> Array:
             events = block.log.events[: block.events]
             values: Array = events[name] * factors[events["detector"]]
             return values
 
-        return take
+        return take_field
 
     long_name = (
         "uncertainty of the event function at the accepted state: rounding, and of a model's own events the estimated"
@@ -303,22 +308,22 @@ def _values(about: About) -> list[Column]:
     return [
         Column(
             Variable("event_residual", (EVENTS,), "f8", unit, "event function at the accepted state", "event", extra),
-            taken("residual"),
+            field_taker("residual"),
         ),
         Column(
             Variable("event_function_uncertainty", (EVENTS,), "f8", unit, long_name, "event", extra),
-            taken("uncertainty"),
+            field_taker("uncertainty"),
         ),
         Column(
             Variable(
                 "event_substeps", (EVENTS,), "i4", "1", "steps that were re-integrated to find and locate it", "event"
             ),
-            event_of("substeps", "i4"),
+            take_event_field("substeps", "i4"),
         ),
     ]
 
 
-def _positions(about: About) -> list[Column]:
+def _position_columns(about: About) -> list[Column]:
     """Return, for every event with a position tolerance, whether it is met."""
     watched = about.layout.watched
     if all(detector.position_tolerance is None for detector in watched):
@@ -329,52 +334,58 @@ def _positions(about: About) -> list[Column]:
             (
                 np.inf
                 if detector.position_tolerance is None
-                else detector.position_tolerance.si / scales.of(function_dimension(model, detector))
+                else detector.position_tolerance.si / scales.si_factor(function_dimension(model, detector))
             )
             for detector in watched
         ]
     )
 
-    def take(block: LogBlock) -> Array:
+    def take_positions(block: LogBlock) -> Array:
         events = block.log.events[: block.events]
-        within = tolerances[events["detector"]]
-        position = np.where(np.abs(events["residual"]) <= within, schema.NEAR, schema.FAR)
-        return np.where(np.isinf(within), schema.UNASKED, position).astype("i1")
+        tolerance = tolerances[events["detector"]]
+        position = np.where(np.abs(events["residual"]) <= tolerance, schema.NEAR, schema.FAR)
+        return np.where(np.isinf(tolerance), schema.UNASKED, position).astype("i1")
 
     long_name = (
         "whether the accepted state is as near to the zero of the event function as its position tolerance asks for"
     )
-    extra = schema.flags(dict(enumerate(schema.EVENT_POSITIONS)))
-    return [Column(Variable("event_position", (EVENTS,), "i1", "1", long_name, "flag", extra), take)]
+    extra = schema.flag_attributes(dict(enumerate(schema.EVENT_POSITIONS)))
+    return [Column(Variable("event_position", (EVENTS,), "i1", "1", long_name, "flag", extra), take_positions)]
 
 
-def _observed(about: About, uncertainty: Callable[[LogBlock], Array]) -> list[Column]:
+def _observable_columns(about: About, uncertainty: Callable[[LogBlock], Array]) -> list[Column]:
     """Return the observables at the accepted states, and their uncertainty due to that of the event's time."""
     units, layout, collected = about.units, about.layout, []
     rates = list(layout.followed)
 
-    def value(place: int, factor: float) -> Callable[[LogBlock], Array]:
-        def take(block: LogBlock) -> Array:
+    def value_taker(line_index: int, factor: float) -> Callable[[LogBlock], Array]:
+        def take_values(block: LogBlock) -> Array:
             rows = block.log.events["row_before"][: block.events] - int(block.log.base[0]["rows"])
-            return times(block.log.rows[place, rows], factor)
+            return multiply_values(block.log.rows[line_index, rows], factor)
 
-        return take
+        return take_values
 
-    def doubt(place: int, factor: float) -> Callable[[LogBlock], Array]:
-        return lambda block: times(np.abs(block.log.rates[place, : block.events]), factor) * uncertainty(block)
+    def doubt_taker(line_index: int, factor: float) -> Callable[[LogBlock], Array]:
+        return lambda block: (
+            multiply_values(np.abs(block.log.rates[line_index, : block.events]), factor) * uncertainty(block)
+        )
 
-    apart = {*schema.ENERGIES, *layout.gaps, *layout.kept}
-    observed = [own for own in layout.computed.blocks if own.name not in apart] if layout.watched else []
-    named = [(name, units.derived(own)) for own in observed for name in own.elements()]
-    for name, unit in named:
+    other_columns = {*schema.ENERGIES, *layout.gaps, *layout.constraint_outputs}
+    observed = (
+        [quantity for quantity in layout.computed.blocks if quantity.name not in other_columns]
+        if layout.watched
+        else []
+    )
+    units_by_name = [(name, units.derived(quantity)) for quantity in observed for name in quantity.elements()]
+    for name, unit in units_by_name:
         variable = Variable(
             f"event_{name}", (EVENTS,), "f8", unit.text, f"{name} at the state before the event", "event"
         )
-        collected.append(Column(variable, value(layout.row.place(name), units.factor(unit))))
+        collected.append(Column(variable, value_taker(layout.row.offset_of(name), units.factor(unit))))
         if name in rates:
             long_name = f"uncertainty of {name} at the event by event_time_uncertainty"
             variable = Variable(f"event_{name}_uncertainty", (EVENTS,), "f8", unit.text, long_name, "event")
-            collected.append(Column(variable, doubt(rates.index(name), units.factor(unit) / units.time)))
+            collected.append(Column(variable, doubt_taker(rates.index(name), units.factor(unit) / units.time)))
     return collected
 
 
@@ -385,13 +396,13 @@ def _unit_text(dimension: Dimension) -> str:
         return "1"
 
 
-def _impulse_unit(about: About, own: Quantity) -> Unit:
+def _impulse_unit(about: About, coordinate: Quantity) -> Unit:
     """Return the unit of an impulse along a coordinate."""
-    model, place = about.model, about.layout.coordinates.place(own.name)
-    mass = dimension_of(own_mass(model.mass, place), model.dimensions)
-    return spell(mass * model.dimensions[schema.velocity(own.first)])
+    model, first_index = about.model, about.layout.coordinates.offset_of(coordinate.name)
+    mass = dimension_of(own_mass(model.mass, first_index), model.dimensions)
+    return spell(mass * model.dimensions[schema.velocity(coordinate.first)])
 
 
-def _nothing(shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
+def _zero_taker(shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
     """Take zeros that have no memory of their own: of many elements they would be as much as the states at events."""
     return lambda block: np.broadcast_to(0.0, (block.events, *shape))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from xdynamics.march import LogBlock
 from xdynamics.record.column import Column, LineOf
-from xdynamics.record.element_attributes import attributes_of_element, attributes_of_whole
-from xdynamics.record.element_names import Names, Whole
+from xdynamics.record.element_attributes import attributes_of_element, attributes_of_quantity
+from xdynamics.record.element_names import Names, QuantityElements
 from xdynamics.record.folding import about_dimensions
 from xdynamics.schema import (
     DETECTOR_DIMENSIONS,
@@ -21,12 +21,12 @@ from xdynamics.schema import (
     NOWHERE,
     Variable,
     at_event,
-    flags,
+    flag_attributes,
 )
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.shapes.extents import number_of_element
 from xdynamics.shapes.naming import DOT
-from xdynamics.shapes.naming import parted as parted_name
+from xdynamics.shapes.naming import split_element_name as parted_name
 from xdynamics.units import NUMBERS
 
 Array = NDArray[Any]
@@ -34,65 +34,67 @@ Array = NDArray[Any]
 DETECTOR = "event_detector"
 
 
-def folded(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
+def fold_columns(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
     """Make one column of the elements of each quantity."""
     if not shapes.dims:
         return [*columns]
     by_name = {column.variable.name: column for column in columns}
-    wholes = Names(shapes).wholes(by_name)
-    of_name = {name: whole for whole in wholes.values() for name in whole.members.values()}
+    quantities = Names(shapes).by_quantity(by_name)
+    of_name = {name: quantity for quantity in quantities.values() for name in quantity.members.values()}
     collected: dict[str, Column] = {}
     for name, column in by_name.items():
-        whole = of_name.get(name)
-        if whole is not None and whole.name not in collected:
-            members = {number: by_name[member] for number, member in whole.members.items()}
+        quantity = of_name.get(name)
+        if quantity is not None and quantity.name not in collected:
+            members = {number: by_name[member] for number, member in quantity.members.items()}
             variables = {number: member.variable for number, member in members.items()}
-            collected[whole.name] = Column(_variable(whole, variables), _take(whole, members))
+            collected[quantity.name] = Column(
+                _quantity_variable(quantity, variables), _quantity_taker(quantity, members)
+            )
         elif name == DETECTOR:
-            collected |= {column.variable.name: column for column in _detector(column, shapes)}
-        elif whole is None:
-            collected[name] = _either(collected[name], column) if name in collected else column
+            collected |= {column.variable.name: column for column in _detector_columns(column, shapes)}
+        elif quantity is None:
+            collected[name] = _combined_places(collected[name], column) if name in collected else column
     return [*collected.values()]
 
 
-def parted(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
+def split_columns(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
     """Make columns of the elements of each quantity with dimensions, which were columns of them all."""
     collected: list[Column] = []
     for column in columns:
-        own = _model_dims(column, shapes)
-        collected += _elements(column, own, shapes) if own else [column]
+        model_dims = _model_dims(column, shapes)
+        collected += _element_columns(column, model_dims, shapes) if model_dims else [column]
     return collected
 
 
-def _elements(column: Column, dims: tuple[str, ...], shapes: Shapes) -> Iterator[Column]:
+def _element_columns(column: Column, dims: tuple[str, ...], shapes: Shapes) -> Iterator[Column]:
     """Yield the columns of the elements of a quantity."""
     extents = tuple(map(shapes.extent, dims))
     for number, name in enumerate(shapes.elements(column.variable.name, dims)):
-        yield _element(column, name, extents, number)
+        yield _element_column(column, name, extents, number)
 
 
 def _model_dims(column: Column, shapes: Shapes) -> tuple[str, ...]:
     return tuple(dim for dim in column.variable.dims if dim in shapes.extents or dim in shapes.relations)
 
 
-def _element(column: Column, name: str, extents: tuple[Extent, ...], number: int) -> Column:
+def _element_column(column: Column, name: str, extents: tuple[Extent, ...], number: int) -> Column:
     """Return the column of one element of a quantity."""
     variable = column.variable
     more = attributes_of_element(variable.more, number, math.prod(extent.size for extent in extents))
-    own = variable.dims[: len(variable.dims) - len(extents)]
-    return Column(replace(variable, name=name, dims=own, more=more), _element_of(column, number))
+    outer_dims = variable.dims[: len(variable.dims) - len(extents)]
+    return Column(replace(variable, name=name, dims=outer_dims, more=more), _element_taker(column, number))
 
 
-def _element_of(column: Column, number: int) -> Callable[[LogBlock], Array]:
+def _element_taker(column: Column, number: int) -> Callable[[LogBlock], Array]:
     """Take one element of a quantity."""
     if isinstance(column.take, LineOf):
         return column.take.element(number)
 
-    def take(block: LogBlock) -> Array:
+    def take_element(block: LogBlock) -> Array:
         values = column.take(block)
         return values.reshape(len(values), math.prod(values.shape[1:]))[:, number]  # of no row -1 would be anything
 
-    return take
+    return take_element
 
 
 class NamedColumns(Mapping[str, Column]):
@@ -105,11 +107,11 @@ class NamedColumns(Mapping[str, Column]):
     def __getitem__(self, name: str) -> Column:
         if name in self._columns or DOT not in name:
             return self._columns[name]
-        whole = self._columns[parted_name(name)[0]]
-        extents = tuple(self._shapes.extent(dim) for dim in _model_dims(whole, self._shapes))
+        quantity_column = self._columns[parted_name(name)[0]]
+        extents = tuple(self._shapes.extent(dim) for dim in _model_dims(quantity_column, self._shapes))
         if (number := number_of_element(name, extents)) is None:
             raise KeyError(name)
-        return _element(whole, name, extents, number)
+        return _element_column(quantity_column, name, extents, number)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._columns)
@@ -120,37 +122,45 @@ class NamedColumns(Mapping[str, Column]):
 
 def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) -> list[tuple[Variable, Any]]:
     """Make one parameter of its elements."""
-    listed = [*entries]
+    all_entries = [*entries]
     if not shapes.dims:
-        return listed
-    by_name = {variable.name: (variable, value) for variable, value in listed}
-    wholes = Names(shapes).wholes(by_name)
-    of_name = {name: whole for whole in wholes.values() for name in whole.members.values()}
+        return all_entries
+    by_name = {variable.name: (variable, value) for variable, value in all_entries}
+    quantities = Names(shapes).by_quantity(by_name)
+    of_name = {name: quantity for quantity in quantities.values() for name in quantity.members.values()}
     collected: dict[str, tuple[Variable, Any]] = {}
     for name, entry in by_name.items():
-        whole = of_name.get(name)
-        if whole is None:
+        quantity = of_name.get(name)
+        if quantity is None:
             collected[name] = entry
-        elif whole.name not in collected:
-            members = {number: by_name[member] for number, member in whole.members.items()}
-            variable = _variable(whole, {number: own for number, (own, _) in members.items()})
+        elif quantity.name not in collected:
+            members = {number: by_name[member] for number, member in quantity.members.items()}
+            variable = _quantity_variable(
+                quantity, {number: element_variable for number, (element_variable, _) in members.items()}
+            )
             values = {number: np.asarray(value) for number, (_, value) in members.items()}
-            collected[whole.name] = variable, whole.stacked(values)
+            collected[quantity.name] = variable, quantity.stacked(values)
     return [*collected.values()]
 
 
-def dimensions(shapes: Shapes) -> list[tuple[Variable, Any]]:
+def dimension_variables(shapes: Shapes) -> list[tuple[Variable, Any]]:
     """Return the labels of dimensions and the ends of relations."""
     dims = {*shapes.relations, *shapes.extents}
     types = {"U": "U", "i": "i4"}
     return [
         (
             Variable(
-                name, own, types[values.dtype.kind], NUMBERS.text, about["long_name"], about["role"], _more(about)
+                name,
+                variable_dims,
+                types[values.dtype.kind],
+                NUMBERS.text,
+                about["long_name"],
+                about["role"],
+                _more(about),
             ),
             values,
         )
-        for name, (own, values, about) in about_dimensions(shapes, dims).items()
+        for name, (variable_dims, values, about) in about_dimensions(shapes, dims).items()
     ]
 
 
@@ -158,89 +168,94 @@ def _more(attributes: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in attributes.items() if key not in ("units", "long_name", "role")}
 
 
-def _variable(whole: Whole, elements: Mapping[int, Variable]) -> Variable:
+def _quantity_variable(quantity: QuantityElements, elements: Mapping[int, Variable]) -> Variable:
     """Return the variable of a quantity from those of its elements."""
     first = next(iter(elements.values()))
-    named = {number: (whole.members[number], element.attributes) for number, element in elements.items()}
-    attributes = attributes_of_whole(named, whole.size)
+    attributes_by_number = {
+        number: (quantity.members[number], element.attributes) for number, element in elements.items()
+    }
+    attributes = attributes_of_quantity(attributes_by_number, quantity.size)
     return Variable(
-        whole.name,
-        (*first.dims, *whole.dims),
+        quantity.name,
+        (*first.dims, *quantity.dims),
         first.dtype,
         attributes["units"],
         attributes["long_name"],
         attributes["role"],
-        _more(attributes) | whole.more,
+        _more(attributes) | quantity.more,
     )
 
 
-def _take(whole: Whole, members: Mapping[int, Column]) -> Callable[[LogBlock], Array]:
+def _quantity_taker(quantity: QuantityElements, members: Mapping[int, Column]) -> Callable[[LogBlock], Array]:
     """Take all elements: a view of the log, where they are there one after the other in the record's unit."""
-    lines = [members[number].take for number in range(whole.size)] if len(members) == whole.size else []
+    lines = [members[number].take for number in range(quantity.size)] if len(members) == quantity.size else []
     first = lines[0] if lines else None
     if isinstance(first, LineOf) and all(
         line == replace(first, index=first.index + number) for number, line in enumerate(lines)
     ):
-        count = whole.size
+        count = quantity.size
 
         def view(block: LogBlock) -> Array:
-            table = first.taken(block, slice(first.index, first.index + count))
-            return table.T.reshape(-1, *whole.shape)
+            table = first.lines_in_unit(block, slice(first.index, first.index + count))
+            return table.T.reshape(-1, *quantity.shape)
 
         return view
-    return lambda block: whole.stacked({number: member.take(block) for number, member in members.items()})
+    return lambda block: quantity.stacked({number: member.take(block) for number, member in members.items()})
 
 
-def _detector(column: Column, shapes: Shapes) -> list[Column]:
+def _detector_columns(column: Column, shapes: Shapes) -> list[Column]:
     """Return which detector an event is of, and along each dimension of which element."""
     words = str(column.variable.more["flag_meanings"]).split()
-    wholes = Names(shapes).wholes(words)
-    places = {name: (whole, number) for whole in wholes.values() for number, name in whole.members.items()}
+    quantities = Names(shapes).by_quantity(words)
+    places = {name: (quantity, number) for quantity in quantities.values() for number, name in quantity.members.items()}
     if not places:
         return [column]
     kinds = [*dict.fromkeys(places[word][0].name if word in places else word for word in words)]
-    dims = shapes.ordered({dim for whole in wholes.values() for dim in whole.dims})
+    dims = shapes.ordered({dim for quantity in quantities.values() for dim in quantity.dims})
     kind_of = np.array([kinds.index(places[word][0].name if word in places else word) for word in words], np.int8)
     number_of = {dim: np.full(len(words), NOWHERE, np.int32) for dim in dims}
     for i, word in enumerate(words):
         if word in places:
-            whole, number = places[word]
-            for dim, place in zip(whole.dims, np.unravel_index(number, whole.shape), strict=True):
-                number_of[dim][i] = place
-    along = "; ".join(f"{whole.name}: {' '.join(whole.dims)}" for whole in wholes.values())
-    more = dict(column.variable.more) | flags(dict(enumerate(kinds))) | {DETECTOR_DIMENSIONS: along}
-    collected = [_looked_up(column, replace(column.variable, dtype="i1", more=more), kind_of)]
+            quantity, number = places[word]
+            for dim, index in zip(quantity.dims, np.unravel_index(number, quantity.shape), strict=True):
+                number_of[dim][i] = index
+    detector_dims = "; ".join(f"{quantity.name}: {' '.join(quantity.dims)}" for quantity in quantities.values())
+    more = dict(column.variable.more) | flag_attributes(dict(enumerate(kinds))) | {DETECTOR_DIMENSIONS: detector_dims}
+    collected = [_table_column(column, replace(column.variable, dtype="i1", more=more), kind_of)]
     for dim in dims:
-        collected.append(_looked_up(column, place_variable(dim, dim, dim, shapes.extent(dim)), number_of[dim]))
+        collected.append(_table_column(column, place_variable(dim, dim, dim, shapes.extent(dim)), number_of[dim]))
         if dim in shapes.relations:
-            collected += _ends(
+            collected += _end_columns(
                 column, shapes, dim, number_of[dim], single=sum(dim in shapes.relations for dim in dims) == 1
             )
     return collected
 
 
-def _ends(column: Column, shapes: Shapes, dim: str, links: Array, *, single: bool) -> list[Column]:
+def _end_columns(column: Column, shapes: Shapes, dim: str, links: Array, *, single: bool) -> list[Column]:
     """Return the elements at both ends of the link of an event; named by the relation where there are several."""
     relation, collected = shapes.relations[dim], []
-    for end, of, numbers in (("first", relation.source, relation.first), ("second", relation.target, relation.second)):
+    for end, target_dim, numbers in (
+        ("first", relation.source, relation.first),
+        ("second", relation.target, relation.second),
+    ):
         places = np.where(links == NOWHERE, NOWHERE, numbers[links]) if len(numbers) else links
         name = end if single else f"{dim}_{end}"
-        at = place_variable(name, dim, of, shapes.extent(of))
-        collected.append(_looked_up(column, at, places.astype(np.int32)))
+        end_variable = place_variable(name, dim, target_dim, shapes.extent(target_dim))
+        collected.append(_table_column(column, end_variable, places.astype(np.int32)))
     return collected
 
 
-def _either(one: Column, other: Column) -> Column:
+def _combined_places(first_column: Column, second_column: Column) -> Column:
     """Return a column of places that has those of two columns, each of which has none where the other has one."""
 
-    def take(block: LogBlock) -> Array:
-        places = one.take(block)
-        return np.where(places == NOWHERE, other.take(block), places)
+    def take_places(block: LogBlock) -> Array:
+        places = first_column.take(block)
+        return np.where(places == NOWHERE, second_column.take(block), places)
 
-    return Column(one.variable, take)
+    return Column(first_column.variable, take_places)
 
 
-def element_at(name: str, along: str, of: str) -> str:
+def element_at(name: str, dim: str, target_dim: str) -> str:
     """Say which element it is: along a dimension or a relation itself, or at one end of a link.
 
     Examples
@@ -248,20 +263,18 @@ def element_at(name: str, along: str, of: str) -> str:
     >>> element_at("body", "body", "body"), element_at("first", "pair", "disc"), element_at("rod_second", "rod", "wall")
     ('body', 'first disc of the pair', 'second wall of the rod')
     """
-    return name if along == of else f"{name.removeprefix(f'{along}_')} {of} of the {along}"
+    return name if dim == target_dim else f"{name.removeprefix(f'{dim}_')} {target_dim} of the {dim}"
 
 
-def place_variable(name: str, along: str, of: str, extent: Extent) -> Variable:
+def place_variable(name: str, dim: str, target_dim: str, extent: Extent) -> Variable:
     """Return the variable for an element at which an event was, as a flag where elements have labels."""
-    long_name = (
-        f"{element_at(name, along, of)} at which the event was, counted from 0; {NOWHERE} where its detector has none"
-    )
+    long_name = f"{element_at(name, dim, target_dim)} at which the event was, counted from 0; {NOWHERE} where its detector has none"
     if not extent.labels:
         return Variable(at_event(name), (EVENTS,), "i4", NUMBERS.text, long_name, "event")
     words = {NOWHERE: "none"} | dict(enumerate(extent.labels))
-    return Variable(at_event(name), (EVENTS,), "i4", NUMBERS.text, long_name, "flag", flags(words, "i4"))
+    return Variable(at_event(name), (EVENTS,), "i4", NUMBERS.text, long_name, "flag", flag_attributes(words, "i4"))
 
 
-def _looked_up(column: Column, variable: Variable, table: Array) -> Column:
+def _table_column(column: Column, variable: Variable, table: Array) -> Column:
     """Return a column of what stands in a table for the numbers of another one."""
     return Column(variable, lambda block: table[column.take(block)])

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
-from xdynamics.record.element_attributes import attributes_of_whole
-from xdynamics.record.element_names import Names, Whole
+from xdynamics.record.element_attributes import attributes_of_quantity
+from xdynamics.record.element_names import Names, QuantityElements
 from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import (
     LABEL,
@@ -21,7 +21,7 @@ from xdynamics.schema import (
     NOWHERE,
     at_event,
     end_of,
-    flags,
+    flag_attributes,
     label_of,
     logged_of,
     name_of,
@@ -53,52 +53,52 @@ def fold(dataset: xr.Dataset, shapes: Shapes) -> xr.Dataset:
         With labels as they are in a file, ``body_label(body)``; see `labelled`. One without elements, none of whose
         dimensions are the model's, is returned as it is.
     """
-    wholes = Names(shapes).wholes(map(str, dataset.variables))
-    dims = {dim for whole in wholes.values() for dim in whole.dims} | {*shapes.relations, *shapes.extents} & {
+    quantities = Names(shapes).by_quantity(map(str, dataset.variables))
+    dims = {dim for quantity in quantities.values() for dim in quantity.dims} | {*shapes.relations, *shapes.extents} & {
         *dataset.dims
     }
     if not dims:
         return dataset
     import xarray as xr
 
-    of_name = {name: whole for whole in wholes.values() for name in whole.members.values()}
+    of_name = {name: quantity for quantity in quantities.values() for name in quantity.members.values()}
     variables: dict[Any, Any] = {}
     for name, variable in dataset.variables.items():
-        whole = of_name.get(str(name))
-        if whole is None:
+        quantity = of_name.get(str(name))
+        if quantity is None:
             variables[name] = variable
-        elif whole.name not in variables:
-            variables[whole.name] = _whole_variable(whole, dataset)
+        elif quantity.name not in variables:
+            variables[quantity.name] = _folded_variable(quantity, dataset)
     coordinates = {of_name[name].name if name in of_name else name for name in map(str, dataset.coords)}
-    for name, (own, values, attributes) in about_dimensions(shapes, dims).items():
-        variables[name] = xr.Variable(own, values, attributes)
+    for name, (variable_dims, values, attributes) in about_dimensions(shapes, dims).items():
+        variables[name] = xr.Variable(variable_dims, values, attributes)
         coordinates.add(name)
     folded = xr.Dataset(variables, attrs=dict(dataset.attrs) | {MODEL_DIMENSIONS: sized(shapes, dims)})
     folded.encoding = {key: entry for key, entry in dataset.encoding.items() if key != FOLDED}
     return folded.set_coords(coordinates)
 
 
-def _whole_variable(whole: Whole, dataset: xr.Dataset) -> xr.Variable:
+def _folded_variable(quantity: QuantityElements, dataset: xr.Dataset) -> xr.Variable:
     import xarray as xr
 
-    parts = {number: dataset.variables[name] for number, name in whole.members.items()}
-    own = next(iter(parts.values())).dims
-    attributes = attributes_of_whole(
-        {number: (whole.members[number], part.attrs) for number, part in parts.items()}, whole.size
+    parts = {number: dataset.variables[name] for number, name in quantity.members.items()}
+    outer_dims = next(iter(parts.values())).dims
+    attributes = attributes_of_quantity(
+        {number: (quantity.members[number], part.attrs) for number, part in parts.items()}, quantity.size
     )
     if any(map(is_chunked, parts.values())):
         import dask.array
 
         da: Any = dask.array  # its functions are not typed
-        blank = da.full_like(next(iter(parts.values())).data, whole.missing)
-        rows = [parts[number].data if number in parts else blank for number in range(whole.size)]
-        data = da.stack(rows, axis=-1).rechunk({len(own): -1}).reshape((*rows[0].shape, *whole.shape))
+        blank = da.full_like(next(iter(parts.values())).data, quantity.missing)
+        rows = [parts[number].data if number in parts else blank for number in range(quantity.size)]
+        data = da.stack(rows, axis=-1).rechunk({len(outer_dims): -1}).reshape((*rows[0].shape, *quantity.shape))
     else:
-        data = whole.stacked({number: np.asarray(part.values) for number, part in parts.items()})
-    if len(parts) < whole.size and "flag_values" in attributes:  # elements that were not asked for have a word too
+        data = quantity.stacked({number: np.asarray(part.values) for number, part in parts.items()})
+    if len(parts) < quantity.size and "flag_values" in attributes:  # elements that were not asked for have a word too
         words = zip(np.atleast_1d(attributes["flag_values"]).tolist(), attributes["flag_meanings"].split(), strict=True)
-        attributes |= flags({NOWHERE: "none"} | dict(words))
-    return xr.Variable((*own, *whole.dims), data, attributes | whole.more)
+        attributes |= flag_attributes({NOWHERE: "none"} | dict(words))
+    return xr.Variable((*outer_dims, *quantity.dims), data, attributes | quantity.more)
 
 
 def sized(shapes: Shapes, dims: set[str]) -> str:
@@ -112,22 +112,26 @@ def about_dimensions(shapes: Shapes, dims: set[str]) -> dict[str, tuple[tuple[st
     for dim in shapes.ordered(dims):
         if dim in shapes.relations:
             relation = shapes.relations[dim]
-            for end, of, numbers in (
+            for end, target_dim, numbers in (
                 ("first", relation.source, relation.first),
                 ("second", relation.target, relation.second),
             ):
-                extent = shapes.extent(of)
-                more = flags(dict(enumerate(extent.labels)), "i4") if extent.labels else {}
-                long_name = f"number of the {end} {of} of a {dim}, from 0"
-                about = {"units": "1", "long_name": long_name, "role": LINK, LINK_OF: of}
+                extent = shapes.extent(target_dim)
+                more = flag_attributes(dict(enumerate(extent.labels)), "i4") if extent.labels else {}
+                long_name = f"number of the {end} {target_dim} of a {dim}, from 0"
+                about = {"units": "1", "long_name": long_name, "role": LINK, LINK_OF: target_dim}
                 parts[end_of(dim, end)] = ((dim,), np.asarray(numbers, np.int32), about | more)
         elif labels := shapes.extents[dim].labels:
             numbered = all(map(str.isdecimal, labels))  # of a dimension without labels, as no label is a number
-            named = dim.removeprefix(logged_of(""))
-            told = f"label of the {dim}" if named == dim else f"which {named}: its {'number' if numbered else 'label'}"
+            bare_dim = dim.removeprefix(logged_of(""))
+            label_words = (
+                f"label of the {dim}"
+                if bare_dim == dim
+                else f"which {bare_dim}: its {'number' if numbered else 'label'}"
+            )
             if (of_event := dim.removeprefix(at_event(""))) in shapes.extents and of_event != dim:
-                told = f"label of the {of_event} that the event is of"
-            attributes = {"units": "1", "long_name": told, "role": LABEL}
+                label_words = f"label of the {of_event} that the event is of"
+            attributes = {"units": "1", "long_name": label_words, "role": LABEL}
             parts[label_of(dim)] = ((dim,), np.array(labels).astype("i4") if numbered else np.array(labels), attributes)
     return parts
 
@@ -155,9 +159,9 @@ def check_elements(record: xr.Dataset, needed: Collection[str] = ()) -> None:
     for dim, size in model_dimensions(record).items():
         now = record.sizes.get(dim)
         if now != size and (now is not None or dim in needed or dim in record.coords):
-            kept = "a single one" if now is None else now
+            element_count = "a single one" if now is None else now
             raise InputError(
-                f"the run was cut: it has {kept} of its {size} elements along '{dim}', and the motion of one depends on all;"
+                f"the run was cut: it has {element_count} of its {size} elements along '{dim}', and the motion of one depends on all;"
                 f" give the whole run, and select elements of what comes back, like .isel({dim}=0)"
             )
 

@@ -16,33 +16,39 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def places_of(run: xr.Dataset, numbers: Any) -> NDArray[np.int64]:
+def row_places(run: xr.Dataset, numbers: Any) -> NDArray[np.int64]:
     """Return the places, among a record's rows, of the rows of given numbers; -1 of those that it has not."""
-    wanted = np.asarray(numbers, np.int64)
+    row_numbers = np.asarray(numbers, np.int64)
     if STEP_NUMBER.name not in run.variables:
-        return np.full(wanted.shape, -1, np.int64)
-    own = run.variables[STEP_NUMBER.name]
-    if own.ndim and own.size and ((wanted >= 0) & (wanted < own.size)).all():
-        flat = wanted.ravel()
-        there = own.isel({own.dims[0]: flat}).values if is_chunked(own) else own.values[flat]
-        if np.array_equal(there, flat):  # as in a whole run, of which no other number is read
-            return wanted
-    return places_among(own.values, wanted)
+        return np.full(row_numbers.shape, -1, np.int64)
+    step_numbers = run.variables[STEP_NUMBER.name]
+    if step_numbers.ndim and step_numbers.size and ((row_numbers >= 0) & (row_numbers < step_numbers.size)).all():
+        flat = row_numbers.ravel()
+        numbers_there = (
+            step_numbers.isel({step_numbers.dims[0]: flat}).values
+            if is_chunked(step_numbers)
+            else step_numbers.values[flat]
+        )
+        if np.array_equal(numbers_there, flat):  # as in a whole run, of which no other number is read
+            return row_numbers
+    return places_among(step_numbers.values, row_numbers)
 
 
-def places_among(own: Any, numbers: Any) -> NDArray[np.int64]:
+def places_among(available_numbers: Any, numbers: Any) -> NDArray[np.int64]:
     """Return the places of numbers among others, -1 of those that are not there."""
-    own, wanted = np.atleast_1d(np.asarray(own)), np.asarray(numbers, np.int64)
-    if not own.size:
-        return np.full(wanted.shape, -1, np.int64)
-    order = np.argsort(own, kind="stable")
-    places: NDArray[np.int64] = order[np.minimum(np.searchsorted(own, wanted, sorter=order), own.size - 1)]
-    return np.where(own[places] == wanted, places, -1)
+    available_numbers, requested_numbers = np.atleast_1d(np.asarray(available_numbers)), np.asarray(numbers, np.int64)
+    if not available_numbers.size:
+        return np.full(requested_numbers.shape, -1, np.int64)
+    order = np.argsort(available_numbers, kind="stable")
+    places: NDArray[np.int64] = order[
+        np.minimum(np.searchsorted(available_numbers, requested_numbers, sorter=order), available_numbers.size - 1)
+    ]
+    return np.where(available_numbers[places] == requested_numbers, places, -1)
 
 
 def rows_named(run: xr.Dataset, name: str) -> NDArray[np.int64]:
     """Return the places of the rows that a variable names, like ``event_row_before``; -1 of those that were left out."""
-    return places_of(run, run.variables[name].values)
+    return row_places(run, run.variables[name].values)
 
 
 def rows_of_events(run: xr.Dataset, side: str, events: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -60,10 +66,10 @@ def rows_of_events(run: xr.Dataset, side: str, events: NDArray[np.int64]) -> NDA
             " from the whole run"
         )
     if "time" in run.variables:
-        apart = np.asarray(run.variables["time"].isel({STEPS: places})) != _event_times(run)[events]
-        if apart.any():
+        differs = np.asarray(run.variables["time"].isel({STEPS: places})) != _event_times(run)[events]
+        if differs.any():
             raise InputError(
-                f"the row {side} {_event_in_words(run, int(events[apart][0]))} is at another time: step_number or a time was"
+                f"the row {side} {_event_in_words(run, int(events[differs][0]))} is at another time: step_number or a time was"
                 " edited; take the event's states from the run as it was marched"
             )
     return places

@@ -25,7 +25,7 @@ from xdynamics.schema import (
     SELECTION_OF,
     STEPS,
 )
-from xdynamics.shapes.naming import written
+from xdynamics.shapes.naming import internal_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -77,7 +77,7 @@ def rows_apart(attributes: Mapping[Any, Any]) -> int:
     return int(attributes.get(KEEP_EVERY, 1))
 
 
-def check_every_row(attributes: Mapping[Any, Any], what: str) -> None:
+def check_every_row(attributes: Mapping[Any, Any], subject: str) -> None:
     """Check that a record has every row, for evidence that needs them all.
 
     Raises
@@ -86,7 +86,7 @@ def check_every_row(attributes: Mapping[Any, Any], what: str) -> None:
         Naming what needs them, and the remedy.
     """
     if (every := rows_apart(attributes)) > 1:
-        raise InputError(f"{what} needs every row of the march, and this record has {RARE.format(every)}")
+        raise InputError(f"{subject} needs every row of the march, and this record has {RARE.format(every)}")
 
 
 def log_description(attributes: Mapping[Any, Any]) -> str:
@@ -101,7 +101,7 @@ def log_description(attributes: Mapping[Any, Any]) -> str:
     return f"it was marched with log = {which}: {COMPLETED}"
 
 
-def check_every_column(attributes: Mapping[Any, Any], what: str) -> None:
+def check_every_column(attributes: Mapping[Any, Any], subject: str) -> None:
     """Check that a record has every column, for evidence that needs them all.
 
     Raises
@@ -109,8 +109,8 @@ def check_every_column(attributes: Mapping[Any, Any], what: str) -> None:
     InputError
         Naming what needs them, and the remedy.
     """
-    if said := log_description(attributes):
-        raise InputError(f"{what} needs all columns of a run's log, and this record has not: {said}")
+    if missing_columns := log_description(attributes):
+        raise InputError(f"{subject} needs all columns of a run's log, and this record has not: {missing_columns}")
 
 
 def with_article(kind: str) -> str:
@@ -131,8 +131,8 @@ def kind_description(attributes: Mapping[Any, Any]) -> str:
         return f"derived data, no run: {attributes[DERIVED]}; from run {attributes.get(DERIVED_FROM, 'unknown')}"
     if is_evidence(attributes):
         runs = len(str(attributes.get(RUNS, "")).split())
-        counted = "1 run" if runs == 1 else f"{runs} runs"
-        return f"evidence, no run: {f'{with_article(attributes[EVIDENCE])} from {counted}' if runs else attributes[EVIDENCE]}"
+        run_count = "1 run" if runs == 1 else f"{runs} runs"
+        return f"evidence, no run: {f'{with_article(attributes[EVIDENCE])} from {run_count}' if runs else attributes[EVIDENCE]}"
     if is_selection(attributes):
         return f"a selection of run {attributes[SELECTION_OF]}: {attributes.get(SELECTION, 'a part')}"
     return ""
@@ -148,17 +148,17 @@ def left_out_atols(attributes: Mapping[Any, Any]) -> dict[str, tuple[float, str]
     """
     text = str(attributes.get(LEFT_OUT_ATOL, "{}"))
     try:
-        return {written(str(name)): (float(size), str(units)) for name, (size, units) in json.loads(text).items()}
+        return {internal_text(str(name)): (float(size), str(units)) for name, (size, units) in json.loads(text).items()}
     except (ValueError, TypeError, AttributeError, RecursionError):
         raise InputError(f"attribute '{LEFT_OUT_ATOL}' is {text[:40]!r}, needs tolerances and units by name") from None
 
 
-def ended(attributes: Mapping[Any, Any]) -> tuple[str, str]:
+def ending_words(attributes: Mapping[Any, Any]) -> tuple[str, str]:
     """Return how a run ended, as one sentence, and the remarks that follow it; without a word of either an empty text.
 
     Examples
     --------
-    >>> ended({"run_outcome": "completed", "run_outcome_text": "reached t = 2 s; stiff: radau_iia takes fewer steps"})
+    >>> ending_words({"run_outcome": "completed", "run_outcome_text": "reached t = 2 s; stiff: radau_iia takes fewer steps"})
     ('completed: reached t = 2 s', 'stiff: radau_iia takes fewer steps')
     """
     sentence, _, remarks = str(attributes.get("run_outcome_text", "")).partition("; ")

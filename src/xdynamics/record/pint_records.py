@@ -23,10 +23,10 @@ def is_quantified(record: Any) -> bool:
     """Whether a Dataset has arrays of pint."""
     if "pint" not in sys.modules or not hasattr(record, "variables"):
         return False
-    return any(_has_unit(variable) for variable in record.variables.values())
+    return any(_has_pint_unit(variable) for variable in record.variables.values())
 
 
-def _has_unit(variable: Any) -> bool:
+def _has_pint_unit(variable: Any) -> bool:
     return type(variable._data).__module__.startswith("pint")  # noqa: SLF001 - `.data` would read what is lazy
 
 
@@ -72,7 +72,7 @@ def quantified(run: xr.Dataset) -> xr.Dataset:
     return result
 
 
-def plain(run: xr.Dataset) -> xr.Dataset:
+def without_pint_units(run: xr.Dataset) -> xr.Dataset:
     """Return a record with units as attributes.
 
     Raises
@@ -84,7 +84,7 @@ def plain(run: xr.Dataset) -> xr.Dataset:
 
     result = run.copy()
     for name, variable in run.variables.items():
-        if not _has_unit(variable):
+        if not _has_pint_unit(variable):
             continue
         spelled = f"{variable.data.units:cf}" or "1"
         try:
@@ -108,16 +108,18 @@ def taking(verb: Callable[..., Any]) -> Callable[..., Any]:
     """Let a verb take Datasets with units in their arrays, and return such a Dataset if it was given one."""
 
     @wraps(verb)
-    def called(*arguments: Any, **keywords: Any) -> Any:
+    def quantified_call(*arguments: Any, **keywords: Any) -> Any:
         if "pint" not in sys.modules or not any(map(is_quantified, (*arguments, *keywords.values()))):
             return verb(*arguments, **keywords)
-        result = verb(*map(_plain, arguments), **{key: _plain(value) for key, value in keywords.items()})
+        result = verb(
+            *map(_plain_argument, arguments), **{key: _plain_argument(value) for key, value in keywords.items()}
+        )
         return quantified(result) if hasattr(result, "data_vars") else result
 
-    return called
+    return quantified_call
 
 
-def _plain(given: Any) -> Any:
-    if isinstance(given, Mapping) and not hasattr(given, "variables"):
-        return {key: _plain(value) for key, value in given.items()}
-    return plain(given) if is_quantified(given) else given
+def _plain_argument(argument: Any) -> Any:
+    if isinstance(argument, Mapping) and not hasattr(argument, "variables"):
+        return {key: _plain_argument(value) for key, value in argument.items()}
+    return without_pint_units(argument) if is_quantified(argument) else argument

@@ -24,19 +24,19 @@ from xdynamics.march.settings import Settings
 from xdynamics.march.timescales import FEW, MOST_NUMBERS, RULE, beyond_eigenvalues, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.march.tolerances import ATOL_FLOORS
-from xdynamics.methods.lines import printed
+from xdynamics.methods.lines import printed_lines
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, ESTIMATE_WORDS, FLOAT64, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.methods.taylor import ORDER_RULE
 from xdynamics.model import Model
 from xdynamics.model.switches import LANDED_ON, LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, landed_on, watched_switches
 from xdynamics.record.arguments import EVERYWHERE, SCALES
 from xdynamics.record.circumstances import circumstances
-from xdynamics.record.delays import delays
-from xdynamics.record.element_names import listed
+from xdynamics.record.delays import delay_attributes
+from xdynamics.record.element_names import names_as_words
 from xdynamics.record.folding import sized
-from xdynamics.record.logged_elements import shapes_of
+from xdynamics.record.logged_elements import march_shapes
 from xdynamics.record.run_columns import left_out_tolerances
-from xdynamics.shapes.naming import spoken
+from xdynamics.shapes.naming import display_text
 from xdynamics.units import NUMBERS, TIME, UNSCALED, unit_suffix
 
 if TYPE_CHECKING:
@@ -69,9 +69,9 @@ KEPT_BY_IMPULSES = (
 )
 
 
-def attributes(march: March) -> dict[str, Any]:
+def run_attributes(march: March) -> dict[str, Any]:
     """Return the global attributes: what was used, how it ended, on what it ran."""
-    ended = _ended(march)
+    ended = _ending_attributes(march)
     return settings_used(march) | ended
 
 
@@ -90,18 +90,18 @@ def settings_used(march: March) -> dict[str, Any]:
         "solver_update_equations": method.equations(model),
         "solver_update_order": method.words,
         "solver_reference": method.reference,
-        **_steps(march),
+        **_step_attributes(march),
         "solver_until": float(settings.until),
         "solver_until_units": model.time_unit.text,
-        **_errors(march),
+        **_error_attributes(march),
         "solver_summation": settings.summation,
-        **_switches(march),
+        **_switch_attributes(march),
         **_stability(march),
-        **_located(march),
+        **_location_attributes(march),
         **_assumed(march.model),
-        **delays(march),
-        **_dimensions(march),
-        **interpolation(settings.scheme, model),
+        **delay_attributes(march),
+        **_dimension_attributes(march),
+        **interpolation_attributes(settings.scheme, model),
         "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
         "solver_event_start": settings.event_start,
         "solver_force_samples": "all" if settings.samples else "none",
@@ -112,16 +112,16 @@ def settings_used(march: March) -> dict[str, Any]:
     }
     recorded |= _rests_of_times(settings)
     recorded |= _thinning(march) | _nodes_and_scales(settings, model.time_unit.text)
-    said = {key: spoken(value) if isinstance(value, str) else value for key, value in recorded.items()}
-    return said | model.about.attributes | circumstances("simulated")
+    displayed = {key: display_text(value) if isinstance(value, str) else value for key, value in recorded.items()}
+    return displayed | model.about.attributes | circumstances("simulated")
 
 
-def _ended(march: March) -> dict[str, Any]:
+def _ending_attributes(march: March) -> dict[str, Any]:
     """Return the global attributes that are known after the march: how it ended, its effort, steps beside time scales."""
     end, settings = ending(march), march.settings
     recorded: dict[str, Any] = {}
     if settings.adaptive and not settings.step:
-        recorded["solver_first_step"] = float(march.now.first_step) * settings.scales.of(TIME)
+        recorded["solver_first_step"] = float(march.now.first_step) * settings.scales.si_factor(TIME)
     elif not settings.adaptive and not isinstance(settings.step, tuple):
         recorded["solver_last_step"] = _last_step(march)
     recorded |= {"run_rows": int(march.now.rows)} if settings.keep_every > 1 else {}
@@ -141,9 +141,9 @@ def _ended(march: March) -> dict[str, Any]:
 
 def _accumulation(march: March) -> dict[str, Any]:
     """Return when events that act ever more often would come to an end, where they ended the run."""
-    if (found := accumulation(march)) is None:
+    if (accumulated := accumulation(march)) is None:
         return {}
-    time, uncertainty = found
+    time, uncertainty = accumulated
     units = march.model.time_unit.text
     return {
         "accumulation_time": time,
@@ -165,7 +165,7 @@ def _thinning(march: March) -> dict[str, Any]:
     if settings.log != FULL:
         log = settings.log if isinstance(settings.log, str) else schema.CHOSEN
         recorded |= {schema.LOG: log, f"{schema.LOG}_rule": KEPT_COLUMNS}
-        recorded |= {} if isinstance(settings.log, str) else {schema.LOGGED: listed(settings.log)}
+        recorded |= {} if isinstance(settings.log, str) else {schema.LOGGED: names_as_words(settings.log)}
         left_out = left_out_tolerances(march)
         recorded |= {schema.LEFT_OUT_ATOL: json.dumps(left_out, ensure_ascii=False)} if left_out else {}
     if settings.compress:
@@ -182,7 +182,7 @@ def _rests_of_times(settings: Settings) -> dict[str, Any]:
         rests["solver_step"] = rest_of_time(settings.step)
     if settings.nodes:
         rests["solver_nodes"] = np.array([rest_of_time(node) for node in settings.nodes])
-    return {schema.rest(name): rest for name, rest in rests.items()}
+    return {schema.rest_name(name): remainder for name, remainder in rests.items()}
 
 
 def _nodes_and_scales(settings: Settings, second: str) -> dict[str, Any]:
@@ -196,7 +196,7 @@ def _nodes_and_scales(settings: Settings, second: str) -> dict[str, Any]:
     return recorded
 
 
-def interpolation(scheme: Scheme, model: Model, rule: str = REINTEGRATE) -> dict[str, Any]:
+def interpolation_attributes(scheme: Scheme, model: Model, rule: str = REINTEGRATE) -> dict[str, Any]:
     """Describe the interpolation between the accepted states of a run."""
     return {
         "solver_interpolation": scheme.interpolation(model, rule),
@@ -221,7 +221,7 @@ def force_digest(march: March) -> str:
     return hashlib.sha256((march.law.source + functions).encode()).hexdigest()
 
 
-def _switches(march: March) -> dict[str, str]:
+def _switch_attributes(march: March) -> dict[str, str]:
     """Describe the treatment of switches hidden in forces, if there are any."""
     choice, watched = march.settings.switches, watched_switches(march.model)
     if not watched:
@@ -256,7 +256,7 @@ def _time_scales(march: March) -> dict[str, Any]:
         "run_h_omega_rule": RULE.format(rows=scales.rows),
     }
     if np.isfinite(scales.period):
-        span = float(march.now.t) * march.settings.scales.of(TIME) - march.model.statement.initial["t"].si
+        span = float(march.now.t) * march.settings.scales.si_factor(TIME) - march.model.statement.initial["t"].si
         reported |= {
             "run_slowest_period": scales.period,
             "run_slowest_period_units": march.model.time_unit.text,
@@ -273,13 +273,15 @@ def _assumed(model: Model) -> dict[str, str]:
     return {schema.AT_REST: " ".join(at_rest)} if at_rest else {}
 
 
-def _dimensions(march: March) -> dict[str, str]:
+def _dimension_attributes(march: March) -> dict[str, str]:
     """Name the model's dimensions and relations, with their sizes, and those of elements that the log names."""
-    named = " ".join(filter(None, (sized(own, {*own.relations, *own.extents}) for own in shapes_of(march))))
-    return {schema.MODEL_DIMENSIONS: named} if named else {}
+    sized_dims = " ".join(
+        filter(None, (sized(shapes, {*shapes.relations, *shapes.extents}) for shapes in march_shapes(march)))
+    )
+    return {schema.MODEL_DIMENSIONS: sized_dims} if sized_dims else {}
 
 
-def _located(march: March) -> dict[str, Any]:
+def _location_attributes(march: March) -> dict[str, Any]:
     """Return the time tolerance of events that have none of their own, if there are events."""
     if not march.layout.watched:
         return {}
@@ -287,7 +289,7 @@ def _located(march: March) -> dict[str, Any]:
     return {"solver_time_tolerance": march.settings.time_tolerance, "solver_time_tolerance_units": second}
 
 
-def _steps(march: March) -> dict[str, Any]:
+def _step_attributes(march: March) -> dict[str, Any]:
     """Describe how steps were chosen."""
     settings, pacing, second = march.settings, march.settings.pacing, march.model.time_unit.text
     if isinstance(settings.step, tuple):
@@ -335,15 +337,15 @@ def _longest(march: March) -> dict[str, Any]:
     return {"solver_max_step": longest, "solver_max_step_units": second, "solver_max_step_choice": choice}
 
 
-def _errors(march: March) -> dict[str, Any]:
+def _error_attributes(march: March) -> dict[str, Any]:
     """Describe how local errors were estimated and scaled, and how equations were solved."""
     settings = march.settings
-    reported: dict[str, Any] = {"solver_estimator": settings.estimator} | _of_constraints(march)
+    reported: dict[str, Any] = {"solver_estimator": settings.estimator} | _constraint_attributes(march)
     if settings.scheme.estimates:
         reported["solver_error_estimate"] = ESTIMATE_WORDS[settings.estimator]
         reported["solver_error_exponent"] = settings.scheme.error_order  # k of an estimate that falls as h**k
     if settings.scheme.error_lines:
-        reported["solver_error_equations"] = printed(settings.scheme.error_equations, march.model)
+        reported["solver_error_equations"] = printed_lines(settings.scheme.error_equations, march.model)
     if settings.tolerances is not None:
         scheme, rtol = settings.scheme, settings.tolerances.rtol
         reported |= {
@@ -358,7 +360,7 @@ def _errors(march: March) -> dict[str, Any]:
     return reported | solver_of(settings.method).reported(settings, march.law)
 
 
-def _of_constraints(march: March) -> dict[str, Any]:
+def _constraint_attributes(march: March) -> dict[str, Any]:
     """Describe how constraints were kept."""
     if not march.model.constraints:
         return {}
@@ -392,10 +394,12 @@ def _last_step(march: March) -> str:
     plan = march.run.plan[0]
     steps = (plan.end - plan.start) / plan.step_size
     partial = abs(steps - round(steps)) * plan.step_size > plan.snap * max(abs(plan.start), abs(plan.end))
-    whole = int(steps)
-    rest = (float(plan.end) - (plan.start + whole * plan.step_size)) * march.settings.scales.of(TIME)
+    full_steps = int(steps)
+    last_step_size = (float(plan.end) - (plan.start + full_steps * plan.step_size)) * march.settings.scales.si_factor(
+        TIME
+    )
     return (
-        f"partial, {rest:.9g}{unit_suffix(march.model.time_unit)}: the span is no multiple of the step"
+        f"partial, {last_step_size:.9g}{unit_suffix(march.model.time_unit)}: the span is no multiple of the step"
         if partial
         else "whole"
     )

@@ -11,24 +11,30 @@ from xdynamics import schema
 from xdynamics.elementary.double_double import DoubleDouble, nearest
 from xdynamics.elementary.double_double.sums import add, multiply
 from xdynamics.march import LogBlock
-from xdynamics.record.column import About, Column, row_of, times
+from xdynamics.record.column import About, Column, multiply_values, take_row
 from xdynamics.schema import STEPS, Variable
 from xdynamics.shapes.blocks import Block as Quantity
 
 Array = NDArray[Any]
 
 
-def rest_column(about: About, own: Quantity, rest: Quantity) -> Column:
+def rest_column(about: About, number_quantity: Quantity, rest_quantity: Quantity) -> Column:
     """Return what is left of a number beside the nearest float that is recorded."""
-    unit, rows = about.units.known[own.name], [about.layout.row.place(quantity.name) for quantity in (own, rest)]
+    unit, rows = (
+        about.units.known[number_quantity.name],
+        [about.layout.row.offset_of(quantity.name) for quantity in (number_quantity, rest_quantity)],
+    )
     factor = about.units.factor(unit)
     exact = nearest(1 / Fraction(unit.factor))
 
-    def left(block: LogBlock) -> Array:
-        numbers = [row_of(row, 1.0, own.shape)(block) for row in rows]
+    def take_rest(block: LogBlock) -> Array:
+        numbers = [take_row(row, 1.0, number_quantity.shape)(block) for row in rows]
         product = multiply(DoubleDouble(*numbers), exact)
-        rests: Array = add(product, DoubleDouble(-times(numbers[0], factor), 0.0 * numbers[0])).high
+        rests: Array = add(product, DoubleDouble(-multiply_values(numbers[0], factor), 0.0 * numbers[0])).high
         return rests
 
-    long_name = f"what a float does not hold of {own.name}: the number is {own.name} + {rest.name}"
-    return Column(Variable(rest.name, (STEPS, *own.dims), "f8", unit.text, long_name, schema.LEFT_OVER), left)
+    long_name = f"what a float does not hold of {number_quantity.name}: the number is {number_quantity.name} + {rest_quantity.name}"
+    return Column(
+        Variable(rest_quantity.name, (STEPS, *number_quantity.dims), "f8", unit.text, long_name, schema.LEFT_OVER),
+        take_rest,
+    )

@@ -20,25 +20,25 @@ from xdynamics.model.assemblies import assemblies
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.record.closed_link_columns import any_rubs, link_names
-from xdynamics.record.column import About, Column, named_row, row_of, sample_of, trial_of
+from xdynamics.record.column import About, Column, take_row, take_row_numbers, take_sample, take_trial_field
 from xdynamics.record.constraint_columns import of_constraints
 from xdynamics.record.effort_columns import effort_columns
-from xdynamics.record.element_attributes import attributes_of_whole, of_whole
+from xdynamics.record.element_attributes import attributes_of_quantity, quantity_of
 from xdynamics.record.event_columns import event_columns
 from xdynamics.record.first_order_columns import of_first_order
-from xdynamics.record.folded_columns import NamedColumns, dimensions, parted
+from xdynamics.record.folded_columns import NamedColumns, dimension_variables, split_columns
 from xdynamics.record.logged_elements import (
     check_logged,
-    folded_log,
+    fold_logged_columns,
     is_by_rows,
     logged_numbers,
-    shapes_of,
-    wholes_of,
+    logged_quantities,
+    march_shapes,
     with_elements,
 )
-from xdynamics.record.parameter_columns import parameters
+from xdynamics.record.parameter_columns import parameter_variables
 from xdynamics.record.rest_column import rest_column
-from xdynamics.record.switches import passed, shapes_with_switches, side_columns
+from xdynamics.record.switches import shapes_with_switches, side_columns, smooth_switch_passes
 from xdynamics.record.written_link_columns import written_link_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
@@ -55,19 +55,19 @@ OF_STATES = (*schema.OF_MOTION, "error")
 
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
-    return folded_log(_selected(march), march.settings.log, shapes_with_switches(march.layout.model))
+    return fold_logged_columns(_selected_columns(march), march.settings.log, shapes_with_switches(march.layout.model))
 
 
 def element_columns(march: March) -> list[Column]:
     """Return the same, where quantities with dimensions have a variable for each of their elements."""
-    return parted(_selected(march), march.model.shapes)
+    return split_columns(_selected_columns(march), march.model.shapes)
 
 
-def _selected(march: March) -> list[Column]:
+def _selected_columns(march: March) -> list[Column]:
     """Return the columns of a log; those of quantities that are not blocks are of elements."""
     settings = march.settings
-    about = About.of(march.layout, settings, samples=settings.samples)
-    selected = [*_columns(about), *written_link_columns(about)]
+    about = About.for_settings(march.layout, settings, samples=settings.samples)
+    selected = [*_all_columns(about), *written_link_columns(about)]
     if settings.log != FULL:
         model = march.layout.model
         rubbing = link_names(model) if any_rubs(assemblies(model)) else []
@@ -88,7 +88,11 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes,
         log = check_logged(log, available, shapes)
     roles = (*ALWAYS, *OF_STATES, schema.LEFT_OVER) if log == STATES else ALWAYS
     if not isinstance(log, str):
-        log = (*log, schema.REST_TIME.name, *map(schema.rest, log))  # a number goes with its rest, a link with its time
+        log = (
+            *log,
+            schema.REST_TIME.name,
+            *map(schema.rest_name, log),
+        )  # a number goes with its rest, a link with its time
         log = (*log, *(schema.CLOSED_TIME for name in log if name.startswith(schema.at_closed(""))))
     return [
         column
@@ -104,39 +108,44 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes,
 def _is_logged(march: March, quantity: Quantity) -> NDArray[np.bool_]:
     """Return which elements of a quantity a log holds."""
     log, shape = march.settings.log, quantity.size
-    if isinstance(log, str) or {quantity.name, of_whole(quantity.name)} & {*log}:
+    if isinstance(log, str) or {quantity.name, quantity_of(quantity.name)} & {*log}:
         return np.ones(shape, bool)
     if not any(DOT in name for name in log):
         return np.zeros(shape, bool)
     return np.array([name in log for name in quantity.elements()])
 
 
-def columns_of(layout: Layout, settings: Settings) -> list[Column]:
+def unsampled_columns(layout: Layout, settings: Settings) -> list[Column]:
     """Return the columns of a march that keeps no force samples, one for each element."""
-    return parted(_columns(About.of(layout, settings)), layout.model.shapes)
+    return split_columns(_all_columns(About.for_settings(layout, settings)), layout.model.shapes)
 
 
 def named_columns(layout: Layout, settings: Settings) -> NamedColumns:
     """Return the same by name, of quantities and of elements."""
-    about = About.of(layout, settings)
-    return NamedColumns(_columns(about), layout.model.shapes)
+    about = About.for_settings(layout, settings)
+    return NamedColumns(_all_columns(about), layout.model.shapes)
 
 
 @lru_cache(maxsize=64)
-def _columns(about: About) -> list[Column]:
-    collected = [*_steps(about), *_trials(about), *event_columns(about), *(_samples(about) if about.samples else [])]
+def _all_columns(about: About) -> list[Column]:
+    collected = [
+        *_step_columns(about),
+        *_trial_columns(about),
+        *event_columns(about),
+        *(_sample_columns(about) if about.samples else []),
+    ]
     unit = about.model.time_unit
-    return [replace(column, variable=schema.in_time(column.variable, unit)) for column in collected]
+    return [replace(column, variable=schema.with_time_unit(column.variable, unit)) for column in collected]
 
 
 def constants(march: March) -> list[tuple[Variable, Any]]:
     """Return every variable not along a march with its value: parameters, given steps, its memory, the model, the source."""
     entries: list[tuple[Variable, Any]] = []
     if isinstance(march.settings.step, tuple):
-        entries.append((schema.in_time(schema.GIVEN_STEP, march.model.time_unit), np.array(march.settings.step)))
-    entries += parameters(march.model)
-    entries += [entry for shapes in shapes_of(march) for entry in dimensions(shapes)]
-    entries += passed(march)
+        entries.append((schema.with_time_unit(schema.GIVEN_STEP, march.model.time_unit), np.array(march.settings.step)))
+    entries += parameter_variables(march.model)
+    entries += [entry for shapes in march_shapes(march) for entry in dimension_variables(shapes)]
+    entries += smooth_switch_passes(march)
     names, numbers = march.numbers_at_end()
     entries.append((replace(schema.END_MEMORY, more={"names": names}), numbers))
     functions = "".join(
@@ -144,10 +153,10 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
         for function in march.model.python_functions
     )
     texts = {"model_toml": march.model.to_toml(), "force_source": march.law.source + functions}
-    written = [(variable, np.array([texts[variable.name]])) for variable in schema.TEXTS]
+    text_entries = [(variable, np.array([texts[variable.name]])) for variable in schema.TEXTS]
     if any(schema.DOCUMENT in (variable.name, *variable.dims) for variable, _ in entries):  # of a model of schema 1
-        written = [(replace(variable, dims=()), text[0]) for variable, text in written]
-    return entries + written
+        text_entries = [(replace(variable, dims=()), text[0]) for variable, text in text_entries]
+    return entries + text_entries
 
 
 def factors(layout: Layout, scales: Scales) -> Array:
@@ -155,62 +164,66 @@ def factors(layout: Layout, scales: Scales) -> Array:
     blocks = layout.used.blocks
     units = [layout.model.units[block.first] for block in blocks]
     return np.repeat(
-        [scales.of(unit.dimension) / float(unit.factor) for unit in units], [block.size for block in blocks]
+        [scales.si_factor(unit.dimension) / float(unit.factor) for unit in units], [block.size for block in blocks]
     )
 
 
-def _steps(about: About) -> list[Column]:
+def _step_columns(about: About) -> list[Column]:
     units, layout, model = about.units, about.layout, about.model
-    collected = [Column(step, row_of(layout.row.place(step.name), units.time)) for step in schema.FIXED_STEPS[:2]]
+    collected = [Column(step, take_row(layout.row.offset_of(step.name), units.time)) for step in schema.FIXED_STEPS[:2]]
     collected.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
     collected.append(Column(schema.STEP_NUMBER, LogBlock.of_rows))
-    collected.append(_regime(about))
+    collected.append(_regime_column(about))
 
-    def add(quantity: Quantity, long_name: str, unit: Unit, more: Mapping[str, Any] | None = None) -> None:
+    def add_column(quantity: Quantity, long_name: str, unit: Unit, more: Mapping[str, Any] | None = None) -> None:
         name = quantity.name
         if quantity.role in OF_STATES[:-1]:
-            more = _tolerance(about, quantity, unit)
+            more = _tolerance_attributes(about, quantity, unit)
         variable = Variable(name, (STEPS, *quantity.dims), "f8", unit.text, long_name, quantity.role, more or {})
-        take = row_of(layout.row.place(name), units.factor(unit), quantity.shape)
+        take = take_row(layout.row.offset_of(name), units.factor(unit), quantity.shape)
         collected.append(Column(variable, take))
 
     owners = zip(layout.coordinates.blocks, layout.velocities.blocks, layout.accelerations.blocks, strict=True)
-    for own, velocity, acceleration in owners:
-        name = own.name
-        add(own, layout.declared.coordinates[name].description or f"coordinate {name}", units.known[name])
-        add(velocity, f"velocity of {name}", units.known[velocity.name])
-        add(acceleration, f"acceleration of {name}", units.known[acceleration.name])
-    for own, long_name in of_first_order(about):
-        add(own, long_name, units.known[own.name])
-    along = [(term, name) for term, components in layout.terms.items() for name in components]
-    for (term, name), force in zip(along, layout.forces.blocks, strict=True):
+    for row_block, velocity, acceleration in owners:
+        name = row_block.name
+        add_column(row_block, layout.declared.coordinates[name].description or f"coordinate {name}", units.known[name])
+        add_column(velocity, f"velocity of {name}", units.known[velocity.name])
+        add_column(acceleration, f"acceleration of {name}", units.known[acceleration.name])
+    for row_block, long_name in of_first_order(about):
+        add_column(row_block, long_name, units.known[row_block.name])
+    term_components = [(term, name) for term, components in layout.terms.items() for name in components]
+    for (term, name), force in zip(term_components, layout.forces.blocks, strict=True):
         label = model.forces[term].description or term
-        add(force, f"component of force {label} along {name}", units.known[force.name])
-    for own in (block for block in layout.computed.blocks if block.name not in layout.kept):
-        name = own.name
+        add_column(force, f"component of force {label} along {name}", units.known[force.name])
+    for row_block in (block for block in layout.computed.blocks if block.name not in layout.constraint_outputs):
+        name = row_block.name
         role = "energy" if name in schema.ENERGIES else "gap" if name in layout.gaps else "observable"
         noun = "gap of contact" if role == "gap" else "observable"
         owner = name.removeprefix(reaction_names.contact_gap("")) if role == "gap" else name
         observed = layout.declared.observed.get(name)
         description = observed.description if observed else schema.ENERGIES.get(name)
-        add(own._replace(role=role), description or f"{noun} {owner}", units.derived(own))
-    for k, (reaction, own) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
-        add(own, _long_name(about, reaction), units.known[reaction.name], _declared(model, reaction))
-        collected.append(Column(_state_of(about, reaction), _flag(2 + k)))
+        add_column(row_block._replace(role=role), description or f"{noun} {owner}", units.derived(row_block))
+    for k, (reaction, row_block) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
+        add_column(
+            row_block, _long_name(about, reaction), units.known[reaction.name], _declared_attributes(model, reaction)
+        )
+        collected.append(Column(_state_of(about, reaction), _flag_taker(2 + k)))
     collected += of_constraints(about)
     collected += side_columns(about)
     if layout.estimates and about.tolerances is not None:
-        collected.append(Column(schema.ERROR_NORM, row_of(layout.row.place("error_norm"), 1.0)))
-    for own, error in zip(layout.used.blocks, layout.errors.blocks[1:], strict=bool(layout.errors)):
-        add(error, f"estimated local error of {own.name} in the step to this state", units.known[own.name])
-    if layout.rests:
-        collected.append(Column(schema.REST_TIME, row_of(layout.row.place(schema.REST_TIME.name), units.time)))
-        rests = zip(layout.used.blocks, layout.rests.blocks[1:], strict=True)
-        collected += [rest_column(about, own, rest) for own, rest in rests]
+        collected.append(Column(schema.ERROR_NORM, take_row(layout.row.offset_of("error_norm"), 1.0)))
+    for row_block, error in zip(layout.used.blocks, layout.errors.blocks[1:], strict=bool(layout.errors)):
+        add_column(
+            error, f"estimated local error of {row_block.name} in the step to this state", units.known[row_block.name]
+        )
+    if layout.low_parts:
+        collected.append(Column(schema.REST_TIME, take_row(layout.row.offset_of(schema.REST_TIME.name), units.time)))
+        rests = zip(layout.used.blocks, layout.low_parts.blocks[1:], strict=True)
+        collected += [rest_column(about, row_block, rest_block) for row_block, rest_block in rests]
     return collected + effort_columns(layout)
 
 
-def _regime(about: About) -> Column:
+def _regime_column(about: About) -> Column:
     """Return the regime of every row, with the forces of each."""
     model = about.model
     regime = Variable(
@@ -220,7 +233,7 @@ def _regime(about: About) -> Column:
         "1",
         "regime of the force law",
         "flag",
-        schema.flags(dict(enumerate(model.regimes)) or {0: schema.ONLY_REGIME}) | _forces_by_regime(model),
+        schema.flag_attributes(dict(enumerate(model.regimes)) or {0: schema.ONLY_REGIME}) | _forces_by_regime(model),
     )
     return Column(regime, lambda block: block.log.flags[1, : block.rows])
 
@@ -234,9 +247,9 @@ def _long_name(about: About, reaction: Reaction) -> str:
     return f"friction force of {owner} along positive slip{when}, against which it acts while it slips{where}"
 
 
-def _declared(model: Model, reaction: Reaction) -> dict[str, str]:
+def _declared_attributes(model: Model, reaction: Reaction) -> dict[str, str]:
     """Return the model's declarations of a contact or friction element; the force acts along the gradient of its gap, or slip."""
-    owner, shaped = of_whole(reaction.owner), model.shaped
+    owner, shaped = quantity_of(reaction.owner), model.shaped
     element: Contact | Friction = shaped.frictions[owner] if reaction.sort == DRY else shaped.contacts[owner]
     keys = (
         ("gap", "restitution")
@@ -253,9 +266,13 @@ def _declared(model: Model, reaction: Reaction) -> dict[str, str]:
     return declared | {key: str(value) for key, value in tolerances.items() if value is not None}
 
 
-def state_name(one: Reaction) -> str:
+def state_name(reaction: Reaction) -> str:
     """Return the name of the variable for the state of a contact, or of its friction."""
-    return reaction_names.contact_state(one.owner) if one.sort == NORMAL else reaction_names.friction_state(one.owner)
+    return (
+        reaction_names.contact_state(reaction.owner)
+        if reaction.sort == NORMAL
+        else reaction_names.friction_state(reaction.owner)
+    )
 
 
 def _state_of(about: About, reaction: Reaction) -> Variable:
@@ -271,10 +288,10 @@ def _state_of(about: About, reaction: Reaction) -> Variable:
     elif reaction.sort == DRY:
         words = ("", *words[1:])  # a friction element is never open
     meanings = {i: word for i, word in enumerate(words) if word}
-    return Variable(name, (STEPS,), "i1", "1", long_name, "flag", schema.flags(meanings))
+    return Variable(name, (STEPS,), "i1", "1", long_name, "flag", schema.flag_attributes(meanings))
 
 
-def _between(model: Model, name: str) -> dict[str, str]:
+def _drive_attributes(model: Model, name: str) -> dict[str, str]:
     """Return how the value of a drive is found between the points of its table, and beyond them."""
     drive = model.drives.get(name)
     if drive is None:
@@ -282,11 +299,11 @@ def _between(model: Model, name: str) -> dict[str, str]:
     return {"interpolation": drive.interpolation, "outside": drive.outside, "argument": text_of(drive.argument)}
 
 
-def _flag(index: int) -> Callable[[LogBlock], Array]:
+def _flag_taker(index: int) -> Callable[[LogBlock], Array]:
     return lambda block: block.log.flags[index, : block.rows]
 
 
-def _tolerance(about: About, quantity: Quantity, unit: Unit) -> dict[str, Any]:
+def _tolerance_attributes(about: About, quantity: Quantity, unit: Unit) -> dict[str, Any]:
     """Return the absolute tolerances given for a quantity, in its unit and, exactly, in SI."""
     if about.tolerances is None:
         return {}
@@ -307,37 +324,40 @@ def followed_tolerances(march: March) -> dict[str, dict[str, Any]]:
     tolerances, layout = march.settings.tolerances, march.layout
     if tolerances is None or not march.run.plan[0].follows:
         return {}
-    final, following = dict[str, dict[str, Any]](), march.run.followers != 0
-    given = tolerances.of_all(layout.used)
-    last = np.where(following, march.run.atol * layout.sizes(march.settings.scales), given)
+    final, following = dict[str, dict[str, Any]](), march.run.adaptive_atol != 0
+    given_atols = tolerances.of_all(layout.used)
+    last = np.where(following, march.run.atol * layout.sizes(march.settings.scales), given_atols)
     for quantity in layout.used.blocks:
-        place = layout.used.place(quantity.name)
+        first_index = layout.used.offset_of(quantity.name)
         logged = logged_numbers(quantity.name, quantity.size, march)
-        own = place + logged
-        follows = following[own] & _is_logged(march, quantity)[logged]
+        indices = first_index + logged
+        follows = following[indices] & _is_logged(march, quantity)[logged]
         if follows.any():
-            in_si = last[own] if follows.all() else np.where(follows, last[own], given[own])
+            in_si = last[indices] if follows.all() else np.where(follows, last[indices], given_atols[indices])
             final[quantity.name] = _atol(in_si / float(march.model.units[quantity.first].factor), in_si)
             if follows.all():
                 final[quantity.name][schema.ATOL_RULE] = schema.ATOL_FOLLOWS
             else:
                 final[quantity.name][schema.ATOL_FOLLOWING] = follows.astype(np.int8)
-    return _of_wholes(march, final)
+    return _quantity_tolerances(march, final)
 
 
-def _of_wholes(march: March, followed: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def _quantity_tolerances(march: March, followed: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the final tolerances of quantities from those of their elements, beside those that were given."""
     elements = [block.name for block in march.layout.used.blocks if not block.dims]
     if not march.model.shapes.dims or not elements:
         return followed
-    about = About.of(march.layout, march.settings)
+    about = About.for_settings(march.layout, march.settings)
     final, blocks = dict(followed), {block.name: block for block in march.layout.used.blocks}
-    for whole in wholes_of(elements, march).values():
+    for quantity in logged_quantities(elements, march).values():
         members = {}
-        for number, name in whole.members.items():
-            members[number] = name, final.pop(name, {}) or _tolerance(about, blocks[name], about.units.known[name])
-        if any(schema.ATOL_RULE in own for _, own in members.values()):
-            final[whole.name] = attributes_of_whole(members, whole.size)
+        for number, name in quantity.members.items():
+            members[number] = (
+                name,
+                final.pop(name, {}) or _tolerance_attributes(about, blocks[name], about.units.known[name]),
+            )
+        if any(schema.ATOL_RULE in attributes for _, attributes in members.values()):
+            final[quantity.name] = attributes_of_quantity(members, quantity.size)
     return final
 
 
@@ -360,31 +380,35 @@ def _forces_by_regime(model: Model) -> dict[str, str]:
     return {"forces": acting} if acting else {}
 
 
-def _trials(about: About) -> list[Column]:
+def _trial_columns(about: About) -> list[Column]:
     time = about.units.time
     takes = (
-        trial_of("time", "f8", time),
-        named_row("trials", "step"),
-        trial_of("step_size", "f8", time),
-        trial_of("error_norm", "f8"),
-        trial_of("reason", "i1"),
+        take_trial_field("time", "f8", time),
+        take_row_numbers("trials", "step"),
+        take_trial_field("step_size", "f8", time),
+        take_trial_field("error_norm", "f8"),
+        take_trial_field("reason", "i1"),
     )
     return [Column(variable, take) for variable, take in zip(schema.FIXED_TRIALS, takes, strict=True)]
 
 
-def _samples(about: About) -> list[Column]:
+def _sample_columns(about: About) -> list[Column]:
     units, layout = about.units, about.layout
     time, step, stage = schema.FIXED_SAMPLES
     collected = [
-        Column(time, sample_of(0, units.time)),
+        Column(time, take_sample(0, units.time)),
         Column(step, lambda block: block.numbered(block.log.samples[1, : block.samples])),
         Column(stage, lambda block: block.log.samples[2, : block.samples].astype("i1")),
     ]
     origins = {"force": "given by", "multiplier": "given by", "reaction": "given by", "drive": "looked up in"}
-    for own in (layout.used + layout.loads + layout.drives).blocks:
-        name, unit = own.name, units.known[own.name]
-        long_name = f"{name} {origins.get(own.role, 'used in')} the force evaluation"
-        more = _between(about.model, name)
-        variable = Variable(schema.sampled(name), (SAMPLES, *own.dims), "f8", unit.text, long_name, "sample", more)
-        collected.append(Column(variable, sample_of(layout.sample.place(name), units.factor(unit), own.shape)))
+    for sampled_block in (layout.used + layout.applied_forces + layout.drives).blocks:
+        name, unit = sampled_block.name, units.known[sampled_block.name]
+        long_name = f"{name} {origins.get(sampled_block.role, 'used in')} the force evaluation"
+        more = _drive_attributes(about.model, name)
+        variable = Variable(
+            schema.sample_name(name), (SAMPLES, *sampled_block.dims), "f8", unit.text, long_name, "sample", more
+        )
+        collected.append(
+            Column(variable, take_sample(layout.sample.offset_of(name), units.factor(unit), sampled_block.shape))
+        )
     return collected

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, numbered
+from xdynamics.faults import InputError, numbered_lines
 from xdynamics.keywords import FULL
 from xdynamics.march import LogBlock, March
-from xdynamics.march.log import mapped
+from xdynamics.march.log import map_pages
 from xdynamics.record import provenance
 from xdynamics.record.column import Column, LineOf
 from xdynamics.record.conformity import faults_of
@@ -25,7 +25,7 @@ from xdynamics.record.folding import check_elements, model_dimensions
 from xdynamics.record.logged_elements import sizes_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.record.size import check_growth
-from xdynamics.runtime.files import shown
+from xdynamics.runtime.files import displayed_path
 from xdynamics.schema import (
     BOUNDS,
     DIMENSIONS,
@@ -57,7 +57,7 @@ KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known bef
 
 def dataset(
     march: March,
-    before: Iterable[tuple[str, Array]] = (),
+    earlier_parts: Iterable[tuple[str, Array]] = (),
     memory: str | float | None = None,
 ) -> xr.Dataset:
     """March and return the whole run in memory.
@@ -65,7 +65,7 @@ def dataset(
     Parameters
     ----------
     march : March
-    before : iterable of (str, ndarray)
+    earlier_parts : iterable of (str, ndarray)
         Rows that precede those of the march, taken before its first block is requested.
     memory : str or float, optional
         The most that they may take, as `check_growth` has it.
@@ -76,17 +76,20 @@ def dataset(
         If more rows come, of events or of steps that are chosen, than there is room for.
     """
     spec = columns(march)
-    before = [*before]
-    march.witnesses.elsewhere = not before and _has_states(march, spec)
-    gathered = _gathered(march, spec, before, memory)
+    earlier_parts = [*earlier_parts]
+    march.witnesses.elsewhere = not earlier_parts and _has_states(march, spec)
+    gathered = _gather_columns(march, spec, earlier_parts, memory)
     tolerances = followed_tolerances(march)
-    filled = [(_described(column.variable, tolerances), gathered.pop(column.variable.name).whole()) for column in spec]
+    filled = [
+        (_with_final_attributes(column.variable, tolerances), gathered.pop(column.variable.name).joined_rows())
+        for column in spec
+    ]
     if march.witnesses.elsewhere:
-        held = {variable.name: values for variable, values in filled}
-        columns_of = [[held[block.name] for block in blocks] for blocks in _judged_by(march)]
+        values_by_name = {variable.name: values for variable, values in filled}
+        columns_of = [[values_by_name[block.name] for block in blocks] for blocks in _judged_by(march)]
         march.witnesses.read_in(*columns_of)
     filled += [(variable, np.asarray(value)) for variable, value in constants(march)]
-    return _assembled(filled, provenance.attributes(march))
+    return _assemble_dataset(filled, provenance.run_attributes(march))
 
 
 def _has_states(march: March, spec: Sequence[Column]) -> bool:
@@ -108,19 +111,19 @@ def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
 
     Variables along dimensions of no given size are left out, and attributes that are known after the march only.
     """
-    known = {**sizes, BOUNDS: 2, **sizes_of(march)}
+    known_sizes = {**sizes, BOUNDS: 2, **sizes_of(march)}
     variables = [column.variable for column in columns(march)]
     filled = [
-        (variable, np.zeros([known[dim] for dim in variable.dims], variable.dtype))
+        (variable, np.zeros([known_sizes[dim] for dim in variable.dims], variable.dtype))
         for variable in variables
-        if {*variable.dims} <= {*known}
+        if {*variable.dims} <= {*known_sizes}
     ]
     filled += [
         (variable, np.asarray(value))
         for variable, value in constants(march)
         if variable.role in KNOWN_BEFORE or variable.name == GIVEN_STEP.name
     ]
-    return _assembled(filled, provenance.settings_used(march))
+    return _assemble_dataset(filled, provenance.settings_used(march))
 
 
 def foreseen(march: March) -> xr.Dataset:
@@ -130,13 +133,13 @@ def foreseen(march: March) -> xr.Dataset:
         (column.variable, np.zeros([sizes.get(dim, 0) for dim in column.variable.dims], column.variable.dtype))
         for column in columns(march)
     ]
-    return _assembled(
+    return _assemble_dataset(
         [*filled, *((variable, np.asarray(value)) for variable, value in constants(march))],
         provenance.settings_used(march),
     )
 
 
-def _assembled(filled: Sequence[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:
+def _assemble_dataset(filled: Sequence[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:
     """Return the variables of one march as a Dataset, without aligning, comparing or copying them.
 
     xarray's public constructors take each of some hundred variables apart several times, longer than a short march
@@ -155,13 +158,13 @@ def _assembled(filled: Sequence[tuple[Variable, Array]], attributes: dict[str, A
     return xr.Dataset._construct_direct(variables, coordinates, attrs=attributes)  # noqa: SLF001
 
 
-def _rest(march: March) -> Iterator[LogBlock]:
+def _last_rows(march: March) -> Iterator[LogBlock]:
     """Yield the last row of an interrupted march, if it follows those that were kept."""
-    if (rest := march.rest()) is not None:
-        yield rest
+    if (last_row := march.waiting_block()) is not None:
+        yield last_row
 
 
-def _described(variable: Variable, tolerances: Mapping[str, Mapping[str, Any]]) -> Variable:
+def _with_final_attributes(variable: Variable, tolerances: Mapping[str, Mapping[str, Any]]) -> Variable:
     """Return a variable with the attributes that are known after the march."""
     extra = tolerances.get(variable.name)
     return replace(variable, more={**variable.more, **extra}) if extra else variable
@@ -176,25 +179,25 @@ def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
         With every fault.
     """
     check_dataset(run)
-    faults = faults_of(run, whole=whole, values=values)
+    faults = faults_of(run, is_full_run=whole, values=values)
     if faults:
         check_elements(run)
         if EVIDENCE not in run.attrs:
             check_single(run)
-        raise InputError(f"this is no run record:{numbered(faults)}", tuple(faults))
+        raise InputError(f"this is no run record:{numbered_lines(faults)}", tuple(faults))
 
 
-def check_dataset(given: Any) -> None:
+def check_dataset(candidate: Any) -> None:
     """Refuse what is no Dataset, such as the name of a file.
 
     Raises
     ------
     InputError
     """
-    if isinstance(given, str | PathLike):
-        raise InputError(f"'{shown(given)}' is a path; open it first, with open_run")
-    if not hasattr(given, "data_vars"):
-        raise InputError(f"{str(given)[:60]!r} is no Dataset, as simulate and open_run return one")
+    if isinstance(candidate, str | PathLike):
+        raise InputError(f"'{displayed_path(candidate)}' is a path; open it first, with open_run")
+    if not hasattr(candidate, "data_vars"):
+        raise InputError(f"{str(candidate)[:60]!r} is no Dataset, as simulate and open_run return one")
 
 
 def check_single(run: xr.Dataset) -> None:
@@ -205,9 +208,9 @@ def check_single(run: xr.Dataset) -> None:
     InputError
         Naming the dimension of the runs.
     """
-    own = {*DIMENSIONS, *(name for dim in model_dimensions(run) for name in (dim, logged_of(dim)))}
+    single_run_dims = {*DIMENSIONS, *(name for dim in model_dimensions(run) for name in (dim, logged_of(dim)))}
     dims = {dim for variable in run.variables.values() if STEPS in variable.dims for dim in variable.dims}
-    if several := sorted(map(str, dims - own)):
+    if several := sorted(map(str, dims - single_run_dims)):
         raise InputError(
             f"these are several runs, along '{several[0]}'; give one at a time, as in [f(run) for run in runs], before they are"
             f" put together by xr.concat(…, '{several[0]}', coords='different', compat='equals'), which keeps the parameters"
@@ -238,10 +241,10 @@ def check_kind(run: Any) -> None:
     check_elements(run)
 
 
-def _gathered(
+def _gather_columns(
     march: March,
     spec: Sequence[Column],
-    before: Iterable[tuple[str, Array]],
+    earlier_parts: Iterable[tuple[str, Array]],
     memory: str | float | None,
 ) -> dict[str, GatheredColumn]:
     """March, and return the values of all columns."""
@@ -251,13 +254,13 @@ def _gathered(
     gathered = {
         column.variable.name: GatheredColumn(rows if column.variable.dims[0] == STEPS else None) for column in spec
     }
-    for name, values in before:
+    for name, values in earlier_parts:
         gathered[name].add(values, is_lent=False)
     with closing(march.blocks()) as blocks:
-        for block in chain(blocks, _rest(march)):
+        for block in chain(blocks, _last_rows(march)):
             parts = gathered.values()
             check_growth(
-                march, sum(part.taken for part in parts), sum(part.growth(block.rows) for part in parts), memory
+                march, sum(part.bytes_held for part in parts), sum(part.growth(block.rows) for part in parts), memory
             )
             for column in spec:
                 gathered[column.variable.name].add(column.take(block), is_lent=is_lent)
@@ -288,7 +291,7 @@ class GatheredColumn:
         if not is_lent or (self.expected is None and values[:1].size < WIDE):
             self.pieces.append(values.copy() if is_lent and values.flags.writeable else values)
             return
-        room = self._begun(values) if self.room is None else self.room
+        room = self._make_room(values) if self.room is None else self.room
         rows = self.filled + len(values)
         if more := self._more_rows(room, len(values)):
             rows_made = len(room) + more
@@ -298,7 +301,7 @@ class GatheredColumn:
         self.filled = rows
 
     @property
-    def taken(self) -> int:
+    def bytes_held(self) -> int:
         """Bytes that it takes."""
         return (
             sum(0 if _is_nothing(piece) else piece.nbytes for piece in self.pieces)
@@ -309,7 +312,7 @@ class GatheredColumn:
     def growth(self, rows: int) -> int:
         """Return how many bytes more it will take with so many rows to come: pieces are there twice when they are joined."""
         if self.room is None:
-            return self.taken if self.pieces else 0
+            return self.bytes_held if self.pieces else 0
         return self._more_rows(self.room, rows) * self.room[:1].nbytes
 
     def _more_rows(self, room: Array, rows: int) -> int:
@@ -317,12 +320,12 @@ class GatheredColumn:
         missing = self.filled + rows - len(room)
         return 0 if missing <= 0 else missing if room[:1].size >= WIDE else max(missing, len(room) // 4)
 
-    def _begun(self, values: Array) -> Array:
+    def _make_room(self, values: Array) -> Array:
         """Make room for all rows that are expected, behind those that were there before."""
         earlier = sum(map(len, self.pieces))
         rows = earlier + (self.expected or len(values))
         if values[:1].size >= WIDEST and sys.platform == "linux":
-            self._pages = mapped(rows * values[:1].nbytes)
+            self._pages = map_pages(rows * values[:1].nbytes)
         self.room = np.empty((rows, *values.shape[1:]), values.dtype) if self._pages is None else self._on_pages(values)
         for piece in self.pieces:
             self.room[self.filled : self.filled + len(piece)] = piece
@@ -345,7 +348,7 @@ class GatheredColumn:
         assert self._pages is not None  # noqa: S101 - there are some
         return np.frombuffer(self._pages, values.dtype).reshape(-1, *values.shape[1:])
 
-    def whole(self) -> Array:
+    def joined_rows(self) -> Array:
         """Return all of them."""
         if self.room is not None:
             return self.room[: self.filled]

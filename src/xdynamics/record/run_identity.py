@@ -16,7 +16,7 @@ from xdynamics.march.outcomes import INTERRUPTED
 from xdynamics.methods import Method
 from xdynamics.model import Model
 from xdynamics.model.motion import variables
-from xdynamics.record.arguments import asked_of
+from xdynamics.record.arguments import recorded_arguments
 from xdynamics.record.circumstances import xdynamics_version
 from xdynamics.record.provenance import force_digest
 from xdynamics.units import Unit
@@ -35,13 +35,13 @@ def identity(march: March) -> dict[str, str]:
         "math_functions": march.settings.math_functions,
         "law": force_digest(march),
     }
-    words = dict(_words("", replace(march.settings, compress=False)))
-    return {name: _short(value) for name, value in (words | program).items()} | model_words(march.model)
+    words = dict(_words_of_value("", replace(march.settings, compress=False)))
+    return {name: _abbreviated(value) for name, value in (words | program).items()} | model_words(march.model)
 
 
 def model_words(model: Model) -> dict[str, str]:
     """Return what a model says, a word for each entry: the same whether elements have numbers or an expression."""
-    return {name: _short(value) for name, value in _words("model", model.written_out())}
+    return {name: _abbreviated(value) for name, value in _words_of_value("model", model.written_out())}
 
 
 def input_digest(march: March) -> str:
@@ -49,21 +49,26 @@ def input_digest(march: March) -> str:
     return hashlib.sha256(json.dumps(identity(march), sort_keys=True).encode()).hexdigest()
 
 
-def apart(kept: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
+def word_differences(recorded_words: Mapping[str, str], current_words: Mapping[str, str]) -> list[str]:
     """List the words in which two marches differ; the law's digest only if nothing else does."""
-    names = [name for name in {**kept, **here} if kept.get(name) != here.get(name)]
+    names = [
+        name for name in {**recorded_words, **current_words} if recorded_words.get(name) != current_words.get(name)
+    ]
     names = [name for name in names if name != "law"] or names
-    return [f"{name} was {kept.get(name, 'not given')} and is {here.get(name, 'not given')}" for name in names]
+    return [
+        f"{name} was {recorded_words.get(name, 'not given')} and is {current_words.get(name, 'not given')}"
+        for name in names
+    ]
 
 
 def is_of(run: xr.Dataset, march: March) -> bool:
     """Whether a finished record is of a march's model and law, by this version; settings are not compared."""
-    here = {
+    expected_attributes = {
         "force_digest": force_digest(march),
         "xdynamics_version": xdynamics_version(),
         "math_functions": march.settings.math_functions,
     }
-    if any(run.attrs.get(name) != value for name, value in here.items()):
+    if any(run.attrs.get(name) != value for name, value in expected_attributes.items()):
         return False
     return run.attrs["run_outcome"] != OUTCOMES[INTERRUPTED].word and is_of_model(run, march.model)
 
@@ -73,8 +78,8 @@ def is_of_model(run: xr.Dataset, model: Model) -> bool:
     if run.attrs.get("model_digest") == model.digest:
         return True
     with suppress(InputError, KeyError):  # of functions that are not those of this model; of what was left out
-        own = Model.from_record(run["model_toml"].values.item(), functions=model.functions)
-        return own.digest == run.attrs["model_digest"] and model_words(own) == model_words(model)
+        recorded_model = Model.from_record(run["model_toml"].values.item(), functions=model.functions)
+        return recorded_model.digest == run.attrs["model_digest"] and model_words(recorded_model) == model_words(model)
     return False
 
 
@@ -82,26 +87,26 @@ def comes_of(run: xr.Dataset, march: March) -> bool:
     """Whether a finished record is that of a march, including its settings."""
     if not is_of(run, march):
         return False
-    settings = settings_for(march.model, **asked_of(run))
+    settings = settings_for(march.model, **recorded_arguments(run))
     return same_settings(settings, march.settings, variables(march.model))
 
 
-def same_settings(one: Settings, other: Settings, names: tuple[str, ...]) -> bool:
+def same_settings(first_settings: Settings, second_settings: Settings, names: tuple[str, ...]) -> bool:
     """Whether the settings of two marches of a model with these variables agree, however their tolerances are given."""
-    return _named(one, names) == _named(other, names)
+    return _settings_by_name(first_settings, names) == _settings_by_name(second_settings, names)
 
 
-def _named(settings: Settings, names: tuple[str, ...]) -> dict[str, Any]:
+def _settings_by_name(settings: Settings, names: tuple[str, ...]) -> dict[str, Any]:
     tolerances = settings.tolerances
-    absolute = {f"atol of {name}": tolerances.of(name) for name in names} if tolerances else {}
+    absolute = {f"atol of {name}": tolerances.atol_of(name) for name in names} if tolerances else {}
     return {
         name: value
-        for name, value in _words("", replace(settings, compress=False))
+        for name, value in _words_of_value("", replace(settings, compress=False))
         if not name.startswith(("atol", "bare"))
     } | absolute
 
 
-def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
+def _words_of_value(name: str, value: Any) -> Iterator[tuple[str, str]]:
     """Take a value apart into names and texts."""
     if isinstance(value, Method):
         yield name, value.name
@@ -110,22 +115,22 @@ def _words(name: str, value: Any) -> Iterator[tuple[str, str]]:
     elif is_dataclass(value):
         prefix = "" if isinstance(value, Settings | Tolerances | Pacing) else f"{name}."
         for entry in fields(value):
-            yield from _words(prefix + entry.name, getattr(value, entry.name))
+            yield from _words_of_value(prefix + entry.name, getattr(value, entry.name))
     elif isinstance(value, Mapping):
         for key, entry in value.items():
-            yield from _words(f"{name}.{key}", entry)
+            yield from _words_of_value(f"{name}.{key}", entry)
     elif value is not None:
-        yield name, _text(value)
+        yield name, _value_text(value)
 
 
-def _text(value: Any) -> str:
+def _value_text(value: Any) -> str:
     """Return a value as a text, numbers with all digits that are known of them."""
     if isinstance(value, list) and {*map(type, value)} != {float}:
-        return f"[{', '.join(map(_text, value))}]"
+        return f"[{', '.join(map(_value_text, value))}]"
     return decimal_text(value) if isinstance(value, float) else repr(value)
 
 
-def _short(text: str) -> str:
+def _abbreviated(text: str) -> str:
     if len(text) <= _SHOWN:
         return text
     return f"{text[:20]}… ({len(text)} characters, sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]})"

@@ -54,13 +54,15 @@ def modern(run: xr.Dataset) -> xr.Dataset:
     if of_run:
         roles = {str(name): variable.attrs.get("role") for name, variable in run.variables.items()}
         names |= {name for name, role in roles.items() if is_coordinate(name, role)}
-    shown = run.set_coords(names - {*run.coords})
-    for variable in shown.variables.values():  # xarray would write the names of coordinates that were dropped since
+    modern_run = run.set_coords(names - {*run.coords})
+    for (
+        variable
+    ) in modern_run.variables.values():  # xarray would write the names of coordinates that were dropped since
         variable.encoding.pop("coordinates", None)
-    if EVENT_BOUNDS in shown.variables:
-        shown.variables[EVENT_BOUNDS].encoding["_FillValue"] = None
-    shown.set_close(run._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
-    return shown
+    if EVENT_BOUNDS in modern_run.variables:
+        modern_run.variables[EVENT_BOUNDS].encoding["_FillValue"] = None
+    modern_run.set_close(run._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
+    return modern_run
 
 
 def as_written(run: xr.Dataset, numbers: NDArray[np.int64] | None = None) -> xr.Dataset:
@@ -78,17 +80,17 @@ def as_written(run: xr.Dataset, numbers: NDArray[np.int64] | None = None) -> xr.
     run = _with_texts(run, lambda text: text.isel({DOCUMENT: 0}) if text.dims == (DOCUMENT,) else text)
     if is_selection(run.attrs):  # whose names of rows were never converted
         return run
-    if (own := run.variables.get(STEP_NUMBER.name)) is not None:
-        if own.encoding.get(MADE):
+    if (row_numbers := run.variables.get(STEP_NUMBER.name)) is not None:
+        if row_numbers.encoding.get(MADE):
             return run.drop_vars(STEP_NUMBER.name)
-        numbers = np.asarray(own.values) if numbers is None else numbers
-        run = replaced(run, {STEP_NUMBER.name: _marked(own, None)})
+        numbers = np.asarray(row_numbers.values) if numbers is None else numbers
+        run = with_variables(run, {STEP_NUMBER.name: _marked(row_numbers, None)})
     return run if numbers is None else by_places(run, numbers)
 
 
 def by_places(run: xr.Dataset, numbers: NDArray[np.int64]) -> xr.Dataset:
     """Return a record in which what names rows has their places among rows of given numbers."""
-    return _with_rows(run, lambda named: np.searchsorted(numbers, named))
+    return _with_changed_rows(run, lambda named_numbers: np.searchsorted(numbers, named_numbers))
 
 
 def in_own_words(run: xr.Dataset) -> xr.Dataset:
@@ -134,27 +136,27 @@ def along_document(text: xr.Variable) -> xr.Variable:
 
 def _with_texts(run: xr.Dataset, change: Callable[[xr.Variable], xr.Variable]) -> xr.Dataset:
     texts = {name: change(run.variables[name]) for name in TEXT_NAMES if name in run.variables}
-    return replaced(run, texts)
+    return with_variables(run, texts)
 
 
-def _with_rows(run: xr.Dataset, change: Callable[[NDArray[np.int64]], NDArray[Any]]) -> xr.Dataset:
+def _with_changed_rows(run: xr.Dataset, change: Callable[[NDArray[np.int64]], NDArray[Any]]) -> xr.Dataset:
     changed = {}
     for name in NAMES_ROWS:
         if name in run.variables:
-            named = run.variables[name]
-            changed[name] = named.copy(data=change(np.asarray(named.values)).astype(named.dtype))
-    return replaced(run, changed)
+            row_variable = run.variables[name]
+            changed[name] = row_variable.copy(data=change(np.asarray(row_variable.values)).astype(row_variable.dtype))
+    return with_variables(run, changed)
 
 
-def replaced(run: xr.Dataset, variables: dict[str, xr.Variable]) -> xr.Dataset:
+def with_variables(run: xr.Dataset, variables: dict[str, xr.Variable]) -> xr.Dataset:
     """Return a record with other variables in place of some, which stay coordinates if they are."""
     import xarray as xr
 
     if not variables:
         return run
-    whole: dict[Any, xr.Variable] = {**run.variables, **variables}
+    all_variables: dict[Any, xr.Variable] = {**run.variables, **variables}
     return xr.Dataset._construct_direct(  # noqa: SLF001 - `assign` would align what cannot be apart
-        whole,
+        all_variables,
         {*run.coords},
         attrs=dict(run.attrs),
         indexes=dict(run.xindexes),
@@ -171,23 +173,27 @@ def _numbered(run: xr.Dataset) -> xr.Dataset:
         if is_selection(run.attrs):
             return run  # its rows have no numbers any more
         made = xr.Variable((STEPS,), np.arange(run.sizes[STEPS]), STEP_NUMBER.attributes, fastpath=True)
-        return replaced(run, {STEP_NUMBER.name: _marked(made, True)})  # noqa: FBT003
+        return with_variables(run, {STEP_NUMBER.name: _marked(made, True)})  # noqa: FBT003
     if rows_apart(run.attrs) == 1 or is_selection(run.attrs):
         return run
-    own = run.variables[STEP_NUMBER.name]
-    numbers = np.asarray(own.values)
-    run = replaced(run, {STEP_NUMBER.name: _marked(own, False)})  # noqa: FBT003
-    return _with_rows(run, lambda places: numbers[places])
+    row_numbers = run.variables[STEP_NUMBER.name]
+    numbers = np.asarray(row_numbers.values)
+    run = with_variables(run, {STEP_NUMBER.name: _marked(row_numbers, False)})  # noqa: FBT003
+    return _with_changed_rows(run, lambda places: numbers[places])
 
 
 def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable]:
     """Return what a schema asks of every record, as that of a record has it, in its file or opened."""
-    known, texts = [*variables], dict[str, tuple[str, ...]]()
+    expected_variables, texts = [*variables], dict[str, tuple[str, ...]]()
     if is_former(run.attrs) or has_document(run):
         texts = {name: (DOCUMENT,) if run.variables[name].dims else () for name in TEXT_NAMES if name in run.variables}
     if is_former(run.attrs):
-        known = [one for one in known if one.name != STEP_NUMBER.name or one.name in run.variables]
-    return [replace(variable, dims=texts.get(variable.name, variable.dims)) for variable in known]
+        expected_variables = [
+            expected
+            for expected in expected_variables
+            if expected.name != STEP_NUMBER.name or expected.name in run.variables
+        ]
+    return [replace(variable, dims=texts.get(variable.name, variable.dims)) for variable in expected_variables]
 
 
 def in_words_of_today(attributes: dict[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ def bytes_of_row(layout: Layout, samples: int) -> int:
     return 8 * layout.row.size + layout.flags + samples * 8 * layout.sample.size
 
 
-def bytes_of(march: March, rows: float) -> float:
+def bytes_of_rows(march: March, rows: float) -> float:
     """Return how many bytes so many rows of a march take."""
     return rows * bytes_of_row(march.layout, int(march.run.plan[0].samples))
 
@@ -53,7 +53,7 @@ def memory_asked(memory: str | float | None) -> float | None:
     return size
 
 
-def check_room(march: March, memory: str | float | None = None, path: Any = None) -> None:
+def check_record_room(march: March, memory: str | float | None = None, path: Any = None) -> None:
     """Check before a march that its log will fit; rows of steps that are chosen, and of events, are judged as they come.
 
     Parameters
@@ -73,11 +73,11 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
     allowed, rows = memory_asked(memory), march.expected_rows
     if rows is None:
         return
-    kept = rows / march.settings.keep_every
-    needed = bytes_of(march, kept)
-    what = f"the run makes {rows:.4g} rows, which take {size_text(needed)}"
+    kept_rows = rows / march.settings.keep_every
+    needed = bytes_of_rows(march, kept_rows)
+    need_text = f"the run makes {rows:.4g} rows, which take {size_text(needed)}"
     if march.settings.keep_every > 1:
-        what = f"the run makes {rows:.4g} rows and keeps {kept:.4g} of them, which take {size_text(needed)}"
+        need_text = f"the run makes {rows:.4g} rows and keeps {kept_rows:.4g} of them, which take {size_text(needed)}"
     if path is not None:
         try:
             total, _, free = shutil.disk_usage(Path(path).absolute().parent)
@@ -85,7 +85,7 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
             return
         if total and needed > free:  # of no size is a file system that keeps no files, like /proc, which says so itself
             raise InputError(
-                f"{what}, and the disk of '{path}' has {size_text(free)} free; take a longer step or an earlier end"
+                f"{need_text}, and the disk of '{path}' has {size_text(free)} free; take a longer step or an earlier end"
             )
         return
     if allowed is None and needed < SMALL:
@@ -94,18 +94,18 @@ def check_room(march: March, memory: str | float | None = None, path: Any = None
     if needed > room:
         limit = f"{size_text(room)} of memory {'can be had' if allowed is None else 'were allowed'}"
         raise InputError(
-            f"{what}, and {limit}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer"
+            f"{need_text}, and {limit}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer"
             " step or an earlier end"
         )
 
 
-def check_growth(march: March, taken: float, more: float, memory: str | float | None = None) -> None:
+def check_growth(march: March, bytes_taken: float, more: float, memory: str | float | None = None) -> None:
     """Check during a march that there is room for more of its record, whose rows could not be counted before.
 
     Parameters
     ----------
     march : March
-    taken, more : float, bytes
+    bytes_taken, more : float, bytes
         What its record takes so far, and what it will take beyond that.
     memory : str or float, optional
         The most that it may take; by default it may take four fifths of the memory that is left.
@@ -119,18 +119,22 @@ def check_growth(march: March, taken: float, more: float, memory: str | float | 
         return
     allowed = memory_asked(memory)
     room = ROOM * free_memory() if allowed is None else allowed
-    if (more if allowed is None else taken + more) <= room:
+    if (more if allowed is None else bytes_taken + more) <= room:
         return
     limit = f"{size_text(room)} more can be had" if allowed is None else f"{size_text(room)} were allowed"
-    rows, of_events, now = int(march.now.rows), 2 * march.event_pairs, march.now.t * march.settings.scales.of(TIME)
+    rows, of_events, now = (
+        int(march.now.rows),
+        2 * march.event_pairs,
+        march.now.t * march.settings.scales.si_factor(TIME),
+    )
     reached = f"the march of '{march.model.name}' is at t = {now:.6g}{unit_suffix(march.model.time_unit)}"
     if 2 * of_events < rows:
         raise InputError(
-            f"{reached} with {rows} rows, which take {size_text(taken)} of memory, and {limit}; give path=… to stream"
+            f"{reached} with {rows} rows, which take {size_text(bytes_taken)} of memory, and {limit}; give path=… to stream"
             " them to a file, keep_every=n to keep one row in n, larger tolerances or an earlier end"
         )
     raise InputError(
-        f"{reached} with {rows} rows, {of_events} of them of events, which take {size_text(taken)} of memory, and"
+        f"{reached} with {rows} rows, {of_events} of them of events, which take {size_text(bytes_taken)} of memory, and"
         f" {limit}; each event has two rows of all elements: take one event for all of them, by max(…, dimension) or"
         " sum(…, dimension), name what is logged (log=['…']), or give path=… to stream them to a file"
     )
@@ -154,14 +158,14 @@ def _check_march(march: March) -> None:
     """Check that a march itself has room: its states and two rows of its log, then what its method needs beside them."""
     layout, room = march.layout, ROOM * free_memory()
     solves = march.settings.method.solver != NOTHING
-    least = 8.0 * (2 * layout.record.size + layout.row.size)
-    if least + 24.0 * solves * layout.used.size**2 < SMALL:
+    minimum_bytes = 8.0 * (2 * layout.record.size + layout.row.size)
+    if minimum_bytes + 24.0 * solves * layout.used.size**2 < SMALL:
         return
     try:
-        sizes = sizes_of_march(march) if least <= room else {}
+        sizes = sizes_of_march(march) if minimum_bytes <= room else {}
     except MemoryError:
         sizes = {"what its method solves": room}
-    needed = max(least, sum(sizes.values()))
+    needed = max(minimum_bytes, sum(sizes.values()))
     if needed > room:
         largest = max(sizes, key=sizes.__getitem__, default="")
         of_it = f", {size_text(sizes[largest])} of it {largest}," if largest else ""

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.record.element_attributes import attributes_of_element
-from xdynamics.record.element_names import listed
+from xdynamics.record.element_names import names_as_words
 from xdynamics.record.folding import FOLDED, check_elements, fold, labelled, model_dimensions, unlabelled
-from xdynamics.record.named_elements import DETECTOR, detectors_of, dims_of_detectors, has_labels, labels_of
+from xdynamics.record.named_elements import DETECTOR, detectors_of, dims_of_detectors, element_labels, has_labels
 from xdynamics.record.schemas import as_written
 from xdynamics.schema import (
     DETECTOR_DIMENSIONS,
@@ -26,11 +26,11 @@ from xdynamics.schema import (
     NOWHERE,
     at_event,
     end_of,
-    flags,
+    flag_attributes,
     label_of,
 )
 from xdynamics.shapes import NO_SHAPES, Extent, Relation, Shapes
-from xdynamics.shapes.naming import element, spoken
+from xdynamics.shapes.naming import display_text, join_element_name
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,7 +52,7 @@ def unfold(dataset: xr.Dataset) -> xr.Dataset:
         return dataset
     import xarray as xr
 
-    labels = {dim: labels_of(dataset, dim) for dim in dims if dim in dataset.dims}
+    labels = {dim: element_labels(dataset, dim) for dim in dims if dim in dataset.dims}
     about = {name for dim in dims for name in (dim, label_of(dim), end_of(dim, "first"), end_of(dim, "second"))}
     variables: dict[Any, Any] = {}
     coordinates = []
@@ -60,11 +60,11 @@ def unfold(dataset: xr.Dataset) -> xr.Dataset:
         inner = tuple(str(dim) for dim in variable.dims if dim in labels)
         if name in about:
             continue
-        parts = dict(_elements(str(name), variable, inner, labels)) if inner else {name: variable}
+        parts = dict(_split_elements(str(name), variable, inner, labels)) if inner else {name: variable}
         variables |= parts
         coordinates += [*parts] if name in dataset.coords else []
     if DETECTOR in variables:
-        variables |= _detectors(dataset, variables, [*dims], labels)
+        variables |= _element_detectors(dataset, variables, [*dims], labels)
     indexes = {name: index for name, index in dataset.xindexes.items() if name in variables}
     unfolded = xr.Dataset._construct_direct(  # noqa: SLF001 - the constructor takes each variable apart several times
         variables,
@@ -80,8 +80,8 @@ def unfold(dataset: xr.Dataset) -> xr.Dataset:
 
 def whole_of(dataset: xr.Dataset) -> xr.Dataset:
     """Return what a Dataset was before it was unfolded."""
-    whole: xr.Dataset = getattr(dataset, "encoding", {}).get(FOLDED, dataset)
-    return whole
+    folded_dataset: xr.Dataset = getattr(dataset, "encoding", {}).get(FOLDED, dataset)
+    return folded_dataset
 
 
 def as_recorded(dataset: xr.Dataset, numbers: NDArray[np.int64] | None = None) -> xr.Dataset:
@@ -89,55 +89,61 @@ def as_recorded(dataset: xr.Dataset, numbers: NDArray[np.int64] | None = None) -
     return as_written(unlabelled(whole_of(dataset)), numbers)
 
 
-def _elements(
+def _split_elements(
     name: str, variable: xr.Variable, inner: tuple[str, ...], labels: Mapping[str, Sequence[str]]
 ) -> Iterator[tuple[str, xr.Variable]]:
     """Yield the elements of a variable."""
     import xarray as xr
 
     outer = tuple(dim for dim in variable.dims if dim not in inner)
-    take = _taker(variable.transpose(*outer, *inner) if variable.dims != (*outer, *inner) else variable, len(outer))
-    kept = str(variable.attrs.get(ELEMENTS, "")).split()
+    take = _element_taker(
+        variable.transpose(*outer, *inner) if variable.dims != (*outer, *inner) else variable, len(outer)
+    )
+    listed_elements = str(variable.attrs.get(ELEMENTS, "")).split()
     stem, _, tail = str(variable.attrs.get(ELEMENT_NAME, f"{name}{{}}")).partition("{}")
     places = product(*(range(len(labels[dim])) for dim in inner))
     size = int(np.prod([len(labels[dim]) for dim in inner]))
-    wanted = {*kept}
-    named = [
+    elements_named = {*listed_elements}
+    is_named_by = [
         dim not in map(at_event, labels) for dim in inner
     ]  # those of events are told for each element that is kept
-    for number, place in enumerate(places):
-        own = [labels[dim][i] for dim, i in zip(inner, place, strict=True)]
-        one = element(stem, own) + tail
-        if not wanted or listed([element(stem, compress(own, named)) + tail]) in wanted:
+    for number, element_index in enumerate(places):
+        labels_of_element = [labels[dim][i] for dim, i in zip(inner, element_index, strict=True)]
+        element_name = join_element_name(stem, labels_of_element) + tail
+        if (
+            not elements_named
+            or names_as_words([join_element_name(stem, compress(labels_of_element, is_named_by)) + tail])
+            in elements_named
+        ):
             attributes = attributes_of_element(variable.attrs, number, size)
-            yield one, xr.Variable(outer, take(place), attributes, fastpath=True)
+            yield element_name, xr.Variable(outer, take(element_index), attributes, fastpath=True)
 
 
-def _taker(variable: xr.Variable, own: int) -> Callable[[tuple[int, ...]], Any]:
+def _element_taker(variable: xr.Variable, outer_count: int) -> Callable[[tuple[int, ...]], Any]:
     """Return what gives the values of an element: a view of an array, or what is read when it is used."""
     if isinstance(variable._data, np.ndarray) or variable.chunks is not None:  # noqa: SLF001 - `.data` would read what is lazy
-        data, rows = variable.data, (slice(None),) * own
-        return lambda place: data[(*rows, *place)]
-    from xdynamics.record.element_reading import Shared
+        data, rows = variable.data, (slice(None),) * outer_count
+        return lambda element_index: data[(*rows, *element_index)]
+    from xdynamics.record.element_reading import SharedElements
 
-    return Shared(variable, own).element
+    return SharedElements(variable, outer_count).element
 
 
-def _detectors(
+def _element_detectors(
     dataset: xr.Dataset, variables: Mapping[Any, Any], dims: Sequence[str], labels: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
     """Return which detector of which element each event is of, as one flag."""
     import xarray as xr
 
     detector = variables[DETECTOR]
-    along = dims_of_detectors(detector.attrs)
-    if along:
+    dims_by_detector = dims_of_detectors(detector.attrs)
+    if dims_by_detector:
         check_elements(dataset)
     words = str(detector.attrs["flag_meanings"]).split()
     first, names = {}, 0
     for number, word in zip(np.atleast_1d(detector.attrs["flag_values"]).tolist(), words, strict=True):
         first[number] = names
-        names += math.prod(len(labels[dim]) for dim in along.get(word, ()))
+        names += math.prod(len(labels[dim]) for dim in dims_by_detector.get(word, ()))
     numbers = np.asarray(detector.values)
     if (wrong := np.flatnonzero(~np.isin(numbers, [*first]))).size:
         raise InputError(
@@ -145,17 +151,23 @@ def _detectors(
             " the record was edited; take what simulate or open_run gives"
         )
     combined = np.array([first[number] for number in numbers.tolist()], np.int32)
-    inside = np.zeros(len(combined), np.int32)
+    number_in_detector = np.zeros(len(combined), np.int32)
     for dim in dims:
         if (name := at_event(dim)) in variables:
-            place = np.asarray(variables[name].values)
-            inside = np.where(place == NOWHERE, inside, inside * len(labels.get(dim, ())) + place)
-    single = [number for number, word in zip(first, words, strict=True) if word not in along]
-    inside[np.isin(numbers, single)] = 0  # impacts of many links are of one detector
+            dim_numbers = np.asarray(variables[name].values)
+            number_in_detector = np.where(
+                dim_numbers == NOWHERE, number_in_detector, number_in_detector * len(labels.get(dim, ())) + dim_numbers
+            )
+    single = [number for number, word in zip(first, words, strict=True) if word not in dims_by_detector]
+    number_in_detector[np.isin(numbers, single)] = 0  # impacts of many links are of one detector
     attributes = {key: value for key, value in detector.attrs.items() if key != DETECTOR_DIMENSIONS}
-    attributes |= flags(dict(enumerate(detectors_of(dataset))), "i4")
+    attributes |= flag_attributes(dict(enumerate(detectors_of(dataset))), "i4")
     # fastpath: xarray would import dask to find out that the numbers are not one of its arrays
-    return {DETECTOR: xr.Variable(detector.dims, (combined + inside).astype(np.int32), attributes, fastpath=True)}
+    return {
+        DETECTOR: xr.Variable(
+            detector.dims, (combined + number_in_detector).astype(np.int32), attributes, fastpath=True
+        )
+    }
 
 
 def shapes_of(dataset: Any) -> Shapes:
@@ -166,7 +178,7 @@ def shapes_of(dataset: Any) -> Shapes:
         return NO_SHAPES
     relations = {dim: _relation(dataset, dim) for dim in sizes if end_of(dim, "first") in dataset.variables}
     extents = {
-        dim: Extent(dim, size, tuple(labels_of(dataset, dim)) if has_labels(dataset, dim) else ())
+        dim: Extent(dim, size, tuple(element_labels(dataset, dim)) if has_labels(dataset, dim) else ())
         for dim, size in sizes.items()
         if dim not in relations
     }
@@ -176,7 +188,7 @@ def shapes_of(dataset: Any) -> Shapes:
     }
     if DETECTOR in dataset.variables:
         dims |= dims_of_detectors(dataset.variables[DETECTOR].attrs)
-    return Shapes(extents, relations, {name: own for name, own in dims.items() if own})
+    return Shapes(extents, relations, {name: variable_dims for name, variable_dims in dims.items() if variable_dims})
 
 
 def _relation(dataset: xr.Dataset, name: str) -> Relation:
@@ -190,22 +202,22 @@ def of_elements(verb: Callable[Given, Result]) -> Callable[Given, Result]:
     """Let a verb that computes with elements take records of quantities with dimensions, and give one where it was given one."""
 
     @wraps(verb)
-    def called(*arguments: Given.args, **keywords: Given.kwargs) -> Result:
+    def element_call(*arguments: Given.args, **keywords: Given.kwargs) -> Result:
         records = [value for value in (*arguments, *keywords.values()) if model_dimensions(value)]
         if not records:
             return verb(*arguments, **keywords)
         result: Any = verb(
-            *map(_unfolded, arguments),
-            **{key: _unfolded(value) for key, value in keywords.items()},
+            *map(_unfolded_argument, arguments),
+            **{key: _unfolded_argument(value) for key, value in keywords.items()},
         )
         if isinstance(result, list):  # lines for people
-            return [spoken(line) if isinstance(line, str) else line for line in result]  # type: ignore[return-value]
+            return [display_text(line) if isinstance(line, str) else line for line in result]  # type: ignore[return-value]
         if not hasattr(result, "data_vars"):
             return result  # type: ignore[no-any-return]
         return labelled(fold(result, shapes_of(records[0])))  # type: ignore[return-value]
 
-    return called
+    return element_call
 
 
-def _unfolded(given: Any) -> Any:
-    return unfold(given) if model_dimensions(given) else given
+def _unfolded_argument(argument: Any) -> Any:
+    return unfold(argument) if model_dimensions(argument) else argument

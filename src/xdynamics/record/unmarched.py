@@ -19,7 +19,7 @@ def is_unmarched(run: Any) -> bool:
     return EVIDENCE not in run.attrs or (run.attrs[EVIDENCE] == RAGGED and any(map(is_chunked, run.variables.values())))
 
 
-def marched(given: Any) -> Any:
+def march_argument(argument: Any) -> Any:
     """March a run that is still to be marched; return anything else as it is.
 
     Raises
@@ -27,11 +27,11 @@ def marched(given: Any) -> Any:
     InputError
         If only a part of the run is left, or it was changed: there is no whole record of that.
     """
-    if isinstance(given, Mapping) and not hasattr(given, "variables"):
-        return {key: marched(value) for key, value in given.items()}
-    if not is_unmarched(given):
-        return given
-    run = given.encoding[STAGE].computed(given)
+    if isinstance(argument, Mapping) and not hasattr(argument, "variables"):
+        return {key: march_argument(value) for key, value in argument.items()}
+    if not is_unmarched(argument):
+        return argument
+    run = argument.encoding[STAGE].computed(argument)
     if run is None:
         raise InputError(
             "this is a part of a run that is still to be marched, or was computed or changed by other means than these"
@@ -44,9 +44,9 @@ def marching(verb: Callable[..., Any]) -> Callable[..., Any]:
     """Let a verb take runs that are still to be marched; with ``compute=False`` it marches none itself."""
 
     @wraps(verb)
-    def called(*arguments: Any, **keywords: Any) -> Any:
+    def marching_call(*arguments: Any, **keywords: Any) -> Any:
         if "dask" not in sys.modules or keywords.get("compute") is False:
             return verb(*arguments, **keywords)
-        return verb(*map(marched, arguments), **{key: marched(value) for key, value in keywords.items()})
+        return verb(*map(march_argument, arguments), **{key: march_argument(value) for key, value in keywords.items()})
 
-    return called
+    return marching_call

@@ -23,9 +23,9 @@ def without_bounds(attributes: Mapping[Any, Any]) -> dict[str, Any]:
 
 def plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
     """Return attributes as plain values, the same in memory and from a file, where an array of one is a number."""
-    return {str(key): _plain(value) for key, value in attributes.items()}
+    return {str(key): _plain_value(value) for key, value in attributes.items()}
 
 
-def _plain(value: Any) -> Any:
+def _plain_value(value: Any) -> Any:
     value = value.tolist() if hasattr(value, "tolist") else value
     return value[0] if isinstance(value, list) and len(value) == 1 else value

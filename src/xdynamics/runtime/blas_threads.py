@@ -30,7 +30,7 @@ class _Use:
     """How many calls are at work on one thread, and how many threads there were in each library before."""
 
     calls = 0
-    before: dict[ThreadCount, int] = {}  # noqa: RUF012 - of the process, as the number of threads is
+    previous_counts: dict[ThreadCount, int] = {}  # noqa: RUF012 - of the process, as the number of threads is
 
 
 @contextmanager
@@ -42,8 +42,8 @@ def one_blas_thread() -> Iterator[None]:
     """
     with LOCK:
         for count in (count for name in LIBRARIES if name in sys.modules for count in thread_counts(name)):
-            if count not in _Use.before:
-                _Use.before[count] = count.read()
+            if count not in _Use.previous_counts:
+                _Use.previous_counts[count] = count.read()
                 count.set(1)
         _Use.calls += 1
     try:
@@ -52,9 +52,9 @@ def one_blas_thread() -> Iterator[None]:
         with LOCK:
             _Use.calls -= 1
             if not _Use.calls:
-                for count, threads in _Use.before.items():
+                for count, threads in _Use.previous_counts.items():
                     count.set(threads)
-                _Use.before.clear()
+                _Use.previous_counts.clear()
 
 
 @cache

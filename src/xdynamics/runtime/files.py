@@ -28,7 +28,7 @@ _SECRET = re.compile(r"^([A-Za-z][A-Za-z0-9+.-]+:/+).*@")
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/")  # a path has one slash of an address left
 
 
-def asked(path: Path, question: Callable[[Path], Answer]) -> Answer:
+def ask_path(path: Path, question: Callable[[Path], Answer]) -> Answer:
     """Answer a question about a path.
 
     Raises
@@ -45,7 +45,7 @@ def asked(path: Path, question: Callable[[Path], Answer]) -> Answer:
         raise InputError(f"'{str(path)[:80]}' is no path for a file: {why}") from None
 
 
-def kind_of(path: Path) -> str | None:
+def path_kind(path: Path) -> str | None:
     """Return what a path leads to: nothing (``""``), a regular file (None), or anything else in words."""
     try:
         mode = path.stat().st_mode
@@ -62,8 +62,8 @@ def file_above(path: str | os.PathLike[str]) -> str:
     >>> file_above("pyproject.toml/x/run.nc"), file_above("runs/run.nc")
     ("'pyproject.toml' is a file, no folder", '')
     """
-    above = next((parent for parent in Path(path).parents if kind_of(parent) != ""), None)
-    kind = KINDS[stat.S_IFDIR] if above is None else kind_of(above)
+    above = next((parent for parent in Path(path).parents if path_kind(parent) != ""), None)
+    kind = KINDS[stat.S_IFDIR] if above is None else path_kind(above)
     return "" if kind == KINDS[stat.S_IFDIR] else f"'{above}' is {kind or 'a file'}, no folder"
 
 
@@ -72,13 +72,13 @@ def reason(error: OSError, path: str | os.PathLike[str]) -> str:
     return (isinstance(error, NotADirectoryError) and file_above(path)) or error.strerror or str(error)
 
 
-def read_bounded(path: Path, most: int, remedy: str = "") -> bytes:
+def read_bounded(path: Path, max_bytes: int, remedy: str = "") -> bytes:
     """Read a regular file whole.
 
     Parameters
     ----------
     path : Path
-    most : int
+    max_bytes : int
         Bytes that it may have.
     remedy : str
         What is to be done with one that has more, for the message.
@@ -88,20 +88,20 @@ def read_bounded(path: Path, most: int, remedy: str = "") -> bytes:
     OSError
         If it cannot be read.
     InputError
-        If it is no regular file, or has more than `most` bytes; of a pipe or a device nothing is read.
+        If it is no regular file, or has more than `max_bytes` bytes; of a pipe or a device nothing is read.
     """
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe would wait for its writer
     with os.fdopen(handle, "rb") as file:
         status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
             raise InputError(f"it is {KINDS.get(stat.S_IFMT(status.st_mode), 'no regular file')}")
-        if status.st_size > most:
-            raise InputError(f"it has {status.st_size} bytes, over the limit of {most}{remedy}")
+        if status.st_size > max_bytes:
+            raise InputError(f"it has {status.st_size} bytes, over the limit of {max_bytes}{remedy}")
         content = bytearray()
         while piece := file.read(_PIECE):  # some files, like those of /proc, are longer than they say
             content += piece
-            if len(content) > most:
-                raise InputError(f"it has over {most} bytes, the limit{remedy}")
+            if len(content) > max_bytes:
+                raise InputError(f"it has over {max_bytes} bytes, the limit{remedy}")
     return bytes(content)
 
 
@@ -116,12 +116,12 @@ def check_no_address(path: str | Path) -> None:
         raise InputError(f"it is an address, '{address[1]}://…', and only a file of this machine can be read here")
 
 
-def shown(path: str | os.PathLike[str]) -> str:
+def displayed_path(path: str | os.PathLike[str]) -> str:
     """Return a path as a message may show it: without what stands before an ``@`` of an address, which may be a secret.
 
     Examples
     --------
-    >>> shown("runs/one.nc"), shown("s3://key:secret@bucket/one.nc")
+    >>> displayed_path("runs/one.nc"), displayed_path("s3://key:secret@bucket/one.nc")
     ('runs/one.nc', 's3://…@bucket/one.nc')
     """
     return _SECRET.sub(r"\1…@", os.fspath(path))
@@ -139,7 +139,7 @@ def decoded(content: bytes) -> str:
     return content.decode("utf-16" if wide else "utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
 
 
-def made_folder(folder: str | Path) -> Path:
+def make_folder(folder: str | Path) -> Path:
     """Return a folder, made if it does not exist.
 
     Raises
@@ -148,7 +148,7 @@ def made_folder(folder: str | Path) -> Path:
         If it cannot be made.
     """
     path = Path(folder)
-    kind = asked(path, kind_of)
+    kind = ask_path(path, path_kind)
     if kind not in ("", KINDS[stat.S_IFDIR]):
         raise InputError(f"'{folder}' is {kind or 'a file'}; name a folder")
     try:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 Lock = TypeVar("Lock")
 
 _shared: list[Any] = []
-_held: list[Any] = []
+_acquired_locks: list[Any] = []
 
 
 def waited_for(lock: Lock) -> Lock:
@@ -17,28 +17,28 @@ def waited_for(lock: Lock) -> Lock:
     return lock
 
 
-def _before() -> None:
+def _acquire_all_locks() -> None:
     """Take all locks, in whatever order others take them: none is held while another is waited for."""
     awaited = None
-    while len(_held) < len(_shared):
+    while len(_acquired_locks) < len(_shared):
         if awaited is not None:
             awaited.acquire()
-            _held.append(awaited)
-        awaited = next((lock for lock in _shared if lock is not awaited and not _taken(lock)), None)
+            _acquired_locks.append(awaited)
+        awaited = next((lock for lock in _shared if lock is not awaited and not _try_acquire(lock)), None)
         if awaited is not None:
-            _after()
+            _release_all_locks()
 
 
-def _taken(lock: Any) -> bool:
+def _try_acquire(lock: Any) -> bool:
     if not lock.acquire(blocking=False):
         return False
-    _held.append(lock)
+    _acquired_locks.append(lock)
     return True
 
 
-def _after() -> None:
-    while _held:
-        _held.pop().release()
+def _release_all_locks() -> None:
+    while _acquired_locks:
+        _acquired_locks.pop().release()
 
 
-os.register_at_fork(before=_before, after_in_parent=_after, after_in_child=_after)
+os.register_at_fork(before=_acquire_all_locks, after_in_parent=_release_all_locks, after_in_child=_release_all_locks)

@@ -52,7 +52,7 @@ class _Loader:
         """Load the module, then call the function."""
         module.__spec__.loader = module.__loader__ = self._loader
         self._loader.exec_module(module)
-        _call(*self._follower)
+        _call_follower(*self._follower)
 
 
 _following = _Following()
@@ -68,12 +68,12 @@ def when_imported(library: str, module: str, function: str) -> None:
         Where the function stands, which is imported then.
     """
     if library in sys.modules:
-        _call(module, function)
+        _call_follower(module, function)
         return
     _following.waiting[library] = module, function
     if _following not in sys.meta_path:
         sys.meta_path.insert(0, _following)
 
 
-def _call(module: str, function: str) -> None:
+def _call_follower(module: str, function: str) -> None:
     getattr(import_module(module), function)()

@@ -23,21 +23,24 @@ def load_dask_whole() -> None:
         import_module("dask.array")
 
 
-def _followed(verb: Callable[..., Any], module: str) -> Callable[..., Any]:
+def _importing_after(verb: Callable[..., Any], module: str) -> Callable[..., Any]:
     """Load a module after the call of a verb, which may be the first to import xarray."""
 
     @wraps(verb)
-    def called(*arguments: Any, **keywords: Any) -> Any:
+    def following_call(*arguments: Any, **keywords: Any) -> Any:
         result = verb(*arguments, **keywords)
         if "xarray" in sys.modules:
             import_module(module)
         return result
 
-    return called
+    return following_call
 
 
 def entrance(
-    package: str, rooms: Mapping[str, str], beside: str = "", through: Mapping[str, tuple[str, ...]] | None = None
+    package: str,
+    rooms: Mapping[str, str],
+    companion_module: str = "",
+    through: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Callable[[str], Any]:
     """Return the `__getattr__` of a package (PEP 562).
 
@@ -46,23 +49,25 @@ def entrance(
     package : str
     rooms : mapping of str to str
         Of a name, the module below the package in which it stands.
-    beside : str
+    companion_module : str
         A module that is loaded too, once a room has brought xarray: what is registered with it.
     through : mapping of str to tuple of str, optional
         Of functions ``module.name``, the names that come through them, from the inmost to the outmost.
     """
 
-    def found(name: str) -> Any:
+    def load_name(name: str) -> Any:
         if name not in rooms:
             raise AttributeError(f"module '{package}' has no attribute {name!r}")
         value = getattr(import_module(f"{package}.{rooms[name]}"), name)
-        for module, _, gate in (way.rpartition(".") for way, names in (through or {}).items() if name in names):
+        for module, _, gate in (
+            gate_path.rpartition(".") for gate_path, names in (through or {}).items() if name in names
+        ):
             value = getattr(import_module(f"{package}.{module}"), gate)(value)
-        if beside and "xarray" in sys.modules:
-            import_module(f"{package}.{beside}")
-        elif beside and isfunction(value):
-            value = _followed(value, f"{package}.{beside}")
+        if companion_module and "xarray" in sys.modules:
+            import_module(f"{package}.{companion_module}")
+        elif companion_module and isfunction(value):
+            value = _importing_after(value, f"{package}.{companion_module}")
         setattr(sys.modules[package], name, value)
         return value
 
-    return found
+    return load_name

@@ -6,20 +6,20 @@ elements are what is marched, located and judged. A record has one variable for 
 
 from xdynamics.shapes.extents import NO_SHAPES, Extent, Relation, Shapes
 from xdynamics.shapes.gradient import gradient
-from xdynamics.shapes.naming import element, parted, spoken, written
-from xdynamics.shapes.trees import at, dims_of, prepared
+from xdynamics.shapes.naming import display_text, internal_text, join_element_name, split_element_name
+from xdynamics.shapes.trees import at_element, dims_of, resolve_min_max
 
 __all__ = [
     "NO_SHAPES",
     "Extent",
     "Relation",
     "Shapes",
-    "at",
+    "at_element",
     "dims_of",
-    "element",
+    "display_text",
     "gradient",
-    "parted",
-    "prepared",
-    "spoken",
-    "written",
+    "internal_text",
+    "join_element_name",
+    "resolve_min_max",
+    "split_element_name",
 ]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes.extents import Extent, Shapes, element_name, element_names, number_of_element, place_of_element
-from xdynamics.shapes.naming import DOT, parted
+from xdynamics.shapes.extents import Extent, Shapes, element_name, element_names, indices_of_element, number_of_element
+from xdynamics.shapes.naming import DOT, split_element_name
 
 
 class Block(NamedTuple):
@@ -39,7 +39,7 @@ class Block(NamedTuple):
     extents: tuple[Extent, ...] = ()
 
     @classmethod
-    def of(cls, name: str, role: str, shapes: Shapes) -> Block:
+    def from_shapes(cls, name: str, role: str, shapes: Shapes) -> Block:
         """Return the block of a quantity with the dimensions that its name has."""
         dims = shapes.dims.get(name, ())
         extents = tuple(map(shapes.extent, dims))
@@ -57,22 +57,22 @@ class Block(NamedTuple):
 
     def element(self, number: int) -> str:
         """Return the name of one of its numbers."""
-        return element_name(self.name, number, self._along)
+        return element_name(self.name, number, self._dimension_extents)
 
     def elements(self) -> Iterator[str]:
         """Yield the names of its numbers, the last dimension fastest."""
-        return element_names(self.name, self._along)
+        return element_names(self.name, self._dimension_extents)
 
     def number(self, name: str) -> int | None:
         """Return the number of an element by its name; None if it is none of this block."""
-        return number_of_element(name, self._along)
+        return number_of_element(name, self._dimension_extents)
 
-    def places(self, name: str) -> dict[str, int]:
+    def indices_of(self, name: str) -> dict[str, int]:
         """Return the place of an element along each dimension by its name."""
-        return dict(zip(self.dims, place_of_element(name, self._along) or (), strict=True))
+        return dict(zip(self.dims, indices_of_element(name, self._dimension_extents) or (), strict=True))
 
     @property
-    def _along(self) -> tuple[Extent, ...]:
+    def _dimension_extents(self) -> tuple[Extent, ...]:
         return self.extents or tuple(map(Extent, self.dims, self.shape))
 
 
@@ -81,8 +81,8 @@ class Blocks(Sequence[str]):
 
     Examples
     --------
-    >>> moving = Blocks.of("coordinate", ["x", "y"]) + Blocks([Block("s", "state")])
-    >>> tuple(moving), moving.size, moving.place("s")
+    >>> moving = Blocks.from_names("coordinate", ["x", "y"]) + Blocks([Block("s", "state")])
+    >>> tuple(moving), moving.size, moving.offset_of("s")
     (('x', 'y', 's'), 3, 2)
     """
 
@@ -90,13 +90,13 @@ class Blocks(Sequence[str]):
         self.blocks = tuple(blocks)
 
     @classmethod
-    def of(cls, role: str, names: Iterable[str], shapes: Shapes | None = None) -> Blocks:
+    def from_names(cls, role: str, names: Iterable[str], shapes: Shapes | None = None) -> Blocks:
         """Return quantities of one role, with the dimensions that they have in `shapes`."""
-        return cls([Block(name, role) if shapes is None else Block.of(name, role, shapes) for name in names])
+        return cls([Block(name, role) if shapes is None else Block.from_shapes(name, role, shapes) for name in names])
 
-    def __add__(self, other: Blocks) -> Blocks:
+    def __add__(self, right: Blocks) -> Blocks:
         """Return the blocks of one array followed by those of another."""
-        return Blocks(self.blocks + other.blocks)
+        return Blocks(self.blocks + right.blocks)
 
     def renamed(self, role: str, rename: Callable[[str], str]) -> Blocks:
         """Return blocks of the same shapes with other names."""
@@ -135,11 +135,11 @@ class Blocks(Sequence[str]):
         ValueError
             If there is none of that name.
         """
-        if (place := self._find(name)) is None:
+        if (offset := self._find(name)) is None:
             raise ValueError(f"'{name}' is not among {self._names[slice(*bounds)]}")
-        return place
+        return offset
 
-    def place(self, name: str) -> int:
+    def offset_of(self, name: str) -> int:
         """Return the place of a number, or of a block's first number, in the array.
 
         Raises
@@ -147,14 +147,14 @@ class Blocks(Sequence[str]):
         KeyError
             If there is none of that name.
         """
-        if (place := self.find(name)) is None:
+        if (offset := self.find_offset(name)) is None:
             raise KeyError(name)
-        return place
+        return offset
 
-    def find(self, name: str) -> int | None:
+    def find_offset(self, name: str) -> int | None:
         """Return the place of a number, or of a block's first number; None if there is none."""
-        found = self._offsets.get(name)
-        return self._find(name) if found is None else found
+        offset = self._block_offsets.get(name)
+        return self._find(name) if offset is None else offset
 
     @cached_property
     def size(self) -> int:
@@ -163,34 +163,36 @@ class Blocks(Sequence[str]):
 
     def block(self, name: str) -> Block:
         """Return the block that has a number of some name."""
-        return self._by_name[parted(name)[0] if name not in self._by_name else name]
+        return self._by_name[split_element_name(name)[0] if name not in self._by_name else name]
 
     def spread(self, numbers: Sequence[float]) -> NDArray[np.float64]:
         """Return a number for each block at all of its places, to be read alone; equal ones take no memory."""
-        every = np.array(numbers, float)
-        if every.size and np.array_equal(every, np.full_like(every, every[0]), equal_nan=True):
-            return np.broadcast_to(every[0], self.size)
-        found = np.repeat(every, [block.size for block in self.blocks])
-        found.flags.writeable = False
-        return found
+        block_numbers = np.array(numbers, float)
+        if block_numbers.size and np.array_equal(
+            block_numbers, np.full_like(block_numbers, block_numbers[0]), equal_nan=True
+        ):
+            return np.broadcast_to(block_numbers[0], self.size)
+        repeated = np.repeat(block_numbers, [block.size for block in self.blocks])
+        repeated.flags.writeable = False
+        return repeated
 
-    def taken(self, numbers: Mapping[str, Any], name: str) -> Any:
+    def values_of(self, numbers: Mapping[str, Any], name: str) -> Any:
         """Return numbers of a block or of one of its elements, from those of blocks, whose dimensions are last."""
         if name in numbers:
             return numbers[name]
         block = self.block(name)
-        place: Any = (..., *block.places(name).values())
-        return numbers[block.name][place]
+        indices: Any = (..., *block.indices_of(name).values())
+        return numbers[block.name][indices]
 
     def _find(self, name: str) -> int | None:
         """Return the place of a number by its own name."""
-        if DOT in name and name not in self._offsets:
-            stem = parted(name)[0]
+        if DOT in name and name not in self._block_offsets:
+            stem = split_element_name(name)[0]
             block = self._by_name.get(stem)
             number = None if block is None else block.number(name)
-            return None if number is None else self._offsets[stem] + number
+            return None if number is None else self._block_offsets[stem] + number
         block = self._by_name.get(name)
-        return None if block is None or block.dims else self._offsets[name]
+        return None if block is None or block.dims else self._block_offsets[name]
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
@@ -209,5 +211,5 @@ class Blocks(Sequence[str]):
         return {block.name: block for block in reversed(self.blocks)}
 
     @cached_property
-    def _offsets(self) -> dict[str, int]:
+    def _block_offsets(self) -> dict[str, int]:
         return dict(zip((block.name for block in reversed(self.blocks)), reversed(self._starts), strict=True))

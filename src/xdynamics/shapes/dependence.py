@@ -16,14 +16,14 @@ from xdynamics.expressions import Along, Call, Compare, Element, Name, Node
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.shapes.distinct_parts import Parts
 from xdynamics.shapes.extents import Shapes
-from xdynamics.shapes.numbers_of_elements import counted, is_of_numbers, taken_numbers
-from xdynamics.shapes.trees import OF_CROSS, REDUCTIONS, element_numbers, end_of
+from xdynamics.shapes.numbers_of_elements import is_of_numbers, taken_numbers, with_index_names
+from xdynamics.shapes.trees import OF_CROSS, REDUCTIONS, element_numbers, end_dimension
 
-Whole = NDArray[np.int64]  # codes; arrays of elements are short, since large models have millions
-Short = NDArray[np.int32]
+IntArray = NDArray[np.int64]  # codes; arrays of elements are short, since large models have millions
+Int32Array = NDArray[np.int32]
 Grid = Mapping[str, Any]  # the number along each dimension, of every element of an expression
 _NONE = np.zeros(0, np.int64)
-_MOST_SHORT = np.iinfo(np.int32).max
+_MAX_INT32 = np.iinfo(np.int32).max
 
 
 class Dependence:
@@ -49,86 +49,90 @@ class Dependence:
 
     def __init__(self, shapes: Shapes, first: Mapping[str, int], count: int) -> None:
         self._shapes, self._count, self._parts = shapes, max(1, count), Parts(shapes)
-        self._named: dict[str, Whole] = {}  # of each quantity, codes: element*count + number, ascending
-        self._found: dict[int, Whole] = {}
+        self._codes_by_name: dict[str, IntArray] = {}  # of each quantity, codes: element*count + number, ascending
+        self._codes_by_part: dict[int, IntArray] = {}
         for name, begin in first.items():
             elements = np.arange(math.prod(shapes.shape(shapes.dims.get(name, ()))))
-            self._named[name] = elements * (self._count + 1) + begin
+            self._codes_by_name[name] = elements * (self._count + 1) + begin
 
-    def pairs(self, tree: Node, dims: tuple[str, ...], name: str = "") -> tuple[Short, Short]:
+    def pairs(self, tree: Node, dims: tuple[str, ...], name: str = "") -> tuple[Int32Array, Int32Array]:
         """Return the elements of an expression, each with a number that it may depend on; both ascend.
 
         Parameters
         ----------
         tree : Node
-            As `prepared` returns it, with definitions expanded.
+            As `resolve_min_max` returns it, with definitions expanded.
         dims : tuple of str
             Of the elements, the last fastest: those of the expression, and perhaps others.
         name : str, optional
             By which later expressions read it, with these dimensions.
         """
         number = self._parts.number(tree)
-        own = self._shapes.ordered(set(self._parts.dims[number]))
-        codes = self._read(self._of(number), own, self._grid(dims))
+        part_dims = self._shapes.ordered(set(self._parts.dims[number]))
+        codes = self._codes_on_grid(self._codes_of_part(number), part_dims, self._element_grid(dims))
         if name:
-            self._named[name] = codes
-        found = np.empty((2, codes.size), np.int32)
-        np.floor_divide(codes, self._count, out=found[0], casting="unsafe")  # no array of int64 between
-        np.remainder(codes, self._count, out=found[1], casting="unsafe")
-        return found[0], found[1]
+            self._codes_by_name[name] = codes
+        pair_numbers = np.empty((2, codes.size), np.int32)
+        np.floor_divide(codes, self._count, out=pair_numbers[0], casting="unsafe")  # no array of int64 between
+        np.remainder(codes, self._count, out=pair_numbers[1], casting="unsafe")
+        return pair_numbers[0], pair_numbers[1]
 
-    def _of(self, number: int) -> Whole:
+    def _codes_of_part(self, number: int) -> IntArray:
         """Return the codes of a part; parts that it is made of have theirs already."""
-        for k in range(len(self._found), number + 1):
-            self._found[k] = self._codes(k)
-        return self._found[number]
+        for k in range(len(self._codes_by_part), number + 1):
+            self._codes_by_part[k] = self._codes(k)
+        return self._codes_by_part[number]
 
-    def _codes(self, number: int) -> Whole:
+    def _codes(self, number: int) -> IntArray:
         node, operands = self._parts.nodes[number], self._parts.operands[number]
         match node:
             case Name():
-                own = self._shapes.dims.get(node.name, ())
-                return self._read(self._named.get(node.name, _NONE), own, self._grid(self._shapes.ordered(set(own))))
+                quantity_dims = self._shapes.dims.get(node.name, ())
+                return self._codes_on_grid(
+                    self._codes_by_name.get(node.name, _NONE),
+                    quantity_dims,
+                    self._element_grid(self._shapes.ordered(set(quantity_dims))),
+                )
             case Element():
-                return self._of_element(node)
+                return self._codes_of_element(node)
             case Compare():
                 return _NONE
             case Call(function="where"):
-                return self._of_choice(number, node)
+                return self._codes_of_choice(number, node)
             case Along():
-                return self._along(number, node)
-        grid = self._grid(self._dims(number))
-        return _union([self._operand(operand, grid) for operand in operands])
+                return self._codes_along(number, node)
+        grid = self._element_grid(self._part_dims(number))
+        return _join_codes([self._operand_codes(operand, grid) for operand in operands])
 
-    def _of_element(self, node: Element) -> Whole:
-        if node.name not in self._named:
+    def _codes_of_element(self, node: Element) -> IntArray:
+        if node.name not in self._codes_by_name:
             return _NONE
-        place = element_numbers(node, self._shapes)
-        grid = {dim: np.array([value]) for dim, value in place.items()}
-        return self._read(self._named[node.name], tuple(place), grid)
+        indices = element_numbers(node, self._shapes)
+        grid = {dim: np.array([value]) for dim, value in indices.items()}
+        return self._codes_on_grid(self._codes_by_name[node.name], tuple(indices), grid)
 
-    def _of_choice(self, number: int, node: Call) -> Whole:
+    def _codes_of_choice(self, number: int, node: Call) -> IntArray:
         """Return what a choice depends on; where its condition is on numbers of elements alone, on what it chooses."""
         _, yes, no = self._parts.operands[number]
-        grid = self._grid(self._dims(number))
-        chosen = [self._operand(branch, grid) for branch in (yes, no)]
-        holds = self._known(node.arguments[0], grid)
+        grid = self._element_grid(self._part_dims(number))
+        branch_codes = [self._operand_codes(branch, grid) for branch in (yes, no)]
+        holds = self._condition_holds(node.arguments[0], grid)
         if holds is None:
-            return _union(chosen)
-        return _union([codes[holds[codes // self._count] == (k == 0)] for k, codes in enumerate(chosen)])
+            return _join_codes(branch_codes)
+        return _join_codes([codes[holds[codes // self._count] == (k == 0)] for k, codes in enumerate(branch_codes)])
 
-    def _known(self, condition: Node, grid: Grid) -> NDArray[np.bool_] | None:
+    def _condition_holds(self, condition: Node, grid: Grid) -> NDArray[np.bool_] | None:
         """Return where a condition holds; None if it is not on numbers of elements alone."""
         if not is_of_numbers(condition):
             return None
         values = {f"index {dim}": numbers.astype(float) for dim, numbers in grid.items()}
-        holds = np.asarray(evaluate_many(counted(condition, self._shapes), values), bool)
+        holds = np.asarray(evaluate_many(with_index_names(condition, self._shapes), values), bool)
         return np.broadcast_to(holds, next(iter(grid.values())).shape) if grid else holds.reshape(1)
 
     # ---------------------------------------------------------------------------------------------- along dimensions
 
-    def _along(self, number: int, node: Along) -> Whole:
-        operands, grid = self._parts.operands[number], self._grid(self._dims(number))
+    def _codes_along(self, number: int, node: Along) -> IntArray:
+        operands, grid = self._parts.operands[number], self._element_grid(self._part_dims(number))
         match node.function:
             case "index" | "size":
                 return _NONE
@@ -136,107 +140,119 @@ class Dependence:
                 relation = self._shapes.relations[node.dims[0]]
                 first = node.function == "first"
                 numbers, dim = (relation.first, relation.source) if first else (relation.second, relation.target)
-                return self._operand(operands[0], {**grid, dim: numbers[grid[relation.name]]})
+                return self._operand_codes(operands[0], {**grid, dim: numbers[grid[relation.name]]})
             case "shift" | "roll":
-                return self._moved(operands, node, grid)
+                return self._shifted_codes(operands, node, grid)
             case "take":
                 numbers = np.broadcast_to(taken_numbers(node, grid, self._shapes), next(iter(grid.values())).shape)
-                return self._operand(operands[0], {**grid, node.dims[0]: numbers})
+                return self._operand_codes(operands[0], {**grid, node.dims[0]: numbers})
             case "cross":
                 dim = node.dims[0]
-                turned = [{**grid, dim: (grid[dim] + k) % OF_CROSS} for k in (1, 2)]
-                return _union([self._operand(operand, next_two) for operand in operands for next_two in turned])
+                rotated_grids = [{**grid, dim: (grid[dim] + k) % OF_CROSS} for k in (1, 2)]
+                return _join_codes(
+                    [self._operand_codes(operand, next_two) for operand in operands for next_two in rotated_grids]
+                )
             case "onto":
-                return self._onto(number, node)
+                return self._codes_onto_ends(number, node)
         assert node.function in REDUCTIONS  # noqa: S101 - others are above
         dims = self._shapes.ordered(set().union(*(self._parts.dims[operand] for operand in operands)))
-        inner = self._grid(dims)
-        joined = _union([self._operand(operand, inner) for operand in operands])
-        return self._moved_to(joined, self._flat(self._dims(number), inner))
+        inner = self._element_grid(dims)
+        operand_codes = _join_codes([self._operand_codes(operand, inner) for operand in operands])
+        return self._renumbered_codes(operand_codes, self._flat_numbers(self._part_dims(number), inner))
 
-    def _moved(self, operands: tuple[int, ...], node: Along, grid: Grid) -> Whole:
+    def _shifted_codes(self, operands: tuple[int, ...], node: Along, grid: Grid) -> IntArray:
         dim = node.dims[0]
-        size, moved = self._shapes.extent(dim).size, grid[dim] - node.places
+        size, shifted_numbers = self._shapes.extent(dim).size, grid[dim] - node.places
         if node.function == "roll":
-            return self._operand(operands[0], {**grid, dim: moved % size})
-        inside = (moved >= 0) & (moved < size)
-        values = self._operand(operands[0], {**grid, dim: moved % size})
-        fills = self._operand(operands[1], grid)
-        return _union([values[inside[values // self._count]], fills[~inside[fills // self._count]]])
+            return self._operand_codes(operands[0], {**grid, dim: shifted_numbers % size})
+        in_range = (shifted_numbers >= 0) & (shifted_numbers < size)
+        values = self._operand_codes(operands[0], {**grid, dim: shifted_numbers % size})
+        fills = self._operand_codes(operands[1], grid)
+        return _join_codes([values[in_range[values // self._count]], fills[~in_range[fills // self._count]]])
 
-    def _onto(self, number: int, node: Along) -> Whole:
+    def _codes_onto_ends(self, number: int, node: Along) -> IntArray:
         """Return what the elements at the ends of links depend on."""
-        relation, own, dim = self._shapes.relations[node.dims[0]], self._dims(number), end_of(node, self._shapes)
-        grid = self._grid(self._shapes.ordered({*own, relation.name} - {dim}))
-        found = []
+        relation, part_dims, dim = (
+            self._shapes.relations[node.dims[0]],
+            self._part_dims(number),
+            end_dimension(node, self._shapes),
+        )
+        grid = self._element_grid(self._shapes.ordered({*part_dims, relation.name} - {dim}))
+        end_codes = []
         for operand, numbers in zip(self._parts.operands[number], (relation.first, relation.second), strict=True):
-            codes = self._operand(operand, grid)
+            codes = self._operand_codes(operand, grid)
             if codes.size:
-                found.append(self._moved_to(codes, self._flat(own, {**grid, dim: numbers[grid[relation.name]]})))
-        return _union(found)
+                end_codes.append(
+                    self._renumbered_codes(
+                        codes, self._flat_numbers(part_dims, {**grid, dim: numbers[grid[relation.name]]})
+                    )
+                )
+        return _join_codes(end_codes)
 
     # ------------------------------------------------------------------------------------------------------- elements
 
-    def _dims(self, number: int) -> tuple[str, ...]:
+    def _part_dims(self, number: int) -> tuple[str, ...]:
         return self._shapes.ordered(set(self._parts.dims[number]))
 
-    def _grid(self, dims: tuple[str, ...]) -> Grid:
+    def _element_grid(self, dims: tuple[str, ...]) -> Grid:
         """Return the number along each dimension of every element, the last dimension fastest."""
-        return _Every(dims, self._shapes.shape(dims))
+        return _FullGrid(dims, self._shapes.shape(dims))
 
-    def _flat(self, dims: tuple[str, ...], grid: Grid) -> NDArray[Any]:
+    def _flat_numbers(self, dims: tuple[str, ...], grid: Grid) -> NDArray[Any]:
         """Return which element of an expression with some dimensions stands at each place of a grid."""
         if not dims:
             return np.zeros(next(iter(grid.values())).size if grid else 1, np.int32)
-        found, *others = (grid[dim] for dim in dims)
-        if others and math.prod(self._shapes.shape(dims)) > _MOST_SHORT:
-            found = found.astype(np.int64)
-        for dim, numbers in zip(dims[1:], others, strict=True):
-            found = found * self._shapes.extent(dim).size + numbers
-        return np.asarray(found)
+        flat_numbers, *further_numbers = (grid[dim] for dim in dims)
+        if further_numbers and math.prod(self._shapes.shape(dims)) > _MAX_INT32:
+            flat_numbers = flat_numbers.astype(np.int64)
+        for dim, numbers in zip(dims[1:], further_numbers, strict=True):
+            flat_numbers = flat_numbers * self._shapes.extent(dim).size + numbers
+        return np.asarray(flat_numbers)
 
-    def _operand(self, number: int, grid: Grid) -> Whole:
+    def _operand_codes(self, number: int, grid: Grid) -> IntArray:
         """Return the codes of a part as it is read at every place of a grid."""
-        return self._read(self._found[number], self._dims(number), grid)
+        return self._codes_on_grid(self._codes_by_part[number], self._part_dims(number), grid)
 
-    def _read(self, codes: Whole, dims: tuple[str, ...], grid: Grid) -> Whole:
-        if not codes.size or (isinstance(grid, _Every) and grid.dims == dims):
+    def _codes_on_grid(self, codes: IntArray, dims: tuple[str, ...], grid: Grid) -> IntArray:
+        if not codes.size or (isinstance(grid, _FullGrid) and grid.dims == dims):
             return codes
-        wanted = self._flat(dims, grid)
-        every = np.bincount(codes // self._count, minlength=math.prod(self._shapes.shape(dims)))
-        if every.min() == every.max() == 1:  # as elements of a quantity do by themselves
-            found: Whole = codes[wanted] % self._count
-            found += np.arange(wanted.size) * self._count
-            return found
-        lengths = every[wanted]
-        places = np.repeat((np.cumsum(every) - every)[wanted] - (np.cumsum(lengths) - lengths), lengths)
+        read_elements = self._flat_numbers(dims, grid)
+        code_counts = np.bincount(codes // self._count, minlength=math.prod(self._shapes.shape(dims)))
+        if code_counts.min() == code_counts.max() == 1:  # as elements of a quantity do by themselves
+            grid_codes: IntArray = codes[read_elements] % self._count
+            grid_codes += np.arange(read_elements.size) * self._count
+            return grid_codes
+        lengths = code_counts[read_elements]
+        places = np.repeat(
+            (np.cumsum(code_counts) - code_counts)[read_elements] - (np.cumsum(lengths) - lengths), lengths
+        )
         places += np.arange(places.size)
-        found = codes[places]
+        grid_codes = codes[places]
         del places
-        found %= self._count
-        found += np.repeat(np.arange(wanted.size) * self._count, lengths)
-        return found
+        grid_codes %= self._count
+        grid_codes += np.repeat(np.arange(read_elements.size) * self._count, lengths)
+        return grid_codes
 
-    def _moved_to(self, codes: Whole, elements: Whole) -> Whole:
+    def _renumbered_codes(self, codes: IntArray, elements: IntArray) -> IntArray:
         """Return codes whose elements have other numbers, several of them perhaps the same."""
-        found = elements[codes // self._count].astype(np.int64)
-        found *= self._count
-        found += codes % self._count
-        return _ascending(found)
+        renumbered_codes = elements[codes // self._count].astype(np.int64)
+        renumbered_codes *= self._count
+        renumbered_codes += codes % self._count
+        return _sorted_unique_codes(renumbered_codes)
 
 
-class _Every(Mapping[str, Any]):
+class _FullGrid(Mapping[str, Any]):
     """Every element of an expression with some dimensions; where each stands along them is made when it is asked for."""
 
     def __init__(self, dims: tuple[str, ...], shape: tuple[int, ...]) -> None:
         self.dims, self.shape = dims, shape
 
-    def __getitem__(self, dim: str) -> Short:
+    def __getitem__(self, dim: str) -> Int32Array:
         if dim not in self.dims:
             raise KeyError(dim)
-        place = self.dims.index(dim)
-        along = np.arange(self.shape[place], dtype=np.int32)
-        wide = along.reshape([-1 if i == place else 1 for i in range(len(self.shape))])
+        axis = self.dims.index(dim)
+        positions = np.arange(self.shape[axis], dtype=np.int32)
+        wide = positions.reshape([-1 if i == axis else 1 for i in range(len(self.shape))])
         return np.broadcast_to(wide, self.shape).reshape(-1)
 
     def __iter__(self) -> Iterator[str]:
@@ -246,15 +262,15 @@ class _Every(Mapping[str, Any]):
         return len(self.dims)
 
 
-def _union(codes: list[Whole]) -> Whole:
+def _join_codes(codes: list[IntArray]) -> IntArray:
     """Join codes; those of one part alone are as they were."""
-    some = [code for code in codes if code.size]
-    if not some:
+    nonempty_codes = [code for code in codes if code.size]
+    if not nonempty_codes:
         return _NONE
-    return some[0] if len(some) == 1 else _ascending(np.concatenate(some))
+    return nonempty_codes[0] if len(nonempty_codes) == 1 else _sorted_unique_codes(np.concatenate(nonempty_codes))
 
 
-def _ascending(codes: Whole) -> Whole:
+def _sorted_unique_codes(codes: IntArray) -> IntArray:
     """Sort codes in their place, which mostly ascend in stretches, and leave out what is there twice."""
     codes.sort(kind="stable")
     new = np.concatenate([[True], codes[1:] != codes[:-1]])

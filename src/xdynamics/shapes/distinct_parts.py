@@ -19,7 +19,7 @@ class Parts:
         self.operands: list[tuple[int, ...]] = []
         self.dims: list[Set[str]] = []
         self.shapes = shapes
-        self._known: dict[Any, int] = {}
+        self._number_by_key: dict[Any, int] = {}
         self._seen: dict[int, tuple[int, Node]] = {}  # numbers of nodes, which live as long as this
 
     def number(self, node: Node) -> int:
@@ -28,36 +28,38 @@ class Parts:
         while isinstance(node, Binary) and id(node) not in self._seen:  # a sum may have any length
             waiting.append(node)
             node = node.left
-        number = self._seen[id(node)][0] if id(node) in self._seen else self._entered(node, children(node))
+        number = self._seen[id(node)][0] if id(node) in self._seen else self._enter_part(node, children(node))
         for link in reversed(waiting):
-            number = self._entered(link, (link.right,), number)
+            number = self._enter_part(link, (link.right,), number)
         return number
 
-    def _entered(self, node: Node, inner: Iterable[Node], *before: int) -> int:
-        operands = (*before, *map(self.number, inner))
+    def _enter_part(self, node: Node, inner: Iterable[Node], *left_operands: int) -> int:
+        operands = (*left_operands, *map(self.number, inner))
         key = (_heading(node), operands)
-        if key not in self._known:
-            self._known[key] = len(self.nodes)
+        if key not in self._number_by_key:
+            self._number_by_key[key] = len(self.nodes)
             self.nodes.append(node)
             self.operands.append(operands)
-            self.dims.append(self._dims(node, [self.dims[operand] for operand in operands]))
-        self._seen[id(node)] = self._known[key], node
-        return self._known[key]
+            self.dims.append(self._node_dims(node, [self.dims[operand] for operand in operands]))
+        self._seen[id(node)] = self._number_by_key[key], node
+        return self._number_by_key[key]
 
-    def _dims(self, node: Node, inner: list[Set[str]]) -> Set[str]:
+    def _node_dims(self, node: Node, inner: list[Set[str]]) -> Set[str]:
         if isinstance(node, Along):
             return dims_along(node, inner, self.shapes)
         return set(self.shapes.dims.get(node.name, ())) if isinstance(node, Name) else set[str]().union(*inner)
 
     def depending(self, names: Collection[str]) -> list[bool]:
         """Return of every part whether it depends on some names."""
-        found: list[bool] = []
+        dependent: list[bool] = []
         for node, operands in zip(self.nodes, self.operands, strict=True):
-            named = isinstance(node, Name | Element) and node.name in names
-            found.append(named or (not isinstance(node, Compare) and any(found[operand] for operand in operands)))
-        return found
+            is_named = isinstance(node, Name | Element) and node.name in names
+            dependent.append(
+                is_named or (not isinstance(node, Compare) and any(dependent[operand] for operand in operands))
+            )
+        return dependent
 
-    def of(self, node: Node) -> Set[str]:
+    def dims_of_node(self, node: Node) -> Set[str]:
         """Return the dimensions of an expression."""
         return self.dims[self.number(node)]
 

@@ -13,9 +13,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.faults import InputError, few, spoken, written
+from xdynamics.faults import InputError, display_text, first_names, internal_text
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes.naming import DOT, element, parted
+from xdynamics.shapes.naming import DOT, join_element_name, split_element_name
 
 _NUMBER = re.compile(r"-?[0-9]{1,12}")
 _ELEMENT = re.compile(r"(\w+)\[([^\[\]]*)\]")  # as people write it, with whatever between its brackets
@@ -51,14 +51,16 @@ class Extent:
         InputError
             If there is no such element.
         """
-        if isinstance(entry, str) and entry in self._numbers:
-            return self._numbers[entry]
+        if isinstance(entry, str) and entry in self._number_by_label:
+            return self._number_by_label[entry]
         if isinstance(entry, int) and -self.size <= entry < self.size:
             return entry % self.size
-        known = f"the labels {few(self.labels)}" if self.labels else f"the elements 0 to {self.size - 1}"
-        alike = get_close_matches(str(entry), self.labels[:_COMPARED], n=1)
-        meant = f"; did you mean {alike[0]}?" if alike else ""
-        raise InputError(f"dimension '{self.name}' has no element {entry}; it has {known}{meant}")
+        available_text = (
+            f"the labels {first_names(self.labels)}" if self.labels else f"the elements 0 to {self.size - 1}"
+        )
+        close_labels = get_close_matches(str(entry), self.labels[:_COMPARED], n=1)
+        meant = f"; did you mean {close_labels[0]}?" if close_labels else ""
+        raise InputError(f"dimension '{self.name}' has no element {entry}; it has {available_text}{meant}")
 
     def number_of(self, label: str) -> int:
         """Return the number of the element that a text names: by its label, or by a number as `number` takes it.
@@ -68,18 +70,18 @@ class Extent:
         InputError
             If there is no such element.
         """
-        found = self.find(label)
-        return self.number(int(label) if _NUMBER.fullmatch(label) else label) if found is None else found
+        number = self.number_of_label(label)
+        return self.number(int(label) if _NUMBER.fullmatch(label) else label) if number is None else number
 
-    def find(self, label: str) -> int | None:
+    def number_of_label(self, label: str) -> int | None:
         """Return the number of the element that has a label, or its number as one; None if there is none."""
         if self.labels:
-            return self._numbers.get(label)
+            return self._number_by_label.get(label)
         number = int(label) if label.isdecimal() and label.isascii() else self.size
         return number if number < self.size and str(number) == label else None
 
     @cached_property
-    def _numbers(self) -> dict[str, int]:
+    def _number_by_label(self) -> dict[str, int]:
         return {label: number for number, label in enumerate(self.labels)}
 
 
@@ -127,7 +129,7 @@ class Relation:
         return bool((self.first == first).all() and (self.second == second).all())
 
     @cached_property
-    def meeting(self) -> tuple[dict[int, list[int]], dict[int, list[int]]]:
+    def links_at_elements(self) -> tuple[dict[int, list[int]], dict[int, list[int]]]:
         """The links that begin, and those that end, at each element that has some."""
         ends: tuple[dict[int, list[int]], dict[int, list[int]]] = {}, {}
         for links, numbers in zip(ends, (self.first, self.second), strict=True):
@@ -171,8 +173,10 @@ class Shapes:
             return self.extents[dim]
         if dim in self.relations:
             return self.relations[dim].extent
-        known = few((*self.relations, *self.extents))
-        raise InputError(f"'{dim}' is no dimension or relation{f'; there are {known}' if known else ''}")
+        available_names = first_names((*self.relations, *self.extents))
+        raise InputError(
+            f"'{dim}' is no dimension or relation{f'; there are {available_names}' if available_names else ''}"
+        )
 
     def ordered(self, dims: set[str]) -> tuple[str, ...]:
         """Return dimensions in the order of a record: relations first, each as declared."""
@@ -182,17 +186,17 @@ class Shapes:
         """Return the lengths of dimensions."""
         return tuple(self.extent(dim).size for dim in dims)
 
-    def places(self, dims: tuple[str, ...]) -> Iterator[dict[str, int]]:
+    def index_combinations(self, dims: tuple[str, ...]) -> Iterator[dict[str, int]]:
         """Yield the numbers of every element by dimension, the last dimension fastest."""
         for numbers in product(*map(range, self.shape(dims))):
             yield dict(zip(dims, numbers, strict=True))
 
-    def element(self, name: str, place: Mapping[str, int], dims: tuple[str, ...] | None = None) -> str:
+    def element_at(self, name: str, indices: Mapping[str, int], dims: tuple[str, ...] | None = None) -> str:
         """Return the name of the element of a quantity at a place that has its dimensions among others."""
-        own = self.dims.get(name, ()) if dims is None else dims
-        return element(name, (self.extent(dim).label(place[dim]) for dim in own))
+        element_dims = self.dims.get(name, ()) if dims is None else dims
+        return join_element_name(name, (self.extent(dim).label(indices[dim]) for dim in element_dims))
 
-    def placed(self, name: str) -> tuple[str, dict[str, int]]:
+    def parse_element(self, name: str) -> tuple[str, dict[str, int]]:
         """Return the quantity and the place of an element as people write it; of a whole quantity no place.
 
         Raises
@@ -200,11 +204,11 @@ class Shapes:
         InputError
             If there is no such element.
         """
-        quantity, labels = parted(self.inside(name))
+        quantity, labels = split_element_name(self.internal_name(name))
         dims = self.dims.get(quantity, ()) if labels else ()
         if labels and not dims:
             raise InputError(f"'{name}': '{quantity}' has no dimensions, and therefore no elements")
-        return quantity, dict(zip(dims, numbers_of(quantity, labels, [*map(self.extent, dims)]), strict=True))
+        return quantity, dict(zip(dims, numbers_of_labels(quantity, labels, [*map(self.extent, dims)]), strict=True))
 
     def dims_at_end(self, name: str, count: int) -> tuple[str, ...]:
         """Return the dimensions of a name in a record, like ``error_v_u``: of the longest name at its end that has so many."""
@@ -213,7 +217,7 @@ class Shapes:
         of_ends = (self.dims.get(end, ()) for end in ends)
         return next((dims for dims in of_ends if len(dims) == count), ())
 
-    def inside(self, name: str, where: str = "") -> str:
+    def internal_name(self, name: str, where: str = "") -> str:
         """Return a name as it is named inside: an element by its labels, of which any may be given as a number.
 
         Numbers from -1 down count from the end, as in ``u[-1]``. What names no element of a quantity with dimensions stays
@@ -233,26 +237,28 @@ class Shapes:
         Examples
         --------
         >>> shapes = Shapes({"site": Extent("site", 9)}, {}, {"u": ("site",)})
-        >>> shapes.inside("u[-1]"), shapes.inside("maximum_v_u[3]"), shapes.inside("u"), shapes.inside("k")
-        ('u·8', 'maximum_v_u·3', 'u', 'k')
+        >>> [shapes.internal_name(name) for name in ("u[-1]", "maximum_v_u[3]", "u", "k")]
+        ['u·8', 'maximum_v_u·3', 'u', 'k']
         """
         if not isinstance(name, str):
             return name
         match = _ELEMENT.fullmatch(name)
         if match is None:
-            return written(name)
+            return internal_text(name)
         labels = [label.strip() for label in match[2].split(",")] if match[2].strip() else []
         dims = self.dims_at_end(match[1], len(labels))
         if not (dims := dims or self.dims.get(match[1], ())):
-            return written(name)
+            return internal_text(name)
         extents = [self.extent(dim) for dim in dims]
         try:
-            numbers = numbers_of(match[1], labels, extents)
+            numbers = numbers_of_labels(match[1], labels, extents)
         except InputError as error:
             raise InputError(f"{where} '{name}': {error}".lstrip()) from None
-        return element(match[1], (extent.label(number) for extent, number in zip(extents, numbers, strict=True)))
+        return join_element_name(
+            match[1], (extent.label(number) for extent, number in zip(extents, numbers, strict=True))
+        )
 
-    def all_inside(self, entries: Mapping[str, T], where: str) -> dict[str, T]:
+    def with_internal_names(self, entries: Mapping[str, T], where: str) -> dict[str, T]:
         """Return entries by names as they are named inside.
 
         Raises
@@ -260,22 +266,22 @@ class Shapes:
         InputError
             If a dimension has no such element, or two names are those of one.
         """
-        found: dict[str, T] = {}
+        internal_entries: dict[str, T] = {}
         for name, entry in entries.items():
-            own = self.inside(name, where)
-            if own in found:
-                raise InputError(f"{where} '{spoken(own)}' twice; give it one value")
-            found[own] = entry
-        return found
+            internal_name = self.internal_name(name, where)
+            if internal_name in internal_entries:
+                raise InputError(f"{where} '{display_text(internal_name)}' twice; give it one value")
+            internal_entries[internal_name] = entry
+        return internal_entries
 
     def first(self, name: str) -> str:
         """Return the name of the first element of a quantity."""
-        return self.element(name, dict.fromkeys(self.dims.get(name, ()), 0))
+        return self.element_at(name, dict.fromkeys(self.dims.get(name, ()), 0))
 
     def elements(self, name: str, dims: tuple[str, ...] | None = None) -> list[str]:
         """Return the names of all elements of a quantity, the last dimension fastest."""
-        own = self.dims.get(name, ()) if dims is None else dims
-        return [*element_names(name, tuple(map(self.extent, own)))]
+        element_dims = self.dims.get(name, ()) if dims is None else dims
+        return [*element_names(name, tuple(map(self.extent, element_dims)))]
 
 
 def every_two(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -302,9 +308,9 @@ def element_name(name: str, number: int, extents: tuple[Extent, ...]) -> str:
     """
     labels = []
     for extent in reversed(extents):
-        number, place = divmod(number, extent.size)
-        labels.append(extent.label(place))
-    return element(name, reversed(labels))
+        number, position = divmod(number, extent.size)
+        labels.append(extent.label(position))
+    return join_element_name(name, reversed(labels))
 
 
 def element_names(name: str, extents: tuple[Extent, ...]) -> Iterator[str]:
@@ -313,16 +319,16 @@ def element_names(name: str, extents: tuple[Extent, ...]) -> Iterator[str]:
     return map(DOT.join, product((name,), *labels))
 
 
-def place_of_element(name: str, extents: tuple[Extent, ...]) -> tuple[int, ...] | None:
+def indices_of_element(name: str, extents: tuple[Extent, ...]) -> tuple[int, ...] | None:
     """Return the numbers along each dimension of the element that has a name; None if there is none."""
-    labels = parted(name)[1]
+    labels = split_element_name(name)[1]
     if len(labels) != len(extents):
         return None
-    numbers = tuple(extent.find(label) for extent, label in zip(extents, labels, strict=True))
+    numbers = tuple(extent.number_of_label(label) for extent, label in zip(extents, labels, strict=True))
     return None if None in numbers else numbers  # type: ignore[return-value]
 
 
-def numbers_of(quantity: str, labels: Sequence[str], extents: Sequence[Extent]) -> list[int]:
+def numbers_of_labels(quantity: str, labels: Sequence[str], extents: Sequence[Extent]) -> list[int]:
     """Return the numbers along its dimensions of the element of a quantity with some labels, or numbers in their place.
 
     Raises
@@ -340,11 +346,11 @@ def numbers_of(quantity: str, labels: Sequence[str], extents: Sequence[Extent]) 
 
 def number_of_element(name: str, extents: tuple[Extent, ...]) -> int | None:
     """Return the number of the element that has a name, the last dimension fastest; None if there is none."""
-    place = place_of_element(name, extents)
-    if place is None:
+    element_indices = indices_of_element(name, extents)
+    if element_indices is None:
         return None
     number = 0
-    for extent, index in zip(extents, place, strict=True):
+    for extent, index in zip(extents, element_indices, strict=True):
         number = number * extent.size + index
     return number
 

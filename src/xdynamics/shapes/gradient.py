@@ -10,13 +10,25 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 
-from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, chain, shown
-from xdynamics.expressions.calculus import ONE, ZERO, add, divide, multiply, negative, rate_of
+from xdynamics.expressions import (
+    Along,
+    Binary,
+    Call,
+    Compare,
+    Element,
+    Name,
+    Negative,
+    Node,
+    Number,
+    chain,
+    shortened_text,
+)
+from xdynamics.expressions.calculus import ONE, ZERO, add, divide, multiply, negative, operation_derivative
 from xdynamics.expressions.tree import children
 from xdynamics.faults import InputError
 from xdynamics.shapes.distinct_parts import Parts
 from xdynamics.shapes.extents import Shapes
-from xdynamics.shapes.trees import at, element_numbers, end_of
+from xdynamics.shapes.trees import at_element, element_numbers, end_dimension
 
 
 def gradient(tree: Node, names: Collection[str], shapes: Shapes) -> dict[str, Node]:
@@ -25,7 +37,7 @@ def gradient(tree: Node, names: Collection[str], shapes: Shapes) -> dict[str, No
     Parameters
     ----------
     tree : Node
-        As `prepared` returns it, with definitions expanded; the force of a potential is the gradient of its negative.
+        As `resolve_min_max` returns it, with definitions expanded; the force of a potential is the gradient of its negative.
     names : collection of str
         Quantities with or without dimensions.
     shapes : Shapes
@@ -55,19 +67,21 @@ def gradient(tree: Node, names: Collection[str], shapes: Shapes) -> dict[str, No
     last = parts.number(tree)
     varying = parts.depending(names)
     adjoints: dict[int, list[Node]] = {last: [ONE]}
-    found: dict[str, list[Node]] = {}
+    contributions: dict[str, list[Node]] = {}
     for number in range(last, -1, -1):
         if number not in adjoints or not varying[number]:
             continue
-        node, adjoint = parts.nodes[number], _summed(reversed(adjoints.pop(number)))
+        node, adjoint = parts.nodes[number], _merged_sum(reversed(adjoints.pop(number)))
         if isinstance(node, Name | Element):
-            found.setdefault(node.name, []).append(_of_name(node, adjoint, shapes))
+            contributions.setdefault(node.name, []).append(_name_contribution(node, adjoint, shapes))
             continue
         for position, operand in enumerate(parts.operands[number]):
             if varying[operand]:
-                given = _reduced(_given(node, position, adjoint, parts), number, operand, parts)
-                adjoints.setdefault(operand, []).append(given)
-    gradients = {name: _summed(reversed(found[name])) for name in names if name in found}
+                contribution = _reduce_to_operand(
+                    _operand_adjoint(node, position, adjoint, parts), number, operand, parts
+                )
+                adjoints.setdefault(operand, []).append(contribution)
+    gradients = {name: _merged_sum(reversed(contributions[name])) for name in names if name in contributions}
     return {name: slope for name, slope in gradients.items() if slope != ZERO}
 
 
@@ -77,7 +91,7 @@ def derivative(tree: Node, rates: Mapping[str, Node], shapes: Shapes) -> Node:
     Parameters
     ----------
     tree : Node
-        As `prepared` returns it, with definitions expanded.
+        As `resolve_min_max` returns it, with definitions expanded.
     rates : mapping of str to Node
         The derivative of each quantity that varies, with its dimensions or fewer; one that is not listed is constant.
     shapes : Shapes
@@ -101,17 +115,17 @@ def derivative(tree: Node, rates: Mapping[str, Node], shapes: Shapes) -> Node:
             first, links = chain(tree)
             rate = derivative(first, rates, shapes)
             for link in links:
-                rate = rate_of(link, (rate, derivative(link.right, rates, shapes)))
+                rate = operation_derivative(link, (rate, derivative(link.right, rates, shapes)))
             return rate
         case Call():
-            return rate_of(tree, [derivative(argument, rates, shapes) for argument in tree.arguments])
+            return operation_derivative(tree, [derivative(argument, rates, shapes) for argument in tree.arguments])
         case Along():
             inner = [derivative(argument, rates, shapes) for argument in tree.arguments]
             return ZERO if all(rate == ZERO for rate in inner) else _rate_along(tree, inner, shapes)
     return ZERO
 
 
-def _reduced(tree: Node, number: int, operand: int, parts: Parts) -> Node:
+def _reduce_to_operand(tree: Node, number: int, operand: int, parts: Parts) -> Node:
     """Return what a part gives to an operand of fewer dimensions: the sum over those that it lacks."""
     node, dims = parts.nodes[number], set(parts.dims[number])
     if isinstance(node, Along):
@@ -119,126 +133,132 @@ def _reduced(tree: Node, number: int, operand: int, parts: Parts) -> Node:
             return tree  # of the operand's dimensions already
         dims |= set(node.dims)
         if node.function == "onto":
-            dims.discard(end_of(node, parts.shapes))
-    return _total(tree, parts.shapes.ordered(dims - parts.dims[operand]), parts.of(tree), parts.shapes)
+            dims.discard(end_dimension(node, parts.shapes))
+    return _sum_along_dims(
+        tree, parts.shapes.ordered(dims - parts.dims[operand]), parts.dims_of_node(tree), parts.shapes
+    )
 
 
-def _summed(terms: Iterable[Node]) -> Node:
+def _merged_sum(terms: Iterable[Node]) -> Node:
     """Add terms in their order; what links of one relation give to elements is one term."""
-    result: list[Node] = []
+    merged_terms: list[Node] = []
     for term in terms:
-        match = next((i for i, other in enumerate(result) if _joins(other, term)), None)
+        match = next((i for i, earlier_term in enumerate(merged_terms) if _joins(earlier_term, term)), None)
         if match is None:
-            result.append(term)
+            merged_terms.append(term)
             continue
-        before = result[match]
-        assert isinstance(before, Along) and isinstance(term, Along)  # noqa: S101, PT018 - they join
-        result[match] = replace(before, arguments=tuple(map(add, before.arguments, term.arguments)))
+        joined_term = merged_terms[match]
+        assert isinstance(joined_term, Along) and isinstance(term, Along)  # noqa: S101, PT018 - they join
+        merged_terms[match] = replace(joined_term, arguments=tuple(map(add, joined_term.arguments, term.arguments)))
     total: Node = ZERO
-    for term in result:
+    for term in merged_terms:
         total = add(total, term)
     return total
 
 
-def _joins(one: Node, other: Node) -> bool:
-    both = isinstance(one, Along) and isinstance(other, Along)
-    return both and one.function == other.function == "onto" and one.dims == other.dims  # type: ignore[union-attr]
+def _joins(left: Node, right: Node) -> bool:
+    both = isinstance(left, Along) and isinstance(right, Along)
+    return both and left.function == right.function == "onto" and left.dims == right.dims  # type: ignore[union-attr]
 
 
-def _of_name(node: Name | Element, adjoint: Node, shapes: Shapes) -> Node:
+def _name_contribution(node: Name | Element, adjoint: Node, shapes: Shapes) -> Node:
     """Return what a name, or one element of it, gives to the gradient by the whole."""
     if isinstance(node, Element):
         for dim, number in reversed(element_numbers(node, shapes).items()):
-            here = Compare("==", Along("index", (), (dim,)), Number(float(number)))
-            adjoint = Call("where", (here, adjoint, ZERO))
+            is_element = Compare("==", Along("index", (), (dim,)), Number(float(number)))
+            adjoint = Call("where", (is_element, adjoint, ZERO))
     return adjoint
 
 
-def _total(tree: Node, dims: tuple[str, ...], own: Set[str], shapes: Shapes) -> Node:
+def _sum_along_dims(tree: Node, dims: tuple[str, ...], tree_dims: Set[str], shapes: Shapes) -> Node:
     """Sum along dimensions; along one that the expression lacks it has the same value as often as there are elements."""
-    times = math.prod(shapes.shape(tuple(dim for dim in dims if dim not in own)))
-    present = tuple(dim for dim in dims if dim in own)
-    return multiply(Number(float(times)), Along("sum", (tree,), present) if present and tree != ZERO else tree)
+    repeats = math.prod(shapes.shape(tuple(dim for dim in dims if dim not in tree_dims)))
+    present = tuple(dim for dim in dims if dim in tree_dims)
+    return multiply(Number(float(repeats)), Along("sum", (tree,), present) if present and tree != ZERO else tree)
 
 
 # ------------------------------------------------------------------------------------------------------- reverse mode
 
 
-def _given(node: Node, position: int, adjoint: Node, parts: Parts) -> Node:
+def _operand_adjoint(node: Node, position: int, adjoint: Node, parts: Parts) -> Node:
     """Return what an operation gives to the adjoint of one of its operands."""
     if isinstance(node, Along):
-        return _given_along(node, position, adjoint, parts)
+        return _adjoint_along(node, position, adjoint, parts)
     assert isinstance(node, Negative | Binary | Call)  # noqa: S101 - others have no operands that vary
-    return rate_of(node, [adjoint if other == position else ZERO for other in range(len(children(node)))])
+    return operation_derivative(node, [adjoint if index == position else ZERO for index in range(len(children(node)))])
 
 
-def _given_along(node: Along, position: int, adjoint: Node, parts: Parts) -> Node:
+def _adjoint_along(node: Along, position: int, adjoint: Node, parts: Parts) -> Node:
     shapes, a, dims = parts.shapes, node.arguments[position], node.dims
     if node.function in ("roll", "shift") and isinstance(adjoint, Negative):
-        return negative(_given_along(node, position, adjoint.operand, parts))
+        return negative(_adjoint_along(node, position, adjoint.operand, parts))
     match node.function:
         case "mean":
             return divide(adjoint, Number(float(math.prod(shapes.shape(dims)))))
         case "min" | "max":
-            return Call("where", (_chosen(node, shapes), adjoint, ZERO))
+            return Call("where", (_extremum_condition(node, shapes), adjoint, ZERO))
         case "norm":
-            return multiply(_over(adjoint, node), a)
+            return multiply(_divide_once(adjoint, node), a)
         case "dot":
             return multiply(adjoint, node.arguments[1 - position])
         case "cross":
-            other = node.arguments[1 - position]
-            return _crossed(node, (other, adjoint) if position == 0 else (adjoint, other), parts)
+            cofactor = node.arguments[1 - position]
+            return _cross_product(node, (cofactor, adjoint) if position == 0 else (adjoint, cofactor), parts)
         case "first" | "second":
             ends = (adjoint, ZERO) if node.function == "first" else (ZERO, adjoint)
             return Along("onto", ends, dims)
         case "onto":
             end = ("first", "second")[position]
-            return _along_if(replace(node, function=end, arguments=(adjoint,)), parts.of(adjoint), shapes)
+            return _move_if_along(
+                replace(node, function=end, arguments=(adjoint,)), parts.dims_of_node(adjoint), shapes
+            )
         case "roll":
-            return _along_if(replace(node, arguments=(adjoint,), places=-node.places), parts.of(adjoint), shapes)
+            return _move_if_along(
+                replace(node, arguments=(adjoint,), places=-node.places), parts.dims_of_node(adjoint), shapes
+            )
         case "shift":
-            return _given_by_shift(node, position, adjoint, parts)
+            return _adjoint_by_shift(node, position, adjoint, parts)
         case "take":
-            return _given_by_take(node, adjoint, parts)
+            return _adjoint_by_take(node, adjoint, parts)
     return adjoint  # of a sum
 
 
-def _given_by_shift(node: Along, position: int, adjoint: Node, parts: Parts) -> Node:
+def _adjoint_by_shift(node: Along, position: int, adjoint: Node, parts: Parts) -> Node:
     if position == 1:
-        return Call("where", (_beyond(node, parts.shapes), adjoint, ZERO)) if node.places else ZERO
-    if node.dims[0] not in parts.of(adjoint):  # the same everywhere, but for elements that are shifted out
-        back = replace(node, places=-node.places)
-        return Call("where", (_beyond(back, parts.shapes), ZERO, adjoint)) if node.places else adjoint
+        return Call("where", (_fill_condition(node, parts.shapes), adjoint, ZERO)) if node.places else ZERO
+    if node.dims[0] not in parts.dims_of_node(adjoint):  # the same everywhere, but for elements that are shifted out
+        reverse_shift = replace(node, places=-node.places)
+        return Call("where", (_fill_condition(reverse_shift, parts.shapes), ZERO, adjoint)) if node.places else adjoint
     return replace(node, arguments=(adjoint, ZERO), places=-node.places)
 
 
-def _given_by_take(node: Along, adjoint: Node, parts: Parts) -> Node:
+def _adjoint_by_take(node: Along, adjoint: Node, parts: Parts) -> Node:
     """Return what the elements that are taken give; of others nothing."""
     number, dim = node.arguments[1], node.dims[0]
-    if dim in parts.of(number):
+    if dim in parts.dims_of_node(number):
         raise InputError(
-            f"'{shown(node)}' (column {node.column}) is in a potential, and its force cannot be derived through take by an"
+            f"'{shortened_text(node)}' (column {node.column}) is in a potential, and its force cannot be derived through take by an"
             f" index of '{dim}' itself; use shift or roll, or write the force out"
         )
     return Call("where", (Compare("==", Along("index", (), (dim,)), number), adjoint, ZERO))
 
 
-def _over(left: Node, right: Node) -> Node:
+def _divide_once(left: Node, right: Node) -> Node:
     """Divide; what is a quotient already is divided once, by a product."""
     if isinstance(left, Negative):
-        return negative(_over(left.operand, right))
+        return negative(_divide_once(left.operand, right))
     if isinstance(left, Binary) and left.operator == "/":
         return divide(left.left, multiply(left.right, right))
     return divide(left, right)
 
 
-def _crossed(node: Along, factors: tuple[Node, Node], parts: Parts) -> Node:
+def _cross_product(node: Along, factors: tuple[Node, Node], parts: Parts) -> Node:
     """Return a cross product; two vectors that are the same in every direction are parallel."""
-    varies = any(node.dims[0] in parts.of(factor) for factor in factors)
+    varies = any(node.dims[0] in parts.dims_of_node(factor) for factor in factors)
     return replace(node, arguments=factors) if varies and ZERO not in factors else ZERO
 
 
-def _beyond(node: Along, shapes: Shapes) -> Node:
+def _fill_condition(node: Along, shapes: Shapes) -> Node:
     """Return where a shift fills: before the first element, or after the last."""
     index = Along("index", (), node.dims)
     if node.places > 0:
@@ -246,24 +266,24 @@ def _beyond(node: Along, shapes: Shapes) -> Node:
     return Compare(">=", index, Number(float(max(0, shapes.extent(node.dims[0]).size + node.places))))
 
 
-def _chosen(node: Along, shapes: Shapes) -> Node:
+def _extremum_condition(node: Along, shapes: Shapes) -> Node:
     """Return where the least or greatest element is, the first of equal ones."""
     number: Node = ZERO
     for dim in node.dims:
         size = Number(float(shapes.extent(dim).size))
         number = add(multiply(number, size), Along("index", (), (dim,)))
     beyond = Number(float(math.prod(shapes.shape(node.dims))))
-    here = Call("where", (Compare("==", node.arguments[0], node), number, beyond))
-    return Compare("==", number, Along("min", (here,), node.dims))
+    candidate_number = Call("where", (Compare("==", node.arguments[0], node), number, beyond))
+    return Compare("==", number, Along("min", (candidate_number,), node.dims))
 
 
-def _along_if(node: Along, own: Set[str], shapes: Shapes) -> Node:
+def _move_if_along(node: Along, tree_dims: Set[str], shapes: Shapes) -> Node:
     """Return a function that moves values along a dimension; a value that is the same everywhere stays."""
     dim = node.dims[0]
     if node.function in ("first", "second"):
         relation = shapes.relations[dim]
         dim = relation.source if node.function == "first" else relation.target
-    return node if dim in own else node.arguments[0]
+    return node if dim in tree_dims else node.arguments[0]
 
 
 # ------------------------------------------------------------------------------------------------------- forward mode
@@ -273,40 +293,44 @@ def _element_rate(node: Element, rate: Node, shapes: Shapes) -> Node:
     """Return the rate of one element."""
     if isinstance(rate, Name) and rate.name in shapes.dims:
         return replace(node, name=rate.name)
-    return at(rate, element_numbers(node, shapes), shapes)
+    return at_element(rate, element_numbers(node, shapes), shapes)
 
 
 def _rate_along(node: Along, inner: Sequence[Node], shapes: Shapes) -> Node:
     """Return the rate of a function along dimensions from those of its values."""
     parts, dims = Parts(shapes), node.dims
-    own = [parts.of(rate) for rate in inner]
+    rate_dims = [parts.dims_of_node(rate) for rate in inner]
     match node.function:
         case "sum":
-            return _total(inner[0], dims, own[0], shapes)
+            return _sum_along_dims(inner[0], dims, rate_dims[0], shapes)
         case "mean":
             count = Number(float(math.prod(shapes.shape(dims))))
-            return divide(_total(inner[0], dims, own[0], shapes), count)
+            return divide(_sum_along_dims(inner[0], dims, rate_dims[0], shapes), count)
         case "norm":
             product = multiply(node.arguments[0], inner[0])
-            return divide(_total(product, dims, parts.of(product), shapes), node)
+            return divide(_sum_along_dims(product, dims, parts.dims_of_node(product), shapes), node)
         case "min" | "max":
-            return Along("sum", (Call("where", (_chosen(node, shapes), inner[0], ZERO)),), dims)
+            return Along("sum", (Call("where", (_extremum_condition(node, shapes), inner[0], ZERO)),), dims)
         case "dot":
-            product = add(*(multiply(part, other) for part, other in _pairs(node, inner)))
-            return _total(product, dims, parts.of(product), shapes)
+            product = add(*(multiply(part, factor) for part, factor in _product_rate_factors(node, inner)))
+            return _sum_along_dims(product, dims, parts.dims_of_node(product), shapes)
         case "cross":
-            return add(*(_crossed(node, pair, parts) for pair in _pairs(node, inner)))
+            return add(*(_cross_product(node, pair, parts) for pair in _product_rate_factors(node, inner)))
         case "shift":
-            moved = replace(node, arguments=tuple(inner))
-            return moved if dims[0] in own[0] else Call("where", (_beyond(node, shapes), inner[1], inner[0]))
+            shifted = replace(node, arguments=tuple(inner))
+            return (
+                shifted
+                if dims[0] in rate_dims[0]
+                else Call("where", (_fill_condition(node, shapes), inner[1], inner[0]))
+            )
         case "onto":
             return replace(node, arguments=tuple(inner))
         case "take":
-            return replace(node, arguments=(inner[0], node.arguments[1])) if dims[0] in own[0] else inner[0]
-    return _along_if(replace(node, arguments=tuple(inner)), own[0], shapes)
+            return replace(node, arguments=(inner[0], node.arguments[1])) if dims[0] in rate_dims[0] else inner[0]
+    return _move_if_along(replace(node, arguments=tuple(inner)), rate_dims[0], shapes)
 
 
-def _pairs(node: Along, inner: Sequence[Node]) -> tuple[tuple[Node, Node], tuple[Node, Node]]:
+def _product_rate_factors(node: Along, inner: Sequence[Node]) -> tuple[tuple[Node, Node], tuple[Node, Node]]:
     """Return the factors of the two terms of a product's rate."""
     (a, b), (rate_a, rate_b) = node.arguments, inner
     return (rate_a, b), (a, rate_b)

@@ -8,40 +8,40 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from xdynamics.faults import DOT, spoken, written
+from xdynamics.faults import DOT, display_text, internal_text
 
-__all__ = ["DOT", "element", "parted", "spoken", "whole_of", "written"]
+__all__ = ["DOT", "display_text", "internal_text", "join_element_name", "quantity_name", "split_element_name"]
 
 
-def element(name: str, labels: Iterable[str]) -> str:
+def join_element_name(name: str, labels: Iterable[str]) -> str:
     """Return the name of an element from the quantity's and its labels.
 
     Examples
     --------
-    >>> element("r", ["Jupiter", "x"]), element("g", [])
+    >>> join_element_name("r", ["Jupiter", "x"]), join_element_name("g", [])
     ('r·Jupiter·x', 'g')
     """
     return DOT.join([name, *labels])
 
 
-def whole_of(name: str) -> str:
+def quantity_name(name: str) -> str:
     """Return the quantity's name, of an element as it is named inside or as people write it.
 
     Examples
     --------
-    >>> whole_of("v_u·3"), whole_of("v_u[-1]"), whole_of("g"), whole_of("v_u[")
+    >>> quantity_name("v_u·3"), quantity_name("v_u[-1]"), quantity_name("g"), quantity_name("v_u[")
     ('v_u', 'v_u', 'g', 'v_u[')
     """
     return name.partition("[")[0] if name.endswith("]") else name.partition(DOT)[0]
 
 
-def parted(name: str) -> tuple[str, tuple[str, ...]]:
+def split_element_name(name: str) -> tuple[str, tuple[str, ...]]:
     """Return the quantity's name and the labels of an element.
 
     Examples
     --------
-    >>> parted("error_r·Jupiter·x"), parted("time")
+    >>> split_element_name("error_r·Jupiter·x"), split_element_name("time")
     (('error_r', ('Jupiter', 'x')), ('time', ()))
     """
-    whole, *labels = name.split(DOT)
-    return whole, tuple(labels)
+    quantity, *labels = name.split(DOT)
+    return quantity, tuple(labels)

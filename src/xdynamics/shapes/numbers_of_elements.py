@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, shown
+from xdynamics.expressions import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, shortened_text
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError
 from xdynamics.shapes.extents import Shapes
 
-Whole = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 MOST_CHECKED = (
     100_000  # numbers that are computed to check an expression; those of more are checked where they are used
 )
@@ -48,7 +48,7 @@ def check_number_of_element(node: Along, dims: tuple[str, ...], shapes: Shapes) 
     """
     if not is_of_numbers(number := node.arguments[1]):
         raise InputError(
-            f"'{shown(node)}' (column {node.column}): the number of the element is '{shown(number)}', which may be"
+            f"'{shortened_text(node)}' (column {node.column}): the number of the element is '{shortened_text(number)}', which may be"
             " written with index(dimension), size(dimension) and numbers alone"
         )
     shape = shapes.shape(dims)
@@ -56,7 +56,7 @@ def check_number_of_element(node: Along, dims: tuple[str, ...], shapes: Shapes) 
         taken_numbers(node, dict(zip(dims, np.ix_(*map(np.arange, shape)), strict=True)), shapes)
 
 
-def counted(node: Node, shapes: Shapes) -> Node:
+def with_index_names(node: Node, shapes: Shapes) -> Node:
     """Return an expression in which numbers of elements are names: ``index site``."""
     match node:
         case Along(function="index"):
@@ -64,15 +64,15 @@ def counted(node: Node, shapes: Shapes) -> Node:
         case Along():
             return Number(float(shapes.extent(node.dims[0]).size))
         case Negative():
-            return replace(node, operand=counted(node.operand, shapes))
+            return replace(node, operand=with_index_names(node.operand, shapes))
         case Binary() | Compare():
-            return replace(node, left=counted(node.left, shapes), right=counted(node.right, shapes))
+            return replace(node, left=with_index_names(node.left, shapes), right=with_index_names(node.right, shapes))
         case Call():
-            return replace(node, arguments=tuple(counted(argument, shapes) for argument in node.arguments))
+            return replace(node, arguments=tuple(with_index_names(argument, shapes) for argument in node.arguments))
     return node
 
 
-def taken_numbers(node: Along, grid: Mapping[str, Any], shapes: Shapes) -> Whole:
+def taken_numbers(node: Along, grid: Mapping[str, Any], shapes: Shapes) -> IntArray:
     """Return which elements `take` takes where the number along each dimension is known.
 
     Parameters
@@ -89,10 +89,10 @@ def taken_numbers(node: Along, grid: Mapping[str, Any], shapes: Shapes) -> Whole
         If a number is none of an element.
     """
     values = {f"index {dim}": np.asarray(numbers, float) for dim, numbers in grid.items()}
-    return whole_numbers(node, evaluate_many(counted(node.arguments[1], shapes), values), shapes)
+    return whole_numbers(node, evaluate_many(with_index_names(node.arguments[1], shapes), values), shapes)
 
 
-def whole_numbers(node: Along, found: Any, shapes: Shapes) -> Whole:
+def whole_numbers(node: Along, computed_numbers: Any, shapes: Shapes) -> IntArray:
     """Return numbers of elements as whole ones.
 
     Raises
@@ -100,11 +100,11 @@ def whole_numbers(node: Along, found: Any, shapes: Shapes) -> Whole:
     InputError
         If one is none of an element.
     """
-    numbers, size = np.asarray(found, float), shapes.extent(node.dims[0]).size
+    numbers, size = np.asarray(computed_numbers, float), shapes.extent(node.dims[0]).size
     wrong = ~((numbers >= 0.0) & (numbers < size) & (numbers == np.floor(numbers)))
     if wrong.any():
         raise InputError(
-            f"'{shown(node)}' (column {node.column}) takes element {float(numbers[wrong].flat[0]):g} of '{node.dims[0]}',"
+            f"'{shortened_text(node)}' (column {node.column}) takes element {float(numbers[wrong].flat[0]):g} of '{node.dims[0]}',"
             f" needs whole numbers from 0 to {size - 1}; mod(number, size({node.dims[0]})) goes round"
         )
     return numbers.astype(np.int64)

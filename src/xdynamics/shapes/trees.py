@@ -19,7 +19,7 @@ from xdynamics.expressions import (
     chain,
     expand,
     free_names,
-    shown,
+    shortened_text,
 )
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.evaluation import evaluate
@@ -33,7 +33,7 @@ ENDS = ("first", "second")
 OF_CROSS = 3  # elements along the dimension of a cross product
 
 
-def prepared(node: Node, shapes: Shapes) -> Node:
+def resolve_min_max(node: Node, shapes: Shapes) -> Node:
     """Return an expression with `min` and `max` along dimensions told from those that compare values.
 
     Raises
@@ -43,43 +43,43 @@ def prepared(node: Node, shapes: Shapes) -> Node:
     """
     match node:
         case Negative():
-            return replace(node, operand=prepared(node.operand, shapes))
+            return replace(node, operand=resolve_min_max(node.operand, shapes))
         case Binary():
             first, links = chain(node)
-            tree = prepared(first, shapes)
+            tree = resolve_min_max(first, shapes)
             for link in links:
-                tree = Binary(link.operator, tree, prepared(link.right, shapes), link.column)
+                tree = Binary(link.operator, tree, resolve_min_max(link.right, shapes), link.column)
             return tree
         case Compare():
-            return replace(node, left=prepared(node.left, shapes), right=prepared(node.right, shapes))
+            return replace(node, left=resolve_min_max(node.left, shapes), right=resolve_min_max(node.right, shapes))
         case Call():
             values = [argument for argument in node.arguments if not _is_dimension(argument, shapes)]
             if len(values) < len(node.arguments) and node.function in ("min", "max"):
-                return _least(node, values, shapes)
-            return replace(node, arguments=tuple(prepared(argument, shapes) for argument in node.arguments))
+                return _min_max_along(node, values, shapes)
+            return replace(node, arguments=tuple(resolve_min_max(argument, shapes) for argument in node.arguments))
         case Along():
-            return replace(node, arguments=tuple(prepared(argument, shapes) for argument in node.arguments))
+            return replace(node, arguments=tuple(resolve_min_max(argument, shapes) for argument in node.arguments))
     return node
 
 
 def _is_dimension(node: Node, shapes: Shapes) -> bool:
-    known = isinstance(node, Name) and node.name in (*shapes.extents, *shapes.relations)
-    return known and node.name not in shapes.dims  # type: ignore[union-attr]
+    is_dim_name = isinstance(node, Name) and node.name in (*shapes.extents, *shapes.relations)
+    return is_dim_name and node.name not in shapes.dims  # type: ignore[union-attr]
 
 
-def _least(node: Call, values: list[Node], shapes: Shapes) -> Along:
+def _min_max_along(node: Call, values: list[Node], shapes: Shapes) -> Along:
     dims = tuple(
         argument.name for argument in node.arguments[1:] if isinstance(argument, Name) and argument not in values
     )
     if len(values) != 1 or node.arguments[0] is not values[0]:
         raise InputError(
-            f"'{shown(node)}' (column {node.column}) mixes values and dimensions; write {node.function}(a, dimension) to"
+            f"'{shortened_text(node)}' (column {node.column}) mixes values and dimensions; write {node.function}(a, dimension) to"
             f" reduce, or {node.function}(a, b) to compare"
         )
-    return Along(node.function, (prepared(values[0], shapes),), dims, 0, node.column)
+    return Along(node.function, (resolve_min_max(values[0], shapes),), dims, 0, node.column)
 
 
-def expanded(node: Node, definitions: Mapping[str, Node], shapes: Shapes) -> Node:
+def expand_definitions(node: Node, definitions: Mapping[str, Node], shapes: Shapes) -> Node:
     """Return an expression with definitions substituted; one element of a definition is picked from all of them.
 
     Raises
@@ -123,7 +123,7 @@ def dims_of(node: Node, shapes: Shapes) -> tuple[str, ...]:
     Parameters
     ----------
     node : Node
-        As `prepared` returns it.
+        As `resolve_min_max` returns it.
     shapes : Shapes
 
     Raises
@@ -131,10 +131,10 @@ def dims_of(node: Node, shapes: Shapes) -> tuple[str, ...]:
     InputError
         Naming the part, the dimension that is missing or too many, and the remedy.
     """
-    return shapes.ordered(_dims(node, shapes))
+    return shapes.ordered(_tree_dims(node, shapes))
 
 
-def _dims(node: Node, shapes: Shapes) -> set[str]:
+def _tree_dims(node: Node, shapes: Shapes) -> set[str]:
     match node:
         case Name():
             if _is_dimension(node, shapes):
@@ -148,10 +148,10 @@ def _dims(node: Node, shapes: Shapes) -> set[str]:
             return set()
         case Binary():
             first, links = chain(node)
-            return _dims(first, shapes).union(*(_dims(link.right, shapes) for link in links))
+            return _tree_dims(first, shapes).union(*(_tree_dims(link.right, shapes) for link in links))
         case Along():
-            return dims_along(node, [_dims(argument, shapes) for argument in node.arguments], shapes)
-    return set[str]().union(*(_dims(child, shapes) for child in children(node)))
+            return dims_along(node, [_tree_dims(argument, shapes) for argument in node.arguments], shapes)
+    return set[str]().union(*(_tree_dims(child, shapes) for child in children(node)))
 
 
 def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[str]:
@@ -166,32 +166,32 @@ def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[st
         try:
             shapes.extent(dim)
         except InputError as error:
-            raise InputError(f"{_label(node)}: {error}") from None
+            raise InputError(f"{_column_label(node)}: {error}") from None
     if twice := [dim for dim in node.dims if node.dims.count(dim) > 1]:
-        raise InputError(f"{_label(node)} goes along '{twice[0]}' twice; name it once")
+        raise InputError(f"{_column_label(node)} goes along '{twice[0]}' twice; name it once")
     dims = set[str]().union(*inner)
     if node.function == "size":
         return set()
     if node.function == "index":
         return {node.dims[0]}
     if node.function in ENDS:
-        return _of_end(node, dims, shapes)
+        return _dims_of_end(node, dims, shapes)
     if node.function == "onto":
-        return dims - set(node.dims) | {end_of(node, shapes)}
-    own_dims = dims if node.function not in ("shift", "take") else set(inner[0])
+        return dims - set(node.dims) | {end_dimension(node, shapes)}
+    value_dims = dims if node.function not in ("shift", "take") else set(inner[0])
     for dim in node.dims:
-        if dim not in own_dims:
-            own = ", ".join(shapes.ordered(own_dims)) or "none"
+        if dim not in value_dims:
+            dims_text = ", ".join(shapes.ordered(value_dims)) or "none"
             raise InputError(
-                f"{_label(node)} goes along '{dim}', and '{shown(node.arguments[0])}' has the dimensions: {own};"
-                f" {'leave it out' if own == 'none' else 'take one of these'}"
+                f"{_column_label(node)} goes along '{dim}', and '{shortened_text(node.arguments[0])}' has the dimensions: {dims_text};"
+                f" {'leave it out' if dims_text == 'none' else 'take one of these'}"
             )
     if node.function == "take":
         check_number_of_element(node, shapes.ordered(set(inner[1])), shapes)
         return set(inner[0]) - {node.dims[0]} | set(inner[1])
     if node.function == "cross" and (size := shapes.extent(node.dims[0]).size) != OF_CROSS:
         raise InputError(
-            f"{_label(node)} goes along '{node.dims[0]}' of {size} elements, and needs 3{_in_plane(node, size)}"
+            f"{_column_label(node)} goes along '{node.dims[0]}' of {size} elements, and needs 3{_in_plane(node, size)}"
         )
     return dims - set(node.dims) if node.function in REDUCTIONS else dims
 
@@ -200,30 +200,32 @@ def _in_plane(node: Along, size: int) -> str:
     """Say how the one component of a vector product is written that vectors in a plane have."""
     if size != len(node.arguments):
         return ""
-    (x, y), (u, v) = ([f"take({shown(part)}, {node.dims[0]}, {i})" for i in (0, 1)] for part in node.arguments)
+    (x, y), (u, v) = ([f"take({shortened_text(part)}, {node.dims[0]}, {i})" for i in (0, 1)] for part in node.arguments)
     return f"; in a plane write {x}*{v} - {y}*{u}"
 
 
-def _of_end(node: Along, dims: set[str], shapes: Shapes) -> set[str]:
+def _dims_of_end(node: Along, dims: set[str], shapes: Shapes) -> set[str]:
     """Return the dimensions of a value at one end of every link."""
     name = node.dims[0]
     if name not in shapes.relations:
-        known = ", ".join(shapes.relations) or "none"
-        raise InputError(f"{_label(node)}: '{name}' is no relation; there are: {known}")
+        relation_names = ", ".join(shapes.relations) or "none"
+        raise InputError(f"{_column_label(node)}: '{name}' is no relation; there are: {relation_names}")
     relation = shapes.relations[name]
     end = relation.source if node.function == "first" else relation.target
     if name in dims or end not in dims:
-        own = ", ".join(shapes.ordered(dims)) or "none"
+        dims_text = ", ".join(shapes.ordered(dims)) or "none"
         fault = "is along the relation already" if name in dims else f"needs a value along '{end}'"
-        raise InputError(f"{_label(node)} {fault}: '{shown(node.arguments[0])}' has the dimensions: {own}")
+        raise InputError(
+            f"{_column_label(node)} {fault}: '{shortened_text(node.arguments[0])}' has the dimensions: {dims_text}"
+        )
     return dims - {end} | {name}
 
 
-def _label(node: Along) -> str:
-    return f"'{shown(node)}' (column {node.column})"
+def _column_label(node: Along) -> str:
+    return f"'{shortened_text(node)}' (column {node.column})"
 
 
-def end_of(node: Along, shapes: Shapes) -> str:
+def end_dimension(node: Along, shapes: Shapes) -> str:
     """Return the dimension of what links give to the elements at their ends."""
     relation = shapes.relations[node.dims[0]]
     return relation.target if node.arguments[0] == ZERO else relation.source
@@ -239,20 +241,20 @@ def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
     """
     dims = shapes.dims.get(node.name, ())
     if len(node.entries) != len(dims):
-        own = (
+        dims_text = (
             f"the dimensions {', '.join(dims)}; write an entry for each"
             if dims
             else "no dimensions, and therefore no elements"
         )
         raise InputError(
-            f"'{shown(node)}' (column {node.column}): '{node.name}' has {own}{_along_the_others(node, dims, shapes)}"
+            f"'{shortened_text(node)}' (column {node.column}): '{node.name}' has {dims_text}{_along_the_others(node, dims, shapes)}"
         )
     extents = [shapes.extent(dim) for dim in dims]
     for entry, extent in zip(node.entries, extents, strict=True):
-        elsewhere = [other.name for other in extents if entry in other.labels]
+        elsewhere = [candidate.name for candidate in extents if entry in candidate.labels]
         if elsewhere and extent.name not in elsewhere:
             raise InputError(
-                f"'{shown(node)}' (column {node.column}): {entry} is an element of '{elsewhere[0]}', but stands where"
+                f"'{shortened_text(node)}' (column {node.column}): {entry} is an element of '{elsewhere[0]}', but stands where"
                 f" one is expected of '{extent.name}'; in brackets the dimensions are {', '.join(dims)}, in this order"
             )
     return {extent.name: extent.number(entry) for entry, extent in zip(node.entries, extents, strict=True)}
@@ -270,14 +272,14 @@ def _along_the_others(node: Element, dims: Sequence[str], shapes: Shapes) -> str
     )
 
 
-def at(node: Node, place: Mapping[str, int], shapes: Shapes) -> Node:
+def at_element(node: Node, indices: Mapping[str, int], shapes: Shapes) -> Node:
     """Return what an expression is at one element: an expression of single elements.
 
     Parameters
     ----------
     node : Node
-        As `prepared` returns it, with dimensions that `dims_of` checked.
-    place : mapping of str to int
+        As `resolve_min_max` returns it, with dimensions that `dims_of` checked.
+    indices : mapping of str to int
         The number of the element along each of its dimensions, perhaps among others.
     shapes : Shapes
 
@@ -288,98 +290,103 @@ def at(node: Node, place: Mapping[str, int], shapes: Shapes) -> Node:
     """
     match node:
         case Name():
-            return Name(shapes.element(node.name, place), node.column) if node.name in shapes.dims else node
+            return Name(shapes.element_at(node.name, indices), node.column) if node.name in shapes.dims else node
         case Element():
-            return Name(shapes.element(node.name, element_numbers(node, shapes)), node.column)
+            return Name(shapes.element_at(node.name, element_numbers(node, shapes)), node.column)
         case Negative():
-            return replace(node, operand=at(node.operand, place, shapes))
+            return replace(node, operand=at_element(node.operand, indices, shapes))
         case Binary():
             first, links = chain(node)
-            tree = at(first, place, shapes)
+            tree = at_element(first, indices, shapes)
             for link in links:
-                tree = Binary(link.operator, tree, at(link.right, place, shapes), link.column)
+                tree = Binary(link.operator, tree, at_element(link.right, indices, shapes), link.column)
             return tree
         case Compare():
-            return replace(node, left=at(node.left, place, shapes), right=at(node.right, place, shapes))
+            return replace(
+                node, left=at_element(node.left, indices, shapes), right=at_element(node.right, indices, shapes)
+            )
         case Call():
-            if node.function == "where" and not free_names(condition := at(node.arguments[0], place, shapes)):
-                return at(node.arguments[1 if evaluate(condition, {}) else 2], place, shapes)
-            return replace(node, arguments=tuple(at(argument, place, shapes) for argument in node.arguments))
+            if node.function == "where" and not free_names(condition := at_element(node.arguments[0], indices, shapes)):
+                return at_element(node.arguments[1 if evaluate(condition, {}) else 2], indices, shapes)
+            return replace(node, arguments=tuple(at_element(argument, indices, shapes) for argument in node.arguments))
         case Along():
-            return _at_along(node, place, shapes)
+            return _at_along(node, indices, shapes)
     return node
 
 
-def _at_along(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+def _at_along(node: Along, indices: Mapping[str, int], shapes: Shapes) -> Node:
     match node.function:
         case "index":
-            return Number(float(place[node.dims[0]]), node.column)
+            return Number(float(indices[node.dims[0]]), node.column)
         case "size":
             return Number(float(shapes.extent(node.dims[0]).size), node.column)
         case "first" | "second":
             relation = shapes.relations[node.dims[0]]
-            dim, number = relation.end(node.function, place[relation.name])
-            return at(node.arguments[0], {**place, dim: number}, shapes)
+            dim, number = relation.end(node.function, indices[relation.name])
+            return at_element(node.arguments[0], {**indices, dim: number}, shapes)
         case "shift" | "roll":
-            return _moved(node, place, shapes)
+            return _shifted_element(node, indices, shapes)
         case "take":
-            found = evaluate(at(node.arguments[1], place, shapes), {})
-            number = int(whole_numbers(node, found, shapes))
-            return at(node.arguments[0], {**place, node.dims[0]: number}, shapes)
+            computed_number = evaluate(at_element(node.arguments[1], indices, shapes), {})
+            number = int(whole_numbers(node, computed_number, shapes))
+            return at_element(node.arguments[0], {**indices, node.dims[0]: number}, shapes)
         case "cross":
-            return _crossed(node, place, shapes)
+            return _cross_product_element(node, indices, shapes)
         case "onto":
-            return _given(node, place, shapes)
-    return _reduced(node, place, shapes)
+            return _link_sum_at_end(node, indices, shapes)
+    return _reduced_element(node, indices, shapes)
 
 
-def _moved(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+def _shifted_element(node: Along, indices: Mapping[str, int], shapes: Shapes) -> Node:
     """Return the value some places before."""
     dim, size = node.dims[0], shapes.extent(node.dims[0]).size
-    number = place[dim] - node.places
+    number = indices[dim] - node.places
     if node.function == "shift" and not 0 <= number < size:
-        return at(node.arguments[1], place, shapes)
-    return at(node.arguments[0], {**place, dim: number % size}, shapes)
+        return at_element(node.arguments[1], indices, shapes)
+    return at_element(node.arguments[0], {**indices, dim: number % size}, shapes)
 
 
-def _crossed(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+def _cross_product_element(node: Along, indices: Mapping[str, int], shapes: Shapes) -> Node:
     """Return an element of a cross product."""
     dim = node.dims[0]
-    next_, last = (place[dim] + 1) % OF_CROSS, (place[dim] + 2) % OF_CROSS
+    next_, last = (indices[dim] + 1) % OF_CROSS, (indices[dim] + 2) % OF_CROSS
     a, b = node.arguments
     plus, minus = (
-        Binary("*", at(a, {**place, dim: i}, shapes), at(b, {**place, dim: j}, shapes))
+        Binary("*", at_element(a, {**indices, dim: i}, shapes), at_element(b, {**indices, dim: j}, shapes))
         for i, j in ((next_, last), (last, next_))
     )
     return Binary("-", plus, minus)
 
 
-def _given(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+def _link_sum_at_end(node: Along, indices: Mapping[str, int], shapes: Shapes) -> Node:
     """Return the sum of what links give to the element at their ends, in the order of links."""
-    relation, element = shapes.relations[node.dims[0]], place[end_of(node, shapes)]
+    relation, element = shapes.relations[node.dims[0]], indices[end_dimension(node, shapes)]
     ends = [
-        (argument, links.get(element, ())) for argument, links in zip(node.arguments, relation.meeting, strict=True)
+        (argument, links.get(element, ()))
+        for argument, links in zip(node.arguments, relation.links_at_elements, strict=True)
     ]
-    terms = sorted((link, end) for end, (one, links) in enumerate(ends) if one != ZERO for link in links)
-    return total([at(node.arguments[end], {**place, relation.name: link}, shapes) for link, end in terms])
+    terms = sorted(
+        (link, end) for end, (end_argument, links) in enumerate(ends) if end_argument != ZERO for link in links
+    )
+    return sum_terms([at_element(node.arguments[end], {**indices, relation.name: link}, shapes) for link, end in terms])
 
 
-def _reduced(node: Along, place: Mapping[str, int], shapes: Shapes) -> Node:
+def _reduced_element(node: Along, indices: Mapping[str, int], shapes: Shapes) -> Node:
     """Return a value reduced along dimensions, the last of them fastest."""
-    places = [{**place, **inner} for inner in shapes.places(node.dims)]
-    terms = [tuple(at(argument, inner, shapes) for argument in node.arguments) for inner in places]
+    reduced_indices = [{**indices, **inner} for inner in shapes.index_combinations(node.dims)]
+    terms = [tuple(at_element(argument, inner, shapes) for argument in node.arguments) for inner in reduced_indices]
     match node.function:
         case "min" | "max":
             return Call(node.function, tuple(term for (term,) in terms)) if len(terms) > 1 else terms[0][0]
         case "dot":
-            return total([Binary("*", a, b) for a, b in terms])
+            return sum_terms([Binary("*", a, b) for a, b in terms])
         case "norm":
-            return Call("sqrt", (total([Binary("**", term, Number(2.0)) for (term,) in terms]),))
+            return Call("sqrt", (sum_terms([Binary("**", term, Number(2.0)) for (term,) in terms]),))
         case "mean":
-            return Binary("/", total([term for (term,) in terms]), Number(float(len(terms))))
-    return total([term for (term,) in terms])
+            return Binary("/", sum_terms([term for (term,) in terms]), Number(float(len(terms))))
+    return sum_terms([term for (term,) in terms])
 
 
-def total(terms: list[Node]) -> Node:
+def sum_terms(terms: list[Node]) -> Node:
     """Add terms, ascending; none are zero."""
     return reduce(lambda left, right: Binary("+", left, right), terms) if terms else ZERO

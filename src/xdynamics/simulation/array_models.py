@@ -12,32 +12,32 @@ from xdynamics.expressions import Call, Compare, Element, Name, Node, Number, te
 from xdynamics.expressions.cube_rules import cubes_in, of_cubes
 from xdynamics.expressions.fields import Field, unknown
 from xdynamics.expressions.repeating import NEGLIGIBLE, WrittenArgumentError, check_numbers
-from xdynamics.expressions.substitution import Substitution, values_of
+from xdynamics.expressions.substitution import Substitution, table_values
 from xdynamics.expressions.traced_arrays import array_of
 from xdynamics.expressions.traced_cubes import Cube, whole_of
 from xdynamics.expressions.traced_grid import Grid, IrregularError, moved
 from xdynamics.expressions.traced_indices import index, replaced
-from xdynamics.expressions.tracing import Traced, name, node_of
+from xdynamics.expressions.tracing import Traced, node_of, traced_name
 from xdynamics.expressions.tree import Along, Binary, every
 from xdynamics.faults import InputError
-from xdynamics.shapes import Extent, Shapes, at
+from xdynamics.shapes import Extent, Shapes, at_element
 from xdynamics.shapes.evaluation import evaluate_elements
 from xdynamics.simulation.right_sides import (
     Floats,
     RightSide,
     WrittenFunction,
-    called,
+    call_with_names,
+    call_with_numbers,
     check_repeating,
-    drive,
-    events_of,
-    numbers_of,
-    with_arguments,
-    with_names,
-    with_numbers,
+    event_sections,
+    function_name,
+    interpolated_drive,
+    start_numbers,
+    write_with_arguments,
 )
 from xdynamics.units import parse_time
 
-MOST_WRITTEN_OUT = 300  # numbers, each with an expression of its own, that are one array of the record
+MAX_WRITTEN_OUT = 300  # numbers, each with an expression of its own, that are one array of the record
 _BY_PLACES, _BY_AXES, _BY_ELEMENTS = range(3)  # what arrays have an expression of, or each of their elements
 _REDUCED = ("sum", "max", "min")
 Kinds = tuple[type, ...]
@@ -45,7 +45,7 @@ COMPARED = 24  # elements whose expressions are compared with numbers
 
 
 def array_sections(
-    functions: list[RightSide], word: str | None, starts: list[str], own: list[str], t_span: Any, args: Any
+    functions: list[RightSide], word: str | None, starts: list[str], unit_texts: list[str], t_span: Any, args: Any
 ) -> dict[str, Any] | None:
     """Return the sections of a model with one state along a dimension; None if the function is written with numbers.
 
@@ -56,78 +56,84 @@ def array_sections(
     InputError
         If it does what can be traced in no way.
     """
-    if len(set(own)) > 1:
+    if len(set(unit_texts)) > 1:
         return None
     arrays: Kinds = (Field, Cube, np.ndarray) if word is None else (Field, Cube, np.ndarray, list, tuple)
     word = word or "y"
     scale = f"unit_{word}"
-    unit = Traced(Name(scale)) if own[0] != "1" else None
+    unit = Traced(Name(scale)) if unit_texts[0] != "1" else None
     leaf: Node = Name(word) if unit is None else Binary("/", Name(word), unit.node)
-    numbers = numbers_of(starts, own)
-    ways = (
-        (_BY_PLACES, _BY_ELEMENTS, _BY_AXES)
-        if len(starts) <= MOST_WRITTEN_OUT
-        else (_BY_PLACES, _BY_AXES, _BY_ELEMENTS)
+    numbers = start_numbers(starts, unit_texts)
+    forms = (
+        (_BY_PLACES, _BY_ELEMENTS, _BY_AXES) if len(starts) <= MAX_WRITTEN_OUT else (_BY_PLACES, _BY_AXES, _BY_ELEMENTS)
     )
     failed: InputError | None = None
-    for way in ways:
+    for form in forms:
         grid = Grid(word, len(starts), leaf)
-        tables = Substitution(None if way == _BY_ELEMENTS else grid, by_axes=way == _BY_AXES)
-        write = partial(_written_down, functions, tables, _unknown(way, grid, unit), grid, arrays)
+        tables = Substitution(None if form == _BY_ELEMENTS else grid, by_axes=form == _BY_AXES)
+        write = partial(_write_arrays_twice, functions, tables, _unknown_state(form, grid, unit), grid, arrays)
         try:
-            written, given, parameters = with_arguments(write, functions[0], args, [word])
-            _check_numbers(written, grid, t_span, numbers, given, args, tables)
+            written_functions, arguments, parameters = write_with_arguments(write, functions[0], args, [word])
+            _check_array_numbers(written_functions, grid, t_span, numbers, arguments, args, tables)
         except IrregularError:
             continue
         except WrittenArgumentError:
             raise
         except InputError as error:  # a view that is filled, say: an array of numbers does as numpy does
-            failed = error if way == _BY_ELEMENTS else failed
+            failed = error if form == _BY_ELEMENTS else failed
             continue
-        if not written:
+        if not written_functions:
             return None
-        drives = {label: drive(label, *points) for label, points in tables.tables.items()}
-        own_parameters = parameters | ({} if unit is None else {scale: f"1 {own[0]}"}) | _constants(grid)
-        start = {word: {"value": numbers.tolist(), "unit": own[0]}}
-        return _stated(written, grid, unit, own[0]) | {"parameters": own_parameters, "initial": start, "drives": drives}
+        drives = {label: interpolated_drive(label, *points) for label, points in tables.tables.items()}
+        own_parameters = (
+            parameters | ({} if unit is None else {scale: f"1 {unit_texts[0]}"}) | _constant_parameters(grid)
+        )
+        start = {word: {"value": numbers.tolist(), "unit": unit_texts[0]}}
+        return _model_sections(written_functions, grid, unit, unit_texts[0]) | {
+            "parameters": own_parameters,
+            "initial": start,
+            "drives": drives,
+        }
     if failed is not None:
         raise failed
     return None
 
 
-def _stated(written: list[WrittenFunction], grid: Grid, unit: Traced | None, text: str) -> dict[str, Any]:
+def _model_sections(
+    written_functions: list[WrittenFunction], grid: Grid, unit: Traced | None, text: str
+) -> dict[str, Any]:
     """Return dimensions, the state with its rate, and events."""
-    rate = node_of((1.0 if unit is None else unit) * written[0].values[0] / name("second"))
+    rate = node_of((1.0 if unit is None else unit) * written_functions[0].values[0] / traced_name("second"))
     return {
-        "dimensions": _dimensions(written, grid),
+        "dimensions": _read_dimensions(written_functions, grid),
         "states": {grid.name: {"unit": text, "dims": [grid.dim], "rate": text_of(rate)}},
-        "events": events_of(written[1:]),
+        "events": event_sections(written_functions[1:]),
     }
 
 
-def _unknown(way: int, grid: Grid, unit: Traced | None) -> Any:
+def _unknown_state(form: int, grid: Grid, unit: Traced | None) -> Any:
     """Return what stands for the numbers that are not known."""
-    if way == _BY_ELEMENTS:
-        return array_of([_element(grid, k, unit) for k in range(grid.size)])
-    return unknown(grid) if way == _BY_PLACES else whole_of(grid)
+    if form == _BY_ELEMENTS:
+        return array_of([_element_number(grid, k, unit) for k in range(grid.size)])
+    return unknown(grid) if form == _BY_PLACES else whole_of(grid)
 
 
-def _dimensions(written: list[WrittenFunction], grid: Grid) -> dict[str, int]:
+def _read_dimensions(written_functions: list[WrittenFunction], grid: Grid) -> dict[str, int]:
     """Return the dimensions that expressions have, with their sizes."""
-    read = {
+    dims_read = {
         dim
-        for part in written
+        for part in written_functions
         for node in part.nodes
         for inner in every(node)
         if isinstance(inner, Along)
         for dim in inner.dims
     }
     dense = any(values.ndim > 1 for values in grid.constants.values())
-    further = {dim: size for dim, size in grid.extents.items() if dim in read}
-    return {grid.dim: grid.size} | ({grid.other: grid.size} if dense else {}) | further
+    further_sizes = {dim: size for dim, size in grid.extents.items() if dim in dims_read}
+    return {grid.dim: grid.size} | ({grid.other: grid.size} if dense else {}) | further_sizes
 
 
-def _constants(grid: Grid) -> dict[str, dict[str, Any]]:
+def _constant_parameters(grid: Grid) -> dict[str, dict[str, Any]]:
     """Return numbers that functions read as parameters."""
     lists = {
         word: {"dims": [f"{word}_index"], "value": values.tolist(), "unit": "1"} for word, values in grid.lists.items()
@@ -135,10 +141,10 @@ def _constants(grid: Grid) -> dict[str, dict[str, Any]]:
     return {label: _parameter(grid, values) for label, values in grid.constants.items()} | lists
 
 
-def _element(grid: Grid, k: int, unit: Traced | None) -> Traced:
+def _element_number(grid: Grid, k: int, unit: Traced | None) -> Traced:
     number = Traced(Element(grid.name, (k,)))
-    result: Traced = number if unit is None else number / unit
-    return result
+    element: Traced = number if unit is None else number / unit
+    return element
 
 
 def _parameter(grid: Grid, values: Floats) -> dict[str, Any]:
@@ -146,112 +152,130 @@ def _parameter(grid: Grid, values: Floats) -> dict[str, Any]:
     return {"dims": dims, "value": values.tolist(), "unit": "1"}
 
 
-def _written_down(
+def _write_arrays_twice(
     functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, arrays: Kinds, arguments: list[Any]
 ) -> list[WrittenFunction]:
     """Write functions down, twice; nothing, if the right-hand side returns something other than arrays."""
-    first, second = (_once(functions, tables, y, grid, arrays, arguments) for _ in range(2))
+    first, second = (_write_once(functions, tables, y, grid, arrays, arguments) for _ in range(2))
     check_repeating(first, second)
     return first
 
 
-def _once(
+def _write_once(
     functions: list[RightSide], tables: Substitution, y: Any, grid: Grid, arrays: Kinds, arguments: list[Any]
 ) -> list[WrittenFunction]:
     fun, *events = functions
-    arguments = [tables.of(argument) for argument in arguments]
-    t = name("t") / name("second")
-    rates: Any = with_names(fun, tables, t, y, arguments)
+    arguments = [tables.substitute(argument) for argument in arguments]
+    t = traced_name("t") / traced_name("second")
+    rates: Any = call_with_names(fun, tables, t, y, arguments)
     if isinstance(rates, list | tuple) and cubes_in(rates):
         rates = of_cubes(np.stack, rates)
     if not isinstance(rates, arrays) or (isinstance(rates, list | tuple) and any(map(np.ndim, rates))):
         return []
     rates = np.array(rates, object) if isinstance(rates, list | tuple) else rates
     if np.size(rates) != grid.size if isinstance(rates, np.ndarray) else rates.size != grid.size:
-        raise InputError(f"{called(fun)} returns {rates.size} rates, and y0 has {grid.size} numbers")
-    rate = _rate_of(rates, grid)
-    written = [WrittenFunction(fun, (f"the rate of '{grid.name}'",), (rate,))]
+        raise InputError(f"{function_name(fun)} returns {rates.size} rates, and y0 has {grid.size} numbers")
+    rate = _rate_expression(rates, grid)
+    written_functions = [WrittenFunction(fun, (f"the rate of '{grid.name}'",), (rate,))]
     for event in events:
-        value = with_names(event, tables, t, y, arguments)
+        value = call_with_names(event, tables, t, y, arguments)
         if isinstance(value, Field | Cube | np.ndarray) and value.size != 1:
-            raise InputError(f"event {called(event)} returns {value.size} numbers, needs one; write an event for each")
-        one = value.ravel()[0] if isinstance(value, Field | Cube) else np.asarray(value, object).item()
-        written.append(WrittenFunction(event, ("its value",), (one,)))
-    return written
+            raise InputError(
+                f"event {function_name(event)} returns {value.size} numbers, needs one; write an event for each"
+            )
+        number = value.ravel()[0] if isinstance(value, Field | Cube) else np.asarray(value, object).item()
+        written_functions.append(WrittenFunction(event, ("its value",), (number,)))
+    return written_functions
 
 
-def _rate_of(rates: Any, grid: Grid) -> Traced:
+def _rate_expression(rates: Any, grid: Grid) -> Traced:
     """Return the expression of an element of the rates."""
     if isinstance(rates, Field):
-        return _of_row(rates, grid)
+        return _shifted_row(rates, grid)
     if isinstance(rates, Cube):
         row = rates.ravel()
         return Traced(replaced(row.value.node, {row.dims[0]: index(grid.dim)}), row.value.nodes)
-    return _of_elements(rates, grid)
+    return _choose_elements(rates, grid)
 
 
-def _of_row(rates: Field, grid: Grid) -> Traced:
+def _shifted_row(rates: Field, grid: Grid) -> Traced:
     return Traced(moved(rates.value.node, -rates.offset, grid))
 
 
-def _of_elements(rates: Any, grid: Grid) -> Traced:
+def _choose_elements(rates: Any, grid: Grid) -> Traced:
     """Choose between expressions of single elements by halves."""
-    if grid.size > MOST_WRITTEN_OUT:
+    if grid.size > MAX_WRITTEN_OUT:
         raise IrregularError(f"{grid.size} numbers have an expression each")
     nodes = [node_of(rate) for rate in np.asarray(rates, object).ravel()]
 
-    def among(first: int, last: int) -> Node:
+    def choose_between(first: int, last: int) -> Node:
         if last - first == 1:
             return nodes[first]
         middle = (first + last) // 2
-        below = Compare("<", Along("index", (), (grid.dim,)), Number(float(middle)))
-        return Call("where", (below, among(first, middle), among(middle, last)))
+        is_below = Compare("<", Along("index", (), (grid.dim,)), Number(float(middle)))
+        return Call("where", (is_below, choose_between(first, middle), choose_between(middle, last)))
 
-    return Traced(among(0, grid.size))
+    return Traced(choose_between(0, grid.size))
 
 
-def _check_numbers(
-    written: list[WrittenFunction],
+def _check_array_numbers(
+    written_functions: list[WrittenFunction],
     grid: Grid,
     t_span: Any,
     y0: Floats,
-    given: list[Any],
+    arguments: list[Any],
     args: Any,
     tables: Substitution,
 ) -> None:
     """Call functions with numbers, and compare some of the results with what their expressions give there."""
-    if not written:
+    if not written_functions:
         return
     begin, end = (parse_time(end, "t_span") for end in t_span)
     row = [*args] if isinstance(args, list | tuple) else [args]
-    known = {
-        text_of(entry.node): float(value) for entry, value in zip(given, row, strict=True) if isinstance(entry, Traced)
+    known_values = {
+        text_of(entry.node): float(value)
+        for entry, value in zip(arguments, row, strict=True)
+        if isinstance(entry, Traced)
     }
-    known |= {"second": 1.0, "pi": np.pi, f"unit_{grid.name}": 1.0}
-    dims = {label: (grid.dim,) if kept.ndim == 1 else (grid.other, grid.dim) for label, kept in grid.constants.items()}
+    known_values |= {"second": 1.0, "pi": np.pi, f"unit_{grid.name}": 1.0}
+    dims = {
+        label: (grid.dim,) if constant.ndim == 1 else (grid.other, grid.dim)
+        for label, constant in grid.constants.items()
+    }
     dims |= {word: (f"{word}_index",) for word in grid.lists}
     sizes = {grid.dim: grid.size, grid.other: grid.size} | grid.extents
     extents = {dim: Extent(dim, size) for dim, size in sizes.items()}
     shapes = Shapes(extents, {}, dims | {grid.name: (grid.dim,)})
-    for label, kept in (grid.constants | grid.lists).items():
-        known |= dict(zip(shapes.elements(label), kept.ravel().tolist(), strict=True))
-    places = sorted({*np.linspace(0, grid.size - 1, COMPARED).astype(int).tolist(), *range(3), *range(-3, 0)})
-    places = sorted({place % grid.size for place in places})
+    for label, constant in (grid.constants | grid.lists).items():
+        known_values |= dict(zip(shapes.elements(label), constant.ravel().tolist(), strict=True))
+    element_indices = sorted({*np.linspace(0, grid.size - 1, COMPARED).astype(int).tolist(), *range(3), *range(-3, 0)})
+    element_indices = sorted({position % grid.size for position in element_indices})
     for t, y in ((begin, y0), (begin + (end - begin) / 3.0, y0 + 0.125 * np.where(y0 == 0.0, 1.0, y0))):
-        values = known | {"t": t} | dict(zip(shapes.elements(grid.name), y.tolist(), strict=True))
-        values |= values_of(tables.tables, t)
-        least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
-        for i, part in enumerate(written):
-            wanted: list[Mapping[str, int]] = [{grid.dim: place} for place in places] if i == 0 else [{}]
+        values = known_values | {"t": t} | dict(zip(shapes.elements(grid.name), y.tolist(), strict=True))
+        values |= table_values(tables.tables, t)
+        negligible = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
+        for i, part in enumerate(written_functions):
+            positions: list[Mapping[str, int]] = (
+                [{grid.dim: position} for position in element_indices] if i == 0 else [{}]
+            )
             tree = part.nodes[0]
             as_arrays = bool(grid.extents) or any(map(_is_of_sums, every(tree)))  # over many elements, for each
-            nodes = [] if as_arrays else [at(tree, place, shapes) for place in wanted]
+            nodes = [] if as_arrays else [at_element(tree, position, shapes) for position in positions]
             if as_arrays:
-                arrays = {"t": t, **known, **values_of(tables.tables, t), grid.name: y, **grid.lists, **grid.constants}
-                nodes = _evaluated(tree, grid.dim if i == 0 else "", arrays, shapes, places if i == 0 else [0])
+                arrays = {
+                    "t": t,
+                    **known_values,
+                    **table_values(tables.tables, t),
+                    grid.name: y,
+                    **grid.lists,
+                    **grid.constants,
+                }
+                nodes = _element_nodes(
+                    tree, grid.dim if i == 0 else "", arrays, shapes, element_indices if i == 0 else [0]
+                )
             span = abs(end - begin) if i == 0 and end != begin else 1.0
-            call = partial(_some, part.function, t, y, row, places if i == 0 else [0])
-            check_numbers(called(part.function), part.words * len(nodes), nodes, call, values, least / span)
+            call = partial(_numbers_at, part.function, t, y, row, element_indices if i == 0 else [0])
+            check_numbers(function_name(part.function), part.words * len(nodes), nodes, call, values, negligible / span)
 
 
 def _is_of_sums(node: Node) -> bool:
@@ -265,11 +289,11 @@ def _is_of_sums(node: Node) -> bool:
     )
 
 
-def _evaluated(tree: Node, dim: str, values: Mapping[str, Any], shapes: Shapes, places: list[int]) -> list[Node]:
+def _element_nodes(tree: Node, dim: str, values: Mapping[str, Any], shapes: Shapes, places: list[int]) -> list[Node]:
     """Return some values of an expression along a dimension, as trees of numbers."""
-    found = evaluate_elements(tree, (dim,) if dim else (), values, shapes).ravel()[places]
-    return [node_of(value) if np.isfinite(value) else Call("log", (Number(0.0),)) for value in found.tolist()]
+    numbers = evaluate_elements(tree, (dim,) if dim else (), values, shapes).ravel()[places]
+    return [node_of(value) if np.isfinite(value) else Call("log", (Number(0.0),)) for value in numbers.tolist()]
 
 
-def _some(function: RightSide, t: float, y: Floats, row: list[Any], places: list[int]) -> Any:
-    return np.asarray(with_numbers(function, t, y, row)).ravel()[places]
+def _numbers_at(function: RightSide, t: float, y: Floats, row: list[Any], places: list[int]) -> Any:
+    return np.asarray(call_with_numbers(function, t, y, row)).ravel()[places]

@@ -15,9 +15,9 @@ from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
 from xdynamics.model.parts import Authorship
-from xdynamics.record.arguments import asked_of
+from xdynamics.record.arguments import recorded_arguments
 from xdynamics.schema import EVENTS, STEP_NUMBER, STEPS
-from xdynamics.simulation.records import kept_run
+from xdynamics.simulation.records import open_source_run
 from xdynamics.simulation.single_run import simulate
 
 if TYPE_CHECKING:
@@ -80,41 +80,52 @@ def complete(
     >>> run.sizes["step"], whole.sizes["step"], "total_energy" in whole
     (5, 21, True)
     """
-    with kept_run(run, path, "complete") as kept:
-        if kept.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
+    with open_source_run(run, path, "complete") as partial_run:
+        if partial_run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
             raise InputError("the run cannot be completed, it is 'interrupted': resume it first")
         model = Model.from_record(
-            kept["model_toml"].values.item(), functions=functions, about=Authorship.of(kept.attrs)
+            partial_run["model_toml"].values.item(),
+            functions=functions,
+            about=Authorship.from_attributes(partial_run.attrs),
         )
-        settings = asked_of(kept) | {"log": "full", "keep_every": keep_every}
-        whole = simulate(model, **settings, path=path, progress=progress, resume=resume)
+        settings = recorded_arguments(partial_run) | {"log": "full", "keep_every": keep_every}
+        full_run = simulate(model, **settings, path=path, progress=progress, resume=resume)
         # of a quantity some elements may have been kept: element by element only where whole ones differ
-        if _first_other(kept, whole) and (differing := _first_other(record.unfold(kept), record.unfold(whole))):
+        if _first_difference(partial_run, full_run) and (
+            differing := _first_difference(record.unfold(partial_run), record.unfold(full_run))
+        ):
             raise ArchiveError(
-                f"the run cannot be completed: marched again by xdynamics {whole.attrs['xdynamics_version']},"
-                f" '{differing}' gives other bits than those kept by {kept.attrs['xdynamics_version']}; see"
+                f"the run cannot be completed: marched again by xdynamics {full_run.attrs['xdynamics_version']},"
+                f" '{differing}' gives other bits than those kept by {partial_run.attrs['xdynamics_version']}; see"
                 " xdynamics.compare"
             )
-    return whole
+    return full_run
 
 
-def _first_other(kept: xr.Dataset, whole: xr.Dataset) -> str:
+def _first_difference(partial_run: xr.Dataset, full_run: xr.Dataset) -> str:
     """Name the first variable along steps or events that has other values in the rows that both have; empty if there is none."""
-    numbers = [np.asarray(run[STEP_NUMBER.name]) for run in (kept, whole)]
-    both = [np.flatnonzero(np.isin(own, other)) for own, other in (numbers, numbers[::-1])]
-    events = [np.arange(run.sizes.get(EVENTS, 0)) for run in (kept, whole)]
-    for name, variable in kept.variables.items():
+    numbers = [np.asarray(run[STEP_NUMBER.name]) for run in (partial_run, full_run)]
+    common_rows = [
+        np.flatnonzero(np.isin(step_numbers, other_numbers)) for step_numbers, other_numbers in (numbers, numbers[::-1])
+    ]
+    events = [np.arange(run.sizes.get(EVENTS, 0)) for run in (partial_run, full_run)]
+    for name, variable in partial_run.variables.items():
         if variable.dims[:1] not in ((STEPS,), (EVENTS,)) or name == STEP_NUMBER.name:
             continue
-        if not _same_bits(variable, whole.variables[name], *(both if variable.dims[0] == STEPS else events)):
+        if not _has_same_bits(
+            variable, full_run.variables[name], *(common_rows if variable.dims[0] == STEPS else events)
+        ):
             return str(name)
-    return "" if both[0].size and kept.sizes.get(EVENTS) == whole.sizes.get(EVENTS) else STEPS
+    return "" if common_rows[0].size and partial_run.sizes.get(EVENTS) == full_run.sizes.get(EVENTS) else STEPS
 
 
-def _same_bits(variable: xr.Variable, other: xr.Variable, mine: Array, theirs: Array) -> bool:
+def _has_same_bits(variable: xr.Variable, full_variable: xr.Variable, partial_rows: Array, full_rows: Array) -> bool:
     """Whether two variables have the same bits in some rows of each, which are read some at a time."""
-    if mine.size != theirs.size or variable.shape[1:] != other.shape[1:]:
+    if partial_rows.size != full_rows.size or variable.shape[1:] != full_variable.shape[1:]:
         return False
     rows = max(1, AT_ONCE // math.prod(variable.shape[1:]))
-    parts = [slice(start, start + rows) for start in range(0, mine.size, rows)]
-    return all(variable[mine[part]].values.tobytes() == other[theirs[part]].values.tobytes() for part in parts)
+    parts = [slice(start, start + rows) for start in range(0, partial_rows.size, rows)]
+    return all(
+        variable[partial_rows[part]].values.tobytes() == full_variable[full_rows[part]].values.tobytes()
+        for part in parts
+    )

@@ -12,7 +12,7 @@ from xdynamics.keywords import IN_FILES, KEYWORDS, STEP, TIME
 from xdynamics.march.configuration import settings_for, with_run
 from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Authorship
-from xdynamics.record.arguments import asked_of
+from xdynamics.record.arguments import recorded_arguments
 from xdynamics.record.partial_records import is_run, kind_description
 from xdynamics.units import NUMBERS, SECONDS, Quantity, coherent
 
@@ -43,8 +43,10 @@ def model_of_run(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] 
         raise InputError("the record has no model_toml, from which its model is read; take the whole one")
     if not is_run(run.attrs):
         raise InputError(f"this is {kind_description(run.attrs)}; give a run")
-    model = Model.from_record(run["model_toml"].values.item(), functions=functions, about=Authorship.of(run.attrs))
-    return with_run(model, _section(run, with_run(model, {})))
+    model = Model.from_record(
+        run["model_toml"].values.item(), functions=functions, about=Authorship.from_attributes(run.attrs)
+    )
+    return with_run(model, _run_section(run, with_run(model, {})))
 
 
 def changed_model(model: Model | xr.Dataset, **numbers: Mapping[str, Any] | None) -> Model:
@@ -64,24 +66,26 @@ def changed_model(model: Model | xr.Dataset, **numbers: Mapping[str, Any] | None
     return cast("Model", model.replace(**changed) if changed else model)
 
 
-def _section(run: xr.Dataset, bare: Model) -> dict[str, Any]:
+def _run_section(run: xr.Dataset, bare_model: Model) -> dict[str, Any]:
     """Return the settings of a record as a model file has them, without those that follow from the others."""
-    asked = {name: value for name, value in asked_of(run).items() if name in IN_FILES and value is not None}
-    if isinstance(asked.get("step"), np.ndarray):
+    recorded_settings = {
+        name: value for name, value in recorded_arguments(run).items() if name in IN_FILES and value is not None
+    }
+    if isinstance(recorded_settings.get("step"), np.ndarray):
         raise InputError(
             "the steps of this run were given one by one, and a [run] has one step; march its model by"
             " simulate(Model.from_record(run.model_toml.item()), step=run.given_step_size, …)"
         )
-    section = {name: _written(name, value, bare) for name, value in asked.items()}
-    whole = settings_for(bare, **section)
+    section = {name: _file_value(name, value, bare_model) for name, value in recorded_settings.items()}
+    full_settings = settings_for(bare_model, **section)
     for name in [name for name in section if name not in ALWAYS]:
-        fewer = {other: value for other, value in section.items() if other != name}
-        if settings_for(bare, **fewer) == whole:
-            section = fewer
+        fewer_settings = {other_name: value for other_name, value in section.items() if other_name != name}
+        if settings_for(bare_model, **fewer_settings) == full_settings:
+            section = fewer_settings
     return section
 
 
-def _written(name: str, value: Any, model: Model) -> Any:
+def _file_value(name: str, value: Any, model: Model) -> Any:
     """Return a setting as it stands in a file."""
     if KEYWORDS[name].kind in (TIME, STEP):
         return float(value) if model.time_unit == NUMBERS else str(Quantity(float(value), SECONDS))

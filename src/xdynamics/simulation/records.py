@@ -7,9 +7,9 @@ from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
-from xdynamics.archive.place import GIVEN, Given, placed
+from xdynamics.archive.place import GIVEN, Given, location_of
 from xdynamics.archive.stores import is_same
-from xdynamics.evidence.runs import record_of
+from xdynamics.evidence.runs import record_march
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.march import March
 from xdynamics.record.partial_records import kind_description
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def kept_run(run: xr.Dataset | Given, path: Given | None, verb: str) -> Iterator[xr.Dataset]:
+def open_source_run(run: xr.Dataset | Given, path: Given | None, verb: str) -> Iterator[xr.Dataset]:
     """Open or check a run from which another is made at `path`; the verb is for messages.
 
     Raises
@@ -27,17 +27,17 @@ def kept_run(run: xr.Dataset | Given, path: Given | None, verb: str) -> Iterator
     InputError
         If it is no whole run, was edited, or is the file that the other run would replace.
     """
-    done = f"{verb.removesuffix('e')}ed"
-    named = isinstance(run, GIVEN)
-    if isinstance(run, GIVEN) and path is not None and is_same(placed(path), placed(run)):
-        raise InputError(f"'{path}' is the archive that is {done}; name another file")
-    with archive.open_run(run) if isinstance(run, GIVEN) else nullcontext(run) as kept:
-        record.check_kind(kept)
-        if not named:
-            archive.check_unchanged(kept)
-        if kind := kind_description(kept.attrs):
-            raise InputError(f"the run cannot be {done}, it is {kind}; {verb} the run itself")
-        yield kept
+    participle = f"{verb.removesuffix('e')}ed"
+    is_archive = isinstance(run, GIVEN)
+    if isinstance(run, GIVEN) and path is not None and is_same(location_of(path), location_of(run)):
+        raise InputError(f"'{path}' is the archive that is {participle}; name another file")
+    with archive.open_run(run) if isinstance(run, GIVEN) else nullcontext(run) as source_run:
+        record.check_kind(source_run)
+        if not is_archive:
+            archive.check_unchanged(source_run)
+        if kind := kind_description(source_run.attrs):
+            raise InputError(f"the run cannot be {participle}, it is {kind}; {verb} the run itself")
+        yield source_run
 
 
 def check_destination(path: Any, *, resume: bool) -> None:
@@ -57,13 +57,13 @@ def check_destination(path: Any, *, resume: bool) -> None:
 def marched_record(
     march: March,
     path: Given | None,
-    before: Iterable[tuple[str, Any]] = (),
+    earlier_rows: Iterable[tuple[str, Any]] = (),
     *,
     resume: bool = False,
     memory: str | float | None = None,
 ) -> xr.Dataset:
-    """March, warn of what was not accurate, and return the record; see `record_of`."""
-    run = record_of(march, path, before, resume=resume, memory=memory)
+    """March, warn of what was not accurate, and return the record; see `record_march`."""
+    run = record_march(march, path, earlier_rows, resume=resume, memory=memory)
     warn_of_accuracy(march)
     return run
 

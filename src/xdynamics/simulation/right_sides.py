@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Node, text_of
 from xdynamics.expressions.repeating import check_repeats, check_unwritten
 from xdynamics.expressions.substitution import Substitution
-from xdynamics.expressions.tracing import Traced, WholeNumberError, name, node_of, traced
+from xdynamics.expressions.tracing import Traced, WholeNumberError, node_of, traced, traced_name
 from xdynamics.faults import InputError
 from xdynamics.model.links import MOST_ELEMENTS
 from xdynamics.model.name_consistency import RESERVED
@@ -39,13 +39,13 @@ class WrittenFunction:
         return [node_of(value) for value in self.values]
 
 
-def called(fun: RightSide) -> str:
+def function_name(fun: RightSide) -> str:
     """Return the name of a function, as messages and models have it."""
     word = str(getattr(fun, "__name__", "right_side"))
     return word if word.isidentifier() else "right_side"
 
 
-def listed(events: Any) -> list[RightSide]:
+def event_functions(events: Any) -> list[RightSide]:
     """Return events as functions.
 
     Raises
@@ -68,11 +68,11 @@ def check_order(fun: RightSide) -> None:
     InputError
         If its arguments are named so.
     """
-    named = _argument_names(fun)
-    if len(named) > 1 and named[1] in TIMES and named[0] not in TIMES:
-        label = "fun" if called(fun) == "right_side" else called(fun)
+    argument_names = _argument_names(fun)
+    if len(argument_names) > 1 and argument_names[1] in TIMES and argument_names[0] not in TIMES:
+        label = "fun" if function_name(fun) == "right_side" else function_name(fun)
         raise InputError(
-            f"{label} is {label}({', '.join(named)}), y before t, as odeint takes it; here t comes first, as in solve_ivp:"
+            f"{label} is {label}({', '.join(argument_names)}), y before t, as odeint takes it; here t comes first, as in solve_ivp:"
             f" write xd.solve(lambda t, y, *args: {label}(y, t, *args), …)"
         )
 
@@ -100,7 +100,7 @@ def check_span(t_span: Any) -> None:
         )
 
 
-def starts_of(y0: Any, units: Any) -> tuple[list[str], list[str]]:
+def read_starts(y0: Any, units: Any) -> tuple[list[str], list[str]]:
     """Return initial values with their units, and the units.
 
     Raises
@@ -118,7 +118,7 @@ def starts_of(y0: Any, units: Any) -> tuple[list[str], list[str]]:
     declared = [units] * len(row) if isinstance(units, str) else None if units is None else [*units]
     if declared is not None and len(declared) != len(row):
         raise InputError(f"units are {len(declared)}, and y0 has {len(row)} numbers")
-    quantities, own = [], []
+    quantities, unit_texts = [], []
     for i, start in enumerate(row):
         if isinstance(start, complex) or np.ndim(start):
             raise InputError(f"y0[{i}] is {start!r}, needs a real number; write real and imaginary parts apart")
@@ -133,69 +133,71 @@ def starts_of(y0: Any, units: Any) -> tuple[list[str], list[str]]:
         else:
             unit = parse_unit("1" if declared is None else declared[i])
             quantities.append(f"{float(start)!r} {unit.text}")
-        own.append(unit.text)
-    return quantities, own
+        unit_texts.append(unit.text)
+    return quantities, unit_texts
 
 
-def numbers_of(starts: list[str], own: list[str]) -> Floats:
+def start_numbers(starts: list[str], unit_texts: list[str]) -> Floats:
     """Return initial values as numbers of their units."""
     return np.array(
         [
             float(start[:-2])
             if unit == "1" and start.endswith(" 1")
             else parse_quantity(start).si / float(parse_unit(unit).factor)
-            for start, unit in zip(starts, own, strict=True)
+            for start, unit in zip(starts, unit_texts, strict=True)
         ]
     )
 
 
-def with_arguments(
-    write: Callable[[list[Any]], list[WrittenFunction]], fun: RightSide, args: Any, taken: list[str]
+def write_with_arguments(
+    write: Callable[[list[Any]], list[WrittenFunction]], fun: RightSide, args: Any, taken_names: list[str]
 ) -> tuple[list[WrittenFunction], list[Any], dict[str, str]]:
     """Write functions down with single numbers of `args` as parameters, with their names and values."""
     try:
-        given, parameters = arguments_of(fun, args, taken, float)
-        return write(given), given, parameters
+        arguments, parameters = arguments_of(fun, args, taken_names, float)
+        return write(arguments), arguments, parameters
     except WholeNumberError:  # an argument is how many there are of something, or an index
-        given, parameters = arguments_of(fun, args, taken, int)
-        return write(given), given, parameters
+        arguments, parameters = arguments_of(fun, args, taken_names, int)
+        return write(arguments), arguments, parameters
 
 
-def arguments_of(fun: RightSide, args: Any, taken: list[str], left: type) -> tuple[list[Any], dict[str, str]]:
-    """Return the arguments of `fun` after t and y: single numbers by name, as parameters, but whole ones if `left` is int."""
+def arguments_of(
+    fun: RightSide, args: Any, taken_names: list[str], unnamed_type: type
+) -> tuple[list[Any], dict[str, str]]:
+    """Return the arguments of `fun` after t and y: single numbers by name, as parameters, but whole ones if `unnamed_type` is int."""
     row = [*args] if isinstance(args, list | tuple) else [args]
     words = _argument_names(fun)[2:]
     words = [words[i] if i < len(words) and words[i].isidentifier() else f"arg{i}" for i in range(len(row))]
-    words = [f"{word}_" if word in (*RESERVED, *taken) else word for word in words]
+    words = [f"{word}_" if word in (*RESERVED, *taken_names) else word for word in words]
     arguments: list[Any] = []
     parameters = {}
     for word, argument in zip(words, row, strict=True):
-        number = is_number(argument) and not (left is int and isinstance(argument, int | np.integer))
-        arguments.append(name(word) if number else argument)
+        number = is_single_number(argument) and not (unnamed_type is int and isinstance(argument, int | np.integer))
+        arguments.append(traced_name(word) if number else argument)
         if number:
             parameters[word] = f"{float(argument)!r} 1"
     return arguments, parameters
 
 
-def is_number(argument: Any) -> bool:
+def is_single_number(argument: Any) -> bool:
     """Whether an argument is a single number."""
     return isinstance(argument, int | float | np.number) and not isinstance(argument, bool)
 
 
-def _as_many(fun: RightSide, rates: Any, n: int) -> list[Any]:
+def _checked_rates(fun: RightSide, rates: Any, n: int) -> list[Any]:
     if rates is None:
-        raise InputError(f"{called(fun)} returns nothing; it has to return rates, {n} of them")
+        raise InputError(f"{function_name(fun)} returns nothing; it has to return rates, {n} of them")
     row = [rates] if isinstance(rates, Traced | int | float) else list(np.asarray(rates, object).ravel())
     if len(row) != n:
-        raise InputError(f"{called(fun)} returns {len(row)} rates, and y0 has {n} numbers")
+        raise InputError(f"{function_name(fun)} returns {len(row)} rates, and y0 has {n} numbers")
     return row
 
 
-def written_down(
+def write_twice(
     functions: list[RightSide], tables: Substitution, words: list[str], y: Any, arguments: list[Any]
 ) -> list[WrittenFunction]:
     """Write the right-hand side and the events down, all of them once more, and refuse what differs."""
-    first, second = ([*each_written(functions, tables, words, y, arguments)] for _ in range(2))
+    first, second = ([*write_each(functions, tables, words, y, arguments)] for _ in range(2))
     check_repeating(first, second)
     return first
 
@@ -208,51 +210,57 @@ def check_repeating(first: list[WrittenFunction], second: list[WrittenFunction])
     InputError
         With both expressions, from where they differ.
     """
-    for written, again in zip(first, second, strict=True):
-        check_repeats(called(written.function), written.words, written.nodes, again.nodes)
+    for first_function, second_function in zip(first, second, strict=True):
+        check_repeats(
+            function_name(first_function.function), first_function.words, first_function.nodes, second_function.nodes
+        )
 
 
-def each_written(
+def write_each(
     functions: list[RightSide], tables: Substitution, words: list[str], y: Any, arguments: list[Any]
 ) -> Iterator[WrittenFunction]:
     """Write the right-hand side down, and then every event."""
     fun, *events = functions
-    arguments = [tables.of(argument) for argument in arguments]
-    t = name("t") / name("second")
-    rates = _as_many(fun, with_names(fun, tables, t, y, arguments), len(words))
+    arguments = [tables.substitute(argument) for argument in arguments]
+    t = traced_name("t") / traced_name("second")
+    rates = _checked_rates(fun, call_with_names(fun, tables, t, y, arguments), len(words))
     yield WrittenFunction(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
     for event in events:
-        yield WrittenFunction(event, ("its value",), (with_names(event, tables, t, y, arguments),))
+        yield WrittenFunction(event, ("its value",), (call_with_names(event, tables, t, y, arguments),))
 
 
-def with_names(function: RightSide, tables: Substitution, t: Traced, y: Any, arguments: list[Any]) -> Any:
+def call_with_names(function: RightSide, tables: Substitution, t: Traced, y: Any, arguments: list[Any]) -> Any:
     """Call a function with names in the place of numbers, and refuse one that writes into y."""
-    own = y.copy()
-    result = traced(tables.of(function), t, own, *arguments)
-    check_unwritten(called(function), y, own)
-    return result
+    y_copy = y.copy()
+    rates = traced(tables.substitute(function), t, y_copy, *arguments)
+    check_unwritten(function_name(function), y, y_copy)
+    return rates
 
 
-def with_numbers(function: RightSide, t: float, y: Floats, row: list[Any]) -> Any:
+def call_with_numbers(function: RightSide, t: float, y: Floats, row: list[Any]) -> Any:
     """Call a function with numbers, and refuse one that writes into y."""
-    own = y.copy()
-    result = function(t, own, *row)
-    check_unwritten(called(function), y, own)
-    return result
+    y_copy = y.copy()
+    rates = function(t, y_copy, *row)
+    check_unwritten(function_name(function), y, y_copy)
+    return rates
 
 
-def drive(word: str, times: Any, values: Any) -> dict[str, Any]:
+def interpolated_drive(word: str, times: Any, values: Any) -> dict[str, Any]:
     """Return a table that a function read by `numpy.interp`."""
     table = {"t [s]": np.array(times), f"{word} [1]": np.array(values)}
     return {"table": table, "interpolation": "linear", "outside": "hold"}
 
 
-def events_of(written: list[WrittenFunction]) -> dict[str, dict[str, Any]]:
+def event_sections(written_functions: list[WrittenFunction]) -> dict[str, dict[str, Any]]:
     """Return events as a model has them, with scipy's attributes."""
     events: dict[str, dict[str, Any]] = {}
-    for i, event in enumerate(written):
-        label = called(event.function) if called(event.function) not in events else f"{called(event.function)}_{i}"
-        terminal, direction = _attributes_of(event.function)
+    for i, event in enumerate(written_functions):
+        label = (
+            function_name(event.function)
+            if function_name(event.function) not in events
+            else f"{function_name(event.function)}_{i}"
+        )
+        terminal, direction = _event_attributes(event.function)
         entry: dict[str, Any] = {"function": text_of(event.nodes[0])}
         entry |= {"direction": DIRECTIONS[direction], "action": "stop" if terminal else "record"}
         if terminal > 1:
@@ -261,7 +269,7 @@ def events_of(written: list[WrittenFunction]) -> dict[str, dict[str, Any]]:
     return events
 
 
-def _attributes_of(event: RightSide) -> tuple[int, int]:
+def _event_attributes(event: RightSide) -> tuple[int, int]:
     """Return how many occurrences of an event stop a run, 0 for none, and the sign of its direction.
 
     Raises
@@ -274,8 +282,10 @@ def _attributes_of(event: RightSide) -> tuple[int, int]:
         terminal >= 0 and int(terminal) == terminal
     ):
         raise InputError(
-            f"{called(event)}.terminal is {terminal!r}, needs True, False, or the number of occurrences that stop the run"
+            f"{function_name(event)}.terminal is {terminal!r}, needs True, False, or the number of occurrences that stop the run"
         )
     if not isinstance(direction, int | float | np.number) or direction != direction:
-        raise InputError(f"{called(event)}.direction is {direction!r}, needs a number: 1 for rising, -1 for falling")
+        raise InputError(
+            f"{function_name(event)}.direction is {direction!r}, needs a number: 1 for rising, -1 for falling"
+        )
     return int(terminal), int(np.sign(direction))

@@ -12,9 +12,9 @@ import numpy as np
 
 from xdynamics.expressions import text_of
 from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers
-from xdynamics.expressions.substitution import Substitution, values_of
+from xdynamics.expressions.substitution import Substitution, table_values
 from xdynamics.expressions.traced_arrays import array_of
-from xdynamics.expressions.tracing import Traced, name, node_of
+from xdynamics.expressions.tracing import Traced, node_of, traced_name
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import DEFAULT_RTOL, settings_for
 from xdynamics.methods import METHODS, unknown_method
@@ -24,20 +24,20 @@ from xdynamics.simulation.right_sides import (
     Floats,
     RightSide,
     WrittenFunction,
-    called,
+    call_with_numbers,
     check_order,
     check_span,
-    drive,
-    events_of,
-    listed,
-    numbers_of,
-    starts_of,
-    with_arguments,
-    with_numbers,
-    written_down,
+    event_functions,
+    event_sections,
+    function_name,
+    interpolated_drive,
+    read_starts,
+    start_numbers,
+    write_twice,
+    write_with_arguments,
 )
 from xdynamics.simulation.single_run import simulate
-from xdynamics.simulation.wanted_states import states_at, times_within, with_events
+from xdynamics.simulation.wanted_states import add_events, sampled_states, times_within
 from xdynamics.units import parse_time
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def solve(
         settings["step"] = first
     if (first is not None or "max_step" in settings) and not {"rtol", "atol"} & {*settings}:
         settings["rtol"] = DEFAULT_RTOL  # scipy's solvers choose their steps, whatever the first is
-    model = model_of(fun, t_span, y0, args, events, names, units)
+    model = model_of_function(fun, t_span, y0, args, events, names, units)
     if not isinstance(settings.get("atol", 0.0), str | int | float | Mapping) and settings["atol"] is not None:
         tolerances = [float(number) for number in settings["atol"]]
         if len(tolerances) != len(model.statement.states):
@@ -133,17 +133,17 @@ def solve(
                 f"atol has {len(tolerances)} numbers, and y0 {len(model.statement.states)}; give one, or one for each"
             )
         settings["atol"] = dict(zip(model.statement.states, tolerances, strict=True))
-    settings |= {"method": _method(method), "until": t_span[1] if isinstance(t_span[1], str) else float(t_span[1])}
+    settings |= {"method": _method_name(method), "until": t_span[1] if isinstance(t_span[1], str) else float(t_span[1])}
     if t_eval is None or not model.events:
         return simulate(model, times=t_eval, path=path, **settings)
-    wanted = times_within(
+    sample_times = times_within(
         t_eval, model.time_unit, model.statement.initial["t"].si, settings_for(model, **settings).until
     )
     run = simulate(model, path=path, **settings)
-    return with_events(states_at(run, wanted, model), run)
+    return add_events(sampled_states(run, sample_times, model), run)
 
 
-def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names: Any, units: Any) -> Model:
+def model_of_function(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names: Any, units: Any) -> Model:
     """Write a right-hand side down as a model.
 
     Raises
@@ -157,20 +157,25 @@ def model_of(fun: RightSide, t_span: Any, y0: Any, args: Any, events: Any, names
         raise InputError(f"t_span has {len(tuple(t_span))} times, needs two, the first and the last")
     check_span(t_span)
     check_order(fun)
-    starts, own = starts_of(y0, units)
-    functions = [fun, *listed(events)]
+    starts, unit_texts = read_starts(y0, units)
+    functions = [fun, *event_functions(events)]
     sections = None
     if isinstance(names, str) or (names is None and len(starts) > MOST_NAMED):
-        sections = array_sections(functions, names, starts, own, t_span, args)
+        sections = array_sections(functions, names, starts, unit_texts, t_span, args)
         names = None
     if sections is None:
-        sections = named_sections(functions, names, starts, own, t_span, args)
+        sections = named_sections(functions, names, starts, unit_texts, t_span, args)
     sections["initial"]["t"] = t_span[0] if isinstance(t_span[0], str) else f"{float(t_span[0])!r} s"
-    return Model(name=called(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], **sections)
+    return Model(name=function_name(fun), description=(inspect.getdoc(fun) or "").split("\n")[0], **sections)
 
 
 def named_sections(
-    functions: list[RightSide], names: Sequence[str] | None, starts: list[str], own: list[str], t_span: Any, args: Any
+    functions: list[RightSide],
+    names: Sequence[str] | None,
+    starts: list[str],
+    unit_texts: list[str],
+    t_span: Any,
+    args: Any,
 ) -> dict[str, Any]:
     """Return the sections of a model in which every number has a name.
 
@@ -182,36 +187,40 @@ def named_sections(
     words = [f"y{i}" for i in range(len(starts))] if names is None else [*names]
     if len(words) != len(starts):
         raise InputError(f"names are {len(words)}, and y0 has {len(starts)} numbers")
-    scales = {word: f"unit_{word}" for word, unit in zip(words, own, strict=True) if unit != "1"}
-    sizes = {scales[word]: f"1 {unit}" for word, unit in zip(words, own, strict=True) if word in scales}
-    y = array_of([name(label) / name(scales[label]) if label in scales else name(label) for label in words])
+    scales = {word: f"unit_{word}" for word, unit in zip(words, unit_texts, strict=True) if unit != "1"}
+    sizes = {scales[word]: f"1 {unit}" for word, unit in zip(words, unit_texts, strict=True) if word in scales}
+    y = array_of(
+        [traced_name(label) / traced_name(scales[label]) if label in scales else traced_name(label) for label in words]
+    )
     tables = Substitution()
 
-    def write(arguments: list[Any]) -> list[WrittenFunction]:
-        return written_down(functions, tables, words, y, arguments)
+    def write_named(arguments: list[Any]) -> list[WrittenFunction]:
+        return write_twice(functions, tables, words, y, arguments)
 
-    written, given, parameters = with_arguments(write, functions[0], args, words)
-    _check_numbers(written, words, scales, t_span, numbers_of(starts, own), given, args, tables)
+    written_functions, single_arguments, parameters = write_with_arguments(write_named, functions[0], args, words)
+    _check_named_numbers(
+        written_functions, words, scales, t_span, start_numbers(starts, unit_texts), single_arguments, args, tables
+    )
     states = {}
-    for word, unit, rate in zip(words, own, written[0].values, strict=True):
-        scaled_rate = (name(scales[word]) if word in scales else 1.0) * rate / name("second")
+    for word, unit, rate in zip(words, unit_texts, written_functions[0].values, strict=True):
+        scaled_rate = (traced_name(scales[word]) if word in scales else 1.0) * rate / traced_name("second")
         states[word] = {"unit": unit, "rate": text_of(node_of(scaled_rate))}
     return {
         "states": states,
         "parameters": parameters | sizes,
         "initial": dict(zip(words, starts, strict=True)),
-        "events": events_of(written[1:]),
-        "drives": {word: drive(word, *points) for word, points in tables.tables.items()},
+        "events": event_sections(written_functions[1:]),
+        "drives": {word: interpolated_drive(word, *points) for word, points in tables.tables.items()},
     }
 
 
-def _check_numbers(
-    written: list[WrittenFunction],
+def _check_named_numbers(
+    written_functions: list[WrittenFunction],
     words: list[str],
     scales: Mapping[str, str],
     t_span: Any,
     y0: Floats,
-    given: list[Any],
+    arguments: list[Any],
     args: Any,
     tables: Substitution,
 ) -> None:
@@ -219,23 +228,25 @@ def _check_numbers(
     begin, end = (parse_time(end, "t_span") for end in t_span)
     row = [*args] if isinstance(args, list | tuple) else [args]
     constants = {
-        text_of(entry.node): float(value) for entry, value in zip(given, row, strict=True) if isinstance(entry, Traced)
+        text_of(entry.node): float(value)
+        for entry, value in zip(arguments, row, strict=True)
+        if isinstance(entry, Traced)
     }
     constants |= {"second": 1.0, "pi": np.pi} | dict.fromkeys(scales.values(), 1.0)
     for t, y in ((begin, y0), (begin + (end - begin) / 3.0, y0 + 0.125 * np.where(y0 == 0.0, 1.0, y0))):
         values = constants | {"t": t} | dict(zip(words, y.tolist(), strict=True))
-        values |= values_of(tables.tables, t)
-        least = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
-        for i, part in enumerate(written):
-            of_rates = abs(end - begin) if i == 0 and end != begin else 1.0
-            call = partial(with_numbers, part.function, t, y, row)
-            check_numbers(called(part.function), part.words, part.nodes, call, values, least / of_rates)
+        values |= table_values(tables.tables, t)
+        negligible = NEGLIGIBLE * float(np.max(np.abs(y), initial=0.0))
+        for i, part in enumerate(written_functions):
+            time_span = abs(end - begin) if i == 0 and end != begin else 1.0
+            call = partial(call_with_numbers, part.function, t, y, row)
+            check_numbers(function_name(part.function), part.words, part.nodes, call, values, negligible / time_span)
 
 
-def _method(method: Any) -> str:
+def _method_name(method: Any) -> str:
     if method in NEAR:
         raise InputError(f"method '{method}' is not here; for stiff equations write method='Radau' ({NEAR[method]})")
     if method not in SAME and method not in METHODS:
-        meant = unknown_method(str(method), METHODS)
-        raise InputError(f"{meant}there are {', '.join(METHODS)}, and scipy's {', '.join(SAME)}")
+        suggestion = unknown_method(str(method), METHODS)
+        raise InputError(f"{suggestion}there are {', '.join(METHODS)}, and scipy's {', '.join(SAME)}")
     return SAME.get(str(method), str(method))

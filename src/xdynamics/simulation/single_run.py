@@ -6,22 +6,22 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from xdynamics import archive, record
-from xdynamics.archive.place import Given, Place, placed
+from xdynamics.archive.place import Given, Place, location_of
 from xdynamics.archive.stores import store_of
-from xdynamics.evidence.comparing.bits import reproduced
+from xdynamics.evidence.comparing.bits import compare_reproduction
 from xdynamics.faults import InputError
 from xdynamics.keywords import KEYWORDS
 from xdynamics.march import March, Settings
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model
-from xdynamics.record.arguments import asked_of
+from xdynamics.record.arguments import recorded_arguments
 from xdynamics.record.partial_records import is_run, kind_description
-from xdynamics.record.size import check_room
+from xdynamics.record.size import check_record_room
 from xdynamics.simulation.recorded_runs import changed_model
 from xdynamics.simulation.records import check_destination, marched_record
 from xdynamics.simulation.stability_warnings import warn_of_instability
 from xdynamics.simulation.unmarched_runs import unmarched_run
-from xdynamics.simulation.wanted_states import check_sampled, sampled_march, states_at, times_within
+from xdynamics.simulation.wanted_states import check_sampled, sampled_march, sampled_states, times_within
 from xdynamics.units import Quantity
 
 if TYPE_CHECKING:
@@ -229,26 +229,26 @@ def simulate(
     >>> run.y.attrs["units"], run.attrs["run_outcome"]
     ('m', 'completed')
     """
-    asked = {name: value for name, value in locals().items() if name in KEYWORDS}
+    requested_settings = {name: value for name, value in locals().items() if name in KEYWORDS}
     model = changed_model(model, parameters=parameters, initial=initial)
-    settings = settings_for(model, **asked)
+    settings = settings_for(model, **requested_settings)
     check_destination(path, resume=resume)
-    wanted = (
+    sample_times = (
         None if times is None else times_within(times, model.time_unit, model.statement.initial["t"].si, settings.until)
     )
     if not compute:
         if progress is not None or resume:
             raise InputError("progress and resume are for compute=True: what is lazy is marched by whoever computes it")
-        return unmarched_run(model, settings, wanted, path, memory, sizes or {})
+        return unmarched_run(model, settings, sample_times, path, memory, sizes or {})
     if sizes is not None:
         raise InputError(f"sizes are {sizes!r}, and are for compute=False: a run that is marched has its own")
-    return _simulated(model, settings, wanted, path, memory, progress, resume=resume)
+    return _march_or_sample(model, settings, sample_times, path, memory, progress, resume=resume)
 
 
-def _simulated(
+def _march_or_sample(
     model: Model,
     settings: Settings,
-    wanted: Floats | None,
+    sample_times: Floats | None,
     path: Given | None,
     memory: str | float | None,
     progress: Progress | None,
@@ -258,28 +258,28 @@ def _simulated(
     """March a model; return the record, or the states at wanted times."""
     if progress is not None and not callable(progress):
         raise InputError(f"progress is {progress!r}, needs a function")
-    if wanted is not None and path is not None:
+    if sample_times is not None and path is not None:
         check_sampled(settings)
     warn_of_instability(model, settings)
-    if wanted is not None and path is None:
-        return sampled_march(model, settings, wanted, progress)
+    if sample_times is not None and path is None:
+        return sampled_march(model, settings, sample_times, progress)
     march = March(model, settings, progress)
-    place = None if path is None else placed(path)
-    check_room(march, memory, place and store_of(place).written_at(place))
-    if resume and place is not None and _is_whole(march, place):
-        archive.clear_rest(place)
-        return states_at(archive.open_run(place, check=False), wanted, model)
-    return states_at(marched_record(march, place, resume=resume, memory=memory), wanted, model)
+    location = None if path is None else location_of(path)
+    check_record_room(march, memory, location and store_of(location).written_at(location))
+    if resume and location is not None and _is_finished_archive(march, location):
+        archive.clear_rest(location)
+        return sampled_states(archive.open_run(location, check=False), sample_times, model)
+    return sampled_states(marched_record(march, location, resume=resume, memory=memory), sample_times, model)
 
 
-def _is_whole(march: March, path: Place) -> bool:
+def _is_finished_archive(march: March, path: Place) -> bool:
     """Whether a file is the finished archive of a march, so that there is nothing to resume."""
     archive.check_target(path)
     if store_of(path).kind(path) is not None or archive.has_segments(path):
         return False
     try:
-        with archive.open_run(path) as kept:
-            return record.comes_of(kept, march)
+        with archive.open_run(path) as archived_run:
+            return record.comes_of(archived_run, march)
     except InputError:  # damaged, or no run: a new one takes its place
         return False
 
@@ -311,19 +311,24 @@ def reproduce(path: Given, *, functions: Mapping[str, Callable[..., float]] | No
     ModelError
         If a function is missing or another one.
     """
-    kept = archive.open_run(path)
-    with kept:
-        if not is_run(kept.attrs):
-            raise InputError(f"'{path}' is {kind_description(kept.attrs)}; reproduce the archive of that run")
-        return reproduced(kept, archive.selected_like(kept, _again(kept, functions)))
+    archived_run = archive.open_run(path)
+    with archived_run:
+        if not is_run(archived_run.attrs):
+            raise InputError(f"'{path}' is {kind_description(archived_run.attrs)}; reproduce the archive of that run")
+        return compare_reproduction(
+            archived_run, archive.selected_like(archived_run, _march_again(archived_run, functions))
+        )
 
 
-def _again(kept: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
-    needed = ["model_toml", *(["given_step_size"] if kept.attrs["solver_step_control"] == "given" else ())]
-    missing = [name for name in needed if name not in kept.variables]
+def _march_again(archived_run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None) -> xr.Dataset:
+    needed_names = [
+        "model_toml",
+        *(["given_step_size"] if archived_run.attrs["solver_step_control"] == "given" else ()),
+    ]
+    missing = [name for name in needed_names if name not in archived_run.variables]
     if missing:
         raise InputError(
             f"the selection was saved without {' and '.join(missing)}, from which its run is marched again"
         )
-    model = Model.from_record(kept["model_toml"].values.item(), functions=functions)
-    return simulate(model, **asked_of(kept))
+    model = Model.from_record(archived_run["model_toml"].values.item(), functions=functions)
+    return simulate(model, **recorded_arguments(archived_run))

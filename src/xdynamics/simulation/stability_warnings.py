@@ -20,7 +20,7 @@ from xdynamics.stability import LinearSystem, fastest_rate, grows_at, stable_ste
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
-    from xdynamics.stability.amplification import Floats
+    from xdynamics.simulation.wanted_states import Floats
 
 OFTEN_STABLE = ("velocity_verlet", "rk4", "dormand_prince")  # named where another method is not
 FEW_NUMBERS = 64  # of a state up to which the limit is found though errors do not grow: gaps below a step are met, too
@@ -35,12 +35,12 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
     if beyond_eigenvalues(model):
         return
     start = _Start(model, method, settings)
-    jacobian, span = _jacobian(start), settings.until - model.statement.initial["t"].si
+    jacobian, span = _start_jacobian(start), settings.until - model.statement.initial["t"].si
     if jacobian is None:
         return
     if method.order > 1:
-        turned = step * _fastest_rate(start)
-        if not (turned > SAFE_STEP or span / step * turned ** (method.order + 1) > 1.0):
+        phase = step * _fastest_rate(start)
+        if not (phase > SAFE_STEP or span / step * phase ** (method.order + 1) > 1.0):
             return
         if surely_stable(jacobian, method, free_coordinates(model), step):
             return
@@ -66,11 +66,11 @@ def warn_of_instability(model: Model, settings: Settings) -> None:
 
 def _stable_methods(start: _Start, unit: str) -> str:
     """Name some methods that are stable for a model, with their longest steps."""
-    others = {name: _Start(start.model, METHODS[name], start.settings) for name in OFTEN_STABLE}
-    limits = {name: _longest_stable_step(other) for name, other in others.items() if other.fits}
+    starts = {name: _Start(start.model, METHODS[name], start.settings) for name in OFTEN_STABLE}
+    limits = {name: _longest_stable_step(method_start) for name, method_start in starts.items() if method_start.fits}
     stable = [f"{name} (up to {limit:.3g}{unit})" for name, limit in limits.items() if 0.0 < limit < np.inf]
-    named = f"stable are {', '.join(stable)}; " if stable else ""
-    return f"{named}xdynamics.modes(model) has the limits of all methods"
+    stable_text = f"stable are {', '.join(stable)}; " if stable else ""
+    return f"{stable_text}xdynamics.modes(model) has the limits of all methods"
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class _Start:
 
 
 @lru_cache(maxsize=64)
-def _jacobian(start: _Start) -> Floats | None:
+def _start_jacobian(start: _Start) -> Floats | None:
     """Return the Jacobian, of a law in loops by differences: trees of its elements would take longer than the run."""
     return jacobian_at_start(start.model, start.settings) if has_loops(start.model) else _linearised(start.model)
 
@@ -96,7 +96,7 @@ def _jacobian(start: _Start) -> Floats | None:
 @lru_cache(maxsize=64)
 def _fastest_rate(start: _Start) -> float:
     """Bound the size of every eigenvalue of the Jacobian, found once."""
-    jacobian = _jacobian(start)
+    jacobian = _start_jacobian(start)
     return np.inf if jacobian is None else fastest_rate(jacobian)
 
 
@@ -112,16 +112,16 @@ def _linearised(model: Model) -> Floats | None:
 @lru_cache(maxsize=256)
 def _grows(start: _Start, step: float, *, growth: float) -> bool:
     """Whether errors grow at the step itself."""
-    jacobian = _jacobian(start)
+    jacobian = _start_jacobian(start)
     return jacobian is not None and grows_at(
-        LinearSystem.of(jacobian, free_coordinates(start.model)), start.method, step, growth=growth
+        LinearSystem.from_jacobian(jacobian, free_coordinates(start.model)), start.method, step, growth=growth
     )
 
 
 @lru_cache(maxsize=256)
 def _longest_stable_step(start: _Start, *, growth: float = 0.0) -> float:
     """Return the largest stable step of a method at a model's start, found once by trying some hundred."""
-    jacobian = _jacobian(start)
+    jacobian = _start_jacobian(start)
     assert jacobian is not None  # noqa: S101 - who asks has seen it
-    system = LinearSystem.of(jacobian, free_coordinates(start.model))
+    system = LinearSystem.from_jacobian(jacobian, free_coordinates(start.model))
     return stable_step_of(system, start.method, start.model, growth=growth)

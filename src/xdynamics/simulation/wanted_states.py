@@ -37,14 +37,14 @@ def times_within(times: Any, unit: Unit, start: float, until: float) -> Floats:
     InputError
         If one is no time of the run.
     """
-    wanted = wanted_times(times, unit)
-    outside = wanted[(wanted < start) | (wanted > until)]
-    if outside.size:
+    sample_times = wanted_times(times, unit)
+    times_outside = sample_times[(sample_times < start) | (sample_times > until)]
+    if times_outside.size:
         raise InputError(
-            f"times have {float(outside[0])!r}{unit_suffix(unit)}, and the run goes from {start!r}{unit_suffix(unit)} to"
+            f"times have {float(times_outside[0])!r}{unit_suffix(unit)}, and the run goes from {start!r}{unit_suffix(unit)} to"
             f" {until!r}{unit_suffix(unit)}"
         )
-    return wanted
+    return sample_times
 
 
 def check_sampled(settings: Settings) -> None:
@@ -63,41 +63,43 @@ def check_sampled(settings: Settings) -> None:
         )
 
 
-def sampled_march(model: Model, settings: Settings, wanted: Floats, progress: Progress | None) -> xr.Dataset:
+def sampled_march(model: Model, settings: Settings, sample_times: Floats, progress: Progress | None) -> xr.Dataset:
     """March, and keep the part of the log from which states at wanted times are computed, a step for each."""
-    around_alone = None if model.delays else wanted  # delayed values are of all rows
-    march = March(model, replace(settings, keep_every=1, log=STATES), progress, around_alone)
-    around = record.dataset(march)
+    kept_times = None if model.delays else sample_times  # delayed values are of all rows
+    march = March(model, replace(settings, keep_every=1, log=STATES), progress, kept_times)
+    partial_run = record.dataset(march)
     warn_of_accuracy(march)
-    states = states_at(around, wanted, model)
+    states = sampled_states(partial_run, sample_times, model)
     if model.delays:
         return states
     rows = states["row"]
-    return states.assign(row=rows.copy(data=around[STEP_NUMBER.name].values[rows.values]))
+    return states.assign(row=rows.copy(data=partial_run[STEP_NUMBER.name].values[rows.values]))
 
 
-def with_events(states: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
+def add_events(states: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
     """Add the events of a run to its states at wanted times: when each was, and the state after it."""
     import xarray as xr
 
-    after = rows_named(run, "event_row_after")
+    rows_after = rows_named(run, "event_row_after")
     variables = {name: run.variables[name].copy(deep=False) for name in ("event_time", "event_detector")}
     variables["event_time"].attrs = without_bounds(run.variables["event_time"].attrs)
     for name, variable in run.variables.items():
         if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in OF_MOTION:
             attributes = {"units": variable.attrs["units"], "long_name": f"{name} after the event", "role": "event"}
-            variables[f"after_{name}"] = xr.Variable((EVENTS, *variable.dims[1:]), variable.values[after], attributes)
+            variables[f"after_{name}"] = xr.Variable(
+                (EVENTS, *variable.dims[1:]), variable.values[rows_after], attributes
+            )
     return states.assign(variables)
 
 
-def states_at(run: xr.Dataset, wanted: Floats | None, model: Model) -> xr.Dataset:
+def sampled_states(run: xr.Dataset, sample_times: Floats | None, model: Model) -> xr.Dataset:
     """Return the states at wanted times, as far as the run came; the record where none are wanted."""
-    if wanted is None:
+    if sample_times is None:
         return run
-    reached = wanted[wanted <= float(run["time"][-1])]
+    reached_times = sample_times[sample_times <= float(run["time"][-1])]
     states = (
-        sample(run, reached, functions=model.functions)
-        if reached.size
+        sample(run, reached_times, functions=model.functions)
+        if reached_times.size
         else sample(run, float(run["time"][-1])).isel(at=slice(0))
     )
     return states.assign_attrs({key: run.attrs[key] for key in ("run_outcome", "run_outcome_text")})

@@ -57,7 +57,7 @@ class LinearSystem:
     normal: NormalModes | None = None
 
     @classmethod
-    def of(
+    def from_jacobian(
         cls,
         jacobian: Floats,
         coordinates: int,
@@ -66,13 +66,15 @@ class LinearSystem:
     ) -> LinearSystem:
         """Scale the Jacobian of (q, v, x), of which the first `coordinates` are q; eigenvalues, modes may be known."""
         n = coordinates
-        found: Any = eigenvalues
-        if found is None:
-            known = jacobian.size and np.isfinite(jacobian).all()
-            found = np.linalg.eigvals(jacobian) if known else np.full(len(jacobian), np.nan)
-        fastest = float(np.max(np.abs(found), initial=0.0))
+        unscaled_values: Any = eigenvalues
+        if unscaled_values is None:
+            is_finite = jacobian.size and np.isfinite(jacobian).all()
+            unscaled_values = np.linalg.eigvals(jacobian) if is_finite else np.full(len(jacobian), np.nan)
+        fastest = float(np.max(np.abs(unscaled_values), initial=0.0))
         time = 1.0 / fastest if fastest > 0.0 else 1.0
-        scaled_values = np.where(np.abs(found) < SLOWEST * fastest, 0.0, found * time).astype(np.complex128)
+        scaled_values = np.where(np.abs(unscaled_values) < SLOWEST * fastest, 0.0, unscaled_values * time).astype(
+            np.complex128
+        )
         scaled = np.array(jacobian, dtype=np.float64)
         scaled[:n] *= time
         scaled[n:] *= time
@@ -101,7 +103,7 @@ class LinearSystem:
         return np.linalg.eigvals(self.stiffness).astype(np.complex128)
 
     @cached_property
-    def apart(self) -> tuple[Floats, Floats] | None:
+    def separated_modes(self) -> tuple[Floats, Floats] | None:
         """Squares of frequencies, and the damping between modes, of a system without rates; None if modes are not told apart."""
         n = len(self.acceleration)
         if n < 2 or self.rate.size or not np.isfinite(self.fastest) or self.fastest == 0.0:
@@ -125,38 +127,41 @@ class LinearSystem:
 
         It does where damping has the modes of the stiffness, as c v has, and Rayleigh's of mass and stiffness.
         """
-        if self.apart is None:
+        if self.separated_modes is None:
             return None
-        damped = self.apart[1]
-        joined = np.abs(damped - np.diag(damped.diagonal())).max() > SAME_SHAPES
-        return None if joined else self.uncoupled
+        damped = self.separated_modes[1]
+        is_coupled = np.abs(damped - np.diag(damped.diagonal())).max() > SAME_SHAPES
+        return None if is_coupled else self.uncoupled
 
     @cached_property
     def uncoupled(self) -> LinearSystem | None:
         """The same systems, where damping between modes is left out."""
-        if self.apart is None:
+        if self.separated_modes is None:
             return None
-        squares, own = self.apart[0], self.apart[1].diagonal()
-        half = own / 2.0
+        squares, modal_damping = self.separated_modes[0], self.separated_modes[1].diagonal()
+        half = modal_damping / 2.0
         root = np.sqrt((half * half - squares).astype(np.complex128))
         eigenvalues = np.stack([-half - root, -half + root], axis=-1).astype(np.complex128)
         eigenvalues[np.abs(eigenvalues) < SLOWEST] = 0.0
-        acceleration = np.stack([-squares, -own], axis=-1)[:, None, :]
-        return LinearSystem(acceleration, np.zeros((len(own), 0, 2)), eigenvalues, self.fastest)
+        acceleration = np.stack([-squares, -modal_damping], axis=-1)[:, None, :]
+        return LinearSystem(acceleration, np.zeros((len(modal_damping), 0, 2)), eigenvalues, self.fastest)
 
-    def within(self, chosen: NDArray[np.intp]) -> LinearSystem:
+    def mode_subsystem(self, mode_indices: NDArray[np.intp]) -> LinearSystem:
         """Return the system in the coordinates of some modes, which damping joins."""
-        assert self.apart is not None  # noqa: S101 - who chooses modes has told them apart
-        squares, damped = self.apart[0][chosen], self.apart[1][np.ix_(chosen, chosen)]
-        n = len(chosen)
+        assert self.separated_modes is not None  # noqa: S101 - who chooses modes has told them apart
+        squares, damped = (
+            self.separated_modes[0][mode_indices],
+            self.separated_modes[1][np.ix_(mode_indices, mode_indices)],
+        )
+        n = len(mode_indices)
         acceleration = np.hstack([-np.diag(squares), -damped])
         if n == len(self.acceleration):
             return LinearSystem(acceleration, np.zeros((0, 2 * n)), self.eigenvalues, self.fastest)
-        found = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), acceleration])).astype(np.complex128)
-        found[np.abs(found) < SLOWEST] = 0.0
-        return LinearSystem(acceleration, np.zeros((0, 2 * n)), found, self.fastest)
+        eigenvalues = np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), acceleration])).astype(np.complex128)
+        eigenvalues[np.abs(eigenvalues) < SLOWEST] = 0.0
+        return LinearSystem(acceleration, np.zeros((0, 2 * n)), eigenvalues, self.fastest)
 
-    def repeated(self, times: int) -> LinearSystem:
+    def repeated_systems(self, times: int) -> LinearSystem:
         """Return systems along a first axis, each some times in a row."""
         acceleration, rate = (np.tile(array, (times, 1, 1)) for array in (self.acceleration, self.rate))
         return LinearSystem(acceleration, rate, np.tile(self.eigenvalues, (times, 1)), self.fastest)
@@ -188,12 +193,12 @@ def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDAr
     state = {"q": start[:n], "v": start[n : 2 * n], "x": start[2 * n :]}
     step = h[:, None, None]
     vectors = state | {"a": system.acceleration, "r": system.rate, "h": step, "t": 0.0, "t1": step}
-    end = _run(method.statements, vectors, system)
+    end = _run_matrix_lines(method.statements, vectors, system)
     blocks = [np.broadcast_to(end[name], (len(h), rows, size)) for name, rows in (("q1", n), ("v1", n), ("x1", m))]
     return np.concatenate(blocks, axis=1)
 
 
-def factors(matrices: Floats) -> Complexes:
+def amplification_factors(matrices: Floats) -> Complexes:
     """Return the eigenvalues of amplification matrices, nan where one is not finite.
 
     For 2 x 2 matrices the quadratic formula keeps nearly equal factors on the unit circle, which an iteration does not.
@@ -219,11 +224,11 @@ class _Matrices(Walker):
         self._system = system
 
     def assign(self, line: VectorStatement) -> None:
-        self.vectors[line.target] = _value(line.expression, self.vectors)
+        self.vectors[line.target] = _vector_value(line.expression, self.vectors)
 
     def evaluate(self, line: Evaluation) -> None:
         state = [self.vectors[line.position], self.vectors[line.velocity], self.vectors[line.state]]
-        self.vectors[line.acceleration], self.vectors[line.rate] = _applied(self._system, state)
+        self.vectors[line.acceleration], self.vectors[line.rate] = _slopes_of_state(self._system, state)
 
     def expand(self, line: TaylorSeries) -> None:
         vectors = self.vectors
@@ -232,33 +237,36 @@ class _Matrices(Walker):
             state = [slopes[letter] / i for letter in "qvx"]
             vectors |= {f"{letter}_{i}": part for letter, part in zip("qvx", state, strict=True)}
             slopes["q"] = state[1]
-            slopes["v"], slopes["x"] = _applied(self._system, state)
+            slopes["v"], slopes["x"] = _slopes_of_state(self._system, state)
 
     def keep(self, line: ConstraintImpulse) -> None:
         """Change nothing: there are no constraints here."""
 
     def solve(self, line: Solve) -> None:
-        self.vectors |= _solved(line, self.vectors, self._system)
+        self.vectors |= _solve_linear_lines(line, self.vectors, self._system)
         self.walk((*line.definitions, *line.evaluations))
 
 
-def _run(lines: Iterable[Line], vectors: Vectors, system: LinearSystem) -> Vectors:
+def _run_matrix_lines(lines: Iterable[Line], vectors: Vectors, system: LinearSystem) -> Vectors:
     matrices = _Matrices(vectors, system)
     matrices.walk(lines)
     return matrices.vectors
 
 
-def _applied(system: LinearSystem, state: Sequence[Any]) -> tuple[Any, Any]:
+def _slopes_of_state(system: LinearSystem, state: Sequence[Any]) -> tuple[Any, Any]:
     """Return accelerations and rates for coordinates, velocities and states."""
     n = system.acceleration.shape[-2]
-    places = (slice(0, n), slice(n, 2 * n), slice(2 * n, None))
+    state_slices = (slice(0, n), slice(n, 2 * n), slice(2 * n, None))
     return (
-        sum(system.acceleration[..., place] @ vector for place, vector in zip(places, state, strict=True)),
-        sum(system.rate[..., place] @ vector for place, vector in zip(places, state, strict=True)),
+        sum(
+            system.acceleration[..., state_slice] @ vector
+            for state_slice, vector in zip(state_slices, state, strict=True)
+        ),
+        sum(system.rate[..., state_slice] @ vector for state_slice, vector in zip(state_slices, state, strict=True)),
     )
 
 
-def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
+def _solve_linear_lines(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
     """Solve u = A u + b: the lines are linear, so they give b at u = 0, and A with all known vectors 0."""
     n, m, k = system.acceleration.shape[-2], system.rate.shape[-2], len(vectors["h"])
     sizes = [m if name[0] == "x" else n for name in line.unknowns]
@@ -266,9 +274,9 @@ def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
 
     def answers(known_vectors: Vectors, unknown: Floats) -> Floats:
         local = known_vectors | dict(zip(line.unknowns, np.split(unknown, cuts), strict=True))
-        local = _run((*line.definitions, *line.evaluations), local, system)
+        local = _run_matrix_lines((*line.definitions, *line.evaluations), local, system)
         blocks = [
-            np.broadcast_to(_value(equation.expression, local), (k, size, unknown.shape[1]))
+            np.broadcast_to(_vector_value(equation.expression, local), (k, size, unknown.shape[1]))
             for equation, size in zip(line.equations, sizes, strict=True)
         ]
         return np.concatenate(blocks, axis=1)
@@ -283,7 +291,7 @@ def _solved(line: Solve, vectors: Vectors, system: LinearSystem) -> Vectors:
     return dict(zip(line.unknowns, np.split(solution, cuts, axis=1), strict=True))
 
 
-def _value(node: Node, vectors: Vectors) -> Any:
+def _vector_value(node: Node, vectors: Vectors) -> Any:
     """Return the value of a vector expression."""
     match node:
         case Number():
@@ -291,11 +299,11 @@ def _value(node: Node, vectors: Vectors) -> Any:
         case Name():
             return vectors[node.name]
         case Negative():
-            return -_value(node.operand, vectors)
+            return -_vector_value(node.operand, vectors)
         case Binary(operator="**"):
-            return _value(node.left, vectors) ** float(exponent_of(node.right) or 0)
+            return _vector_value(node.left, vectors) ** float(exponent_of(node.right) or 0)
         case Call():
             return evaluate(node, {})  # a constant, like sqrt(3)
         case Binary():
-            return _ARITHMETIC[node.operator](_value(node.left, vectors), _value(node.right, vectors))
+            return _ARITHMETIC[node.operator](_vector_value(node.left, vectors), _vector_value(node.right, vectors))
     raise InputError(f"'{text_of(node)}' is no part of a method's lines; they are linear in the vectors")

@@ -12,7 +12,15 @@ from xdynamics.model import Model, Trait
 from xdynamics.model.linearisation import linearise, linearise_each
 from xdynamics.model.tangent_space import free_coordinates
 from xdynamics.runtime.blas_threads import one_blas_thread
-from xdynamics.stability.amplification import AT_REST, SLOWEST, Complexes, Floats, LinearSystem, amplification, factors
+from xdynamics.stability.amplification import (
+    AT_REST,
+    SLOWEST,
+    Complexes,
+    Floats,
+    LinearSystem,
+    amplification,
+    amplification_factors,
+)
 
 ROUND_OFF = 1e-12  # growth in one step that counts as none
 SMALLEST, FINER, LARGEST = 1e-5, 1e-2, 1e4  # steps that are tried, over the fastest time scale
@@ -25,9 +33,9 @@ JOINED, CREEPING = 1e-9, 1e-5  # relative width of a bracket at the end of that 
 NARROW, HALVINGS = 1e-13, 4  # of a bracket: its relative width at the end; halvings that are computed at once
 
 Growth = Callable[[Floats], Floats]  # of each step, relative to what is allowed
-OSCILLATOR = LinearSystem.of(np.array([[0.0, 1.0], [-1.0, 0.0]]), 1)
-DRAGGED = LinearSystem.of(np.array([[0.0, 1.0], [0.0, -1.0]]), 1)
-DECAY, GROWTH = (LinearSystem.of(np.array([[rate]]), 0) for rate in (-1.0, 1.0))
+OSCILLATOR = LinearSystem.from_jacobian(np.array([[0.0, 1.0], [-1.0, 0.0]]), 1)
+DRAGGED = LinearSystem.from_jacobian(np.array([[0.0, 1.0], [0.0, -1.0]]), 1)
+DECAY, GROWTH = (LinearSystem.from_jacobian(np.array([[rate]]), 0) for rate in (-1.0, 1.0))
 
 
 @cache
@@ -46,7 +54,7 @@ def oscillator_limit(method: Method) -> float:
     in Hairer, Lubich and Wanner, section I.5. The factors of a step lie on the unit circle for conservative methods;
     growth below 1e-12 per step is taken for round-off if it stays there.
     """
-    return _largest_step(partial(_growth, method, OSCILLATOR, 0.0), 1.005, creeping=False)
+    return _largest_step(partial(_relative_growth, method, OSCILLATOR, 0.0), 1.005, creeping=False)
 
 
 @cache
@@ -66,7 +74,7 @@ def decay_limit(method: Method) -> float:
     tests = ((Trait.VELOCITY_DEPENDENT, DRAGGED), (Trait.COUPLED_STATES, DECAY))
     systems = [system for trait, system in tests if trait not in method.refuses]
     return min(
-        (_largest_step(partial(_growth, method, system, 0.0), 1.005, creeping=False) for system in systems),
+        (_largest_step(partial(_relative_growth, method, system, 0.0), 1.005, creeping=False) for system in systems),
         default=np.nan,
     )
 
@@ -98,7 +106,7 @@ def stable_step(model: Model, method: Method, state: Mapping[str, float], *, gro
     -----
     Modes that grow in the model itself may grow. If they oscillate, `oscillator_limit` is applied to their frequency.
     """
-    system = LinearSystem.of(linearise(model, state).reduced, free_coordinates(model))
+    system = LinearSystem.from_jacobian(linearise(model, state).reduced, free_coordinates(model))
     return stable_step_of(system, method, model, growth=growth)
 
 
@@ -110,8 +118,8 @@ def stable_step_of(system: LinearSystem, method: Method, model: Model, *, growth
         return float(np.nan)
     if system.fastest == 0.0:
         return np.inf
-    most, step = _most_of_growing(method, system), largest_step(method, system, growth / system.fastest)
-    return (min(step, most) if most > 0.0 else step) / system.fastest
+    growing_limit, step = _growing_limit(method, system), largest_step(method, system, growth / system.fastest)
+    return (min(step, growing_limit) if growing_limit > 0.0 else step) / system.fastest
 
 
 @one_blas_thread()
@@ -120,16 +128,18 @@ def grows_at(system: LinearSystem, method: Method, step: float, *, growth: float
 
     True without a look where that has each mode alone, or is not for the system.
     """
-    alone = treats_alike(method) or any(x is not None for x in (system.squares, system.modes, system.uncoupled))
-    if alone or not 0.0 < system.fastest < np.inf:
+    modes_are_separate = treats_alike(method) or any(
+        x is not None for x in (system.squares, system.modes, system.uncoupled)
+    )
+    if modes_are_separate or not 0.0 < system.fastest < np.inf:
         return True
     with np.errstate(over="ignore", invalid="ignore"):
-        moved = step * system.fastest
-        growing = _growth(method, system, growth / system.fastest, np.array([moved]))[0] > 1.0
-    return bool(growing or moved > _most_of_growing(method, system))
+        scaled_step = step * system.fastest
+        growing = _relative_growth(method, system, growth / system.fastest, np.array([scaled_step]))[0] > 1.0
+    return bool(growing or scaled_step > _growing_limit(method, system))
 
 
-def _most_of_growing(method: Method, system: LinearSystem) -> float:
+def _growing_limit(method: Method, system: LinearSystem) -> float:
     """Return the limit of the fastest oscillation that grows in the model itself."""
     frequency = float(np.max(np.abs(system.eigenvalues.imag), initial=0.0, where=system.growing))
     return oscillator_limit(method) / frequency if frequency > AT_REST else np.inf
@@ -238,10 +248,10 @@ def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> flo
     """
     creeping = rate > 0.0
     if treats_alike(method):
-        kept = system.eigenvalues[~system.growing & (system.eigenvalues != 0.0)]
-        if kept.size >= MANY:  # of a pair, one has the factors of both
-            kept = np.unique(kept.real + 1j * np.abs(kept.imag))
-        return _largest_step(partial(_growth_along, method, kept, rate), 1.02, creeping=creeping)
+        examined_values = system.eigenvalues[~system.growing & (system.eigenvalues != 0.0)]
+        if examined_values.size >= MANY:  # of a pair, one has the factors of both
+            examined_values = np.unique(examined_values.real + 1j * np.abs(examined_values.imag))
+        return _largest_step(partial(_growth_along, method, examined_values, rate), 1.02, creeping=creeping)
     if system.squares is not None and np.all(np.abs(system.squares.imag) < AT_REST):
         fastest = float(np.max(system.squares.real, initial=0.0)) ** 0.5
         return _oscillator_limit(method, rate / fastest) / fastest if fastest > SLOWEST else np.inf
@@ -250,7 +260,7 @@ def largest_step(method: Method, system: LinearSystem, rate: float = 0.0) -> flo
     if system.uncoupled is not None and len(system.acceleration) >= FEW_MODES:
         return _joined_limit(method, system, system.uncoupled, rate)
     ratio = 1.02 if len(system.eigenvalues) <= 16 else 1.1
-    return _largest_step(partial(_growth, method, system, rate), ratio, creeping=creeping)
+    return _largest_step(partial(_relative_growth, method, system, rate), ratio, creeping=creeping)
 
 
 @cache
@@ -260,8 +270,8 @@ def treats_alike(method: Method) -> bool:
         return False
     jacobian = np.array([[0.0, 1.0, 0.0], [-0.7, -0.2, 0.4], [0.3, 0.5, -0.6]])
     h = np.array([0.3, 0.9])
-    first, second = (amplification(method, LinearSystem.of(jacobian, n), h) for n in (1, 0))
-    scale = np.diag([1.0, LinearSystem.of(jacobian, 1).fastest, 1.0])
+    first, second = (amplification(method, LinearSystem.from_jacobian(jacobian, n), h) for n in (1, 0))
+    scale = np.diag([1.0, LinearSystem.from_jacobian(jacobian, 1).fastest, 1.0])
     return bool(np.allclose(np.linalg.inv(scale) @ second @ scale, first, rtol=0.0, atol=1e-12))
 
 
@@ -271,7 +281,7 @@ def _joined_limit(method: Method, system: LinearSystem, uncoupled: LinearSystem,
     guess = _largest_step(partial(_growth_of_modes, method, uncoupled, rate), 1.02, creeping=creeping)
     near = np.array([guess if 0.0 < guess < np.inf else 1.0])
     order = np.argsort(-_growth_by_mode(method, uncoupled, rate, near)[0], kind="stable")
-    growth = partial(_growth, method, system.within(np.sort(order[:MOST_MODES])), rate)
+    growth = partial(_relative_growth, method, system.mode_subsystem(np.sort(order[:MOST_MODES])), rate)
     excess = cache(lambda step: float(growth(np.array([step]))[0]) - 1.0)
     with np.errstate(over="ignore", invalid="ignore"):
         steps = (guess * AROUND).tolist() if 0.0 < guess < np.inf else []
@@ -279,28 +289,28 @@ def _joined_limit(method: Method, system: LinearSystem, uncoupled: LinearSystem,
         low = max((h for h in steps if h < high), default=0.0)
         if low == 0.0 or high == np.inf:
             return _largest_step(growth, 1.1, creeping=creeping)
-        low, high = _crossing(excess, low, high, CREEPING if creeping else JOINED)
+        low, high = _stability_crossing(excess, low, high, CREEPING if creeping else JOINED)
         return low if creeping or excess(1.01 * high) > 1.0 else 0.0
 
 
-def _crossing(excess: Callable[[float], float], low: float, high: float, width: float) -> tuple[float, float]:
+def _stability_crossing(excess: Callable[[float], float], low: float, high: float, width: float) -> tuple[float, float]:
     """Narrow a bracket in a fifth of the steps that halvings take: eigenvalues are computed for each."""
     from scipy.optimize import brentq
 
     tried = {low: excess(low), high: excess(high)}
 
-    def bounded(step: float) -> float:
+    def bounded_excess(step: float) -> float:
         tried[step] = excess(step)
         return min(max(tried[step], -1.0 / ROUND_OFF), 1.0 / ROUND_OFF)
 
-    brentq(bounded, low, high, xtol=width * high, rtol=width, maxiter=100)
+    brentq(bounded_excess, low, high, xtol=width * high, rtol=width, maxiter=100)
     return max(h for h, more in tried.items() if more <= 0.0), min(h for h, more in tried.items() if more > 0.0)
 
 
 def _oscillator_limit(method: Method, rate: float) -> float:
     if rate == 0.0:
         return oscillator_limit(method)
-    return _largest_step(partial(_growth, method, OSCILLATOR, rate), 1.02, creeping=True)
+    return _largest_step(partial(_relative_growth, method, OSCILLATOR, rate), 1.02, creeping=True)
 
 
 def _largest_step(growth: Growth, ratio: float, *, creeping: bool) -> float:
@@ -310,30 +320,30 @@ def _largest_step(growth: Growth, ratio: float, *, creeping: bool) -> float:
     may be creeping, growth that rises slowly out of round-off was present at every smaller step: the limit is zero.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # an overflow counts as growth
-        low, high = _bracket(growth, ratio)
+        low, high = _stability_bracket(growth, ratio)
         if low == 0.0 or high == np.inf:
             return low
-        low, high = _bisected(growth, low, high)
+        low, high = _bisect_bracket(growth, low, high)
         return low if creeping or growth(np.array([1.01 * high]))[0] > 2.0 else 0.0
 
 
-def _bisected(growth: Growth, low: float, high: float) -> tuple[float, float]:
+def _bisect_bracket(growth: Growth, low: float, high: float) -> tuple[float, float]:
     """Halve a bracket until it is narrow; growth is computed for all middles of some halvings at once, a quarter of the time."""
     while high - low > NARROW * high:
         brackets, middles = [(low, high)], []
-        for place in range(2**HALVINGS - 1):  # each followed by that below its middle, and that above
-            left, right = brackets[place]
+        for middle_index in range(2**HALVINGS - 1):  # each followed by that below its middle, and that above
+            left, right = brackets[middle_index]
             middles.append((left + right) / 2.0)
             brackets += [(left, middles[-1]), (middles[-1], right)]
-        grows, place = growth(np.array(middles)) > 1.0, 0
+        grows, middle_index = growth(np.array(middles)) > 1.0, 0
         for _ in range(HALVINGS):
             if high - low > NARROW * high:
-                low, high = (low, middles[place]) if grows[place] else (middles[place], high)
-                place = 2 * place + (1 if grows[place] else 2)
+                low, high = (low, middles[middle_index]) if grows[middle_index] else (middles[middle_index], high)
+                middle_index = 2 * middle_index + (1 if grows[middle_index] else 2)
     return low, high
 
 
-def _bracket(growth: Growth, ratio: float) -> tuple[float, float]:
+def _stability_bracket(growth: Growth, ratio: float) -> tuple[float, float]:
     """Return a stable step and the unstable one next to it; (0, …) if none is stable, (inf, inf) if all are."""
     fine = np.geomspace(FINER, LARGEST, 2 + int(np.log(LARGEST / FINER) / np.log(ratio)))
     tried = np.concatenate([np.geomspace(SMALLEST, FINER, 20)[:-1], fine])
@@ -345,20 +355,20 @@ def _bracket(growth: Growth, ratio: float) -> tuple[float, float]:
     return np.inf, np.inf
 
 
-def _growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Floats:
+def _relative_growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Floats:
     """Return the growth in a step of modes that do not grow in the system, relative to what is allowed."""
-    multipliers = factors(amplification(method, system, h))
-    moved = np.abs(system.eigenvalues) * h[:, None]
-    at_rest = np.sum(moved < AT_REST, axis=1)
-    growing = np.sum((moved >= AT_REST) & system.growing, axis=1)
+    multipliers = amplification_factors(amplification(method, system, h))
+    scaled_rates = np.abs(system.eigenvalues) * h[:, None]
+    at_rest = np.sum(scaled_rates < AT_REST, axis=1)
+    growing = np.sum((scaled_rates >= AT_REST) & system.growing, axis=1)
     # a slow mode has nearly parallel eigenvectors, and its factors are less accurate
-    slowest = np.min(moved, axis=1, initial=1.0, where=moved >= AT_REST)
+    slowest = np.min(scaled_rates, axis=1, initial=1.0, where=scaled_rates >= AT_REST)
     growth = _over_allowed(multipliers, (1.0 + h * h) * ROUND_OFF * (1.0 + 0.1 / slowest) + rate * h)
-    place = np.arange(growth.shape[1])
+    sorted_index = np.arange(growth.shape[1])
     changes = np.argsort(np.argsort(np.abs(multipliers - 1.0), axis=1), axis=1)
     growth[changes < at_rest[:, None]] = -np.inf
     growth = np.sort(growth, axis=1)
-    growth[place >= growth.shape[1] - growing[:, None]] = -np.inf
+    growth[sorted_index >= growth.shape[1] - growing[:, None]] = -np.inf
     return np.asarray(np.max(growth, axis=1, initial=-np.inf))
 
 
@@ -370,7 +380,9 @@ def _growth_of_modes(method: Method, modes: LinearSystem, rate: float, h: Floats
 def _growth_by_mode(method: Method, modes: LinearSystem, rate: float, h: Floats) -> Floats:
     """Return it for every mode, shape (steps, modes)."""
     n = len(modes.acceleration)
-    return np.asarray(_growth(method, modes.repeated(len(h)), rate, np.repeat(h, n)).reshape(len(h), n))
+    return np.asarray(
+        _relative_growth(method, modes.repeated_systems(len(h)), rate, np.repeat(h, n)).reshape(len(h), n)
+    )
 
 
 def _growth_along(method: Method, eigenvalues: Complexes, rate: float, h: Floats) -> Floats:

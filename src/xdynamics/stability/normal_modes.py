@@ -38,7 +38,7 @@ class NormalModes:
     symmetric: bool
 
     @classmethod
-    def of(cls, stiffness: Floats, mass: Floats) -> NormalModes:
+    def from_matrices(cls, stiffness: Floats, mass: Floats) -> NormalModes:
         """Find them, of a band in time that goes as its width (Anderson and others, LAPACK Users' Guide, section 2.4.4)."""
         from scipy import linalg
 
@@ -60,10 +60,10 @@ class NormalModes:
 
     def eigenvalues(self, jacobian: Floats) -> Complexes:
         """Return the eigenvalues of the Jacobian of (q, v): of single oscillators, where damping has these shapes."""
-        own = self.damping(jacobian)
-        if own is None:
+        modal_damping = self.damping(jacobian)
+        if modal_damping is None:
             return np.linalg.eigvals(jacobian).astype(np.complex128)
-        half = own / 2.0
+        half = modal_damping / 2.0
         root = np.sqrt((half * half - self.squares).astype(np.complex128))
         return np.concatenate([-half - root, -half + root])
 
@@ -76,10 +76,10 @@ class NormalModes:
         if not rates.any():
             return np.zeros(n)
         damped = np.linalg.solve(self.shapes, rates @ self.shapes)
-        own: Floats = np.array(damped.diagonal(), dtype=np.float64)
+        modal_damping: Floats = np.array(damped.diagonal(), dtype=np.float64)
         np.fill_diagonal(damped, 0.0)
-        fastest = max(np.abs(self.squares).max() ** 0.5, np.abs(own).max())
-        return own if np.abs(damped).max() <= SAME_SHAPES * fastest else None
+        fastest = max(np.abs(self.squares).max() ** 0.5, np.abs(modal_damping).max())
+        return modal_damping if np.abs(damped).max() <= SAME_SHAPES * fastest else None
 
 
 def _symmetric(matrix: Floats) -> Any:

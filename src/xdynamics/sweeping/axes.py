@@ -11,14 +11,14 @@ import numpy as np
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
-from xdynamics.model.uncertainty import deviations, matrix_of
-from xdynamics.record.element_attributes import elements_of, of_wholes
+from xdynamics.model.uncertainty import correlation_matrix, draw_deviations
+from xdynamics.record.element_attributes import elements_of, quantity_names
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
-from xdynamics.shapes.naming import DOT, parted, spoken, written
-from xdynamics.sweeping.axis_values import Values, written_numbers
+from xdynamics.shapes.naming import DOT, display_text, internal_text, split_element_name
+from xdynamics.sweeping.axis_values import Values, exact_numbers
 from xdynamics.sweeping.designs import DECLARED, Draws
-from xdynamics.sweeping.table_columns import is_wide, narrow, text_of
+from xdynamics.sweeping.table_columns import csv_text, has_many_columns, split_table
 from xdynamics.units import NONE, Quantity, Scale, Unit, parse_unit
 from xdynamics.units.rounded import Rounded, decimal_text
 
@@ -32,9 +32,9 @@ PARAMETER, INITIAL, START, STEP, RTOL, TABLE, SETTING = (
     "setting",
 )
 NUMBERS = (PARAMETER, INITIAL, STEP, RTOL)  # kinds whose members march side by side
-OF_MODEL = {PARAMETER: "parameters", INITIAL: "initial", START: "initial"}  # and their section in the model
-FOR_INITIAL = "initial_"  # prefix of an initial value, for an axis that needs another name than the variable
-FOR_SETTING = "solver_"  # prefix of a setting, as a record's attributes have it
+MODEL_SECTIONS = {PARAMETER: "parameters", INITIAL: "initial", START: "initial"}  # and their section in the model
+INITIAL_PREFIX = "initial_"  # prefix of an initial value, for an axis that needs another name than the variable
+SETTING_PREFIX = "solver_"  # prefix of a setting, as a record's attributes have it
 # settings that are numbers or words; rows and mappings cannot be an axis
 SETTINGS = (
     "method",
@@ -53,8 +53,8 @@ SETTINGS = (
     "atol",
 )
 TIMES = ("until", "min_step", "max_step", "time_tolerance")
-TAKEN = (AT, AT_TIME, OCCURRENCE, "occurrence_number", "model_toml")  # names that no axis can have
-MOST_AXES = 24
+RESERVED_NAMES = (AT, AT_TIME, OCCURRENCE, "occurrence_number", "model_toml")  # names that no axis can have
+MAX_AXES = 24
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class AxisColumn:
         return self.elements or (self.name,)
 
     @property
-    def written(self) -> list[str]:
+    def exact_texts(self) -> list[str]:
         """What was written, where floats have fewer digits: part of a sweep's digest."""
         return list(map(decimal_text, self.digits))
 
@@ -106,7 +106,7 @@ class AxisColumn:
 
     def quantity(self, i: int) -> Any:
         """Return one value as a model or `simulate` takes it."""
-        if self.kind in (*OF_MODEL, STEP) or self.name in TIMES:
+        if self.kind in (*MODEL_SECTIONS, STEP) or self.name in TIMES:
             return str(Quantity(self.digits[i] if self.digits else float(self.values[i]), self.unit))
         return self.values[i].item() if isinstance(self.values[i], np.generic) else self.values[i]
 
@@ -134,7 +134,7 @@ class Axis:
         return len(self.columns[0].values)
 
 
-def axes_of(model: Model, entries: Mapping[str, Any]) -> tuple[Axis, ...]:
+def read_axes(model: Model, entries: Mapping[str, Any]) -> tuple[Axis, ...]:
     """Read the axes of a grid.
 
     Raises
@@ -147,33 +147,33 @@ def axes_of(model: Model, entries: Mapping[str, Any]) -> tuple[Axis, ...]:
     ledger, axes = Ledger(f"the axes of a sweep of '{model.name}'"), []
     for name, values in entries.items():
         with ledger.entry(f"axis {name!r}"):
-            axes.append(_axis(model, spoken(model.shapes.inside(str(name))), values))
+            axes.append(_read_axis(model, display_text(model.shapes.internal_name(str(name))), values))
     ledger.raise_faults()
-    _check_once(axes)
-    if len(axes) > MOST_AXES:
-        raise InputError(f"there are {len(axes)} axes, {MOST_AXES} at most; let some vary together, or draw them")
+    _check_single_axis(axes)
+    if len(axes) > MAX_AXES:
+        raise InputError(f"there are {len(axes)} axes, {MAX_AXES} at most; let some vary together, or draw them")
     return tuple(axes)
 
 
-def _said(name: str) -> str:
+def _display_label(name: str) -> str:
     """Return a name as people write it: ``m[Sun]``."""
-    return spoken(written(name))
+    return display_text(internal_text(name))
 
 
-def _axis(model: Model, dim: str, entries: Any) -> Axis:
+def _read_axis(model: Model, dim: str, entries: Any) -> Axis:
     if dim in (*model.shapes.extents, *model.shapes.relations):
         raise InputError(f"is a dimension of the model; call what varies in another way, like '{dim}_together'")
     if isinstance(entries, Draws):
-        return Axis(dim, _drawn(model, entries), entries)
+        return Axis(dim, _drawn_columns(model, entries), entries)
     if not isinstance(entries, Mapping):
         column = column_of(model, dim, entries)
-        if (repeated := _twice(column.values)) is not None:
+        if (repeated := _repeated_value(column.values)) is not None:
             raise InputError(f"has {repeated!r} more than once")
         return Axis(column.label, (column,))
     if not entries:
         raise InputError("varies nothing; give names with as many values each")
     if dim not in entries and dim in (
-        *TAKEN,
+        *RESERVED_NAMES,
         *model.statement.parameters,
         *model.units,
         *model.drives,
@@ -182,8 +182,8 @@ def _axis(model: Model, dim: str, entries: Any) -> Axis:
         raise InputError(
             f"is the name of something else; call what varies together in another way, like '{dim}_together'"
         )
-    if dim.startswith(FOR_SETTING):
-        raise InputError(f"begins as settings do, '{FOR_SETTING}…'; call what varies together in another way")
+    if dim.startswith(SETTING_PREFIX):
+        raise InputError(f"begins as settings do, '{SETTING_PREFIX}…'; call what varies together in another way")
     columns = tuple(column_of(model, str(name), values) for name, values in entries.items())
     sizes = {varying.label: len(varying.values) for varying in columns}
     if len({*sizes.values()}) > 1:
@@ -192,25 +192,25 @@ def _axis(model: Model, dim: str, entries: Any) -> Axis:
     return Axis(next((varying.label for varying in columns if varying.name == dim), dim), columns)
 
 
-def _twice(values: Values) -> Any:
+def _repeated_value(values: Values) -> Any:
     """Return a value that occurs more than once; None if there is none."""
     ordered = np.sort(values.astype(str) if values.dtype == object else values)
     repeats = np.flatnonzero(ordered[1:] == ordered[:-1])
     return ordered[repeats[0]].item() if repeats.size else None
 
 
-def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
+def _drawn_columns(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
     """Put points between the ends of each range, or around each parameter."""
     if draws.design == DECLARED:
         declared = model.uncertain | {
-            f"{FOR_INITIAL}{name}": entry for name, entry in model.starts.items() if entry.uncertainty > 0
+            f"{INITIAL_PREFIX}{name}": entry for name, entry in model.starts.items() if entry.uncertainty > 0
         }
-        draws = replace(draws, ranges=_declared_names(map(model.shapes.inside, draws.ranges), declared))
-    points, names, columns = draws.points(), [*map(model.shapes.inside, draws.ranges)], []
+        draws = replace(draws, ranges=_declared_names(map(model.shapes.internal_name, draws.ranges), declared))
+    points, names, columns = draws.points(), [*map(model.shapes.internal_name, draws.ranges)], []
     if draws.design == DECLARED:
-        offsets = deviations(
+        offsets = draw_deviations(
             [spread for name in names if (spread := declared[name].spread)],
-            matrix_of([entry.removeprefix(FOR_INITIAL) for entry in names], model.correlations),
+            correlation_matrix([entry.removeprefix(INITIAL_PREFIX) for entry in names], model.correlations),
             points,
         )
         for i, name in enumerate(names):
@@ -223,7 +223,7 @@ def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
                 )
             )
         return tuple(columns)
-    ends = model.shapes.all_inside(draws.ends, "draws have")
+    ends = model.shapes.with_internal_names(draws.ends, "draws have")
     for i, name in enumerate(names):
         column = range_of(model, name, ends[name])
         low, high = column.values.tolist()
@@ -231,18 +231,20 @@ def _drawn(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
     return tuple(columns)
 
 
-def _declared_names(given: Iterable[str], declared: Mapping[str, Any]) -> list[str]:
+def _declared_names(requested_names: Iterable[str], declared: Mapping[str, Any]) -> list[str]:
     """Return names as they are inside, those of all elements for that of a quantity with dimensions."""
-    found = dict[str, None]()
-    for name in given:
-        own = [name] if name in declared else [entry for entry in declared if parted(entry)[0] == name]
-        if not own:
+    names = dict[str, None]()
+    for name in requested_names:
+        matching_names = (
+            [name] if name in declared else [entry for entry in declared if split_element_name(entry)[0] == name]
+        )
+        if not matching_names:
             raise InputError(
-                f"'{spoken(name)}' has no uncertainty in the model; there are"
-                f" {', '.join(of_wholes(declared)) or 'none'}{elements_of(name, declared)}"
+                f"'{display_text(name)}' has no uncertainty in the model; there are"
+                f" {', '.join(quantity_names(declared)) or 'none'}{elements_of(name, declared)}"
             )
-        found |= dict.fromkeys(own)
-    return [*found]
+        names |= dict.fromkeys(matching_names)
+    return [*names]
 
 
 def range_of(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:
@@ -255,10 +257,10 @@ def range_of(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:
     """
     column = column_of(model, name, list(ends))
     if len(column.values) != 2 or column.kind not in NUMBERS or not column.values[0] < column.values[1]:
-        got = ", ".join(
+        ends_text = ", ".join(
             f"{value:.9g} {column.unit.text}" if column.kind in NUMBERS else str(value) for value in column.values
         )
-        raise InputError(f"'{name}' needs two numbers, first the lowest, then the highest; got {got}")
+        raise InputError(f"'{name}' needs two numbers, first the lowest, then the highest; got {ends_text}")
     return column
 
 
@@ -270,76 +272,78 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
     InputError
         If the name cannot vary, or a value cannot be used.
     """
-    name = model.shapes.inside(name)
+    name = model.shapes.internal_name(name)
     if name in model.statement.parameters:
-        return _quantities(
-            name, PARAMETER, values, model.statement.parameters[name].quantity.scale_of_numbers, _said(name)
+        return _number_column(
+            name, PARAMETER, values, model.statement.parameters[name].quantity.scale_of_numbers, _display_label(name)
         )
-    if (whole := _whole(model, name, values)) is not None:
-        return whole
-    initial = name.removeprefix(FOR_INITIAL)
+    if (column := _quantity_column(model, name, values)) is not None:
+        return column
+    initial = name.removeprefix(INITIAL_PREFIX)
     if initial in model.statement.initial:
         kind = START if initial == "t" else INITIAL
-        return _quantities(initial, kind, values, model.statement.initial[initial].scale_of_numbers, _said(name))
+        return _number_column(
+            initial, kind, values, model.statement.initial[initial].scale_of_numbers, _display_label(name)
+        )
     if name in model.drives:
-        return _tables(name, values)
-    label = f"{FOR_SETTING}{name}"
+        return _table_column(name, values)
+    label = f"{SETTING_PREFIX}{name}"
     if name == STEP:
-        return _positive(_quantities(name, STEP, values, Scale(model.time_unit), label))
+        return _positive_column(_number_column(name, STEP, values, Scale(model.time_unit), label))
     if name == RTOL:
-        return _positive(_quantities(name, RTOL, values, Scale(parse_unit("1")), label))
+        return _positive_column(_number_column(name, RTOL, values, Scale(parse_unit("1")), label))
     if name in SETTINGS:
-        return _settings(model, name, values, label)
-    quantities = of_wholes((*model.statement.parameters, *model.statement.initial))
+        return _setting_column(model, name, values, label)
+    quantities = quantity_names((*model.statement.parameters, *model.statement.initial))
     available = [*quantities, *model.drives, STEP, RTOL, *SETTINGS]
-    raise InputError(f"'{_said(name)}' is nothing that can vary; there are {', '.join(available)}")
+    raise InputError(f"'{_display_label(name)}' is nothing that can vary; there are {', '.join(available)}")
 
 
-def _whole(model: Model, name: str, values: Any) -> AxisColumn | None:
+def _quantity_column(model: Model, name: str, values: Any) -> AxisColumn | None:
     """Read values of a quantity with dimensions, each of which all its elements have; None if it is no such quantity."""
-    quantity = name.removeprefix(FOR_INITIAL)
+    quantity = name.removeprefix(INITIAL_PREFIX)
     elements = tuple(model.shapes.elements(quantity)) if quantity in model.shapes.dims else ()
-    for kind, known in ((PARAMETER, model.statement.parameters), (INITIAL, model.statement.initial)):
-        if elements and elements[0] in known and (kind == INITIAL or name == quantity):
+    for kind, declared in ((PARAMETER, model.statement.parameters), (INITIAL, model.statement.initial)):
+        if elements and elements[0] in declared and (kind == INITIAL or name == quantity):
             return replace(column_of(model, elements[0], values), name=quantity, label=name, elements=elements)
     return None
 
 
-def _quantities(name: str, kind: str, entries: Any, declared: Scale, label: str) -> AxisColumn:
+def _number_column(name: str, kind: str, entries: Any, declared: Scale, label: str) -> AxisColumn:
     """Read numbers with a unit; those without one are on the declared scale."""
-    values, unit = written_numbers(entries, declared)
+    values, unit = exact_numbers(entries, declared)
     if DOT in name and unit != declared.unit:  # the elements of a quantity have one unit
         values, unit = [Quantity(value, unit).into(declared.unit).value for value in list(values)], declared.unit
     digits = tuple(values) if any(isinstance(value, Rounded) for value in values) else ()
     return AxisColumn(name, kind, np.array(values, float), unit, label, digits=digits)
 
 
-def _positive(column: AxisColumn) -> AxisColumn:
-    bad = column.values[~(column.values > 0)]
-    if bad.size:
-        raise InputError(f"has {float(bad[0])!r} {column.unit.text}, needs positive values")
+def _positive_column(column: AxisColumn) -> AxisColumn:
+    non_positive = column.values[~(column.values > 0)]
+    if non_positive.size:
+        raise InputError(f"has {float(non_positive[0])!r} {column.unit.text}, needs positive values")
     return column
 
 
-def _settings(model: Model, name: str, entries: Any, label: str) -> AxisColumn:
+def _setting_column(model: Model, name: str, entries: Any, label: str) -> AxisColumn:
     """Read words or numbers that `simulate` takes."""
     if name in TIMES:
-        return _quantities(name, SETTING, entries, Scale(model.time_unit), label)
+        return _number_column(name, SETTING, entries, Scale(model.time_unit), label)
     row: Sequence[Any] = [value.strip() for value in entries.split(",")] if isinstance(entries, str) else entries
     if isinstance(row, int | float) or not hasattr(row, "__iter__"):
         row = [row]
     values = [value.item() if isinstance(value, np.generic) else value for value in row]
     if not values:
         raise InputError("has no values")
-    wrong = [value for value in values if isinstance(value, bool) or not isinstance(value, str | int | float)]
-    if wrong:
-        raise InputError(f"has {wrong[0]!r}, needs words or numbers")
+    unusable = [value for value in values if isinstance(value, bool) or not isinstance(value, str | int | float)]
+    if unusable:
+        raise InputError(f"has {unusable[0]!r}, needs words or numbers")
     words = any(isinstance(value, str) for value in values)
     array = np.array([str(value) for value in values], object) if words else np.array(values, float)
     return AxisColumn(name, SETTING, array, Unit("1", NONE), label)
 
 
-def _tables(name: str, sources: Any) -> AxisColumn:
+def _table_column(name: str, sources: Any) -> AxisColumn:
     """Read the tables of a drive: files of two columns, or every value column of a wide file."""
     files = [sources] if isinstance(sources, str | Path) else list(sources)
     tables: dict[str, str] = {}
@@ -347,7 +351,7 @@ def _tables(name: str, sources: Any) -> AxisColumn:
         if not isinstance(file, str | Path):
             raise InputError(f"has {str(file)[:40]!r}, needs names of CSV files")
         for label, text in (
-            narrow(Path(file)) if is_wide(Path(file)) else {Path(file).stem: text_of(Path(file))}
+            split_table(Path(file)) if has_many_columns(Path(file)) else {Path(file).stem: csv_text(Path(file))}
         ).items():
             if label in tables:
                 raise InputError(f"has two tables called '{label}'")
@@ -355,19 +359,19 @@ def _tables(name: str, sources: Any) -> AxisColumn:
     return AxisColumn(name, TABLE, np.array([*tables], object), Unit("1", NONE), name, tuple(tables.values()))
 
 
-def named_among(dims: Iterable[Any], word: str) -> str:
+def matching_dim(dims: Iterable[Any], word: str) -> str:
     """Return the dimension that a word means: its own, or that of the setting; sweeps of before had no prefix."""
-    there, setting = {*dims}, word.removeprefix(FOR_SETTING)
-    return next((name for name in (word, f"{FOR_SETTING}{setting}", setting) if name in there), word)
+    dim_names, setting = {*dims}, word.removeprefix(SETTING_PREFIX)
+    return next((name for name in (word, f"{SETTING_PREFIX}{setting}", setting) if name in dim_names), word)
 
 
-def _check_once(axes: Sequence[Axis]) -> None:
-    seen: dict[tuple[str, str], str] = {}
+def _check_single_axis(axes: Sequence[Axis]) -> None:
+    axis_by_column: dict[tuple[str, str], str] = {}
     for axis in axes:
         for column in axis.columns:
             for name in column.names:
-                if (column.kind, name) in seen:
+                if (column.kind, name) in axis_by_column:
                     raise InputError(
-                        f"'{name}' varies along both '{seen[column.kind, name]}' and '{axis.dim}'; give it one axis"
+                        f"'{name}' varies along both '{axis_by_column[column.kind, name]}' and '{axis.dim}'; give it one axis"
                     )
-                seen[column.kind, name] = axis.dim
+                axis_by_column[column.kind, name] = axis.dim

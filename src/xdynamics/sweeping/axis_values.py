@@ -12,10 +12,10 @@ from xdynamics.units import Quantity, Range, Scale, Unit, is_range, parse_quanti
 
 Values = NDArray[Any]
 
-MOST_VALUES = 10_000_000  # along one axis
+MAX_VALUES = 10_000_000  # along one axis
 
 
-def numbers_of(entries: Any, declared: Scale) -> tuple[Values, Unit]:
+def axis_numbers(entries: Any, declared: Scale) -> tuple[Values, Unit]:
     """Read values: a text with a range or a list, a row of texts or numbers, an array with units.
 
     Those without a unit are on the declared scale.
@@ -25,11 +25,11 @@ def numbers_of(entries: Any, declared: Scale) -> tuple[Values, Unit]:
     InputError
         If there are no values, or one is not a finite number with a unit of the declared dimension.
     """
-    values, unit = written_numbers(entries, declared)
+    values, unit = exact_numbers(entries, declared)
     return np.array(values, float), unit
 
 
-def written_numbers(entries: Any, declared: Scale) -> tuple[Values | list[float], Unit]:
+def exact_numbers(entries: Any, declared: Scale) -> tuple[Values | list[float], Unit]:
     """Read the same; numbers in a list keep the digits that they were written with, where these are more than a float has.
 
     Raises
@@ -38,14 +38,14 @@ def written_numbers(entries: Any, declared: Scale) -> tuple[Values | list[float]
         If there are no values, or one is not a finite number with a unit of the declared dimension.
     """
     if is_range(entries):
-        values, unit = _range(entries)
+        values, unit = _read_range(entries)
         if unit == parse_unit("1"):
-            values, unit = _on_scale(values, declared), declared.unit
-        return _plain(values, unit, declared.unit), unit
+            values, unit = _scaled_numbers(values, declared), declared.unit
+        return _checked_array(values, unit, declared.unit), unit
     if isinstance(entries, str):
-        quantities = _of_text(entries)
+        quantities = _read_list_text(entries)
     elif isinstance(entries, Quantity | int | float):
-        quantities = [_quantity(entries, declared)]
+        quantities = [_read_quantity(entries, declared)]
     else:
         attrs = getattr(entries, "attrs", {})
         scale = parse_scale(str(attrs["units"])) if "units" in attrs else declared
@@ -55,24 +55,24 @@ def written_numbers(entries: Any, declared: Scale) -> tuple[Values | list[float]
         except TypeError:
             raise InputError(f"is {str(entries)[:60]!r}, needs values like ['1 {declared.unit.text}']") from None
         if isinstance(row, np.ndarray):
-            return _plain(_on_scale(row, scale), scale.unit, declared.unit), scale.unit
-        quantities = [_quantity(quantity, scale) for quantity in row]
+            return _checked_array(_scaled_numbers(row, scale), scale.unit, declared.unit), scale.unit
+        quantities = [_read_quantity(quantity, scale) for quantity in row]
     if not quantities:
         raise InputError("has no values")
-    quantities = _with_unit(quantities, declared)
+    quantities = _with_default_unit(quantities, declared)
     for quantity in quantities:
         _check_unit(quantity.value, quantity.unit, declared.unit)
     unit = quantities[0].unit
     return [quantity.into(unit).value for quantity in quantities], unit
 
 
-def _plain(values: Values, unit: Unit, declared: Unit) -> Values:
+def _checked_array(values: Values, unit: Unit, declared: Unit) -> Values:
     """Check an array of numbers in one unit."""
     if not values.size:
         raise InputError("has no values")
-    bad = values[~np.isfinite(values)]
-    if bad.size:
-        raise InputError(f"has {float(bad[0])!r}, needs finite numbers")
+    non_finite = values[~np.isfinite(values)]
+    if non_finite.size:
+        raise InputError(f"has {float(non_finite[0])!r}, needs finite numbers")
     _check_unit(float(values[0]), unit, declared)
     return values.astype(float)
 
@@ -82,21 +82,21 @@ def _check_unit(value: float, unit: Unit, declared: Unit) -> None:
         raise InputError(f"has {value!r} {unit.text}, needs the unit '{declared.text}'")
 
 
-def _on_scale(values: Values, scale: Scale) -> Values:
+def _scaled_numbers(values: Values, scale: Scale) -> Values:
     """Return bare numbers in the unit of their scale."""
     return values if scale.is_unit else np.array([*map(scale.value, values.tolist())])
 
 
-def _with_unit(quantities: list[Quantity], scale: Scale) -> list[Quantity]:
+def _with_default_unit(quantities: list[Quantity], scale: Scale) -> list[Quantity]:
     """Put the quantities that have no unit on a scale."""
-    bare = parse_unit("1")
+    no_unit = parse_unit("1")
     return [
-        Quantity(scale.value(quantity.value), scale.unit) if quantity.unit == bare else quantity
+        Quantity(scale.value(quantity.value), scale.unit) if quantity.unit == no_unit else quantity
         for quantity in quantities
     ]
 
 
-def _quantity(value: Any, declared: Scale) -> Quantity:
+def _read_quantity(value: Any, declared: Scale) -> Quantity:
     if isinstance(value, Quantity):
         return value
     if isinstance(value, np.generic):
@@ -110,17 +110,17 @@ def _quantity(value: Any, declared: Scale) -> Quantity:
     return parse_quantity(value)
 
 
-def _of_text(text: str) -> list[Quantity]:
+def _read_list_text(text: str) -> list[Quantity]:
     """Read ``1, 2, 5 kg`` or ``1 kg``."""
     if ":" in text:
         raise InputError(f"is {text!r}, needs start:stop:count unit, count a whole number, like '0:2e-3:41 kg m-1'")
     quantities = [parse_quantity(part) for part in text.split(",")]
-    return _with_unit(quantities, quantities[-1].scale_of_numbers)
+    return _with_default_unit(quantities, quantities[-1].scale_of_numbers)
 
 
-def _range(text: str) -> tuple[Values, Unit]:
+def _read_range(text: str) -> tuple[Values, Unit]:
     """Read ``0:2e-3:41 kg m-1``: start:stop:count, both ends included."""
-    parsed = Range.parse(text)
-    if not (1 < parsed.count <= MOST_VALUES or (parsed.count == 1 and parsed.start == parsed.stop)):
-        raise InputError(f"is {text!r}, needs start:stop:count unit, both ends included, count from 2 to {MOST_VALUES}")
-    return np.linspace(parsed.start, parsed.stop, parsed.count), parsed.unit
+    value_range = Range.parse(text)
+    if not (1 < value_range.count <= MAX_VALUES or (value_range.count == 1 and value_range.start == value_range.stop)):
+        raise InputError(f"is {text!r}, needs start:stop:count unit, both ends included, count from 2 to {MAX_VALUES}")
+    return np.linspace(value_range.start, value_range.stop, value_range.count), value_range.unit

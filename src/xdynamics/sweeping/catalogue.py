@@ -13,25 +13,25 @@ from numpy.typing import NDArray
 
 from xdynamics import archive
 from xdynamics.archive.integrity_checks import DAMAGED, Examination
-from xdynamics.archive.place import Given, Place, placed
-from xdynamics.archive.reading import values_of
+from xdynamics.archive.place import Given, Place, location_of
+from xdynamics.archive.reading import read_values
 from xdynamics.archive.sandboxed_reading import know
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.shared_handles import keep_open
 from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import is_folder, made_folder, store_of
-from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping import zarr_catalogue, zarr_digests, zarr_opening
-from xdynamics.sweeping.additions import Additions, additions
-from xdynamics.sweeping.collection import DIGEST, collected, with_axes
+from xdynamics.sweeping.additions import Additions, existing_additions
+from xdynamics.sweeping.collection import DIGEST, sweep_dataset, with_axes
 from xdynamics.sweeping.kept_quantities import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
-from xdynamics.sweeping.member import place_of
-from xdynamics.sweeping.member_files import RUNS, archived, digests_of
-from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, SEAL, Block, Plan, marched
-from xdynamics.sweeping.stored_blocks import Progress, alone_in, begun, said, watching
+from xdynamics.sweeping.member import run_path
+from xdynamics.sweeping.member_files import RUNS, archive_members, intact_digests
+from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, SEAL, Block, Plan, march_block
+from xdynamics.sweeping.stored_blocks import Progress, block_name, lock_folder, saved_or_new_chunks, watch_blocks
 from xdynamics.sweeping.tasks import blocks_of
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 CATALOGUE = "catalogue.nc"
 UNFINISHED = ".unfinished"
 PART, BLOCK = "sweep part", "sweep_block"
-LONG = 64  # digits of a full sha256
+SHA256_DIGITS = 64  # digits of a full sha256
 
 
 REMEDY = f"remove what is damaged or added and '{CATALOGUE}', and the same sweep marches what is missing"
@@ -70,9 +70,9 @@ def open_sweep(path: Given) -> xr.Dataset:
         xr.open_mfdataset("folder/runs/*.nc", engine="netcdf4", combine="nested", concat_dim="step", parallel=False,
                           preprocess=lambda run: run[["time", "y", "v_y"]], decode_times=False)
     """
-    folder = placed(path)
-    if zarr_catalogue.is_one(folder):
-        return zarr_opening.opened(folder)
+    folder = location_of(path)
+    if zarr_catalogue.is_zarr_path(folder):
+        return zarr_opening.open_zarr_sweep(folder)
     file = folder / CATALOGUE
     is_there = _is_file(file)
     if not is_there and is_folder(folder / UNFINISHED):
@@ -82,27 +82,27 @@ def open_sweep(path: Given) -> xr.Dataset:
             f"'{folder}' holds no sweep: there is no {CATALOGUE} in it; name the folder that sweep marched into"
         )
     try:
-        opened = archive.open_run(file)
+        archived_sweep = archive.open_run(file)
     except ArchiveError as error:
         between = "\n" if "\n" in str(error) else "; "
         raise ArchiveError(f"{error}{between}{REMEDY}", error.faults, error.verdict) from None
-    if opened.attrs.get(EVIDENCE) != SWEEP:
+    if archived_sweep.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{file}' is no catalogue of a sweep")
-    sweep = with_axes(_with_words(opened))
-    sweep.set_close(opened._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
+    sweep = with_axes(_with_words(archived_sweep))
+    sweep.set_close(archived_sweep._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
     sweep.encoding["source"] = str(file.absolute())
     return sweep
 
 
-def _is_file(place: Place) -> bool:
-    return store_of(place).kind(place) is None
+def _is_file(path: Place) -> bool:
+    return store_of(path).kind(path) is None
 
 
 def _with_words(sweep: xr.Dataset) -> xr.Dataset:
     """Return words and digests of members as lazy arrays of fixed-width texts, as they were before saving."""
-    widths = {OUTCOME: LONGEST_WORD, SEAL: LONG, FILE: LONG + len(f"{RUNS}/.nc")}
+    widths = {OUTCOME: LONGEST_WORD, SEAL: SHA256_DIGITS, FILE: SHA256_DIGITS + len(f"{RUNS}/.nc")}
     if DIGEST_OF_RUN in sweep:
-        widths[DIGEST_OF_RUN] = LONG if FILE in sweep else DIGITS
+        widths[DIGEST_OF_RUN] = SHA256_DIGITS if FILE in sweep else DIGITS
     for name in {*widths, STOPPED_BY} & {*sweep.data_vars}:
         texts = sweep[name].variable
         if name not in widths or not texts.ndim:
@@ -139,20 +139,20 @@ def verify(path: Given) -> xr.Dataset:
     """
     import xarray as xr
 
-    place = placed(path)
-    is_sweep = zarr_catalogue.is_one(place) or (
-        is_folder(place) and (_is_file(place / CATALOGUE) or is_folder(place / UNFINISHED))
+    location = location_of(path)
+    is_sweep = zarr_catalogue.is_zarr_path(location) or (
+        is_folder(location) and (_is_file(location / CATALOGUE) or is_folder(location / UNFINISHED))
     )
-    examination = verify_sweep(place)[0] if is_sweep else archive.verify(place)
+    examination = verify_sweep(location)[0] if is_sweep else archive.verify(location)
     answer = {
         "verdict": (
             (),
             examination.verdict,
-            about("1", "verified: as it was written; repacked: every number agrees", "verdict"),
+            variable_attributes("1", "verified: as it was written; repacked: every number agrees", "verdict"),
         ),
-        "digest": ((), examination.digest, about("1", "content digest, a sha256", "digest")),
+        "digest": ((), examination.digest, variable_attributes("1", "content digest, a sha256", "digest")),
     }
-    return xr.Dataset(answer, attrs={"title": f"verification of {place.name}", "archive": str(path)})
+    return xr.Dataset(answer, attrs={"title": f"verification of {location.name}", "archive": str(path)})
 
 
 def verify_sweep(path: Given) -> tuple[Examination, int]:
@@ -168,23 +168,23 @@ def verify_sweep(path: Given) -> tuple[Examination, int]:
     ArchiveError
         Naming every file that is damaged, missing or belongs to another run.
     """
-    folder = placed(path)
-    if zarr_catalogue.is_one(folder):
-        examination = Examination((), zarr_digests.verified(folder))
+    folder = location_of(path)
+    if zarr_catalogue.is_zarr_path(folder):
+        examination = Examination((), zarr_digests.verify_arrays(folder))
     else:
         examination = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else Examination(())
     with open_sweep(folder) as sweep:
-        faults, files = _faults(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0
+        faults, files = _faults_of_run_files(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0
     if faults:
         raise _damaged(folder, faults)
     return examination, files
 
 
 def _damaged(folder: Place, faults: list[str]) -> ArchiveError:
-    return ArchiveError(f"'{folder}' is damaged:{numbered(faults)}\n{REMEDY}", tuple(faults), DAMAGED)
+    return ArchiveError(f"'{folder}' is damaged:{numbered_lines(faults)}\n{REMEDY}", tuple(faults), DAMAGED)
 
 
-def _faults(folder: Place, sweep: xr.Dataset) -> list[str]:
+def _faults_of_run_files(folder: Place, sweep: xr.Dataset) -> list[str]:
     """Compare archived runs with the seals in the catalogue; name files that are not among its runs.
 
     Extra runs are allowed while members are being added, or where adding them was interrupted.
@@ -194,22 +194,24 @@ def _faults(folder: Place, sweep: xr.Dataset) -> list[str]:
     seals = dict(zip(map(str, sweep[FILE].values.ravel()), map(str, sweep[SEAL].values.ravel()), strict=True))
     seals.pop("", None)  # of members whose models are refused
     entries = store_of(folder).names(folder / RUNS)
-    present = {f"{RUNS}/{entry.name}" for entry in entries if not entry.name.startswith(".")}
-    foreign = [] if unfinished(folder) else sorted(present - {*seals})
-    foreign_faults = [f"{name} is no run of the sweep" for name in foreign]
+    present_names = {f"{RUNS}/{entry.name}" for entry in entries if not entry.name.startswith(".")}
+    foreign_names = [] if unfinished_folders(folder) else sorted(present_names - {*seals})
+    foreign_faults = [f"{name} is no run of the sweep" for name in foreign_names]
     with ThreadPoolExecutor() as pool:
-        return [entry for entry in pool.map(partial(_fault_of, folder), seals.items()) if entry] + foreign_faults
+        return [
+            entry for entry in pool.map(partial(_fault_of_run_file, folder), seals.items()) if entry
+        ] + foreign_faults
 
 
-def _fault_of(folder: Place, name_and_seal: tuple[str, str]) -> str:
+def _fault_of_run_file(folder: Place, name_and_seal: tuple[str, str]) -> str:
     """Describe what is wrong with the archive of a run, given its seal in the catalogue; empty if nothing is."""
     name, seal = name_and_seal
     try:
-        place = place_of(folder, name)
-        if not _is_file(place):
+        run_file = run_path(folder, name)
+        if not _is_file(run_file):
             return f"{name} is missing"
-        held = store_of(folder).held(place)
-        tail = tail_of(held.path)
+        local_file = store_of(folder).local_file(run_file)
+        tail = tail_of(local_file.path)
     except ArchiveError as error:
         return str(error)
     except OSError as error:
@@ -219,7 +221,7 @@ def _fault_of(folder: Place, name_and_seal: tuple[str, str]) -> str:
     return f"{name}: {tail.fault or f'its seal is {tail.digest or None}, in the catalogue {seal}'}"
 
 
-def filled(plan: Plan, members: int | None, folder: Place, progress: Progress | None) -> xr.Dataset:
+def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: Progress | None) -> xr.Dataset:
     """March a sweep into a folder or a Zarr store, or what is missing of it, and return its catalogue.
 
     Parameters
@@ -235,68 +237,70 @@ def filled(plan: Plan, members: int | None, folder: Place, progress: Progress | 
     InputError
         If the path is no folder, or it holds another sweep that is no part of this one.
     """
-    if zarr_catalogue.is_one(folder):
-        zarr_catalogue.fill(plan, members, folder, progress)
-        return zarr_opening.opened(folder)
+    if zarr_catalogue.is_zarr_path(folder):
+        zarr_catalogue.march_into_zarr(plan, members, folder, progress)
+        return zarr_opening.open_zarr_sweep(folder)
     store = store_of(folder)
-    for place in (store.made_folder(folder), folder / RUNS):
-        store.clear(place)
+    for required_folder in (store.made_folder(folder), folder / RUNS):
+        store.clear(required_folder)
     existing = None
     if _is_file(folder / CATALOGUE):
-        sweep = _whole(folder)
-        _forget(folder, str(sweep.attrs[DIGEST]))  # left by a process that was stopped after saving the catalogue
+        sweep = _open_intact(folder)
+        _remove_blocks(
+            folder, str(sweep.attrs[DIGEST])
+        )  # left by a process that was stopped after saving the catalogue
         if sweep.attrs[DIGEST] == plan.digest:
             return sweep
-        existing = additions(plan, sweep, folder / CATALOGUE, partial(archive.open_run, check=False))
+        existing = existing_additions(plan, sweep, folder / CATALOGUE, partial(archive.open_run, check=False))
         sweep.close()
         if isinstance(catalogue := folder / CATALOGUE, Path):
             keep_open(catalogue)  # whoever reads the smaller sweep goes on with its file, which loses its name
-    work = folder / UNFINISHED / _work(plan.digest)
-    if others := [path for path in unfinished(folder) if path != work]:
+    work = folder / UNFINISHED / _work_name(plan.digest)
+    if other_work_folders := [path for path in unfinished_folders(folder) if path != work]:
         raise InputError(
             f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give"
-            f" it up by removing '{others[0]}'"
+            f" it up by removing '{other_work_folders[0]}'"
         )
-    with alone_in(store.made_folder(work), folder):
-        blocks = [block for _, block in blocks_of(begun(plan, members, work))]
-        parts = [work / f"{said(block)}.nc" for block in blocks]
-        new = _march(plan, blocks, parts, progress, existing)
-        arrays = _joined(plan, blocks, parts)
+    with lock_folder(store.made_folder(work), folder):
+        blocks = [block for _, block in blocks_of(saved_or_new_chunks(plan, members, work))]
+        parts = [work / f"{block_name(block)}.nc" for block in blocks]
+        new = _march_missing_blocks(plan, blocks, parts, progress, existing)
+        arrays = _join_blocks(plan, blocks, parts)
         if SEAL in arrays and existing is None:
-            _know(np.asarray(arrays[SEAL]), new)
-        archive.save(collected(plan, arrays), folder / CATALOGUE)
-        _forget(folder, plan.digest)
+            _remember_seals(np.asarray(arrays[SEAL]), new)
+        archive.save(sweep_dataset(plan, arrays), folder / CATALOGUE)
+        _remove_blocks(folder, plan.digest)
     return open_sweep(folder)
 
 
-def _forget(folder: Place, digest: str) -> None:
+def _remove_blocks(folder: Place, digest: str) -> None:
     """Remove the blocks of a sweep whose catalogue is complete; those of another sweep stay."""
     store = store_of(folder)
-    store.remove_folder(folder / UNFINISHED / _work(digest))
+    store.remove_folder(folder / UNFINISHED / _work_name(digest))
     with suppress(OSError, ArchiveError):
         store.remove(folder / UNFINISHED)
 
 
-def _work(digest: str) -> str:
+def _work_name(digest: str) -> str:
     return digest[:16]
 
 
-def _whole(folder: Place) -> xr.Dataset:
+def _open_intact(folder: Place) -> xr.Dataset:
     """Open an existing sweep, checking that all its runs are intact."""
     sweep = open_sweep(folder)
-    if faults := _faults(folder, sweep):
+    if faults := _faults_of_run_files(folder, sweep):
         raise _damaged(folder, faults)
     return sweep
 
 
-def unfinished(folder: Place) -> list[Place]:
+def unfinished_folders(folder: Place) -> list[Place]:
     """List the folders of unfinished sweeps in a folder, or of what is being added to a Zarr store."""
-    if zarr_catalogue.is_one(folder):
-        return zarr_digests.growths(folder)
-    return [place for place in store_of(folder).names(folder / UNFINISHED) if is_folder(place)]
+    if zarr_catalogue.is_zarr_path(folder):
+        return zarr_digests.growth_folders(folder)
+    return [entry for entry in store_of(folder).names(folder / UNFINISHED) if is_folder(entry)]
 
 
-def _march(
+def _march_missing_blocks(
     plan: Plan, blocks: list[Block], parts: list[Place], progress: Progress | None, existing: Additions | None
 ) -> list[Block]:
     """March the missing blocks, on whichever dask scheduler is active, and return them."""
@@ -307,48 +311,48 @@ def _march(
     todo = [
         (block, part)
         for block, part in zip(blocks, parts, strict=True)
-        if not digests_of(part, partial(_is_part, plan, block))[0]
+        if not intact_digests(part, partial(_is_part, plan, block))[0]
     ]
     if not todo:
         return []
-    delayed_plan, delayed_keep, delayed_existing = delayed(plan), delayed(_keep), delayed(existing)
-    with watching(parts, progress):
+    delayed_plan, delayed_keep, delayed_existing = delayed(plan), delayed(_march_block_into_file), delayed(existing)
+    with watch_blocks(parts, progress):
         compute(*(delayed_keep(delayed_plan, list(block), part.absolute(), delayed_existing) for block, part in todo))
     return [block for block, _ in todo]
 
 
-def _know(seals: NDArray[Any], blocks: list[Block]) -> None:
+def _remember_seals(seals: NDArray[Any], blocks: list[Block]) -> None:
     """Remember the seals of the runs of some blocks, which the workers of this call wrote or examined."""
     for block in blocks:
         for seal in filter(None, seals[tuple(block)].ravel().tolist()):
             know(str(seal))
 
 
-def _keep(plan: Plan, block: Block, part: Place, existing: Additions | None) -> None:
+def _march_block_into_file(plan: Plan, block: Block, part: Place, existing: Additions | None) -> None:
     """March a block into a file, after archiving its whole runs in files of their own; existing members are copied."""
-    values = marched(plan, block, existing.take) if existing else marched(plan, block)
-    if plan.keeping.whole:
+    values = march_block(plan, block, existing.copy_existing) if existing else march_block(plan, block)
+    if plan.keeping.keeps_whole_runs:
         files = made_folder(part.parent.parent.parent / RUNS)
-        present = existing.there(block) if existing else np.zeros(plan.grid.shape_of(block), bool)
-        archived(plan, block, files, values, present)
+        existing_mask = existing.existing_members(block) if existing else np.zeros(plan.grid.block_shape(block), bool)
+        archive_members(plan, block, files, values, existing_mask)
     variables = {
         variable.name: ((*plan.grid.dims, *variable.dims), values[variable.name], variable.attributes)
         for variable in plan.variables
     }
-    kept = exhibit(PART, plan.digest, [], variables, {DIGEST: plan.digest, BLOCK: said(block)})
+    block_dataset = evidence_dataset(PART, plan.digest, [], variables, {DIGEST: plan.digest, BLOCK: block_name(block)})
     try:
-        archive.save(kept, part)
+        archive.save(block_dataset, part)
     except TakenError:  # another worker was given the same block, and was faster
-        if not digests_of(part, partial(_is_part, plan, block))[0]:
+        if not intact_digests(part, partial(_is_part, plan, block))[0]:
             raise
 
 
 def _is_part(plan: Plan, block: Block, part: xr.Dataset) -> bool:
     """Whether a file holds a given block of a sweep, regardless of its name."""
-    return part.attrs.get(DIGEST) == plan.digest and part.attrs.get(BLOCK) == said(block)
+    return part.attrs.get(DIGEST) == plan.digest and part.attrs.get(BLOCK) == block_name(block)
 
 
-def _joined(plan: Plan, blocks: list[Block], parts: list[Place]) -> dict[str, Any]:
+def _join_blocks(plan: Plan, blocks: list[Block], parts: list[Place]) -> dict[str, Any]:
     """Read the blocks into full arrays; texts are held as bytes and decoded lazily, part by part."""
     import dask.array
 
@@ -360,7 +364,7 @@ def _joined(plan: Plan, blocks: list[Block], parts: list[Place]) -> dict[str, An
     }
     arrays: dict[str, Any] = {name: np.empty(shape, types[name]) for name, shape in shapes.items()}
     for block, part in zip(blocks, parts, strict=True):
-        values = values_of(part)
+        values = read_values(part)
         for name, array in arrays.items():
             array[tuple(block)] = values[name]
     lazy = {name: _Texts(arrays[name], entry) for name, entry in texts.items()}
@@ -371,8 +375,8 @@ class _Texts:
     """An array of bytes that is decoded into texts where it is indexed."""
 
     def __init__(self, characters: NDArray[Any], dtype: np.dtype[Any]) -> None:
-        self.found, self.dtype, self.shape, self.ndim = characters, dtype, characters.shape, characters.ndim
+        self.characters, self.dtype, self.shape, self.ndim = characters, dtype, characters.shape, characters.ndim
 
     def __getitem__(self, key: Any) -> NDArray[Any]:
-        texts: NDArray[Any] = self.found[key].astype(self.dtype)
+        texts: NDArray[Any] = self.characters[key].astype(self.dtype)
         return texts

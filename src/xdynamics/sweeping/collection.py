@@ -9,20 +9,30 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.elementary import NAME, kept_set
-from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.grid_axes import ASKED, AXES, AXIS, MEMBERS, OWN_DIGEST, VARIES, WHAT, axes_said, sweep_of
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.grid_axes import (
+    ASKED,
+    AXES,
+    AXIS,
+    MEMBERS,
+    OWN_DIGEST,
+    VARIES,
+    WHAT,
+    sweep_axis_names,
+    sweep_of,
+)
 from xdynamics.faults import InputError
 from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED, ROOT_METHODS, WAITING
 from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
 from xdynamics.model import Model
 from xdynamics.record.arguments import atol_floor_of, root_method_of
-from xdynamics.record.element_names import listed
-from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, OCCURRENCE, SWEEP, beside
+from xdynamics.record.element_names import names_as_words
+from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, OCCURRENCE, SWEEP, name_without_clash
 from xdynamics.shapes import Shapes
-from xdynamics.shapes.naming import spoken, written
+from xdynamics.shapes.naming import display_text, internal_text
 from xdynamics.sweeping.axes import (
     INITIAL,
-    OF_MODEL,
+    MODEL_SECTIONS,
     PARAMETER,
     RTOL,
     SETTINGS,
@@ -36,13 +46,13 @@ from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.kept_quantities import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
 from xdynamics.units import parse_unit, unit_suffix
-from xdynamics.units.rounded import read
+from xdynamics.units.rounded import read_decimal
 
 if TYPE_CHECKING:
     import xarray as xr
 
 KEEP, OCCURRENCES, DIGEST = "sweep_keep", "sweep_occurrences", OWN_DIGEST
-SHARED = "method", "step", "rtol", "until"  # settings that are reported
+REPORTED_SETTINGS = "method", "step", "rtol", "until"  # settings that are reported
 NUMBER = "occurrence_number"
 COMMENT = "comment"
 ONE_BY_ONE = (
@@ -50,7 +60,7 @@ ONE_BY_ONE = (
     " many elements"
 )
 DIGITS = "varies_by"  # the values as they were written, where that is with more digits than floats have
-_SAID = {
+_KIND_DESCRIPTIONS = {
     "parameter": "parameter {0}",
     "initial": "initial value of {0}",
     "start": "time at which runs begin",
@@ -61,7 +71,7 @@ _SAID = {
 }
 
 
-def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any] | None = None) -> xr.Dataset:
+def sweep_dataset(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any] | None = None) -> xr.Dataset:
     """Put arrays of members into a Dataset along the axes.
 
     Raises
@@ -71,7 +81,7 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
     """
     grid = plan.grid
     coordinates = _coordinates(grid)
-    kept = {
+    member_variables = {
         variable.name: ((*grid.dims, *variable.dims), arrays[variable.name], variable.attributes)
         for variable in plan.variables
         if variable.name in arrays
@@ -81,39 +91,49 @@ def collected(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any
         raise InputError(
             f"'{repeated[0]}' is a number of every sweep, and an observable that is kept; rename the observable"
         )
-    if clashes := sorted({*kept} & {*coordinates, *grid.dims}):
+    if clashes := sorted({*member_variables} & {*coordinates, *grid.dims}):
         name = clashes[0]
         raise InputError(f"'{name}' is an axis and kept too; call the axis 'initial_{name}'")
-    varying = {name for _, variable in grid.columns if variable.kind in OF_MODEL for name in variable.names}
+    varying = {name for _, variable in grid.columns if variable.kind in MODEL_SECTIONS for name in variable.names}
     times = plan.keeping.times
-    added = {*coordinates, *grid.dims, *([AT_TIME] if times.size else [])}
+    used_names = {*coordinates, *grid.dims, *([AT_TIME] if times.size else [])}
     shared = {
-        beside(added, name): (
+        name_without_clash(used_names, name): (
             (),
             parameter.quantity.value,
-            about(parameter.quantity.unit.text, parameter.description or f"parameter {name}", "parameter"),
+            variable_attributes(
+                parameter.quantity.unit.text, parameter.description or f"parameter {name}", "parameter"
+            ),
         )
         for name, parameter in grid.model.statement.parameters.items()
-        if name not in varying and name not in kept
+        if name not in varying and name not in member_variables
     }
     extra: dict[str, Any] = (
-        {AT_TIME: ((AT,), times, about(grid.model.time_unit.text, "wanted time", "time"))} if times.size else {}
+        {AT_TIME: ((AT,), times, variable_attributes(grid.model.time_unit.text, "wanted time", "time"))}
+        if times.size
+        else {}
     )
     if any(OCCURRENCE in variable.dims for variable in plan.variables):
         begin, end = plan.keeping.occurrences
         extra[NUMBER] = (
             (OCCURRENCE,),
             np.arange(begin + 1, end + 1),
-            about("1", "which occurrence it is, from 1", "index"),
+            variable_attributes("1", "which occurrence it is, from 1", "index"),
         )
-    toml = {"model_toml": ((), grid.model.to_toml(), about("1", "the model that members share, as TOML", "model"))}
+    toml = {
+        "model_toml": (
+            (),
+            grid.model.to_toml(),
+            variable_attributes("1", "the model that members share, as TOML", "model"),
+        )
+    }
     axes = ", ".join(grid.dims)
-    sweep = exhibit(
+    sweep = evidence_dataset(
         SWEEP,
         f"{grid.model.name}: a sweep over {axes}",
         [],
-        coordinates | kept | extra | shared | toml,
-        _attributes(plan),
+        coordinates | member_variables | extra | shared | toml,
+        _sweep_attributes(plan),
         unchanged,
         shapes=grid.model.shapes,
     )
@@ -124,12 +144,16 @@ def _coordinates(grid: SweepGrid) -> dict[str, Any]:
     coordinates: dict[str, Any] = {}
     for column in _shared_columns(grid):  # an axis, where sweeps are put together
         value = column.values[0]
-        coordinates[column.label] = ((), value.item() if hasattr(value, "item") else str(value), _said(grid, column))
+        coordinates[column.label] = (
+            (),
+            value.item() if hasattr(value, "item") else str(value),
+            _axis_attributes(grid, column),
+        )
     for axis in grid.axes:
         for column in axis.columns:
-            attributes = _said(grid, column) | {AXIS: axis.dim}
+            attributes = _axis_attributes(grid, column) | {AXIS: axis.dim}
             if column.digits:
-                attributes[DIGITS] = " ".join(column.written)
+                attributes[DIGITS] = " ".join(column.exact_texts)
             if axis.design is not None:
                 attributes |= {"design": axis.design.design, "seed": axis.design.seed}
             is_numeric = np.issubdtype(column.values.dtype, np.number)
@@ -143,32 +167,32 @@ def _coordinates(grid: SweepGrid) -> dict[str, Any]:
                 coordinates[f"{column.label}_table"] = (
                     (axis.dim,),
                     texts,
-                    about("1", f"tables of drive {column.name}, as CSV", "table"),
+                    variable_attributes("1", f"tables of drive {column.name}, as CSV", "table"),
                 )
     return coordinates
 
 
-def _said(grid: SweepGrid, column: AxisColumn) -> dict[str, Any]:
-    return about(column.unit.text, _meaning(grid.model, column), "axis") | {
+def _axis_attributes(grid: SweepGrid, column: AxisColumn) -> dict[str, Any]:
+    return variable_attributes(column.unit.text, _meaning(grid.model, column), "axis") | {
         VARIES: column.kind,
-        WHAT: spoken(column.name),
+        WHAT: display_text(column.name),
     }
 
 
 def _shared_columns(grid: SweepGrid) -> list[AxisColumn]:
     """Return the settings that all members share and that could vary, each with its one value."""
-    shared = _shared_settings(grid)
-    taken = {*grid.dims, *(column.label for _, column in grid.columns)}
-    names = [name for name in SHARED if f"solver_{name}" in shared]
+    shared_settings = _shared_settings(grid)
+    used_names = {*grid.dims, *(column.label for _, column in grid.columns)}
+    names = [name for name in REPORTED_SETTINGS if f"solver_{name}" in shared_settings]
     # rows and mappings, such as an absolute tolerance for each variable, can be no axis
     names += [
         name
-        for name, value in grid.asked.items()
-        if name in SETTINGS and name not in SHARED and isinstance(value, str | int | float)
+        for name, value in grid.shared_settings.items()
+        if name in SETTINGS and name not in REPORTED_SETTINGS and isinstance(value, str | int | float)
     ]
-    values = [shared.get(f"solver_{name}", grid.asked.get(name)) for name in names]
+    values = [shared_settings.get(f"solver_{name}", grid.shared_settings.get(name)) for name in names]
     columns = [column_of(grid.model, name, [value]) for name, value in zip(names, values, strict=True)]
-    return [column for column in columns if column.label not in taken]
+    return [column for column in columns if column.label not in used_names]
 
 
 def _meaning(model: Model, column: AxisColumn) -> str:
@@ -179,21 +203,21 @@ def _meaning(model: Model, column: AxisColumn) -> str:
         TABLE: model.drives,
     }
     description = getattr(sections.get(column.kind, {}).get(column.name), "description", "")
-    meaning = _SAID[column.kind].format(column.name)
-    return spoken(f"{meaning}: {description}" if description else meaning)
+    meaning = _KIND_DESCRIPTIONS[column.kind].format(column.name)
+    return display_text(f"{meaning}: {description}" if description else meaning)
 
 
-def _attributes(plan: Plan) -> dict[str, Any]:
+def _sweep_attributes(plan: Plan) -> dict[str, Any]:
     keeping = plan.keeping
     return {
         "summary": plan.grid.model.description or f"Runs of {plan.grid.model.name}",
         **plan.grid.model.about.attributes,
         MEMBERS: plan.grid.size,
-        AXES: listed(plan.grid.dims),
-        ASKED: json.dumps(plan.grid.asked, sort_keys=True),
+        AXES: names_as_words(plan.grid.dims),
+        ASKED: json.dumps(plan.grid.shared_settings, sort_keys=True),
         **_shared_settings(plan.grid),
         **({COMMENT: ONE_BY_ONE} if plan.grid.model.assemblies else {}),
-        KEEP: listed(keeping.words),
+        KEEP: names_as_words(keeping.words),
         OCCURRENCES: np.array(keeping.occurrences),
         "math_functions": plan.grid.math_functions,
         "solver_event_root_method": ROOT_METHODS[plan.grid.event_root_method],
@@ -228,7 +252,7 @@ def with_axes(sweep: xr.Dataset) -> xr.Dataset:
     return sweep.set_coords([*axis_names, *(f"{name}_table" for name in axis_names if f"{name}_table" in sweep)])
 
 
-def settings_said(sweep: xr.Dataset) -> str:
+def settings_text(sweep: xr.Dataset) -> str:
     """Describe the settings that all members of a sweep share."""
     recorded = {
         name: (
@@ -236,13 +260,15 @@ def settings_said(sweep: xr.Dataset) -> str:
             if name != "method"
             else sweep.attrs[key]
         )
-        for name in SHARED
+        for name in REPORTED_SETTINGS
         if (key := f"solver_{name}") in sweep.attrs
     }
-    asked = json.loads(str(sweep.attrs[ASKED]))
+    requested_settings = json.loads(str(sweep.attrs[ASKED]))
     text = ", ".join(
         f"{name} {value}"
-        for name, value in (recorded | {key: setting for key, setting in asked.items() if key not in SHARED}).items()
+        for name, value in (
+            recorded | {key: setting for key, setting in requested_settings.items() if key not in REPORTED_SETTINGS}
+        ).items()
     )
     return text or "settings of the model's own"
 
@@ -263,16 +289,21 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
     keeping = keeping_of(str(sweep.attrs[KEEP]).split(), None, tuple(map(int, sweep.attrs[OCCURRENCES])))
     if AT_TIME in sweep.variables and sweep[AT_TIME].attrs.get("role") != "parameter":  # of a model of schema 1
         keeping = Keeping(keeping.words, np.atleast_1d(sweep[AT_TIME].values).astype(float), keeping.occurrences)
-    asked = json.loads(sweep.attrs[ASKED])
-    if (kept := kept_set(sweep.attrs.get("math_functions"))) != NAME:  # the default when the sweep was marched
-        asked["math_functions"] = kept
-    if (located := root_method_of(sweep.attrs)) != EARLIEST_FIRST:  # likewise
-        asked["event_root_method"] = located
+    requested_settings = json.loads(sweep.attrs[ASKED])
+    if (math_set := kept_set(sweep.attrs.get("math_functions"))) != NAME:  # the default when the sweep was marched
+        requested_settings["math_functions"] = math_set
+    if (root_method := root_method_of(sweep.attrs)) != EARLIEST_FIRST:  # likewise
+        requested_settings["event_root_method"] = root_method
     if (start := str(sweep.attrs.get("solver_event_start", WAITING))) != JUDGED:  # likewise
-        asked["event_start"] = start
+        requested_settings["event_start"] = start
     if (floor := atol_floor_of(sweep.attrs)) != OF_TERMS:  # likewise
-        asked["atol_floor"] = floor
-    return Plan(SweepGrid(model, tuple(axis_of(model.shapes, sweep, dim) for dim in axes_said(sweep)), asked), keeping)
+        requested_settings["atol_floor"] = floor
+    return Plan(
+        SweepGrid(
+            model, tuple(axis_of(model.shapes, sweep, dim) for dim in sweep_axis_names(sweep)), requested_settings
+        ),
+        keeping,
+    )
 
 
 def axis_of(shapes: Shapes, sweep: xr.Dataset, dim: str) -> Axis:
@@ -289,18 +320,18 @@ def axis_of(shapes: Shapes, sweep: xr.Dataset, dim: str) -> Axis:
         if variable.attrs.get(AXIS) != dim:
             continue
         if variable.dims not in ((), (dim,)) or not variable.size:
-            along = f"varies along {', '.join(map(str, variable.dims))}" if variable.size else "has no values"
+            axis_fault = f"varies along {', '.join(map(str, variable.dims))}" if variable.size else "has no values"
             raise InputError(
-                f"'{name}' {along}, and is of the axis '{dim}' of a sweep; take parts of it by isel or sel, with slices"
+                f"'{name}' {axis_fault}, and is of the axis '{dim}' of a sweep; take parts of it by isel or sel, with slices"
             )
         values, kind = np.atleast_1d(variable.values), str(variable.attrs[VARIES])
         tables = tuple(map(str, np.atleast_1d(sweep[f"{name}_table"].values))) if kind == TABLE else ()
         converted = values if np.issubdtype(values.dtype, np.number) else values.astype(object)
-        what, unit = written(str(variable.attrs[WHAT])), parse_unit(variable.attrs["units"])
-        elements = tuple(shapes.elements(what)) if what in shapes.dims else ()
-        exact = {number: number for number in map(read, str(variable.attrs.get(DIGITS, "")).split())}
-        digits = tuple(exact.get(value, value) for value in values.tolist()) if exact else ()
-        columns.append(AxisColumn(what, kind, converted, unit, str(name), tables, elements, digits))
+        quantity_name, unit = internal_text(str(variable.attrs[WHAT])), parse_unit(variable.attrs["units"])
+        elements = tuple(shapes.elements(quantity_name)) if quantity_name in shapes.dims else ()
+        exact_numbers = {number: number for number in map(read_decimal, str(variable.attrs.get(DIGITS, "")).split())}
+        digits = tuple(exact_numbers.get(value, value) for value in values.tolist()) if exact_numbers else ()
+        columns.append(AxisColumn(quantity_name, kind, converted, unit, str(name), tables, elements, digits))
     if not columns:
         raise InputError(f"the sweep has no values of its axis '{dim}'; take them along")
     return Axis(dim, tuple(columns))

@@ -13,7 +13,7 @@ from xdynamics.faults import InputError
 
 SOBOL, LATIN, DECLARED = "sobol", "latin_hypercube", "declared"
 DESIGNS = (SOBOL, LATIN, DECLARED)
-LEAST = 2.0**-54  # smallest probability at which an unbounded distribution is evaluated
+MIN_PROBABILITY = 2.0**-54  # smallest probability at which an unbounded distribution is evaluated
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Draws:
         """Return numbers from 0 to 1, one row per draw, one column per name; the declared design never gives 0 or 1."""
         rng, dimensions = np.random.default_rng(self.seed), len(self.ranges)
         if self.design == DECLARED:
-            return np.maximum(rng.random((self.count, dimensions)), LEAST)
+            return np.maximum(rng.random((self.count, dimensions)), MIN_PROBABILITY)
         from scipy.stats import qmc
 
         sampler = (qmc.Sobol if self.design == SOBOL else qmc.LatinHypercube)(dimensions, seed=rng)

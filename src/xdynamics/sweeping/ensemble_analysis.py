@@ -11,22 +11,22 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.comparing.grids import judged_difference, uncertainty_of
-from xdynamics.evidence.evidence_dataset import about, exhibit
-from xdynamics.evidence.grid_axes import AXES, AXIS, VARIES, WHAT, axes_said, numbers, sweep_of
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.grid_axes import AXES, AXIS, VARIES, WHAT, member_number_names, sweep_axis_names, sweep_of
 from xdynamics.evidence.grid_rounding import rounding_floors
 from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.judgements import VERDICTS, judge
-from xdynamics.evidence.stages import computed, is_lazy
+from xdynamics.evidence.stages import compute_datasets, is_lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.record import shapes_of
 from xdynamics.record.folding import labelled
-from xdynamics.schema import EVIDENCE, flags
-from xdynamics.sweeping.axes import RTOL, SETTING, STEP, named_among
+from xdynamics.schema import EVIDENCE, flag_attributes
+from xdynamics.sweeping.axes import RTOL, SETTING, STEP, matching_dim
 from xdynamics.sweeping.collection import axis_of, plan_of
 from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
-from xdynamics.sweeping.labels import place_on
+from xdynamics.sweeping.labels import index_on_axis
 from xdynamics.units import quotient, unit_suffix
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 ROLE, CONVERGENCE = "survey", "convergence"
 EVALUATIONS = "run_force_evaluations"
-LEVELS = 3  # needed to observe an order
+MIN_LEVELS = 3  # needed to observe an order
 
 
 def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: bool | None = None) -> xr.Dataset:
@@ -65,24 +65,29 @@ def contrast(sweep: xr.Dataset, dim: str, *, reference: Any = None, compute: boo
     InputError
         If there is no such axis, or no such value of it.
     """
-    sweep, dim = _axis_named(sweep, dim)
-    sweep = _as_asked(sweep, compute)
-    at = sweep.sizes[dim] - 1 if reference is None else _place(sweep, dim, reference)
-    chosen = sweep.isel({dim: at})
-    label = str(chosen[dim].values) if dim in sweep.coords else str(at)
-    unit = unit_suffix(str(chosen[dim].attrs["units"])) if dim in sweep.coords else ""
+    sweep, dim = _sweep_and_dim(sweep, dim)
+    sweep = _lazy_or_computed(sweep, compute)
+    reference_index = sweep.sizes[dim] - 1 if reference is None else _index_of_label(sweep, dim, reference)
+    reference_members = sweep.isel({dim: reference_index})
+    label = str(reference_members[dim].values) if dim in sweep.coords else str(reference_index)
+    unit = unit_suffix(str(reference_members[dim].attrs["units"])) if dim in sweep.coords else ""
     variables: dict[str, Any] = {}
     floors = rounding_floors(sweep)
-    for name in _judged_numbers(sweep):
-        own, doubt = sweep[name], _uncertainty(sweep, name)
-        of_reference = chosen[name].broadcast_like(own).transpose(*own.dims).variable
-        total = None if doubt is None else doubt + (doubt.isel({dim: at}) if dim in doubt.dims else doubt)
+    for name in _compared_names(sweep):
+        values, doubt = sweep[name], _numerical_uncertainty(sweep, name)
+        reference_values = reference_members[name].broadcast_like(values).transpose(*values.dims).variable
+        total = None if doubt is None else doubt + (doubt.isel({dim: reference_index}) if dim in doubt.dims else doubt)
         variables |= judged_difference(
-            name, of_reference, own.variable, total, 2.0 * floors.get(name, 0.0), f"minus that of {dim} = {label}{unit}"
+            name,
+            reference_values,
+            values.variable,
+            total,
+            2.0 * floors.get(name, 0.0),
+            f"minus that of {dim} = {label}{unit}",
         )
     if OUTCOME in sweep:
-        variables["outcome_differs"] = _outcome_differs(sweep, chosen)
-    return exhibited(
+        variables["outcome_differs"] = _outcome_differs(sweep, reference_members)
+    return survey_dataset(
         "contrast", f"members along {dim}, compared with {label}", sweep, variables, {"reference": label, "varied": dim}
     )
 
@@ -92,17 +97,21 @@ def _outcome_differs(sweep: xr.Dataset, reference: xr.Dataset) -> tuple[Any, ...
     if STOPPED_BY in sweep:
         differs = differs | (sweep[STOPPED_BY] != reference[STOPPED_BY])
     differs = differs.transpose(*sweep[OUTCOME].dims).astype(np.int8)
-    return differs.dims, differs.data, about("1", "1 where the run ended in another way than the reference", ROLE)
+    return (
+        differs.dims,
+        differs.data,
+        variable_attributes("1", "1 where the run ended in another way than the reference", ROLE),
+    )
 
 
-def _judged_numbers(sweep: xr.Dataset) -> list[str]:
+def _compared_names(sweep: xr.Dataset) -> list[str]:
     """Name what members are compared by: the numbers of a sweep, or of its finest level, as `convergence` judged them."""
     if sweep.attrs.get(EVIDENCE) != CONVERGENCE:
-        return numbers(sweep)
+        return member_number_names(sweep)
     return [name for name in map(str, sweep.data_vars) if f"uncertainty_{name}" in sweep]
 
 
-def _uncertainty(sweep: xr.Dataset, name: str) -> xr.Variable | None:
+def _numerical_uncertainty(sweep: xr.Dataset, name: str) -> xr.Variable | None:
     if sweep.attrs.get(EVIDENCE) == CONVERGENCE:
         return sweep[f"uncertainty_{name}"].variable
     return uncertainty_of(sweep, name)
@@ -132,16 +141,16 @@ def sensitivities(sweep: xr.Dataset, *, compute: bool | None = None) -> xr.Datas
     Second-order differences on uneven grids as by `numpy.gradient`, at the ends too where there are three values: they
     are as accurate as the grid is fine, and mean nothing across a change of outcome; see `influences`.
     """
-    sweep = _as_asked(sweep_of(sweep), compute)
+    sweep = _lazy_or_computed(sweep_of(sweep), compute)
     axes = [
         dim
-        for dim in axes_of(sweep)
+        for dim in axis_dims(sweep)
         if dim in sweep.dims and dim in sweep.coords and sweep[dim].dtype.kind == "f" and sweep.sizes[dim] > 1
     ]
     if not axes:
         raise InputError("no axis of the sweep has two numbers or more to differentiate by")
     variables: dict[str, Any] = {}
-    for name in numbers(sweep):
+    for name in member_number_names(sweep):
         for dim in (axis for axis in axes if axis in sweep[name].dims):
             slope = sweep[name].chunk({dim: -1}) if sweep[name].chunks else sweep[name]
             edge: Any = 2 if sweep.sizes[dim] > 2 else 1
@@ -150,9 +159,9 @@ def sensitivities(sweep: xr.Dataset, *, compute: bool | None = None) -> xr.Datas
             variables[f"slope_{name}_{dim}"] = (
                 slope.dims,
                 slope.data,
-                about(units, f"derivative of {name} by {dim}", ROLE),
+                variable_attributes(units, f"derivative of {name} by {dim}", ROLE),
             )
-    return exhibited("sensitivities", f"slopes along {', '.join(axes)}", sweep, variables, {})
+    return survey_dataset("sensitivities", f"slopes along {', '.join(axes)}", sweep, variables, {})
 
 
 def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> xr.Dataset:
@@ -180,20 +189,22 @@ def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> 
     """
     import xarray as xr
 
-    sweep, dim = _axis_named(sweep, dim)
+    sweep, dim = _sweep_and_dim(sweep, dim)
     kind = str(sweep[dim].attrs.get(VARIES)) if dim in sweep.coords else ""
-    if kind not in (STEP, RTOL) or sweep.sizes[dim] < LEVELS:
+    if kind not in (STEP, RTOL) or sweep.sizes[dim] < MIN_LEVELS:
         raise InputError(
-            f"'{dim}' has {sweep.sizes[dim]} values of a {kind or 'thing'}, needs {LEVELS} or more of step or rtol"
+            f"'{dim}' has {sweep.sizes[dim]} values of a {kind or 'thing'}, needs {MIN_LEVELS} or more of step or rtol"
         )
-    sweep = _as_asked(sweep, compute)
+    sweep = _lazy_or_computed(sweep, compute)
     fine = sweep.sortby(dim, ascending=False)
     fine = fine.chunk({dim: -1}) if any(entry.chunks for entry in fine.data_vars.values()) else fine
-    steps, order = fine[dim].values.astype(float), _orders(sweep)
+    steps, order = fine[dim].values.astype(float), _method_orders(sweep)
     variables: dict[str, Any] = {}
-    for name in (entry for entry in numbers(sweep) if sweep[entry].dtype.kind == "f" and dim in sweep[entry].dims):
-        results = xr.apply_ufunc(
-            lambda values, orders: _judged(values, steps, orders, smooth=kind == STEP),
+    for name in (
+        entry for entry in member_number_names(sweep) if sweep[entry].dtype.kind == "f" and dim in sweep[entry].dims
+    ):
+        level_judgements = xr.apply_ufunc(
+            lambda values, orders: _judge_rows(values, steps, orders, smooth=kind == STEP),
             fine[name].astype(float),
             order,
             input_core_dims=[[dim], []],
@@ -202,35 +213,44 @@ def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> 
             output_dtypes=[float],
             dask_gufunc_kwargs={"output_sizes": {"told": 4}},
         )
-        variables |= _told(sweep, name, dim, results, fine[name].isel({dim: -1}))
-    return exhibited(CONVERGENCE, f"levels along {dim}", sweep.isel({dim: -1}, drop=True), variables, {"varied": dim})
+        variables |= _judgement_variables(sweep, name, dim, level_judgements, fine[name].isel({dim: -1}))
+    return survey_dataset(
+        CONVERGENCE, f"levels along {dim}", sweep.isel({dim: -1}, drop=True), variables, {"varied": dim}
+    )
 
 
-def _told(sweep: xr.Dataset, name: str, dim: str, results: xr.DataArray, finest: xr.DataArray) -> dict[str, Any]:
+def _judgement_variables(
+    sweep: xr.Dataset, name: str, dim: str, level_judgements: xr.DataArray, finest: xr.DataArray
+) -> dict[str, Any]:
     """Return what is judged of a number as variables, beside the number at the finest level."""
-    dims = tuple(str(entry) for entry in results.dims if entry != "told")
-    verdict = results.isel(told=1)
-    judged = {
-        "order": (results.isel(told=0), "1", f"observed order of {name} in its last three levels", {}),
+    dims = tuple(str(entry) for entry in level_judgements.dims if entry != "told")
+    verdict = level_judgements.isel(told=1)
+    judgements = {
+        "order": (level_judgements.isel(told=0), "1", f"observed order of {name} in its last three levels", {}),
         "verdict": (
             verdict.astype(np.int8),
             "1",
             f"verdict on the convergence of {name}",
-            flags(dict(enumerate(VERDICTS))),
+            flag_attributes(dict(enumerate(VERDICTS))),
         ),
-        "limit": (results.isel(told=2), sweep[name].attrs["units"], f"limit of {name} as {dim} tends to zero", {}),
+        "limit": (
+            level_judgements.isel(told=2),
+            sweep[name].attrs["units"],
+            f"limit of {name} as {dim} tends to zero",
+            {},
+        ),
         "uncertainty": (
-            results.isel(told=3),
+            level_judgements.isel(told=3),
             sweep[name].attrs["units"],
             f"uncertainty of {name} at the finest level, at about 95 %",
             {},
         ),
     }
-    said = f"{sweep[name].attrs['long_name']}, at the finest level"
-    own = (dims, finest.transpose(*dims).data, _about(sweep, name, said))
-    return {name: own} | {
-        f"{word}_{name}": (dims, entry.data, about(units, description, "flag" if extra else ROLE) | extra)
-        for word, (entry, units, description, extra) in judged.items()
+    finest_description = f"{sweep[name].attrs['long_name']}, at the finest level"
+    finest_variable = (dims, finest.transpose(*dims).data, _survey_attributes(sweep, name, finest_description))
+    return {name: finest_variable} | {
+        f"{word}_{name}": (dims, entry.data, variable_attributes(units, description, "flag" if extra else ROLE) | extra)
+        for word, (entry, units, description, extra) in judgements.items()
     }
 
 
@@ -240,7 +260,7 @@ def precision(
     *,
     exact: Mapping[str, float] | None = None,
     compute: bool | None = None,
-    **asked: Any,
+    **settings: Any,
 ) -> xr.Dataset:
     """Return the cost and the error of every run: a work-precision diagram of methods, from coarse to fine.
 
@@ -255,7 +275,7 @@ def precision(
         taken for exact.
     compute : bool, optional
         Whether to compute at once, or, False, to return dask arrays; by default as the sweep is, lazy or not.
-    **asked
+    **settings
         For a model: further arguments of `sweep`.
 
     Returns
@@ -285,109 +305,117 @@ def precision(
             raise InputError(
                 f"dim is {dim!r}; of a model give all axes, {{'method': ['rk4', 'dop853'], 'step': [...]}}"
             )
-        sweep, dim = sweep_over(sweep, dim, **asked), next((name for name in (STEP, RTOL) if name in dim), STEP)
-    elif asked or not isinstance(dim, str):
+        sweep, dim = sweep_over(sweep, dim, **settings), next((name for name in (STEP, RTOL) if name in dim), STEP)
+    elif settings or not isinstance(dim, str):
         raise InputError(
-            f"{', '.join(asked) or 'axes'} are for a model; the sweep is marched: give the name of its axis"
+            f"{', '.join(settings) or 'axes'} are for a model; the sweep is marched: give the name of its axis"
         )
-    sweep, dim = _axis_named(sweep, dim)
-    sweep = _as_asked(sweep, compute)
-    names, exact_values = numbers(sweep), dict(exact or {})
+    sweep, dim = _sweep_and_dim(sweep, dim)
+    sweep = _lazy_or_computed(sweep, compute)
+    names, exact_values = member_number_names(sweep), dict(exact or {})
     if unknown := [name for name in exact_values if name not in names]:
         raise InputError(f"exact names '{unknown[0]}', which is none of {', '.join(names)}")
     for name, value in exact_values.items():
         if not np.isfinite(value):
             raise InputError(f"exact has {value!r} for '{name}', needs a number")
     finest: dict[str, int] = {dim: int(np.argmin(sweep[dim].values))}
-    if (methods := _methods(sweep)) is not None:
+    if (methods := _method_labels(sweep)) is not None:
         finest |= dict.fromkeys(map(str, methods.dims), int(np.argmax(_orders_of(methods))))
     variables: dict[str, Any] = {}
     for name in (entry for entry in names if dim in sweep[entry].dims and sweep[entry].dtype.kind == "f"):
-        own = sweep[name]
-        error = abs(own - exact_values.get(name, own.isel(finest, drop=True))).transpose(*own.dims)
+        values = sweep[name]
+        error = abs(values - exact_values.get(name, values.isel(finest, drop=True))).transpose(*values.dims)
         from_what = "the right value" if name in exact_values else "the finest one"
-        variables[f"off_{name}"] = error.dims, error.data, _about(sweep, name, f"distance of {name} from {from_what}")
-        variables[f"front_{name}"] = _front(error, sweep[EVALUATIONS], [*finest], name, is_exact=name in exact_values)
+        variables[f"off_{name}"] = (
+            error.dims,
+            error.data,
+            _survey_attributes(sweep, name, f"distance of {name} from {from_what}"),
+        )
+        variables[f"front_{name}"] = _pareto_variable(
+            error, sweep[EVALUATIONS], [*finest], name, is_exact=name in exact_values
+        )
     work = sweep[EVALUATIONS]
     variables[EVALUATIONS] = (work.dims, work.data, dict(work.attrs))
-    return exhibited("precision", f"work against precision along {dim}", sweep, variables, {"varied": dim})
+    return survey_dataset("precision", f"work against precision along {dim}", sweep, variables, {"varied": dim})
 
 
-def _front(error: xr.DataArray, work: xr.DataArray, dims: list[str], name: str, *, is_exact: bool) -> tuple[Any, ...]:
+def _pareto_variable(
+    error: xr.DataArray, work: xr.DataArray, dims: list[str], name: str, *, is_exact: bool
+) -> tuple[Any, ...]:
     """Return as a variable which runs are on the Pareto front of error and work along some dimensions."""
     import xarray as xr
 
-    own = [dim for dim in dims if dim in error.dims]
-    errors, works = (each.chunk(dict.fromkeys(own, -1)) if each.chunks else each for each in (error, work))
+    core_dims = [dim for dim in dims if dim in error.dims]
+    errors, works = (array.chunk(dict.fromkeys(core_dims, -1)) if array.chunks else array for array in (error, work))
     front = xr.apply_ufunc(
-        partial(_on_front, is_exact=is_exact, along=len(own)),
+        partial(_pareto_mask, is_exact=is_exact, dim_count=len(core_dims)),
         errors,
         works,
-        input_core_dims=[own, own],
-        output_core_dims=[own],
+        input_core_dims=[core_dims, core_dims],
+        output_core_dims=[core_dims],
         dask="parallelized",
         output_dtypes=[np.int8],
     ).transpose(*error.dims)
-    said = f"1 where no other run is as near to the right {name} with as few force evaluations"
-    return front.dims, front.data, about("1", said, ROLE)
+    description = f"1 where no other run is as near to the right {name} with as few force evaluations"
+    return front.dims, front.data, variable_attributes("1", description, ROLE)
 
 
-def _on_front(errors: Floats, works: NDArray[np.int64], *, is_exact: bool, along: int) -> NDArray[np.int8]:
+def _pareto_mask(errors: Floats, works: NDArray[np.int64], *, is_exact: bool, dim_count: int) -> NDArray[np.int8]:
     """Mark the runs, along the last dimensions, that no other one betters; what is taken for exact betters none."""
     errors, works = np.broadcast_arrays(errors, works)
-    shape = errors.shape[: errors.ndim - along]
-    front = np.zeros((int(np.prod(shape)), int(np.prod(errors.shape[errors.ndim - along :]))), np.int8)
+    shape = errors.shape[: errors.ndim - dim_count]
+    front = np.zeros((int(np.prod(shape)), int(np.prod(errors.shape[errors.ndim - dim_count :]))), np.int8)
     for row, error, work in zip(front, errors.reshape(front.shape), works.reshape(front.shape), strict=True):
-        least = np.inf
+        smallest_error = np.inf
         for i in np.lexsort((error, work)).tolist():
-            if np.isfinite(error[i]) and error[i] < least and (is_exact or error[i] > 0.0):
-                row[i], least = 1, error[i]
+            if np.isfinite(error[i]) and error[i] < smallest_error and (is_exact or error[i] > 0.0):
+                row[i], smallest_error = 1, error[i]
     return front.reshape(errors.shape)
 
 
-def _as_asked(sweep: xr.Dataset, compute: Any) -> xr.Dataset:
+def _lazy_or_computed(sweep: xr.Dataset, compute: Any) -> xr.Dataset:
     """Return a sweep computed, or with dask arrays; as it is where neither is asked for."""
     if not isinstance(compute, bool | None):
         raise InputError(f"compute is {compute!r}, needs true or false")
     if compute is None or is_lazy(sweep) is not compute:
         return sweep
-    return computed(sweep)[0] if compute else sweep.chunk()
+    return compute_datasets(sweep)[0] if compute else sweep.chunk()
 
 
-def axes_of(sweep: xr.Dataset) -> list[str]:
+def axis_dims(sweep: xr.Dataset) -> list[str]:
     """Name the axes of a sweep."""
-    return axes_said(sweep)
+    return sweep_axis_names(sweep)
 
 
-def _axis_named(given: Any, word: str) -> tuple[xr.Dataset, str]:
+def _sweep_and_dim(dataset: Any, word: str) -> tuple[xr.Dataset, str]:
     """Return a sweep or its convergence, and the dimension of it that a word means, ``method`` or ``solver_method``."""
-    sweep = given if getattr(given, "attrs", {}).get(EVIDENCE) == CONVERGENCE else sweep_of(given)
-    dim = named_among(sweep.dims, word)
-    if dim not in sweep.dims or dim not in axes_of(sweep):
-        raise InputError(f"the sweep has no axis '{word}'; there are {', '.join(axes_of(sweep))}")
+    sweep = dataset if getattr(dataset, "attrs", {}).get(EVIDENCE) == CONVERGENCE else sweep_of(dataset)
+    dim = matching_dim(sweep.dims, word)
+    if dim not in sweep.dims or dim not in axis_dims(sweep):
+        raise InputError(f"the sweep has no axis '{word}'; there are {', '.join(axis_dims(sweep))}")
     return sweep, dim
 
 
-def _place(sweep: xr.Dataset, dim: str, label: Any) -> int:
+def _index_of_label(sweep: xr.Dataset, dim: str, label: Any) -> int:
     """Find the index of a value on an axis."""
-    return place_on(axis_of(shapes_of(sweep), sweep, dim), label)
+    return index_on_axis(axis_of(shapes_of(sweep), sweep, dim), label)
 
 
-def _about(sweep: xr.Dataset, name: str, description: str) -> dict[str, Any]:
-    return about(str(sweep[name].attrs["units"]), description, ROLE)
+def _survey_attributes(sweep: xr.Dataset, name: str, description: str) -> dict[str, Any]:
+    return variable_attributes(str(sweep[name].attrs["units"]), description, ROLE)
 
 
-def _orders(sweep: xr.Dataset) -> Any:
+def _method_orders(sweep: xr.Dataset) -> Any:
     """Return the order of every method."""
     import xarray as xr
 
     plan = plan_of(sweep)
-    if (methods := _methods(sweep)) is not None:
+    if (methods := _method_labels(sweep)) is not None:
         return xr.DataArray(_orders_of(methods), dims=methods.dims)
     return xr.DataArray(float(plan.grid.settings_of((0,) * len(plan.grid.shape)).method.order))
 
 
-def _methods(sweep: xr.Dataset) -> xr.Variable | None:
+def _method_labels(sweep: xr.Dataset) -> xr.Variable | None:
     """Return the methods of a sweep that has several, along an axis."""
     return next(
         (
@@ -403,22 +431,24 @@ def _orders_of(methods: xr.Variable) -> list[float]:
     return [float(METHODS[str(method)].order) for method in methods.values]
 
 
-def _judged(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> Floats:
+def _judge_rows(values: Floats, steps: Floats, orders: Floats, *, smooth: bool) -> Floats:
     """Judge rows of levels; return order, verdict, limit and uncertainty of each."""
     shape = values.shape[:-1]
     rows, order = values.reshape(-1, values.shape[-1]), np.broadcast_to(orders, shape).ravel().tolist()
-    judged = np.full((len(rows), 4), np.nan)
-    observed = observed_orders(rows, steps)[:, -2]
+    judgements = np.full((len(rows), 4), np.nan)
+    observed_order = observed_orders(rows, steps)[:, -2]
     for i, row in enumerate(rows):
         if np.isfinite(row).all():
             formal, rounding = order[i] if smooth else 1.0, 4.0 * EPS * float(np.abs(row).max())
             judgement = judge(row, steps, formal, rounding, 0.0, 0.0, smooth=smooth, order=order[i])
-            judged[i] = observed[i], judgement.verdict, judgement.limit, judgement.uncertainty
-    judged[np.isnan(judged[:, 1]), 1] = VERDICTS.index("not_converging")
-    return judged.reshape(*shape, 4)
+            judgements[i] = observed_order[i], judgement.verdict, judgement.limit, judgement.uncertainty
+    judgements[np.isnan(judgements[:, 1]), 1] = VERDICTS.index("not_converging")
+    return judgements.reshape(*shape, 4)
 
 
-def exhibited(kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any], extra: dict[str, Any]) -> xr.Dataset:
+def survey_dataset(
+    kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any], extra: dict[str, Any]
+) -> xr.Dataset:
     """Assemble a survey, with the coordinates of its axes."""
     dims = {dim for variable in variables.values() for dim in variable[0]}
     coordinates = {
@@ -429,8 +459,8 @@ def exhibited(kind: str, title: str, sweep: xr.Dataset, variables: dict[str, Any
     attributes = {
         key: sweep.attrs[key] for key in ("model_digest", "sweep_digest", "sweep_settings") if key in sweep.attrs
     }
-    if axes := [dim for dim in axes_said(sweep) if dim in dims]:
+    if axes := [dim for dim in sweep_axis_names(sweep) if dim in dims]:
         attributes[AXES] = " ".join(axes)
     title = f"{str(sweep.attrs['title']).split(':')[0]}: {title}"
-    survey = exhibit(kind, title, [], coordinates | variables, attributes | extra, shapes=shapes_of(sweep))
+    survey = evidence_dataset(kind, title, [], coordinates | variables, attributes | extra, shapes=shapes_of(sweep))
     return labelled(survey.set_coords([*coordinates]))

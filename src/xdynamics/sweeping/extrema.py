@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.diagnosing.extremes import STATES
-from xdynamics.evidence.diagnosing.heights import INTERPOLATED, LOCATED, SAMPLED, beyond
+from xdynamics.evidence.diagnosing.heights import INTERPOLATED, LOCATED, SAMPLED, parabola_excess
 from xdynamics.evidence.diagnosing.summits import Summits, crests, humps, summits
 from xdynamics.evidence.observables import rate_tree
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE
-from xdynamics.sweeping.ensemble_records import Harvest
+from xdynamics.sweeping.ensemble_records import MemberRuns
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -40,7 +40,7 @@ class Extremes(NamedTuple):
     uncertainty: Floats
 
 
-def extremes(runs: Harvest, name: str, sign: float) -> Extremes:
+def extremes_of_members(runs: MemberRuns, name: str, sign: float) -> Extremes:
     """Find the largest value of a quantity in every member (with a sign of -1 the least), its time and uncertainty.
 
     Parameters
@@ -50,54 +50,56 @@ def extremes(runs: Harvest, name: str, sign: float) -> Extremes:
     name : str
     sign : float
     """
-    if (name, sign) not in runs.extremes:
-        runs.extremes[name, sign] = _extremes(runs, name, sign)
-    return Extremes(*runs.extremes[name, sign])
+    if (name, sign) not in runs.extremes_cache:
+        runs.extremes_cache[name, sign] = _search_extremes(runs, name, sign)
+    return Extremes(*runs.extremes_cache[name, sign])
 
 
-def _extremes(runs: Harvest, name: str, sign: float) -> Extremes:
+def _search_extremes(runs: MemberRuns, name: str, sign: float) -> Extremes:
     values, time, first = runs[name], runs["time"], runs.runs.first_row
     rows, members = crests(sign * values, first)
-    tops = _tops(sign * values, rows, members, runs.size)
-    result = _accepted(runs, values, tops)
+    tops = _highest_rows(sign * values, rows, members, runs.size)
+    extremes = _extremes_of_rows(runs, values, tops)
     unrated = runs.columns[name].variable.role not in STATES and bool(runs.model.python_functions)
     solves_anew = (
         bool(runs.model.assemblies) and not runs.settings.method.stepper.locates
     )  # impulses at each time inside
     if unrated or solves_anew:
-        for i in np.flatnonzero(result.rule == SAMPLED).tolist():
+        for i in np.flatnonzero(extremes.rule == SAMPLED).tolist():
             run_rows = slice(first[i], first[i + 1])
-            result.uncertainty[i] = beyond(values[run_rows], time[run_rows], int(tops[i] - first[i]))
+            extremes.uncertainty[i] = parabola_excess(values[run_rows], time[run_rows], int(tops[i] - first[i]))
     if unrated:
-        return result
-    search = _search(runs, name, sign, result, humps(sign * values, time, first, rows, members))
+        return extremes
+    search = _begin_search(runs, name, sign, extremes, humps(sign * values, time, first, rows, members))
     if solves_anew:
-        return result._replace(uncertainty=np.fmax(result.uncertainty, search.open_heights))
+        return extremes._replace(uncertainty=np.fmax(extremes.uncertainty, search.open_heights))
     while (places := search.places()).size:
-        times = search.asked
-        states, from_rows = runs.states_at(times, places, after=False, known=search.rows)
-        search.narrow(*runs.with_rates(name, states, times, from_rows, places))
-    between = np.flatnonzero(sign * search.best > sign * result.value)
-    for array, improved in ((result.value, search.best), (result.time, search.when)):
+        times = search.place_members
+        states, from_rows = runs.states_at(times, places, after_event=False, known_rows=search.rows)
+        search.narrow(*runs.evaluate_with_rates(name, states, times, from_rows, places))
+    between = np.flatnonzero(sign * search.best > sign * extremes.value)
+    for array, improved in ((extremes.value, search.best), (extremes.time, search.when)):
         array[between] = improved[between]
     if between.size:
-        result.rule[between] = INTERPOLATED
-        result.uncertainty[between] = runs.doubts(name, between, result.time[between])
-    return result
+        extremes.rule[between] = INTERPOLATED
+        extremes.uncertainty[between] = runs.interpolation_errors(name, between, extremes.time[between])
+    return extremes
 
 
-def _accepted(runs: Harvest, values: Floats, tops: Rows) -> Extremes:
+def _extremes_of_rows(runs: MemberRuns, values: Floats, tops: Rows) -> Extremes:
     """Return the extremes over accepted states alone."""
     has_number = tops >= 0
     at_event = np.isin(runs["row_kind"][tops], (EVENT_BEFORE, EVENT_AFTER))
     rule = np.where(has_number, np.where(at_event, LOCATED, SAMPLED), NO_RULE).astype(np.int8)
-    best, when = np.where(has_number, values[tops], np.nan), np.where(has_number, runs["time"][tops], np.nan)
-    return Extremes(best, when, rule, np.where(has_number, 0.0, np.nan))
+    best, best_times = np.where(has_number, values[tops], np.nan), np.where(has_number, runs["time"][tops], np.nan)
+    return Extremes(best, best_times, rule, np.where(has_number, 0.0, np.nan))
 
 
-def _search(runs: Harvest, name: str, sign: float, accepted: Extremes, humped: tuple[Rows, Rows]) -> Summits:
+def _begin_search(
+    runs: MemberRuns, name: str, sign: float, accepted: Extremes, humps_found: tuple[Rows, Rows]
+) -> Summits:
     """Begin the search for extremes between accepted states, around the humps of a quantity."""
-    (rows, members), first, time = humped, runs.runs.first_row, runs["time"]
+    (rows, members), first, time = humps_found, runs.runs.first_row, runs["time"]
     rates = None
     if rate_tree(runs.model, name) is not None:
         low, high = np.maximum(rows - 1, first[members]), np.minimum(rows + 1, first[members + 1] - 1)
@@ -112,7 +114,7 @@ def _search(runs: Harvest, name: str, sign: float, accepted: Extremes, humped: t
     return summits(sign, accepted.value.copy(), accepted.time.copy(), runs[name], time, first, rates, rows, members)
 
 
-def _tops(values: Floats, rows: Rows, members: Rows, size: int) -> Rows:
+def _highest_rows(values: Floats, rows: Rows, members: Rows, size: int) -> Rows:
     """Return the first row of each member that holds its largest value, a crest; -1 where there is no finite value."""
     largest = np.full(size, -np.inf)
     np.maximum.at(largest, members, values[rows])

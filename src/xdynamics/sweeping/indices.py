@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.evidence.stage_tasks import Gathered, Task
-from xdynamics.evidence.stages import Stage, computed, lazy
+from xdynamics.evidence.stages import Stage, compute_datasets, lazy_stage
 from xdynamics.faults import InputError
 from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Parameter
-from xdynamics.record.element_attributes import of_wholes
+from xdynamics.record.element_attributes import quantity_names
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.named_elements import element_array, find_column
 from xdynamics.sweeping.axes import AxisColumn, range_of
-from xdynamics.sweeping.designs import LEAST, Draws
+from xdynamics.sweeping.designs import MIN_PROBABILITY, Draws
 from xdynamics.sweeping.ensemble_analysis import ROLE
 from xdynamics.sweeping.kept_quantities import OUTCOME
 from xdynamics.sweeping.sweep import sweep as swept
@@ -86,24 +86,26 @@ def sobol_indices(
     section 13.3).
     """
     check_model(model)
-    _check(ranges, draws, resamples)
+    _check_draw_counts(ranges, draws, resamples)
     spans: dict[str, AxisColumn | Parameter]
-    named = [*model.shapes.all_inside(dict.fromkeys(map(str, ranges)), "ranges have")]
+    names = [*model.shapes.with_internal_names(dict.fromkeys(map(str, ranges)), "ranges have")]
     if isinstance(ranges, Mapping):
-        spans = {name: _span(model, name, ends) for name, ends in zip(named, ranges.values(), strict=True)}
+        spans = {name: _range_column(model, name, ends) for name, ends in zip(names, ranges.values(), strict=True)}
     else:
-        spans = {name: _declared(model, name, named) for name in named}
-    quantity = model.shapes.inside(quantity)
-    sweep = _swept(model, spans, quantity, draws, seed, settings)
+        spans = {name: _uncertain_parameter(model, name, names) for name in names}
+    quantity = model.shapes.internal_name(quantity)
+    sweep = _sweep_designs(model, spans, quantity, draws, seed, settings)
     elements = {str(dim): sweep.sizes[dim] for dim in sweep[quantity].dims[1:]}
     request = IndicesRequest(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples, elements)
     if compute:
-        return _shared(request, *(variable.values for variable in computed(sweep[[quantity, OUTCOME]])[0].values()))
+        return _compute_indices(
+            request, *(variable.values for variable in compute_datasets(sweep[[quantity, OUTCOME]])[0].values())
+        )
     needs = tuple(Gathered(sweep[name]) for name in (quantity, OUTCOME))
-    task = Task.of("indices", partial(_shared, request), needs, draws, seed, resamples)
+    task = Task.of("indices", partial(_compute_indices, request), needs, draws, seed, resamples)
     blank = np.full((len(SHARES), len(spans), *elements.values()), np.nan)
-    return lazy(
-        Stage(_dataset(request, blank, (blank, blank)), task, [*_range_variables(spans, stated=request.stated)])
+    return lazy_stage(
+        Stage(_sobol_dataset(request, blank, (blank, blank)), task, [*_range_variables(spans, stated=request.stated)])
     )
 
 
@@ -130,7 +132,7 @@ class IndicesRequest:
     elements: Mapping[str, int]
 
 
-def _shared(request: IndicesRequest, numbers: NDArray[Any], outcomes: NDArray[Any]) -> xr.Dataset:
+def _compute_indices(request: IndicesRequest, numbers: NDArray[Any], outcomes: NDArray[Any]) -> xr.Dataset:
     """Return the indices from the numbers of all members.
 
     Raises
@@ -138,33 +140,33 @@ def _shared(request: IndicesRequest, numbers: NDArray[Any], outcomes: NDArray[An
     InputError
         If a member has none, or all have the same.
     """
-    f = _checked(request, numbers.astype(float), outcomes)
+    f = _checked_member_numbers(request, numbers.astype(float), outcomes)
     f = np.ascontiguousarray(np.moveaxis(f.reshape(2 + len(request.spans), request.draws, -1), -1, 0))
     f[(f == f[:, :1, :1]).all(axis=(1, 2))] = np.nan  # elements without a variance, which rounding would give them
     resampled = np.random.default_rng(request.seed).integers(request.draws, size=(request.resamples, request.draws))
-    drawn = [_shares(f[..., entry]) for entry in resampled]
-    low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
+    resampled_shares = [_variance_shares(f[..., entry]) for entry in resampled]
+    low, high = np.quantile(resampled_shares, [0.025, 0.975], axis=0)
     shape = (len(SHARES), len(request.spans), *request.elements.values())
-    found = [np.moveaxis(shares, 1, -1).reshape(shape) for shares in (_shares(f), low, high)]
-    return _dataset(request, found[0], (found[1], found[2]))
+    estimates = [np.moveaxis(shares, 1, -1).reshape(shape) for shares in (_variance_shares(f), low, high)]
+    return _sobol_dataset(request, estimates[0], (estimates[1], estimates[2]))
 
 
-def _dataset(
+def _sobol_dataset(
     request: IndicesRequest, indices: NDArray[np.float64], interval: tuple[NDArray[np.float64], NDArray[np.float64]]
 ) -> xr.Dataset:
     variables = _range_variables(request.spans, stated=request.stated)
     low, high = interval
     for i, (name, words) in enumerate(SHARES.items()):
-        variables[name] = (("parameter", *request.elements), indices[i], about("1", words, ROLE))
+        variables[name] = (("parameter", *request.elements), indices[i], variable_attributes("1", words, ROLE))
         description = f"95 % interval of {name}, percentiles of {request.resamples} resamples of the draws"
         variables[f"{name}_interval"] = (
             ("parameter", *request.elements, "bound"),
             np.stack([low[i], high[i]], axis=-1),
-            about("1", description, ROLE),
+            variable_attributes("1", description, ROLE),
         )
     model, quantity = request.model, request.quantity
     attributes = {"quantity": quantity, "draws": request.draws, "seed": request.seed, "model_digest": model.digest}
-    return exhibit(
+    return evidence_dataset(
         "sobol indices",
         f"{model.name}: shares of the variance of {quantity}",
         [],
@@ -174,10 +176,10 @@ def _dataset(
     )
 
 
-def _check(ranges: Any, draws: int, resamples: int) -> None:
-    for what, value, least in (("draws", draws, 2), ("resamples", resamples, 1)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise InputError(f"{what} is {value!r}, needs a whole number from {least} on")
+def _check_draw_counts(ranges: Any, draws: int, resamples: int) -> None:
+    for argument, value, minimum in (("draws", draws, 2), ("resamples", resamples, 1)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < minimum:
+            raise InputError(f"{argument} is {value!r}, needs a whole number from {minimum} on")
     if not ranges or isinstance(ranges, str):
         raise InputError(
             f"ranges are {str(ranges)[:60]!r}, need the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}, or"
@@ -187,7 +189,7 @@ def _check(ranges: Any, draws: int, resamples: int) -> None:
 
 def _range_variables(spans: Mapping[str, AxisColumn | Parameter], *, stated: bool) -> dict[str, Any]:
     """Return the names of what was varied, and where the range of each begins and ends."""
-    ends = [_ends(span) for span in spans.values()]
+    ends = [_range_ends(span) for span in spans.values()]
     text = "where its range" if stated else "where one standard uncertainty beside its value"
     columns = {
         "parameter_name": ([*spans], "what was varied", "name"),
@@ -196,12 +198,12 @@ def _range_variables(spans: Mapping[str, AxisColumn | Parameter], *, stated: boo
         "highest": ([highest for _, _, highest in ends], f"{text} ends, in parameter_units", "axis"),
     }
     return {
-        name: (("parameter",), np.array(values), about("1", description, role))
+        name: (("parameter",), np.array(values), variable_attributes("1", description, role))
         for name, (values, description, role) in columns.items()
     }
 
 
-def _swept(
+def _sweep_designs(
     model: Model,
     spans: Mapping[str, AxisColumn | Parameter],
     quantity: str,
@@ -213,19 +215,21 @@ def _swept(
     names = list(spans)
     points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
     a, b = points[:, : len(names)], points[:, len(names) :]
-    mixed = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
-    spread = np.concatenate([a, b, *mixed])
-    values = {name: _between(spans[name], spread[:, i]) for i, name in enumerate(names)}
+    mixed_designs = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
+    spread = np.concatenate([a, b, *mixed_designs])
+    values = {name: _map_unit_points(spans[name], spread[:, i]) for i, name in enumerate(names)}
     sweep = swept(model, {"draw": values}, keep=[quantity], **settings)
-    own = find_column(sweep, quantity)
-    if own is None or own.dims[:1] != ("draw",) or not {*own.dims[1:]} <= {*model_dimensions(sweep)}:
+    column = find_column(sweep, quantity)
+    if column is None or column.dims[:1] != ("draw",) or not {*column.dims[1:]} <= {*model_dimensions(sweep)}:
         raise InputError(
             f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'"
         )
     return sweep.assign({quantity: element_array(sweep, quantity)})
 
 
-def _checked(request: IndicesRequest, f: NDArray[np.float64], outcomes: NDArray[Any]) -> NDArray[np.float64]:
+def _checked_member_numbers(
+    request: IndicesRequest, f: NDArray[np.float64], outcomes: NDArray[Any]
+) -> NDArray[np.float64]:
     """Return the numbers of all members if each has one, and not all the same."""
     quantity = request.quantity
     if not np.isfinite(f).all():
@@ -237,7 +241,7 @@ def _checked(request: IndicesRequest, f: NDArray[np.float64], outcomes: NDArray[
     return f
 
 
-def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
+def _variance_shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return first and total orders of each parameter from the numbers of both designs and each mixed one, by element."""
     designs = f[:, :2]
     f = f - designs.mean(axis=(1, 2), keepdims=True)
@@ -247,30 +251,32 @@ def _shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([first, total])
 
 
-def _span(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:
-    available = of_wholes((*model.statement.parameters, *model.statement.initial))
+def _range_column(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:
+    available = quantity_names((*model.statement.parameters, *model.statement.initial))
     if name not in (*model.statement.parameters, *model.statement.initial, *available):
         raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(available)}")
     return range_of(model, name, ends)
 
 
-def _between(span: AxisColumn | Parameter, points: NDArray[np.float64]) -> xr.DataArray:
+def _map_unit_points(span: AxisColumn | Parameter, points: NDArray[np.float64]) -> xr.DataArray:
     """Map points from 0 to 1 to a range or a distribution, in its unit."""
     import xarray as xr
 
     if isinstance(span, Parameter):
         assert span.spread is not None  # noqa: S101
-        values = span.quantity.value + span.uncertainty * span.spread.at(np.clip(points, LEAST, 1.0 - LEAST))
+        values = span.quantity.value + span.uncertainty * span.spread.quantiles(
+            np.clip(points, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
+        )
         return xr.DataArray(values, attrs={"units": span.quantity.unit.text})
     low, high = span.values.tolist()
     return xr.DataArray(low + (high - low) * points, attrs={"units": span.unit.text})
 
 
-def _declared(model: Model, name: str, names: Sequence[str]) -> Parameter:
+def _uncertain_parameter(model: Model, name: str, names: Sequence[str]) -> Parameter:
     """Return an uncertain parameter or initial value that is independent of the others."""
     if name not in model.uncertain:
         raise InputError(
-            f"'{name}' has no uncertainty in the model; there are {', '.join(of_wholes(model.uncertain)) or 'none'}"
+            f"'{name}' has no uncertainty in the model; there are {', '.join(quantity_names(model.uncertain)) or 'none'}"
         )
     for pair in model.correlations:
         if name in pair and {*pair} <= {*map(str, names)}:
@@ -278,7 +284,7 @@ def _declared(model: Model, name: str, names: Sequence[str]) -> Parameter:
     return model.uncertain[name]
 
 
-def _ends(span: AxisColumn | Parameter) -> tuple[str, float, float]:
+def _range_ends(span: AxisColumn | Parameter) -> tuple[str, float, float]:
     """Return unit and ends of a range; for a distribution, one standard uncertainty to either side."""
     if isinstance(span, Parameter):
         value, unit = span.quantity.value, span.quantity.unit.text

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.evidence_dataset import about
-from xdynamics.evidence.grid_axes import numbers, sweep_of
+from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.grid_axes import member_number_names, sweep_of
 from xdynamics.evidence.stage_tasks import Gathered, Task
-from xdynamics.evidence.stages import Stage, computed, lazy
+from xdynamics.evidence.stages import Stage, compute_datasets, lazy_stage
 from xdynamics.record.laziness import is_chunked
 from xdynamics.schema import AT, OCCURRENCE
 from xdynamics.sweeping.collection import DIGEST
-from xdynamics.sweeping.ensemble_analysis import ROLE, axes_of, exhibited
+from xdynamics.sweeping.ensemble_analysis import ROLE, axis_dims, survey_dataset
 from xdynamics.sweeping.kept_quantities import EVENT_COUNT, OUTCOME
-from xdynamics.sweeping.members import ended
+from xdynamics.sweeping.members import end_descriptions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,58 +56,70 @@ def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
     """
     sweep = sweep_of(sweep)
     if compute:
-        return _influences(computed(sweep)[0])
+        return _influences_in_memory(compute_datasets(sweep)[0])
     lazy_names = [str(name) for name, variable in sweep.variables.items() if is_chunked(variable)]
-    few = sweep.isel({dim: slice(2) for dim in sweep.dims})
-    blank = few.assign(
-        {name: (few[name].dims, np.zeros(few[name].shape, few[name].dtype), few[name].attrs) for name in lazy_names}
+    small_sweep = sweep.isel({dim: slice(2) for dim in sweep.dims})
+    blank = small_sweep.assign(
+        {
+            name: (
+                small_sweep[name].dims,
+                np.zeros(small_sweep[name].shape, small_sweep[name].dtype),
+                small_sweep[name].attrs,
+            )
+            for name in lazy_names
+        }
     )
     about_names = {name: (sweep[name].dims, sweep[name].attrs) for name in lazy_names}
-    call = partial(_of_gathered, sweep.drop_vars(lazy_names), about_names)
+    call = partial(_influences_of_gathered, sweep.drop_vars(lazy_names), about_names)
     task = Task.of("influences", call, tuple(Gathered(sweep[name]) for name in lazy_names), sweep.attrs.get(DIGEST))
-    return lazy(Stage(_influences(blank), task, ("axis_name",)))
+    return lazy_stage(Stage(_influences_in_memory(blank), task, ("axis_name",)))
 
 
-def _of_gathered(rest: xr.Dataset, names: Mapping[str, Any], *values: Any) -> xr.Dataset:
+def _influences_of_gathered(eager_sweep: xr.Dataset, names: Mapping[str, Any], *values: Any) -> xr.Dataset:
     """Put the values of a sweep's variables into it, and return its influences."""
-    whole = {name: (dims, data, attrs) for (name, (dims, attrs)), data in zip(names.items(), values, strict=True)}
-    return _influences(rest.assign(whole))
+    gathered_variables = {
+        name: (dims, data, attrs) for (name, (dims, attrs)), data in zip(names.items(), values, strict=True)
+    }
+    return _influences_in_memory(eager_sweep.assign(gathered_variables))
 
 
-def _influences(sweep: xr.Dataset) -> xr.Dataset:
+def _influences_in_memory(sweep: xr.Dataset) -> xr.Dataset:
     """Return the influences of axes on a sweep in memory."""
-    axes = [dim for dim in axes_of(sweep) if dim in sweep.dims]
-    names = numbers(sweep)
+    axes = [dim for dim in axis_dims(sweep) if dim in sweep.dims]
+    names = member_number_names(sweep)
     counts = [name for name in names if name.startswith(EVENT_COUNT)]
-    variables: dict[str, Any] = {"axis_name": ((AXES,), np.array(axes), about("1", "the axis", "name"))}
+    variables: dict[str, Any] = {"axis_name": ((AXES,), np.array(axes), variable_attributes("1", "the axis", "name"))}
     for name in (OUTCOME, *counts):
-        values = ended(sweep).values if name == OUTCOME else sweep[name].values
+        values = end_descriptions(sweep).values if name == OUTCOME else sweep[name].values
         word = "outcome" if name == OUTCOME else name
         shares = [_share_of_changes(values, sweep[name].dims.index(dim)) for dim in axes]
         variables[f"{word}_changes"] = (
             (AXES,),
             np.array(shares),
-            about("1", f"share of neighbours along the axis that differ in {name}", ROLE),
+            variable_attributes("1", f"share of neighbours along the axis that differ in {name}", ROLE),
         )
     for name in (number for number in names if number not in counts and not {AT, OCCURRENCE} & {*sweep[number].dims}):
         number = sweep[name].astype(float)
-        of_members = [dim for dim in number.dims if dim in axes]
-        variance = number.var(of_members)
-        varies = variance > (ROUNDING * EPS * abs(number).max(of_members)) ** 2
+        member_dims = [dim for dim in number.dims if dim in axes]
+        variance = number.var(member_dims)
+        varies = variance > (ROUNDING * EPS * abs(number).max(member_dims)) ** 2
         effects = [
-            (number.mean([other for other in of_members if other != dim]).var(dim) / variance.where(varies)).fillna(0.0)
+            (
+                number.mean([averaged_dim for averaged_dim in member_dims if averaged_dim != dim]).var(dim)
+                / variance.where(varies)
+            ).fillna(0.0)
             for dim in axes
         ]
         variables[f"main_effect_{name}"] = (
             (AXES, *effects[0].dims),
             np.array(effects),
-            about("1", f"share of the variance of {name} that the axis has alone", ROLE),
+            variable_attributes("1", f"share of the variance of {name} that the axis has alone", ROLE),
         )
-    return exhibited("influences", f"what {', '.join(axes)} change", sweep, variables, {})
+    return survey_dataset("influences", f"what {', '.join(axes)} change", sweep, variables, {})
 
 
 def _share_of_changes(values: NDArray[Any], axis: int) -> float:
     """Return the share of neighbours along an axis that differ, among those that both exist."""
-    moved = np.moveaxis(values, axis, 0)
-    both_known = (moved[1:] == moved[1:]) & (moved[:-1] == moved[:-1])
-    return float(np.mean(moved[1:][both_known] != moved[:-1][both_known])) if both_known.any() else 0.0
+    axis_first = np.moveaxis(values, axis, 0)
+    both_known = (axis_first[1:] == axis_first[1:]) & (axis_first[:-1] == axis_first[:-1])
+    return float(np.mean(axis_first[1:][both_known] != axis_first[:-1][both_known])) if both_known.any() else 0.0

@@ -12,27 +12,27 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID
 from xdynamics.evidence.diagnosing.heights import RULES
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.evidence.observables import is_comparable, is_observable, observables_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.joints import joint_reactions
-from xdynamics.model.whole import is_read_whole
-from xdynamics.record.element_attributes import attributes_of_whole, of_wholes
-from xdynamics.record.element_names import Names, Whole, expanded
+from xdynamics.model.whole import is_read_by_quantity
+from xdynamics.record.element_attributes import attributes_of_quantity, quantity_names
+from xdynamics.record.element_names import Names, QuantityElements, expand_quantities
 from xdynamics.record.run_columns import named_columns
 from xdynamics.record.switches import shapes_with_switches
 from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import AT, EVENTS, OCCURRENCE, flags
+from xdynamics.schema import AT, EVENTS, OCCURRENCE, flag_attributes
 from xdynamics.shapes import Shapes
-from xdynamics.shapes.naming import DOT, parted
-from xdynamics.sweeping.ensemble_records import Harvest
-from xdynamics.sweeping.extrema import NO_RULE, extremes
+from xdynamics.shapes.naming import DOT, split_element_name
+from xdynamics.sweeping.ensemble_records import MemberRuns
+from xdynamics.sweeping.extrema import NO_RULE, extremes_of_members
 from xdynamics.sweeping.run_quantities import RunQuantity, run_quantities
 from xdynamics.units import SECONDS, Unit, time_in
 
 Values = NDArray[Any]
-Take = Callable[[Harvest], Values]
+ValueFunction = Callable[[MemberRuns], Values]
 
 END, LOG = "end", "log"
 EVENT_TIME, EVENT_COUNT, AFTER, BEFORE = "event_time_", "event_count_", "after_", "before_"
@@ -40,17 +40,17 @@ LARGEST, LEAST = "maximum_", "minimum_"
 DIAGNOSTIC, EVENT, COUNT = "diagnostic", "event", "effort"
 FLAGS = ("flag_values", "flag_meanings")
 OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY = "run_outcome", "run_digest", "run_uncontrolled", "run_stopped_by"
-COUNTS: dict[str, Take] = {
+COUNT_FUNCTIONS: dict[str, ValueFunction] = {
     "run_accepted_steps": lambda runs: runs.runs.accepted,
     "run_rejected_trials": lambda runs: runs.runs.trials,
     "run_force_evaluations": lambda runs: runs.runs.evaluations,
 }  # as attributes of a record call them
 # what every sweep has of its members, whatever is kept
-ALWAYS = ("end_time", *COUNTS, OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY)
+ALWAYS = ("end_time", *COUNT_FUNCTIONS, OUTCOME, DIGEST, UNCONTROLLED, STOPPED_BY)
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptVariable:
     """A variable of a sweep.
 
     Attributes
@@ -62,7 +62,7 @@ class Kept:
     units, long_name, role : str
     take : callable
         From a `Harvest` to an array, shape (members, *sizes).
-    reads, motion : tuple of str
+    log_columns, motion : tuple of str
         Variables along `step` that it takes from complete logs: by itself, and for states inside steps, as all that need these.
     dtype : str
     more : mapping
@@ -80,8 +80,8 @@ class Kept:
     units: str
     long_name: str
     role: str
-    take: Take
-    reads: tuple[str, ...] = ()
+    take: ValueFunction
+    log_columns: tuple[str, ...] = ()
     motion: tuple[str, ...] = ()
     dtype: str = "f8"
     more: Mapping[str, Any] = field(default_factory=dict)
@@ -91,7 +91,7 @@ class Kept:
     @property
     def attributes(self) -> dict[str, Any]:
         """The variable's attributes in a sweep."""
-        return about(self.units, self.long_name, self.role) | dict(self.more)
+        return variable_attributes(self.units, self.long_name, self.role) | dict(self.more)
 
 
 @dataclass(frozen=True)
@@ -112,11 +112,11 @@ class Keeping:
     occurrences: tuple[int, int]
 
     @property
-    def whole(self) -> bool:
+    def keeps_whole_runs(self) -> bool:
         """Whether full records are kept."""
         return LOG in self.words
 
-    def variables(self, model: Model, settings: Any) -> tuple[Kept, ...]:
+    def variables(self, model: Model, settings: Any) -> tuple[KeptVariable, ...]:
         """Return the variables that the words stand for.
 
         Raises
@@ -125,53 +125,59 @@ class Keeping:
             If words stand for nothing in the model; all of them are named.
         """
         reader = _WordReader(self, model, settings)
-        variables: dict[str, Kept] = {}
+        variables: dict[str, KeptVariable] = {}
         unknown = []
-        for word in (*reader.words, *reader.sampled()):
-            kept = reader.read(word) or reader.of_run(word)
-            unknown += [] if kept or word in (LOG, *ALWAYS) else [word]
-            variables |= {variable.name: variable for variable in kept}
+        for word in (*reader.words, *reader.default_words()):
+            word_variables = reader.variables_of(word) or reader.of_run(word)
+            unknown += [] if word_variables or word in (LOG, *ALWAYS) else [word]
+            variables |= {variable.name: variable for variable in word_variables}
         if unknown:
-            known = list(dict.fromkeys([*of_wholes(reader.known()), *reader.of_runs, *ALWAYS]))
-            raise InputError(f"keep has {'; '.join(misspelt(word, known) for word in unknown)}")
-        stems = {name: parted(name)[0] for name in variables}
-        own = {name: variables[name] for name, stem in stems.items() if stem == name or stem not in variables}
-        return folded(own, reader.shapes)  # an element whose quantity is kept is in it
+            available_words = list(dict.fromkeys([*quantity_names(reader.keepable_words()), *reader.of_runs, *ALWAYS]))
+            raise InputError(f"keep has {'; '.join(misspelling_text(word, available_words) for word in unknown)}")
+        stems = {name: split_element_name(name)[0] for name in variables}
+        distinct_variables = {
+            name: variables[name] for name, stem in stems.items() if stem == name or stem not in variables
+        }
+        return fold_elements(distinct_variables, reader.shapes)  # an element whose quantity is kept is in it
 
 
-def misspelt(word: str, known: Sequence[str]) -> str:
+def misspelling_text(word: str, available_words: Sequence[str]) -> str:
     """Say that a word of `keep` stands for nothing, and which three are nearest."""
-    nearest = get_close_matches(word, known, n=3, cutoff=0.0)
+    nearest = get_close_matches(word, available_words, n=3, cutoff=0.0)
     return f"'{word}', which no run, event or diagnosis of the model has; the nearest are {', '.join(nearest)}"
 
 
-def folded(variables: Mapping[str, Kept], shapes: Shapes) -> tuple[Kept, ...]:
+def fold_elements(variables: Mapping[str, KeptVariable], shapes: Shapes) -> tuple[KeptVariable, ...]:
     """Make one variable of the elements of each quantity with dimensions."""
-    wholes = Names(shapes).wholes(variables)
-    whole_of = {name: whole for whole in wholes.values() for name in whole.members.values()}
-    collected: dict[str, Kept] = {}
+    quantities = Names(shapes).by_quantity(variables)
+    quantity_of_element = {name: quantity for quantity in quantities.values() for name in quantity.members.values()}
+    collected: dict[str, KeptVariable] = {}
     for name, variable in variables.items():
-        whole = whole_of.get(name)
-        if whole is None:
+        quantity = quantity_of_element.get(name)
+        if quantity is None:
             collected[name] = variable
-        elif whole.name not in collected:
-            collected[whole.name] = _whole(whole, {i: variables[member] for i, member in whole.members.items()})
+        elif quantity.name not in collected:
+            collected[quantity.name] = _stack_elements(
+                quantity, {i: variables[member] for i, member in quantity.members.items()}
+            )
     return tuple(collected.values())
 
 
-def _whole(whole: Whole, elements: Mapping[int, Kept]) -> Kept:
+def _stack_elements(quantity: QuantityElements, elements: Mapping[int, KeptVariable]) -> KeptVariable:
     """Return a quantity with dimensions, which come last."""
     first = next(iter(elements.values()))
-    shared = attributes_of_whole({i: (element.name, element.attributes) for i, element in elements.items()}, whole.size)
+    shared_attributes = attributes_of_quantity(
+        {i: (element.name, element.attributes) for i, element in elements.items()}, quantity.size
+    )
     return replace(
         first,
-        name=whole.name,
-        dims=(*first.dims, *whole.dims),
-        sizes=(*first.sizes, *whole.shape),
-        long_name=shared["long_name"],
-        take=lambda runs: whole.stacked({i: element.take(runs) for i, element in elements.items()}),
-        reads=tuple(dict.fromkeys(name for element in elements.values() for name in element.reads)),
-        more=dict(first.more) | whole.more,
+        name=quantity.name,
+        dims=(*first.dims, *quantity.dims),
+        sizes=(*first.sizes, *quantity.shape),
+        long_name=shared_attributes["long_name"],
+        take=lambda runs: quantity.stacked({i: element.take(runs) for i, element in elements.items()}),
+        log_columns=tuple(dict.fromkeys(name for element in elements.values() for name in element.log_columns)),
+        more=dict(first.more) | quantity.more,
     )
 
 
@@ -191,22 +197,28 @@ class _WordReader:
             *self.layout.used,
             *self.layout.reactions,
         )  # what states inside steps are computed from
-        self.loads = {*self.layout.loads, *joint_reactions(model.joints)}  # they have extremes too
+        self.load_names = {*self.layout.applied_forces, *joint_reactions(model.joints)}  # they have extremes too
         self.words = tuple(
-            one for word in keeping.words for one in self._one_by_one(self.shapes.inside(word, "keep has"))
+            element_word
+            for word in keeping.words
+            for element_word in self._one_by_one(self.shapes.internal_name(word, "keep has"))
         )
 
     def _one_by_one(self, word: str) -> tuple[str, ...]:
         """Return a word of a quantity as those of its elements, where it is not read whole."""
-        return (word,) if self.reads(word) else expanded((word,), self.known(), self.shapes)
+        return (
+            (word,)
+            if self.stands_for_variables(word)
+            else expand_quantities((word,), self.keepable_words(), self.shapes)
+        )
 
-    def known(self) -> list[str]:
+    def keepable_words(self) -> list[str]:
         """List the words that can be kept."""
         events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
         quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in observables_of(self.model)]
-        beside = [f"{word}{name}_…" for name in self.single_detectors for word in (AFTER, BEFORE)]
-        loads = [word + name for word in (LARGEST, LEAST) for name in self.loads]
-        return [END, LOG, *events, *beside, *quantities, *loads]
+        event_words = [f"{word}{name}_…" for name in self.single_detectors for word in (AFTER, BEFORE)]
+        loads = [word + name for word in (LARGEST, LEAST) for name in self.load_names]
+        return [END, LOG, *events, *event_words, *quantities, *loads]
 
     @cached_property
     def of_runs(self) -> Mapping[str, RunQuantity]:
@@ -218,104 +230,109 @@ class _WordReader:
         """Detectors without dimensions: what stands beside those of elements would be of two elements."""
         return [name for name in self.detectors if DOT not in name]
 
-    def sampled(self) -> list[str]:
+    def default_words(self) -> list[str]:
         """Return what is kept at times by default: every state, if times are given and no quantity is named."""
-        named = any(is_observable(self.model, word) for word in self.words)
-        return [] if named or not self.keeping.times.size else self.states
+        names_quantity = any(is_observable(self.model, word) for word in self.words)
+        return [] if names_quantity or not self.keeping.times.size else self.state_words
 
     @property
-    def states(self) -> list[str]:
+    def state_words(self) -> list[str]:
         """Coordinates, velocities and states: quantities where these are read whole, else elements."""
         used = self.layout.used
-        return [block.name for block in used.blocks] if is_read_whole(self.model) else [*used]
+        return [block.name for block in used.blocks] if is_read_by_quantity(self.model) else [*used]
 
-    def reads(self, word: str) -> bool:
+    def stands_for_variables(self, word: str) -> bool:
         """Whether a word stands for variables, as it is."""
         try:
-            return word in (END, LOG, *ALWAYS) or bool(self.read(word))
+            return word in (END, LOG, *ALWAYS) or bool(self.variables_of(word))
         except InputError:  # which says why it cannot be kept
             return True
 
-    def read(self, word: str) -> list[Kept]:
+    def variables_of(self, word: str) -> list[KeptVariable]:
         """Return the variables that a word stands for; none if it is not known."""
         if word == END:
-            return [self._end(name) for name in self.states]
+            return [self._end_variable(name) for name in self.state_words]
         if is_observable(self.model, word):
-            return [self._at(word)]
-        for head, make in ((EVENT_TIME, self._event_time), (EVENT_COUNT, self._event_count)):
+            return [self._sampled_variable(word)]
+        for head, make in ((EVENT_TIME, self._event_time_variable), (EVENT_COUNT, self._event_count_variable)):
             if word.removeprefix(head) in self.detectors and word.startswith(head):
                 return [make(word.removeprefix(head))]
         for head in ("end_", LARGEST, LEAST):
             name = word.removeprefix(head)
-            if name in self.loads and word.startswith(head) and head != "end_":
-                return self._extreme(word, name)
+            if name in self.load_names and word.startswith(head) and head != "end_":
+                return self._extreme_variables(word, name)
             if word.startswith(head) and is_observable(self.model, name):
                 if head == "end_":
-                    return [self._end(name)]
-                return [] if self.columns[name].variable.dims[1:] else self._extreme(word, name)
+                    return [self._end_variable(name)]
+                return [] if self.columns[name].variable.dims[1:] else self._extreme_variables(word, name)
         return self._of_events(word)
 
-    def _of_events(self, word: str) -> list[Kept]:
+    def _of_events(self, word: str) -> list[KeptVariable]:
         for head in (AFTER, BEFORE):
             for detector in self.single_detectors:
                 name = word.removeprefix(f"{head}{detector}_")
                 if name != word and name in self.columns:
-                    return [self._beside(word, head, detector, name)]
+                    return [self._variable_at_event(word, head, detector, name)]
         for detector in self.detectors:
             name = word.removesuffix(f"_{detector}")
             if name != word and name in self.columns and self._is_of_events(self.columns[name].variable.dims):
-                return [self._of_event(word, name, detector)]
+                return [self._event_variable(word, name, detector)]
         return []
 
     def _is_of_events(self, dims: tuple[str, ...]) -> bool:
         return dims[0] == EVENTS and {*dims[1:]} <= {*self.model.shapes.extents}
 
-    def _of_event(self, word: str, name: str, detector: str) -> Kept:
+    def _event_variable(self, word: str, name: str, detector: str) -> KeptVariable:
         column = self.columns[name].variable
-        further, description = column.dims[1:], f"{column.long_name}, '{detector}'"
-        return self._occurrences(
-            word, detector, column.units, description, lambda runs, places: runs[name][places].astype(float), further
+        element_dims, description = column.dims[1:], f"{column.long_name}, '{detector}'"
+        return self._occurrence_variable(
+            word,
+            detector,
+            column.units,
+            description,
+            lambda runs, places: runs[name][places].astype(float),
+            element_dims,
         )
 
-    def of_run(self, word: str) -> list[Kept]:
+    def of_run(self, word: str) -> list[KeptVariable]:
         """Return the variable of a word that takes the whole run of a member; none if it is not known."""
         if word in (LOG, *ALWAYS) or word not in self.of_runs:
             return []
-        found, (begin, end) = self.of_runs[word], self.keeping.occurrences
-        more = {name: found.attributes[name] for name in FLAGS if name in found.attributes}
-        is_counted = found.is_listed and (begin, end) != (0, 1)
-        dims = (OCCURRENCE, *found.dims) if is_counted else found.dims
-        sizes = (*((end - begin,) if is_counted else ()), *self.model.shapes.shape(found.dims))
-        description = f"{found.attributes['long_name']}{', first' if found.is_listed and not is_counted else ''}"
-        missing: Any = np.nan if found.dtype.startswith("f") else -1
-        kept = Kept(
+        quantity, (begin, end) = self.of_runs[word], self.keeping.occurrences
+        more = {name: quantity.attributes[name] for name in FLAGS if name in quantity.attributes}
+        is_counted = quantity.is_listed and (begin, end) != (0, 1)
+        dims = (OCCURRENCE, *quantity.dims) if is_counted else quantity.dims
+        sizes = (*((end - begin,) if is_counted else ()), *self.model.shapes.shape(quantity.dims))
+        description = f"{quantity.attributes['long_name']}{', first' if quantity.is_listed and not is_counted else ''}"
+        missing: Any = np.nan if quantity.dtype.startswith("f") else -1
+        variable = KeptVariable(
             word,
             dims,
             sizes,
-            str(found.attributes["units"]),
+            str(quantity.attributes["units"]),
             f"{description}; {'nan' if missing != -1 else '-1'} of a run that failed",
-            str(found.attributes["role"]),
+            str(quantity.attributes["role"]),
             lambda runs: np.full((runs.size, *sizes), missing),
-            dtype=found.dtype,
+            dtype=quantity.dtype,
             more=more,
             of_run=word,
-            first=begin if found.is_listed else 0,
+            first=begin if quantity.is_listed else 0,
         )
-        return [kept]
+        return [variable]
 
-    def _end(self, name: str) -> Kept:
+    def _end_variable(self, name: str) -> KeptVariable:
         column = self.columns[name].variable
-        return Kept(
+        return KeptVariable(
             f"end_{name}",
             column.dims[1:],
             self.model.shapes.shape(column.dims[1:]),
             column.units,
             f"{column.long_name}, where the run ended; nan of one that failed",
             column.role,
-            lambda runs: runs.of_good_runs(runs.last(name)),
+            lambda runs: runs.of_good_runs(runs.last_values(name)),
         )
 
-    def _at(self, name: str) -> Kept:
+    def _sampled_variable(self, name: str) -> KeptVariable:
         times, column = self.keeping.times, self.columns[name].variable
         shape = self.model.shapes.shape(column.dims[1:])
         if not times.size:
@@ -325,26 +342,26 @@ class _WordReader:
                 f"keep has '{name}', which reads accelerations, which contacts change; keep what it is made of"
             )
 
-        def take(runs: Harvest) -> Values:
+        def sampled_values(runs: MemberRuns) -> Values:
             values = np.full((runs.size, times.size, *shape), np.nan)
             members, indices, states, rows = runs.at_times(times)
             if members.size:
-                values[members, indices] = runs.value(name, states, members, rows, times[indices])
+                values[members, indices] = runs.evaluate(name, states, members, rows, times[indices])
             return values
 
-        return Kept(
+        return KeptVariable(
             name,
             (AT, *column.dims[1:]),
             (times.size, *shape),
             column.units,
             f"{column.long_name}; nan after the end of a run",
             column.role,
-            take,
+            sampled_values,
             motion=self.motion,
         )
 
-    def _event_time(self, detector: str) -> Kept:
-        return self._occurrences(
+    def _event_time_variable(self, detector: str) -> KeptVariable:
+        return self._occurrence_variable(
             f"{EVENT_TIME}{detector}",
             detector,
             self.model.time_unit.text,
@@ -352,83 +369,89 @@ class _WordReader:
             lambda runs, places: runs["event_time"][places],
         )
 
-    def _event_count(self, detector: str) -> Kept:
-        def take(runs: Harvest) -> Values:
-            return np.bincount(runs.met(detector)[1], minlength=runs.size)
+    def _event_count_variable(self, detector: str) -> KeptVariable:
+        def event_counts(runs: MemberRuns) -> Values:
+            return np.bincount(runs.detector_events(detector)[1], minlength=runs.size)
 
-        return Kept(f"{EVENT_COUNT}{detector}", (), (), "1", f"how often '{detector}' was met", EVENT, take, dtype="i8")
+        return KeptVariable(
+            f"{EVENT_COUNT}{detector}", (), (), "1", f"how often '{detector}' was met", EVENT, event_counts, dtype="i8"
+        )
 
-    def _beside(self, word: str, head: str, detector: str, name: str) -> Kept:
+    def _variable_at_event(self, word: str, head: str, detector: str, name: str) -> KeptVariable:
         column, side = self.columns[name].variable, "event_row_after" if head == AFTER else "event_row_before"
 
-        def take(runs: Harvest, places: Values) -> Values:
+        def values_at_event(runs: MemberRuns, places: Values) -> Values:
             first = np.repeat(runs.runs.first_row[:-1], np.diff(runs.runs.first_event))
             values: Values = runs[name][(first + runs[side])[places]]
             return values
 
         description = f"{column.long_name}, {head.removesuffix('_')} '{detector}' was met"
-        kept = self._occurrences(word, detector, column.units, description, take, column.dims[1:])
-        return replace(kept, role=column.role, reads=(name,), motion=self.motion)
+        variable = self._occurrence_variable(
+            word, detector, column.units, description, values_at_event, column.dims[1:]
+        )
+        return replace(variable, role=column.role, log_columns=(name,), motion=self.motion)
 
-    def _occurrences(
+    def _occurrence_variable(
         self,
         name: str,
         detector: str,
         units: str,
         description: str,
-        value: Callable[[Harvest, Values], Values],
-        further: tuple[str, ...] = (),
-    ) -> Kept:
+        value: Callable[[MemberRuns, Values], Values],
+        element_dims: tuple[str, ...] = (),
+    ) -> KeptVariable:
         """Return a variable over the kept occurrences of an event, if there are to be several, and over its own dimensions."""
         begin, end = self.keeping.occurrences
-        count, shape = end - begin, self.model.shapes.shape(further)
+        count, shape = end - begin, self.model.shapes.shape(element_dims)
 
-        def take(runs: Harvest) -> Values:
+        def occurrence_values(runs: MemberRuns) -> Values:
             values = np.full((runs.size, count, *shape), np.nan)
-            places, members, which = runs.met(detector)
-            selected = (which >= begin) & (which < end)
-            values[members[selected], which[selected] - begin] = value(runs, places[selected])
-            return values[:, 0] if single else values
+            places, members, occurrence_numbers = runs.detector_events(detector)
+            selected = (occurrence_numbers >= begin) & (occurrence_numbers < end)
+            values[members[selected], occurrence_numbers[selected] - begin] = value(runs, places[selected])
+            return values[:, 0] if is_single else values
 
-        single = (begin, end) == (0, 1)
-        dims, sizes = ((), ()) if single else ((OCCURRENCE,), (count,))
-        return Kept(
+        is_single = (begin, end) == (0, 1)
+        dims, sizes = ((), ()) if is_single else ((OCCURRENCE,), (count,))
+        return KeptVariable(
             name,
-            (*dims, *further),
+            (*dims, *element_dims),
             (*sizes, *shape),
             units,
-            f"{description}{', first' if single else ''}; nan where it was not",
+            f"{description}{', first' if is_single else ''}; nan where it was not",
             EVENT,
-            take,
+            occurrence_values,
         )
 
-    def _extreme(self, word: str, name: str) -> list[Kept]:
+    def _extreme_variables(self, word: str, name: str) -> list[KeptVariable]:
         """Return the largest or least value of a quantity, and when it was reached."""
         sign, column = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name].variable
         description = f"{'largest' if sign > 0 else 'least'} {name} of the run"
-        rules = flags({NO_RULE: "none", **dict(enumerate(RULES))})
+        rules = flag_attributes({NO_RULE: "none", **dict(enumerate(RULES))})
 
-        def kept(end: str, place: int, units: str, description: str, role: str, **extra: Any) -> Kept:
-            return Kept(
+        def extreme_variable(
+            end: str, field_index: int, units: str, description: str, role: str, **extra: Any
+        ) -> KeptVariable:
+            return KeptVariable(
                 f"{word}{end}",
                 (),
                 (),
                 units,
                 description,
                 role,
-                lambda runs: runs.of_good_runs(extremes(runs, name, sign)[place]),
-                reads=(name,),
+                lambda runs: runs.of_good_runs(extremes_of_members(runs, name, sign)[field_index]),
+                log_columns=(name,),
                 motion=self.motion,
                 **extra,
             )
 
         return [
-            kept("", 0, column.units, description, DIAGNOSTIC),
-            kept(
+            extreme_variable("", 0, column.units, description, DIAGNOSTIC),
+            extreme_variable(
                 "_time", 1, self.model.time_unit.text, f"when {name} was {description.split(maxsplit=1)[0]}", DIAGNOSTIC
             ),
-            kept("_rule", 2, "1", RULE_SAID, "flag", dtype="i1", more=rules),
-            kept("_uncertainty", 3, column.units, DOUBT_SAID.format(word), "error"),
+            extreme_variable("_rule", 2, "1", RULE_SAID, "flag", dtype="i1", more=rules),
+            extreme_variable("_uncertainty", 3, column.units, DOUBT_SAID.format(word), "error"),
         ]
 
 

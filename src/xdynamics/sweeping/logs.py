@@ -11,27 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.place import GIVEN, Given, Place
-from xdynamics.archive.reading import columns_of
+from xdynamics.archive.reading import read_columns
 from xdynamics.archive.sandboxed_reading import is_known, know
 from xdynamics.archive.seals import Tail
-from xdynamics.dynamics.shortened_steps import sampled
+from xdynamics.dynamics.shortened_steps import sample_in_steps
 from xdynamics.dynamics.stacked_columns import step_columns
 from xdynamics.dynamics.wanted_times import wanted_times
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.record import unfold
-from xdynamics.record.element_attributes import of_wholes
-from xdynamics.record.element_names import expanded
+from xdynamics.record.element_attributes import quantity_names
+from xdynamics.record.element_names import expand_quantities
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import AT, AT_TIME, GIVEN_STEP, ROOT_DIGEST, TEXT_NAMES
 from xdynamics.sweeping.catalogue import open_sweep
 from xdynamics.sweeping.collection import DIGEST as DIGEST_OF_SWEEP
 from xdynamics.sweeping.collection import plan_of
-from xdynamics.sweeping.grid import At
+from xdynamics.sweeping.grid import AxisIndices
 from xdynamics.sweeping.kept_quantities import DIGEST
-from xdynamics.sweeping.member import check_digest, folder_of, opened, place_of
+from xdynamics.sweeping.member import check_digest, open_member, run_path, sweep_folder
 from xdynamics.sweeping.members import FILE, SEAL, Plan
 
 if TYPE_CHECKING:
@@ -86,28 +86,32 @@ def open_logs(
     load_dask_whole()
     catalogue = open_sweep(sweep) if isinstance(sweep, GIVEN) else sweep
     plan = plan_of(catalogue, functions)
-    folder = folder_of(catalogue)
+    folder = sweep_folder(catalogue)
     if FILE not in catalogue:
         raise InputError("the sweep has no archived runs: give sweep keep=['log'] and path='a folder'")
     if folder is None:
         raise InputError("it is not known where the runs of the sweep are: open it by open_sweep")
     model = plan.grid.model
-    chosen = expanded(map(model.shapes.inside, names or model.units), model.units, model.shapes)
-    if unknown := [name for name in chosen if name not in model.units]:
-        raise InputError(f"names have '{unknown[0]}'; there are {', '.join(of_wholes(model.units))}")
+    state_names = expand_quantities(map(model.shapes.internal_name, names or model.units), model.units, model.shapes)
+    if unknown := [name for name in state_names if name not in model.units]:
+        raise InputError(f"names have '{unknown[0]}'; there are {', '.join(quantity_names(model.units))}")
     if times is None and not plan.keeping.times.size:
         raise InputError("the sweep has no times of its own; give times, like '0:10:101 s'")
-    wanted = plan.keeping.times if times is None else wanted_times(times, model.time_unit)
-    arrays = _arrays(catalogue, folder, _Reading(plan, wanted, tuple(chosen), functions))
+    sample_times = plan.keeping.times if times is None else wanted_times(times, model.time_unit)
+    arrays = _lazy_states(catalogue, folder, _RunReader(plan, sample_times, tuple(state_names), functions))
     dims = catalogue[FILE].dims
     variables: dict[str, Any] = {
-        name: ((*dims, AT), arrays[name], about(model.units[name].text, f"{name} of the run at a time", "coordinate"))
-        for name in chosen
+        name: (
+            (*dims, AT),
+            arrays[name],
+            variable_attributes(model.units[name].text, f"{name} of the run at a time", "coordinate"),
+        )
+        for name in state_names
     }
-    variables[AT_TIME] = ((AT,), wanted, about(model.time_unit.text, "wanted time", "time"))
+    variables[AT_TIME] = ((AT,), sample_times, variable_attributes(model.time_unit.text, "wanted time", "time"))
     described = ((name, entry) for name, entry in catalogue.coords.items() if name not in TEXT_NAMES)
     axes = {name: entry for name, entry in described if {*entry.dims} <= {*dims}}
-    logs = exhibit(
+    logs = evidence_dataset(
         "logs of a sweep",
         f"{model.name}: runs over {', '.join(map(str, dims))}",
         [],
@@ -119,7 +123,7 @@ def open_logs(
 
 
 @dataclass(frozen=True)
-class _Reading:
+class _RunReader:
     """What is wanted of every run.
 
     Attributes
@@ -138,12 +142,12 @@ class _Reading:
     functions: Functions | None
     dims: tuple[str, ...] = ()
 
-    def states(self, at: At, file: Place, digest: str, seal: str) -> Floats:
+    def read_states(self, axis_indices: AxisIndices, file: Place, digest: str, seal: str) -> Floats:
         """Read the states of one run at the times, in the order of the names.
 
         Parameters
         ----------
-        at : sequence of int
+        axis_indices : sequence of int
             Its place along the dimensions.
         file : Path, or name of an object
         digest : str
@@ -158,36 +162,45 @@ class _Reading:
         """
         if seal:
             know(seal)
-        numbers = dict(zip(self.dims, at, strict=True))
-        model = self.plan.grid.model_of([numbers.get(dim, 0) for dim in self.plan.grid.dims])
-        run = unfold(opened(file, digest)) if model.shapes.dims else _columns(file, digest, self._columns(model))
+        numbers = dict(zip(self.dims, axis_indices, strict=True))
+        model = self.plan.grid.member_model([numbers.get(dim, 0) for dim in self.plan.grid.dims])
+        run = (
+            unfold(open_member(file, digest))
+            if model.shapes.dims
+            else _read_run_columns(file, digest, self._column_names(model))
+        )
         with run:
             ends = np.asarray(run["time"][[0, -1]])
-            inside = (self.times >= ends[0]) & (self.times <= ends[1])
+            within_run = (self.times >= ends[0]) & (self.times <= ends[1])
             states = np.full((len(self.names), self.times.size), np.nan)
-            if inside.any():
+            if within_run.any():
                 same = run["model_toml"].values.item() == model.to_toml()
-                own = model if same else None  # else of another version
-                found = sampled(
-                    run, self.times[inside], after=True, rule=REINTEGRATE, functions=self.functions, model=own
+                same_model = model if same else None  # else of another version
+                samples = sample_in_steps(
+                    run,
+                    self.times[within_run],
+                    after_event=True,
+                    rule=REINTEGRATE,
+                    functions=self.functions,
+                    model=same_model,
                 )
-                states[:, inside] = [found[name].values for name in self.names]
+                states[:, within_run] = [samples[name].values for name in self.names]
         return states
 
-    def _columns(self, model: Model) -> set[str]:
+    def _column_names(self, model: Model) -> set[str]:
         """Name all variables of a run that its states within steps are found from."""
         settings, none = self.plan.grid.settings_of((0,) * len(self.plan.grid.shape)), np.zeros(0, np.int64)
         return {"time", "model_toml", GIVEN_STEP.name, *(name for name, _ in step_columns(model, settings, none, none))}
 
 
-def _columns(file: Place, digest: str, names: set[str]) -> xr.Dataset:
+def _read_run_columns(file: Place, digest: str, names: set[str]) -> xr.Dataset:
     """Read columns of a member's archive, checking that it holds the run named in the catalogue."""
-    run = columns_of(file, names)
+    run = read_columns(file, names)
     check_digest(file, str(run.attrs[ROOT_DIGEST]), digest)
     return run
 
 
-def _arrays(sweep: xr.Dataset, folder: Place, reading: _Reading) -> dict[str, Any]:
+def _lazy_states(sweep: xr.Dataset, folder: Place, reading: _RunReader) -> dict[str, Any]:
     """Return every variable as a dask array, whose tasks read one run each, once for all variables."""
     import dask.array
     from dask.base import tokenize
@@ -197,32 +210,37 @@ def _arrays(sweep: xr.Dataset, folder: Place, reading: _Reading) -> dict[str, An
     files, digests = (np.asarray(sweep[name].values) for name in (FILE, DIGEST))
     seals = np.asarray(sweep[SEAL].values) if SEAL in sweep else np.full(files.shape, "")
     token = tokenize(str(folder), files, digests, reading.times, reading.names)
-    wanted, read = f"wanted-{token}", f"log-{token}"
+    reader_key, log_key = f"wanted-{token}", f"log-{token}"
     reading = replace(reading, dims=tuple(map(str, sweep[FILE].dims)))
     layers: dict[str, Any] = {
-        wanted: {wanted: reading},
-        read: {
-            (read, *at): (
-                _states,
-                wanted,
-                at,
-                place_of(folder, str(files[at])),
-                str(digests[at]),
-                _if_known(str(seals[at])),
+        reader_key: {reader_key: reading},
+        log_key: {
+            (log_key, *member_index): (
+                _states_of_run,
+                reader_key,
+                member_index,
+                run_path(folder, str(files[member_index])),
+                str(digests[member_index]),
+                _if_known(str(seals[member_index])),
             )
-            if files[at]
+            if files[member_index]
             else np.full((len(reading.names), reading.times.size), np.nan)
-            for at in product(*map(range, files.shape))
+            for member_index in product(*map(range, files.shape))
         },
     }
-    dependencies: dict[str, set[str]] = {wanted: set(), read: {wanted}}
+    dependencies: dict[str, set[str]] = {reader_key: set(), log_key: {reader_key}}
     shape = (1,) * files.ndim
     arrays = {}
     for i, name in enumerate(reading.names):
-        key = f"{name}-{read}"
-        graph = {(key, *at, 0): (_taken, (read, *at), i, shape) for at in product(*map(range, files.shape))}
-        merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {read}})
-        arrays[name] = da.Array(merged, key, (*((1,) * n for n in files.shape), (reading.times.size,)), dtype=float)
+        key = f"{name}-{log_key}"
+        graph = {
+            (key, *member_index, 0): (_states_of_name, (log_key, *member_index), i, shape)
+            for member_index in product(*map(range, files.shape))
+        }
+        graph_layers = HighLevelGraph(layers | {key: graph}, dependencies | {key: {log_key}})
+        arrays[name] = da.Array(
+            graph_layers, key, (*((1,) * n for n in files.shape), (reading.times.size,)), dtype=float
+        )
     return arrays
 
 
@@ -231,10 +249,10 @@ def _if_known(seal: str) -> str:
     return seal if is_known(Tail(seal)) else ""
 
 
-def _states(reading: _Reading, *which: Any) -> Floats:
-    return reading.states(*which)
+def _states_of_run(reading: _RunReader, *run_arguments: Any) -> Floats:
+    return reading.read_states(*run_arguments)
 
 
-def _taken(states: Floats, i: int, shape: tuple[int, ...]) -> Floats:
+def _states_of_name(states: Floats, i: int, shape: tuple[int, ...]) -> Floats:
     values: Floats = states[i].reshape(*shape, -1)
     return values

@@ -9,25 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive, record
-from xdynamics.archive.place import Place, placed
+from xdynamics.archive.place import Place, location_of
 from xdynamics.evidence.grid_axes import sweep_of
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import march_model
 from xdynamics.faults import ArchiveError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march import March
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import ROOT_DIGEST
 from xdynamics.sweeping.collection import plan_of
-from xdynamics.sweeping.grid import At, SweepGrid
+from xdynamics.sweeping.grid import AxisIndices, SweepGrid
 from xdynamics.sweeping.kept_quantities import DIGEST, OUTCOME
-from xdynamics.sweeping.labels import places_of
+from xdynamics.sweeping.labels import indices_of_labels
 from xdynamics.sweeping.member_files import RUNS
 from xdynamics.sweeping.members import FILE, digest_of_end
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_OWN = re.compile(rf"{RUNS}/[0-9a-f]+(\.partial)*\.nc")  # named by a digest
+_RUN_FILE_NAME = re.compile(rf"{RUNS}/[0-9a-f]+(\.partial)*\.nc")  # named by a digest
 
 
 def member(
@@ -66,31 +66,35 @@ def member(
     True
     """
     grid = plan_of(sweep, functions).grid
-    folder, sweep = folder_of(sweep), sweep_of(record.whole_of(sweep))
-    at = places_of(grid, labels)
-    place = {dim: k for dim, k in zip(grid.dims, at, strict=True) if dim in sweep.dims}
+    folder, sweep = sweep_folder(sweep), sweep_of(record.whole_of(sweep))
+    axis_indices = indices_of_labels(grid, labels)
+    dim_indices = {dim: k for dim, k in zip(grid.dims, axis_indices, strict=True) if dim in sweep.dims}
     states = [block.name for block in layout_of(grid.model).used.blocks]
     ends = [f"end_{name}" for name in ("time", *states) if f"end_{name}" in sweep]
-    catalogued = sweep[[entry for entry in (DIGEST, OUTCOME, FILE, *ends) if entry in sweep]].isel(place).compute()
+    catalogued = (
+        sweep[[entry for entry in (DIGEST, OUTCOME, FILE, *ends) if entry in sweep]].isel(dim_indices).compute()
+    )
     if FILE in catalogued and str(catalogued[FILE].values) and folder:
-        return opened(place_of(folder, str(catalogued[FILE].values)), str(catalogued[DIGEST].values))
+        return open_member(run_path(folder, str(catalogued[FILE].values)), str(catalogued[DIGEST].values))
     is_archived = FILE in catalogued
     recorded = is_archived and grid.recording
-    model = grid.model_of(at)
-    run = record.whole_of(_recorded(grid, at) if recorded else march(model, **grid.asked_of(at)))
+    model = grid.member_model(axis_indices)
+    run = record.whole_of(
+        _march_recorded(grid, axis_indices) if recorded else march_model(model, **grid.simulate_arguments(axis_indices))
+    )
     digest = archive.digest_of_run(run) if is_archived else digest_of_end(run, states)
-    told = [entry for entry in ends if not _is_untold(catalogued[entry].values, run)]
-    results = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
-        entry: run[entry.removeprefix("end_")].values[-1] for entry in told if entry.removeprefix("end_") in run
+    known_ends = [entry for entry in ends if not _is_untold(catalogued[entry].values, run)]
+    marched_values = {DIGEST: digest, OUTCOME: run.attrs[OUTCOME]} | {
+        entry: run[entry.removeprefix("end_")].values[-1] for entry in known_ends if entry.removeprefix("end_") in run
     }
     differences = [
         f"{name} is {entry}, in the sweep {value}"
-        for name, entry in results.items()
-        if name in catalogued and not _same(value := catalogued[name].values, entry)
+        for name, entry in marched_values.items()
+        if name in catalogued and not _equal_values(value := catalogued[name].values, entry)
     ]
     if differences:
         raise ArchiveError(
-            f"member {grid.name_of(at)}, marched again, comes to something else: {'; '.join(differences)}"
+            f"member {grid.member_name(axis_indices)}, marched again, comes to something else: {'; '.join(differences)}"
         )
     return run
 
@@ -100,25 +104,25 @@ def _is_untold(value: Any, run: xr.Dataset) -> bool:
     return run.attrs[OUTCOME] not in GOOD and bool(np.isnan(value).all())
 
 
-def _same(value: Any, other: Any) -> bool:
+def _equal_values(value: Any, marched_value: Any) -> bool:
     """Whether words or numbers are the same; nan is like itself."""
-    numbers = np.asarray(other).dtype.kind == "f"
-    return np.array_equal(value, other, equal_nan=numbers)
+    numbers = np.asarray(marched_value).dtype.kind == "f"
+    return np.array_equal(value, marched_value, equal_nan=numbers)
 
 
-def _recorded(grid: SweepGrid, at: At) -> xr.Dataset:
+def _march_recorded(grid: SweepGrid, axis_indices: AxisIndices) -> xr.Dataset:
     """March a member again, recording what the sweep recorded."""
-    single = March(grid.model_of(at), grid.recorded_settings_of(at))
-    return archive.marched(record.dataset(single))
+    member_march = March(grid.member_model(axis_indices), grid.recorded_settings_of(axis_indices))
+    return archive.marched(record.dataset(member_march))
 
 
-def folder_of(sweep: xr.Dataset) -> Place | None:
+def sweep_folder(sweep: xr.Dataset) -> Place | None:
     """Return the folder that a sweep was opened from."""
     source = sweep.encoding.get("source")
-    return placed(source).parent if source else None
+    return location_of(source).parent if source else None
 
 
-def place_of(folder: Place, file: str) -> Place:
+def run_path(folder: Place, file: str) -> Place:
     """Return the place of a run by what the catalogue says of it: it is in the sweep's own folder.
 
     Raises
@@ -126,14 +130,14 @@ def place_of(folder: Place, file: str) -> Place:
     ArchiveError
         If the catalogue names anything else.
     """
-    if not _OWN.fullmatch(file):
+    if not _RUN_FILE_NAME.fullmatch(file):
         raise ArchiveError(
             f"the catalogue of '{folder}' names {file[:80]!r} as the file of a run; its runs are in '{RUNS}'"
         )
     return folder / file
 
 
-def opened(file: Place, digest: str) -> xr.Dataset:
+def open_member(file: Place, digest: str) -> xr.Dataset:
     """Open a member's archive, and check that it holds the run named in the catalogue.
 
     Raises

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.runs import march_model
 from xdynamics.faults import InputError, ModelError
 from xdynamics.march import March, Runs
 from xdynamics.march.log import Room
@@ -22,24 +22,24 @@ from xdynamics.march.uncontrolled_errors import uncontrolled
 from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model.switches import smooth_switches
 from xdynamics.record.circumstances import xdynamics_version
-from xdynamics.record.element_names import listed
+from xdynamics.record.element_names import names_as_words
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import CIRCUMSTANCE, OCCURRENCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
-from xdynamics.shapes.naming import spoken
-from xdynamics.sweeping.ensemble_records import Harvest, parts_of
-from xdynamics.sweeping.grid import At, Group, SweepGrid
+from xdynamics.shapes.naming import display_text
+from xdynamics.sweeping.ensemble_records import MemberRuns, parallel_parts
+from xdynamics.sweeping.grid import AxisIndices, Group, SweepGrid
 from xdynamics.sweeping.kept_quantities import (
     COUNT,
-    COUNTS,
+    COUNT_FUNCTIONS,
     DIAGNOSTIC,
     DIGEST,
     OUTCOME,
     STOPPED_BY,
     UNCONTROLLED,
     Keeping,
-    Kept,
+    KeptVariable,
 )
-from xdynamics.sweeping.run_quantities import values_of
+from xdynamics.sweeping.run_quantities import run_values
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,7 +48,11 @@ Values = NDArray[Any]
 Block = Sequence[slice]
 
 LOG_BYTES = 12_000_000  # of complete logs held at once
-FEW, MOST, MORE = 128, 16_384, 16  # members whose logs are held: at first, at most, and growth factor
+FIRST_BATCH, MAX_BATCH, BATCH_GROWTH = (
+    128,
+    16_384,
+    16,
+)  # members whose logs are held: at first, at most, and growth factor
 FEW_ROWS = 32  # of a member's log, with which the first ones are held
 REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # whose cause is found by repeating the step
 LONGEST_WORD = max(map(len, WORDS))
@@ -56,7 +60,9 @@ _GOLDEN = 0x9E3779B97F4A7C15
 
 FILE, SEAL, CONTENT_DIGEST = "run_file", RUN_SEAL, "content digest of the run's archive"
 DIGITS = 32  # of a digest of an end: enough to tell a million runs apart, and half the memory
-DIGEST_OF = "first 32 digits of a sha256 of time and state at the run's end, its counts, the time of every event"
+DIGEST_DESCRIPTION = (
+    "first 32 digits of a sha256 of time and state at the run's end, its counts, the time of every event"
+)
 
 
 @dataclass(frozen=True)
@@ -86,66 +92,80 @@ class Plan:
             [
                 axis.dim,
                 [
-                    [entry.name, entry.kind, entry.unit.text, entry.values.tolist(), entry.tables, *entry.written]
+                    [entry.name, entry.kind, entry.unit.text, entry.values.tolist(), entry.tables, *entry.exact_texts]
                     for entry in axis.columns
                 ],
             ]
             for axis in grid.axes
         ]
-        words = [grid.model.digest, grid.asked, axes, keeping.words, keeping.times.tolist(), keeping.occurrences]
-        marked = [entry.name for entry in self.variables if entry.more]  # which folders of before may not have
-        text = json.dumps([*words, grid.math_functions, xdynamics_version(), *marked], sort_keys=True)
+        words = [
+            grid.model.digest,
+            grid.shared_settings,
+            axes,
+            keeping.words,
+            keeping.times.tolist(),
+            keeping.occurrences,
+        ]
+        flag_variables = [entry.name for entry in self.variables if entry.more]  # which folders of before may not have
+        text = json.dumps([*words, grid.math_functions, xdynamics_version(), *flag_variables], sort_keys=True)
         return sha256(text.encode()).hexdigest()
 
     @cached_property
-    def variables(self) -> tuple[Kept, ...]:
+    def variables(self) -> tuple[KeptVariable, ...]:
         """The variables kept of every member."""
         settings = self.grid.settings_of((0,) * len(self.grid.shape))
-        kept = [
-            Kept(
+        kept_variables = [
+            KeptVariable(
                 "end_time",
                 (),
                 (),
                 self.grid.model.time_unit.text,
                 "time at which the run ended",
                 "time",
-                lambda runs: runs.last("time"),
+                lambda runs: runs.last_values("time"),
             ),
             *self.keeping.variables(self.grid.model, settings),
         ]
         counts = [
-            Kept(name, (), (), "1", name.removeprefix("run_").replace("_", " "), COUNT, take, dtype="i8")
-            for name, take in COUNTS.items()
+            KeptVariable(name, (), (), "1", name.removeprefix("run_").replace("_", " "), COUNT, take, dtype="i8")
+            for name, take in COUNT_FUNCTIONS.items()
         ]
-        return (*kept, *counts, *self._judged)
+        return (*kept_variables, *counts, *self._run_variables)
 
     @property
-    def _judged(self) -> list[Kept]:
+    def _run_variables(self) -> list[KeptVariable]:
         """The variables that judge every member as a run: doubts, outcome, digest, file."""
-        whole = self.keeping.whole
+        keeps_runs = self.keeping.keeps_whole_runs
         stops = [name for name, event in self.grid.model.events.items() if event.action == "stop"]
-        judged = _FILES if whole else []
-        judged = [*judged, _judging(UNCONTROLLED, _OF_UNCONTROLLED, DIAGNOSTIC, _no_errors, "i4")]
+        run_variables = _FILES if keeps_runs else []
+        run_variables = [
+            *run_variables,
+            _judgement_variable(UNCONTROLLED, _OF_UNCONTROLLED, DIAGNOSTIC, _no_errors, "i4"),
+        ]
         if smooth_switches(self.grid.model):
-            judged.append(_judging(PASSED.name, _OF_PASSED, DIAGNOSTIC, _passed, "i8"))
-        judged.append(_judging(OUTCOME, "how the run ended", "outcome", _outcomes, f"U{LONGEST_WORD}"))
+            run_variables.append(_judgement_variable(PASSED.name, _OF_PASSED, DIAGNOSTIC, _passed_counts, "i8"))
+        run_variables.append(
+            _judgement_variable(OUTCOME, "how the run ended", "outcome", _outcomes, f"U{LONGEST_WORD}")
+        )
         if stops:
-            longest = max(map(len, map(spoken, stops)))
-            judged.append(
-                _judging(STOPPED_BY, "event that ended the run, where one did", "outcome", _stopped_by, f"U{longest}")
+            longest = max(map(len, map(display_text, stops)))
+            run_variables.append(
+                _judgement_variable(
+                    STOPPED_BY, "event that ended the run, where one did", "outcome", _stopped_by, f"U{longest}"
+                )
             )
-        content, dtype = (CONTENT_DIGEST, "U64") if whole else (DIGEST_OF, f"U{DIGITS}")
-        return [*judged, _judging(DIGEST, content, "digest", _digests, dtype)]
+        content, dtype = (CONTENT_DIGEST, "U64") if keeps_runs else (DIGEST_DESCRIPTION, f"U{DIGITS}")
+        return [*run_variables, _judgement_variable(DIGEST, content, "digest", _end_digests, dtype)]
 
 
-def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Values]:
+def march_block(plan: Plan, block: Block, copy_existing: CopyExisting | None = None) -> dict[str, Values]:
     """March the members of a block.
 
     Parameters
     ----------
     plan : Plan
     block : sequence of slice
-    there : callable, optional
+    copy_existing : callable, optional
         Copies what is known of members into the arrays, by name, in the shape of the block, and returns which members
         these are; they are not marched.
 
@@ -154,77 +174,79 @@ def marched(plan: Plan, block: Block, there: Take | None = None) -> dict[str, Va
     dict of str to ndarray
         Every variable; dimensions of the block, followed by those of the variable.
     """
-    shape = plan.grid.shape_of(block)
+    shape = plan.grid.block_shape(block)
     size = int(np.prod(shape))
     arrays = {variable.name: np.empty((size, *variable.sizes), variable.dtype) for variable in plan.variables}
-    known = np.zeros(size, bool)
-    if there is not None:
-        known = there(
+    existing_members = np.zeros(size, bool)
+    if copy_existing is not None:
+        existing_members = copy_existing(
             plan, block, {name: variable.reshape(*shape, *variable.shape[1:]) for name, variable in arrays.items()}
         ).ravel()
-    reads = tuple(dict.fromkeys(name for variable in plan.variables for name in (*variable.motion, *variable.reads)))
+    reads = tuple(
+        dict.fromkeys(name for variable in plan.variables for name in (*variable.motion, *variable.log_columns))
+    )
     for full_group in plan.grid.groups(block):
-        group = full_group.without(known)
-        parts = parts_of(group.model, group.settings) if reads and group.places.size else None
+        group = full_group.excluding(existing_members)
+        parts = parallel_parts(group.model, group.settings) if reads and group.block_indices.size else None
         for part, runs in _batches(group, reads):
-            harvest = Harvest(group.model, group.settings, runs, parts)
+            member_runs = MemberRuns(group.model, group.settings, runs, parts)
             for variable in plan.variables:
-                arrays[variable.name][group.places[part]] = variable.take(harvest)
-            arrays[UNCONTROLLED][group.places[part]] = _uncontrolled(group, harvest, part)
-    _settle(plan, block, arrays, known)
-    _read_whole_runs(plan, block, arrays, known)
+                arrays[variable.name][group.block_indices[part]] = variable.take(member_runs)
+            arrays[UNCONTROLLED][group.block_indices[part]] = _uncontrolled(group, member_runs, part)
+    _recheck_members(plan, block, arrays, existing_members)
+    _read_whole_runs(plan, block, arrays, existing_members)
     return {name: values.reshape(*shape, *values.shape[1:]) for name, values in arrays.items()}
 
 
 def _batches(group: Group, reads: tuple[str, ...]) -> Iterator[tuple[slice, Runs]]:
     """March a group; if logs are read, or each member is posed alone, as many at a time as the memory limit allows."""
-    alone = group.settings.precision != FLOAT64
+    one_by_one = group.settings.precision != FLOAT64
     row = max(1, 8 * len(reads))
-    few = max(1, min(FEW, LOG_BYTES // (FEW_ROWS * row)))
-    begin, count, room = 0, few if reads or alone else len(group.places), Room()
-    while begin < len(group.places):
+    first_count = max(1, min(FIRST_BATCH, LOG_BYTES // (FEW_ROWS * row)))
+    begin, count, room = 0, first_count if reads or one_by_one else len(group.block_indices), Room()
+    while begin < len(group.block_indices):
         part = slice(begin, begin + count)
-        runs = group.marched(part, logs=reads, room=room)
+        runs = group.march_members(part, logs=reads, room=room)
         yield part, runs
         begin += count
         rows = max(1, int(runs.rows.max()) * row)
-        count = min(MORE * count, MOST, max(1, LOG_BYTES // rows)) if reads else count
+        count = min(BATCH_GROWTH * count, MAX_BATCH, max(1, LOG_BYTES // rows)) if reads else count
 
 
-Take = Callable[[Plan, Block, dict[str, Values]], NDArray[np.bool_]]
+CopyExisting = Callable[[Plan, Block, dict[str, Values]], NDArray[np.bool_]]
 
 
-def _none(runs: Harvest) -> Values:
+def _empty_texts(runs: MemberRuns) -> Values:
     return np.full(runs.size, "")
 
 
-def _outcomes(runs: Harvest) -> Values:
+def _outcomes(runs: MemberRuns) -> Values:
     words = np.array([OUTCOMES[status].word if status in OUTCOMES else "" for status in range(max(OUTCOMES) + 1)])
     return words[runs.runs.status]
 
 
-def _passed(runs: Harvest) -> Values:
+def _passed_counts(runs: MemberRuns) -> Values:
     """Count how often steps passed switches that are declared smooth."""
     counts: Values = runs.runs.passed.sum(axis=1)
     return counts
 
 
-def _stopped_by(runs: Harvest) -> Values:
+def _stopped_by(runs: MemberRuns) -> Values:
     """Name the last event of every run that was stopped by an event."""
     names = str(runs.columns["event_detector"].variable.more["flag_meanings"]).split()
-    words = np.array([listed([name]) for name in names])
+    words = np.array([names_as_words([name]) for name in names])
     stops = [
         i for i, name in enumerate(names) if name in runs.model.events and runs.model.events[name].action == "stop"
     ]
     places = np.flatnonzero(np.isin(runs["event_detector"], stops))
-    stopped = runs.runs.status == STOPPED
-    last = places[np.searchsorted(places, runs.runs.first_event[1:][stopped]) - 1]
+    is_stopped = runs.runs.status == STOPPED
+    last = places[np.searchsorted(places, runs.runs.first_event[1:][is_stopped]) - 1]
     events = np.full(runs.size, "", dtype=words.dtype)
-    events[stopped] = words[runs["event_detector"][last]]
+    events[is_stopped] = words[runs["event_detector"][last]]
     return events
 
 
-def ended(sweep: xr.Dataset) -> xr.DataArray:
+def end_descriptions(sweep: xr.Dataset) -> xr.DataArray:
     """Return how every member ended, with the event that stopped it."""
     outcome = sweep[OUTCOME]
     if STOPPED_BY not in sweep or sweep[STOPPED_BY].dims != outcome.dims:
@@ -238,25 +260,30 @@ def ended(sweep: xr.Dataset) -> xr.DataArray:
     return xr.DataArray(np.array(texts).reshape(outcome.shape), dims=outcome.dims)
 
 
-def _uncontrolled(group: Group, runs: Harvest, part: slice) -> Values:
+def _uncontrolled(group: Group, runs: MemberRuns, part: slice) -> Values:
     """Count the variables that the tolerances did not control, for every member by its own tolerance."""
     tolerances, layout, rtols = group.settings.tolerances, runs.layout, group.arrays.get("rtols")
     if not group.settings.adaptive or tolerances is None:
         return np.zeros(runs.size, np.int64)
     scales = group.settings.scales
-    largest = runs.runs.largest * np.array([scales.of(layout.model.dimensions[name]) for name in layout.used])
+    largest = runs.runs.largest * np.array([scales.si_factor(layout.model.dimensions[name]) for name in layout.used])
     if rtols is None:
         return np.asarray(np.count_nonzero(uncontrolled(tolerances, layout, largest, runs.runs.accepted), axis=1))
     members = zip(rtols[part].tolist(), largest, runs.runs.accepted.tolist(), strict=True)
-    return np.array([uncontrolled(replace(tolerances, rtol=rtol), layout, *rest).sum() for rtol, *rest in members])
+    return np.array(
+        [
+            uncontrolled(replace(tolerances, rtol=rtol), layout, *member_numbers).sum()
+            for rtol, *member_numbers in members
+        ]
+    )
 
 
-def _digests(runs: Harvest) -> Values:
+def _end_digests(runs: MemberRuns) -> Values:
     """Digest the end, the counts and the event times of every member."""
     names = ("time", *(block.name for block in runs.layout.used.blocks))
-    ends = np.concatenate([runs.last(name).reshape(runs.size, -1) for name in names], axis=1)
-    counts = np.stack([counted(runs) for counted in COUNTS.values()], axis=1)
-    rows, events = _bytes(ends, counts), runs["event_time"].astype("<f8").tobytes()
+    ends = np.concatenate([runs.last_values(name).reshape(runs.size, -1) for name in names], axis=1)
+    counts = np.stack([count(runs) for count in COUNT_FUNCTIONS.values()], axis=1)
+    rows, events = _little_endian_bytes(ends, counts), runs["event_time"].astype("<f8").tobytes()
     width, first = len(rows) // runs.size, (8 * runs.runs.first_event).tolist()
     return np.array(
         [
@@ -267,7 +294,7 @@ def _digests(runs: Harvest) -> Values:
     )
 
 
-def _bytes(ends: Values, counts: Values) -> bytes:
+def _little_endian_bytes(ends: Values, counts: Values) -> bytes:
     """Return rows of floats and integers as bytes, little-endian."""
     return np.concatenate([ends.astype("<f8").view("<i8"), counts.astype("<i8")], axis=-1).tobytes()
 
@@ -275,82 +302,90 @@ def _bytes(ends: Values, counts: Values) -> bytes:
 def digest_of_end(run: xr.Dataset, names: Sequence[str]) -> str:
     """Return the digest that a run has in a sweep; `names` are those of coordinates, velocities and states."""
     end = np.concatenate([np.ravel(run.variables[name][-1].values) for name in ("time", *names)])
-    counts = np.array([int(run.attrs[name]) for name in COUNTS])
-    return sha256(_bytes(end, counts) + np.asarray(run["event_time"]).astype("<f8").tobytes()).hexdigest()[:DIGITS]
+    counts = np.array([int(run.attrs[name]) for name in COUNT_FUNCTIONS])
+    return sha256(
+        _little_endian_bytes(end, counts) + np.asarray(run["event_time"]).astype("<f8").tobytes()
+    ).hexdigest()[:DIGITS]
 
 
-def _settle(plan: Plan, block: Block, arrays: Mapping[str, Values], known: NDArray[np.bool_]) -> None:
+def _recheck_members(
+    plan: Plan, block: Block, arrays: Mapping[str, Values], existing_members: NDArray[np.bool_]
+) -> None:
     """Find the causes of bad ends, and march the members to be checked alone; known members are skipped."""
     grid = plan.grid
-    places = grid.places(block)
-    refined = [OUTCOMES[status].word for status in REFINED]
-    for i in np.flatnonzero(np.isin(arrays[OUTCOME], refined) & ~known).tolist():
+    places = grid.indices_in(block)
+    refined_words = [OUTCOMES[status].word for status in REFINED]
+    for i in np.flatnonzero(np.isin(arrays[OUTCOME], refined_words) & ~existing_members).tolist():
         march = march_of(grid, places[i])
         for _ in march.blocks() if march else ():
             pass
         arrays[OUTCOME][i] = ending(march).outcome.word if march else arrays[OUTCOME][i]
     numbers = np.asarray(np.ravel_multi_index(tuple(places.T), grid.shape))
-    for i in np.flatnonzero(chosen(numbers, plan.check) & ~known).tolist():
-        _check(grid, places[i], {name: arrays[name][i] for name in (DIGEST, OUTCOME)})
+    for i in np.flatnonzero(is_chosen(numbers, plan.check) & ~existing_members).tolist():
+        _check_member(grid, places[i], {name: arrays[name][i] for name in (DIGEST, OUTCOME)})
 
 
-def _read_whole_runs(plan: Plan, block: Block, arrays: Mapping[str, Values], known: NDArray[np.bool_]) -> None:
+def _read_whole_runs(
+    plan: Plan, block: Block, arrays: Mapping[str, Values], existing_members: NDArray[np.bool_]
+) -> None:
     """March members by themselves for what takes their whole runs, which lanes do not keep."""
-    wanted = {variable.of_run: variable for variable in plan.variables if variable.of_run}
-    for i, at in enumerate(plan.grid.places(block)) if wanted else ():
-        if known[i]:
+    run_variables = {variable.of_run: variable for variable in plan.variables if variable.of_run}
+    for i, axis_indices in enumerate(plan.grid.indices_in(block)) if run_variables else ():
+        if existing_members[i]:
             continue
         try:
-            run = march(plan.grid.model_of(at), **plan.grid.asked_of(at))
+            run = march_model(plan.grid.member_model(axis_indices), **plan.grid.simulate_arguments(axis_indices))
         except ModelError:  # see its outcome
             continue
-        for name, values in values_of(run, [*wanted]).items():
-            variable = wanted[name]
+        for name, values in run_values(run, [*run_variables]).items():
+            variable = run_variables[name]
             if variable.dims[:1] == (OCCURRENCE,):
-                listed = values[variable.first :][: variable.sizes[0]]
-                arrays[name][i, : len(listed)] = listed
+                occurrences = values[variable.first :][: variable.sizes[0]]
+                arrays[name][i, : len(occurrences)] = occurrences
             elif values.ndim == len(variable.dims):
                 arrays[name][i] = values
             elif len(values):  # the first of a list
                 arrays[name][i] = values[0]
 
 
-def march_of(grid: SweepGrid, at: At) -> March | None:
+def march_of(grid: SweepGrid, axis_indices: AxisIndices) -> March | None:
     """Return the march of a single member, as its run is recorded; None if its model is refused (see its outcome)."""
     try:
-        return March(grid.model_of(at), grid.recorded_settings_of(at))
+        return March(grid.member_model(axis_indices), grid.recorded_settings_of(axis_indices))
     except ModelError:
         return None
 
 
-def chosen(numbers: Values, part: float) -> Values:
+def is_chosen(numbers: Values, part: float) -> Values:
     """Choose a fraction of the members by their numbers, evenly spread and independent of the blocks."""
     spread = (numbers.astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN)  # wraps around on purpose
     return spread.astype(float) / 2.0**64 < part
 
 
-def _check(grid: SweepGrid, at: Values, kept: Mapping[str, Any]) -> None:
+def _check_member(grid: SweepGrid, axis_indices: Values, sweep_values: Mapping[str, Any]) -> None:
     """Compare a member with the same run marched alone."""
-    march = march_of(grid.unrecorded, at)
+    march = march_of(grid.unrecorded, axis_indices)
     if march is None:
         return
     run = record.dataset(march)
-    alone = {
+    single_values = {
         DIGEST: digest_of_end(run, [block.name for block in march.layout.used.blocks]),
         OUTCOME: run.attrs[OUTCOME],
     }
     differences = [
-        f"{name} is {kept[name]} in the sweep and {alone[name]} alone" for name in alone if alone[name] != kept[name]
+        f"{name} is {sweep_values[name]} in the sweep and {single_values[name]} alone"
+        for name in single_values
+        if single_values[name] != sweep_values[name]
     ]
     if differences:
         raise InputError(
-            f"member {grid.name_of(at)}: {'; '.join(differences)}: this is a fault of xdynamics; please report it"
+            f"member {grid.member_name(axis_indices)}: {'; '.join(differences)}: this is a fault of xdynamics; please report it"
         )
 
 
-def _judging(name: str, description: str, role: str, take: Callable[[Any], Any], dtype: str) -> Kept:
+def _judgement_variable(name: str, description: str, role: str, take: Callable[[Any], Any], dtype: str) -> KeptVariable:
     """Return a variable without a unit that has one value for each member."""
-    return Kept(name, (), (), "1", description, role, take, dtype=dtype)
+    return KeptVariable(name, (), (), "1", description, role, take, dtype=dtype)
 
 
 def _no_errors(runs: Any) -> NDArray[np.float64]:
@@ -364,6 +399,8 @@ _OF_UNCONTROLLED = (
 )
 _OF_PASSED = "how often switches that are declared smooth were passed by a step, and not located"
 _FILES = [
-    _judging(FILE, "archive of the run, named by a digest of all that it is marched from", "file", _none, "U72"),
-    _judging(SEAL, "sha256 of the archive's bytes, that it ends with", CIRCUMSTANCE, _none, "U64"),
+    _judgement_variable(
+        FILE, "archive of the run, named by a digest of all that it is marched from", "file", _empty_texts, "U72"
+    ),
+    _judgement_variable(SEAL, "sha256 of the archive's bytes, that it ends with", CIRCUMSTANCE, _empty_texts, "U64"),
 ]

@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.evidence.stage_tasks import Task
-from xdynamics.evidence.stages import Stage, lazy
+from xdynamics.evidence.stages import Stage, lazy_stage
 from xdynamics.faults import InputError
-from xdynamics.record.run_columns import columns_of
+from xdynamics.record.run_columns import unsampled_columns
 from xdynamics.schema import RAGGED, ROW, ROW_SIZE, RUN, SAMPLE_DIMENSION, STEPS
 from xdynamics.schema import Variable as RecordVariable
 from xdynamics.sweeping.collection import plan_of
-from xdynamics.sweeping.ensemble_records import Harvest
+from xdynamics.sweeping.ensemble_records import MemberRuns
 from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.members import Plan
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST = 2_000_000_000  # bytes of rows in one Dataset
+MAX_BYTES = 2_000_000_000  # bytes of rows in one Dataset
 COPIED = ("sweep_digest", "sweep_settings", "model_digest")  # attributes of the sweep
 
 
@@ -71,41 +71,43 @@ def ragged(
     True
     """
     plan = plan_of(sweep, functions)
-    copied = {key: sweep.attrs[key] for key in COPIED if key in sweep.attrs}
+    copied_attributes = {key: sweep.attrs[key] for key in COPIED if key in sweep.attrs}
     if compute:
         if sizes is not None:
             raise InputError(f"sizes are {sizes!r}, and are for compute=False: runs that are marched have their own")
-        return _marched(plan, copied)
-    task = Task.of("ragged", partial(_marched, plan, copied), (), plan.digest)
-    template = _described(plan, copied, _stated_rows(plan, sizes))
-    return lazy(Stage(template, task, [name for name in map(str, template.variables) if name.startswith(f"{RUN}_")]))
+        return _march_all(plan, copied_attributes)
+    task = Task.of("ragged", partial(_march_all, plan, copied_attributes), (), plan.digest)
+    template = _ragged_template(plan, copied_attributes, _stated_rows(plan, sizes))
+    return lazy_stage(
+        Stage(template, task, [name for name in map(str, template.variables) if name.startswith(f"{RUN}_")])
+    )
 
 
-def _marched(plan: Plan, copied: Mapping[str, Any]) -> xr.Dataset:
+def _march_all(plan: Plan, copied_attributes: Mapping[str, Any]) -> xr.Dataset:
     """March all members, and put their rows together."""
     grid = plan.grid
-    harvests: list[tuple[Any, Harvest]] = []
+    group_runs: list[tuple[Any, MemberRuns]] = []
     bytes_ = 0
     for group in grid.groups([slice(None)] * len(grid.shape)):
-        runs = group.marched(slice(None), logs=True)
-        harvests.append((group.places, Harvest(group.model, group.settings, runs)))
-        bytes_ += runs.kept.log.rows.nbytes
-        if bytes_ > MOST:
+        runs = group.march_members(slice(None), logs=True)
+        group_runs.append((group.block_indices, MemberRuns(group.model, group.settings, runs)))
+        bytes_ += runs.log_block.log.rows.nbytes
+        if bytes_ > MAX_BYTES:
             raise InputError(
-                f"the rows of {grid.size} members take more than {MOST / 1e9:g} GB; take a part of the sweep, like"
+                f"the rows of {grid.size} members take more than {MAX_BYTES / 1e9:g} GB; take a part of the sweep, like"
                 " isel(…)"
             )
     sizes = np.zeros(grid.size, np.int64)
-    for places, harvest in harvests:
-        sizes[places] = np.diff(harvest.runs.first_row)
+    for places, member_runs in group_runs:
+        sizes[places] = np.diff(member_runs.runs.first_row)
     first = np.concatenate([[0], np.cumsum(sizes)])
-    columns = _columns(grid)
+    columns = _row_variables(grid)
     values = {name: np.empty(int(first[-1]), column.dtype) for name, column in columns.items()}
-    for places, harvest in harvests:
+    for places, member_runs in group_runs:
         destination = np.concatenate([np.arange(first[i], first[i + 1]) for i in places.tolist()])
         for name in columns:
-            values[name][destination] = harvest[name]
-    return _assembled(grid, columns, values, sizes, copied)
+            values[name][destination] = member_runs[name]
+    return _ragged_dataset(grid, columns, values, sizes, copied_attributes)
 
 
 def _stated_rows(plan: Plan, sizes: Any) -> int:
@@ -119,19 +121,19 @@ def _stated_rows(plan: Plan, sizes: Any) -> int:
     return rows
 
 
-def _described(plan: Plan, copied: Mapping[str, Any], rows: int) -> xr.Dataset:
+def _ragged_template(plan: Plan, copied_attributes: Mapping[str, Any], rows: int) -> xr.Dataset:
     """Describe the rows of all members before any is marched."""
-    columns = _columns(plan.grid)
+    columns = _row_variables(plan.grid)
     values = {name: np.zeros(rows, column.dtype) for name, column in columns.items()}
-    return _assembled(plan.grid, columns, values, np.zeros(plan.grid.size, np.int64), copied)
+    return _ragged_dataset(plan.grid, columns, values, np.zeros(plan.grid.size, np.int64), copied_attributes)
 
 
-def _columns(grid: SweepGrid) -> dict[str, RecordVariable]:
+def _row_variables(grid: SweepGrid) -> dict[str, RecordVariable]:
     """Return what the records of all members have along their steps."""
     groups = [
         {
             column.variable.name: column.variable
-            for column in columns_of(group.settings.layout(group.model), group.settings)
+            for column in unsampled_columns(group.settings.layout(group.model), group.settings)
         }
         for group in grid.groups([slice(None)] * len(grid.shape))
     ]
@@ -142,28 +144,28 @@ def _columns(grid: SweepGrid) -> dict[str, RecordVariable]:
     }
 
 
-def _assembled(
+def _ragged_dataset(
     grid: SweepGrid,
     columns: Mapping[str, RecordVariable],
     values: Mapping[str, Any],
     sizes: Any,
-    copied: Mapping[str, Any],
+    copied_attributes: Mapping[str, Any],
 ) -> xr.Dataset:
     """Put rows, their numbers and what varies into one Dataset."""
     variables: dict[str, Any] = {
         name: ((ROW,), values[name], dict(column.attributes)) for name, column in columns.items()
     }
-    size_attributes = about("1", "accepted states of the run", "index") | {SAMPLE_DIMENSION: ROW}
+    size_attributes = variable_attributes("1", "accepted states of the run", "index") | {SAMPLE_DIMENSION: ROW}
     variables[ROW_SIZE] = ((RUN,), sizes, size_attributes)
-    at = grid.places([slice(None)] * len(grid.shape))
+    axis_indices = grid.indices_in([slice(None)] * len(grid.shape))
     for k, column in grid.columns:
-        column_values = column.values[at[:, k]]
+        column_values = column.values[axis_indices[:, k]]
         is_numeric = np.issubdtype(column_values.dtype, np.number)
         variables[f"{RUN}_{column.label}"] = (
             (RUN,),
             column_values if is_numeric else column_values.astype(str),
-            about(column.unit.text, f"{column.name} of the run", "axis"),
+            variable_attributes(column.unit.text, f"{column.name} of the run", "axis"),
         )
     title = f"{grid.model.name}: every state of {grid.size} runs"
-    attributes = {"featureType": "timeSeries"} | dict(copied)
-    return exhibit(RAGGED, title, [], variables, attributes, shapes=grid.model.shapes)
+    attributes = {"featureType": "timeSeries"} | dict(copied_attributes)
+    return evidence_dataset(RAGGED, title, [], variables, attributes, shapes=grid.model.shapes)

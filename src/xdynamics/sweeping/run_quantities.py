@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.diagnosing.conservation import ROLE
-from xdynamics.evidence.diagnosing.diagnosis import diagnose, foreseen
+from xdynamics.evidence.diagnosing.diagnosis import diagnose, foreseen_diagnosis
 from xdynamics.evidence.diagnosing.turns import TURNS
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.march import March, Settings
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
@@ -51,23 +51,25 @@ def run_quantities(model: Model, settings: Settings) -> dict[str, RunQuantity]:
     rate, time = NUMBERS.per(model.time_unit).text, model.time_unit.text
     units = dict.fromkeys(COUNTS, "1") | {"run_fastest_rate": rate, "run_slowest_period": time}
     units |= dict.fromkeys(("run_h_omega_start", "run_h_omega_largest"), "1")
-    found = {
-        name: RunQuantity((), "f8", about(unit, name.removeprefix("run_").replace("_", " "), ROLE))
+    quantities = {
+        name: RunQuantity((), "f8", variable_attributes(unit, name.removeprefix("run_").replace("_", " "), ROLE))
         for name, unit in units.items()
     }
-    diagnosis = foreseen(March(model, settings), 1)
+    diagnosis = foreseen_diagnosis(March(model, settings), 1)
     for name, variable in diagnosis.variables.items():
         dims = tuple(str(dim) for dim in variable.dims)
         is_known = {*dims} <= {*LISTED, *model.shapes.extents}  # gates are of the model, and no numbers
         if variable.dtype.kind in "fi" and variable.attrs.get("role") != "rule" and is_known:
-            own = tuple(dim for dim in dims if dim not in LISTED)
-            found[str(name)] = RunQuantity(own, variable.dtype.str[1:], dict(variable.attrs), is_listed=own != dims)
-    return found
+            element_dims = tuple(dim for dim in dims if dim not in LISTED)
+            quantities[str(name)] = RunQuantity(
+                element_dims, variable.dtype.str[1:], dict(variable.attrs), is_listed=element_dims != dims
+            )
+    return quantities
 
 
-def values_of(run: xr.Dataset, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+def run_values(run: xr.Dataset, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """Return the named numbers of a run; a run that failed has attributes alone."""
     of_diagnosis = [name for name in names if name not in run.attrs and run.attrs["run_outcome"] in GOOD]
-    found = diagnose(run, companion=bool({*of_diagnosis} & {*BY_COMPANION})) if of_diagnosis else run
-    values = {name: found.variables[name].values for name in of_diagnosis if name in found.variables}
+    diagnosis = diagnose(run, companion=bool({*of_diagnosis} & {*BY_COMPANION})) if of_diagnosis else run
+    values = {name: diagnosis.variables[name].values for name in of_diagnosis if name in diagnosis.variables}
     return values | {name: np.asarray(run.attrs[name]) for name in names if name in run.attrs}

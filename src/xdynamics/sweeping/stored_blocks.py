@@ -14,12 +14,12 @@ from xdynamics.sweeping.members import Block, Plan
 from xdynamics.sweeping.tasks import Chunks, measured_chunks
 
 CUT = "blocks.json"  # sizes of the blocks along each axis
-MOST_CUT = 100_000_000  # bytes of it
+MAX_CUT_BYTES = 100_000_000  # bytes of it
 Progress = Callable[[float, float, int], None]
 
 
 @contextmanager
-def alone_in(work: Place, folder: Place) -> Iterator[None]:
+def lock_folder(work: Place, folder: Place) -> Iterator[None]:
     """Lock what is written while this process marches into a folder against other processes.
 
     Raises
@@ -37,11 +37,11 @@ def alone_in(work: Place, folder: Place) -> Iterator[None]:
         yield
 
 
-def begun(plan: Plan, members: int | None, work: Place) -> Chunks:
+def saved_or_new_chunks(plan: Plan, members: int | None, work: Place) -> Chunks:
     """Return the chunks that a sweep was begun with, or choose and save them."""
     file = work / CUT
     with suppress(OSError, ValueError, TypeError, OverflowError, RecursionError):  # no such file, or a damaged one
-        content = json.loads(store_of(file).content(file, MOST_CUT))
+        content = json.loads(store_of(file).content(file, MAX_CUT_BYTES))
         saved = tuple(tuple(map(int, widths)) for widths in content)
         if tuple(map(sum, saved)) == plan.grid.shape and all(width > 0 for widths in saved for width in widths):
             return saved
@@ -51,18 +51,18 @@ def begun(plan: Plan, members: int | None, work: Place) -> Chunks:
     return chunks
 
 
-def said(block: Block) -> str:
+def block_name(block: Block) -> str:
     """Name a block by the members along each axis."""
     return "_".join(f"{extent.start}-{extent.stop}" for extent in block)
 
 
-class watching:  # noqa: N801 - used as a statement
+class watch_blocks:  # noqa: N801 - used as a statement
     """Report how many blocks are done by counting their files, whichever process writes them."""
 
     def __init__(self, parts: list[Place], progress: Progress | None) -> None:
         import threading
 
-        self.parts, self.progress, self.over = parts, progress, threading.Event()
+        self.parts, self.progress, self.stopped = parts, progress, threading.Event()
         self.thread = threading.Thread(target=self._tell, daemon=True) if progress else None
 
     def __enter__(self) -> None:
@@ -70,13 +70,13 @@ class watching:  # noqa: N801 - used as a statement
             self.thread.start()
 
     def __exit__(self, *_: object) -> None:
-        self.over.set()
+        self.stopped.set()
         if self.thread:
             self.thread.join()
 
     def _tell(self) -> None:
-        while not self.over.wait(1.0):
-            present = {place.name for place in store_of(self.parts[0]).names(self.parts[0].parent)}
-            done = sum(part.name in present for part in self.parts)
+        while not self.stopped.wait(1.0):
+            present_names = {entry.name for entry in store_of(self.parts[0]).names(self.parts[0].parent)}
+            finished_count = sum(part.name in present_names for part in self.parts)
             if self.progress:
-                self.progress(done / len(self.parts), 0.0, done)
+                self.progress(finished_count / len(self.parts), 0.0, finished_count)

@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import record
-from xdynamics.archive.place import GIVEN, Given, placed
+from xdynamics.archive.place import GIVEN, Given, location_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model, check_model
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.sweeping import catalogue
-from xdynamics.sweeping.axes import axes_of
-from xdynamics.sweeping.collection import collected, plan_of
+from xdynamics.sweeping.axes import read_axes
+from xdynamics.sweeping.collection import plan_of, sweep_dataset
 from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.kept_quantities import END, keeping_of
 from xdynamics.sweeping.members import Plan, march_of
-from xdynamics.sweeping.tasks import arrays_of, counted_chunks
+from xdynamics.sweeping.tasks import counted_chunks, lazy_arrays
 from xdynamics.units import Quantity, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST_MEMBERS = 200_000_000  # in one sweep
+MAX_MEMBERS = 200_000_000  # in one sweep
 
 
 def sweep(
@@ -109,81 +109,81 @@ def sweep(
     True
     """
     load_dask_whole()
-    grid = _grid(model, axes, settings)
+    grid = _grid_to_march(model, axes, settings)
     keeping = keeping_of(keep, times, occurrences, grid.model.time_unit)
-    if not keeping.whole:
+    if not keeping.keeps_whole_runs:
         grid = _unrecorded(grid, settings)
     grid.check()
-    plan = Plan(grid, keeping, _part(check))
-    collected(plan, {})  # refuses unknown words
+    plan = Plan(grid, keeping, _checked_fraction(check))
+    sweep_dataset(plan, {})  # refuses unknown words
     if grid.recording and (first := march_of(grid, (0,) * len(grid.shape))):
         record.columns(first)  # refuses unknown columns
-    _check_times(plan)
-    if plan.keeping.whole and path is None:
+    _check_sample_times(plan)
+    if plan.keeping.keeps_whole_runs and path is None:
         raise InputError("keep has 'log', and whole runs are kept in files; give path='a folder'")
-    members = None if members_per_task is None else _count(members_per_task)
+    members = None if members_per_task is None else _checked_member_count(members_per_task)
     if path is None:
-        return collected(plan, *arrays_of(plan, counted_chunks(grid, members)))
+        return sweep_dataset(plan, *lazy_arrays(plan, counted_chunks(grid, members)))
     if not isinstance(path, GIVEN):
         raise InputError(f"path is {path!r}, needs the name of a folder")
-    return catalogue.filled(plan, members, placed(path), progress)
+    return catalogue.march_into_folder(plan, members, location_of(path), progress)
 
 
-def _grid(model: Any, axes: Any, settings: Mapping[str, Any]) -> SweepGrid:
+def _grid_to_march(model: Any, axes: Any, settings: Mapping[str, Any]) -> SweepGrid:
     """Return the grid to march: a model over axes, or the members of an earlier sweep."""
     if hasattr(model, "attrs") and hasattr(model, "data_vars"):
         if axes is not None or settings:
             raise InputError("an earlier sweep has its axes and settings; give keep, times and occurrences alone")
         return plan_of(model).grid
     check_model(model)
-    shared = {name: plain(name, value) for name, value in settings.items() if value is not None}
-    grid = SweepGrid(model, axes_of(model, axes or {}), shared)
-    if repeated := [column.name for _, column in grid.columns if column.name in shared]:
+    shared_settings = {name: json_value(name, value) for name, value in settings.items() if value is not None}
+    grid = SweepGrid(model, read_axes(model, axes or {}), shared_settings)
+    if repeated := [column.name for _, column in grid.columns if column.name in shared_settings]:
         raise InputError(
-            f"'{repeated[0]}' varies along an axis, and is {shared[repeated[0]]!r} for all members too; give one"
+            f"'{repeated[0]}' varies along an axis, and is {shared_settings[repeated[0]]!r} for all members too; give one"
         )
-    if grid.size > MOST_MEMBERS:
-        raise InputError(f"the axes make {grid.size} members, and {MOST_MEMBERS} are the most; take fewer values")
+    if grid.size > MAX_MEMBERS:
+        raise InputError(f"the axes make {grid.size} members, and {MAX_MEMBERS} are the most; take fewer values")
     return grid
 
 
 def _unrecorded(grid: SweepGrid, settings: Mapping[str, Any]) -> SweepGrid:
     """Drop the recording settings of an earlier sweep where no whole runs are kept; refuse them if they were given."""
-    if refused := [name for name in grid.recording if settings.get(name) is not None]:
-        verb = "says" if len(refused) == 1 else "say"
+    if refused_names := [name for name in grid.recording if settings.get(name) is not None]:
+        verb = "says" if len(refused_names) == 1 else "say"
         raise InputError(
-            f"{' and '.join(refused)} {verb} how whole runs are recorded, and keep has none: add 'log' to keep with"
-            f" path='a folder', or leave {' and '.join(refused)} out; what else is kept is of every row"
+            f"{' and '.join(refused_names)} {verb} how whole runs are recorded, and keep has none: add 'log' to keep with"
+            f" path='a folder', or leave {' and '.join(refused_names)} out; what else is kept is of every row"
         )
     return grid.unrecorded
 
 
-def _check_times(plan: Plan) -> None:
+def _check_sample_times(plan: Plan) -> None:
     """Refuse times outside the runs, where all members begin and end together."""
     times, grid = plan.keeping.times, plan.grid
     if not times.size or {"t", "until"} & {entry.name for _, entry in grid.columns}:
         return
     second = unit_suffix(grid.model.time_unit)
     begin, end = grid.model.statement.initial["t"].si, grid.settings_of((0,) * len(grid.shape)).until
-    if outside := [entry for entry in times.tolist() if not begin <= entry <= end]:
+    if times_outside := [entry for entry in times.tolist() if not begin <= entry <= end]:
         raise InputError(
-            f"times has {outside[0]!r}{second}, and the runs are from t = {begin!r}{second} to until = {end!r}{second}"
+            f"times has {times_outside[0]!r}{second}, and the runs are from t = {begin!r}{second} to until = {end!r}{second}"
         )
 
 
-def _count(members: Any) -> int:
+def _checked_member_count(members: Any) -> int:
     if isinstance(members, bool) or not isinstance(members, int) or members < 1:
         raise InputError(f"members_per_task is {members!r}, needs a positive whole number")
     return members
 
 
-def _part(check: Any) -> float:
+def _checked_fraction(check: Any) -> float:
     if isinstance(check, bool) or not isinstance(check, int | float) or not 0.0 <= check <= 1.0:
         raise InputError(f"check is {check!r}, needs a part of the members from 0 to 1")
     return float(check)
 
 
-def plain(name: str, value: Any) -> Any:
+def json_value(name: str, value: Any) -> Any:
     """Return a setting as JSON can hold it.
 
     Raises
@@ -196,9 +196,9 @@ def plain(name: str, value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, Mapping):
-        return {str(key): plain(name, element) for key, element in value.items()}
+        return {str(key): json_value(name, element) for key, element in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [plain(name, element) for element in value]
+        return [json_value(name, element) for element in value]
     if isinstance(value, str | int | float):
         return value
     raise InputError(f"setting '{name}' is {value!r}, needs words or numbers")

@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xdynamics.evidence.grid_axes import AXIS, axes_said
-from xdynamics.evidence.stages import computed, is_lazy
+from xdynamics.evidence.grid_axes import AXIS, sweep_axis_names
+from xdynamics.evidence.stages import compute_datasets, is_lazy
 from xdynamics.march.outcomes import GOOD
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.schema import PASSED
-from xdynamics.sweeping.collection import COMMENT, KEEP, settings_said
+from xdynamics.sweeping.collection import COMMENT, KEEP, settings_text
 from xdynamics.sweeping.kept_quantities import OUTCOME, UNCONTROLLED
-from xdynamics.sweeping.members import ended
+from xdynamics.sweeping.members import end_descriptions
 from xdynamics.units.digits import known_part, short_number
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST = 12  # values of an axis, and variables, that are listed
+MAX_LISTED = 12  # values of an axis, and variables, that are listed
 LAZY = (
     "lazy      nothing is marched yet, and each use marches all of it anew: sweep.compute() keeps the numbers, a path"
     " keeps them in files, sweep.persist() on a cluster"
@@ -29,15 +29,15 @@ LAZY = (
 _FIRST = ("run_", "end_time")  # what every sweep has
 
 
-def lines_of(sweep: xr.Dataset) -> list[str]:
+def sweep_lines(sweep: xr.Dataset) -> list[str]:
     """Summarise what was varied, how the members ended, and the ranges of what was kept."""
-    lines = [line for dim in axes_said(sweep) for line in _axis(sweep, dim)]
+    lines = [line for dim in sweep_axis_names(sweep) for line in _axis_lines(sweep, dim)]
     if is_lazy(sweep) and "source" not in sweep.encoding:
-        members = f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; to keep of each: {sweep.attrs[KEEP]}"
+        members = f"members   {sweep[OUTCOME].size}, with {settings_text(sweep)}; to keep of each: {sweep.attrs[KEEP]}"
         return [*lines, members, LAZY]
-    sweep = computed(sweep)[0]  # at once: of what is lazy each variable would be read anew
-    lines.append(f"members   {sweep[OUTCOME].size}, with {settings_said(sweep)}; kept of each: {sweep.attrs[KEEP]}")
-    outcomes = Counter(map(str, ended(sweep).values.ravel().tolist()))
+    sweep = compute_datasets(sweep)[0]  # at once: of what is lazy each variable would be read anew
+    lines.append(f"members   {sweep[OUTCOME].size}, with {settings_text(sweep)}; kept of each: {sweep.attrs[KEEP]}")
+    outcomes = Counter(map(str, end_descriptions(sweep).values.ravel().tolist()))
     text = ", ".join(
         f"{count} {word}{'' if word.split()[0] in GOOD else ' (ended badly)'}" for word, count in outcomes.most_common()
     )
@@ -48,10 +48,10 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
         )
     if COMMENT in sweep.attrs:
         lines.append(f"remark    {sweep.attrs[COMMENT]}")
-    loose = int(np.count_nonzero(sweep[UNCONTROLLED].values))
-    if loose:
+    uncontrolled_count = int(np.count_nonzero(sweep[UNCONTROLLED].values))
+    if uncontrolled_count:
         lines.append(
-            f"doubt     of {loose} members absolute tolerances may have let pass 3 % of a variable, if every step erred"
+            f"doubt     of {uncontrolled_count} members absolute tolerances may have let pass 3 % of a variable, if every step erred"
             " by as much as they allow (run_uncontrolled); one marched by itself is judged by the errors that it had."
             " Give smaller ones by atol"
         )
@@ -60,10 +60,10 @@ def lines_of(sweep: xr.Dataset) -> list[str]:
             f"doubt     {count} members passed switches in forces that are declared smooth; leave smooth out to have"
             " them located"
         )
-    return [*lines, *_kept(sweep)]
+    return [*lines, *_variable_lines(sweep)]
 
 
-def _axis(sweep: xr.Dataset, dim: str) -> Iterator[str]:
+def _axis_lines(sweep: xr.Dataset, dim: str) -> Iterator[str]:
     for name in sweep.variables:
         variable = sweep[name]
         if variable.attrs.get(AXIS) != dim:
@@ -71,15 +71,15 @@ def _axis(sweep: xr.Dataset, dim: str) -> Iterator[str]:
         values, units = np.atleast_1d(variable.values), variable.attrs["units"]
         numbers = values.dtype.kind in "fi"
         unit = "" if units == "1" else f" {units}"
-        if len(values) <= MOST:
-            shown = ", ".join(f"{float(value):.9g}" if numbers else str(value) for value in values)
+        if len(values) <= MAX_LISTED:
+            values_text = ", ".join(f"{float(value):.9g}" if numbers else str(value) for value in values)
         else:
-            shown = f"{values.min():.9g} to {values.max():.9g}" if numbers else f"{values[0]} … {values[-1]}"
-        along = "" if name == dim else f" (along {dim})"
-        yield f"axis      {name}{along}: {len(values)} values, {shown}{unit}"
+            values_text = f"{values.min():.9g} to {values.max():.9g}" if numbers else f"{values[0]} … {values[-1]}"
+        dim_text = "" if name == dim else f" (along {dim})"
+        yield f"axis      {name}{dim_text}: {len(values)} values, {values_text}{unit}"
 
 
-def _kept(sweep: xr.Dataset) -> Iterator[str]:
+def _variable_lines(sweep: xr.Dataset) -> Iterator[str]:
     names = [
         str(name)
         for name, variable in sweep.data_vars.items()
@@ -87,9 +87,9 @@ def _kept(sweep: xr.Dataset) -> Iterator[str]:
         and variable.attrs.get("role") not in ("parameter", "axis")
         and not str(name).startswith(_FIRST)
     ]
-    for name in names[:MOST]:
+    for name in names[:MAX_LISTED]:
         if (variable := sweep[name]).attrs.get("role") == "flag":
-            counts = Counter(words_of(variable.stack(each=variable.dims) if variable.ndim > 1 else variable))
+            counts = Counter(words_of_flag(variable.stack(each=variable.dims) if variable.ndim > 1 else variable))
             yield f"{name} is {', '.join(f'{word} in {count}' for word, count in counts.most_common())}"
             continue
         values, units = np.asarray(sweep[name]), sweep[name].attrs["units"]
@@ -99,13 +99,16 @@ def _kept(sweep: xr.Dataset) -> Iterator[str]:
             yield f"{name} is not there in any member"
             continue
         missing = "" if finite.size == values.size else f", not there in {values.size - finite.size} of {values.size}"
-        least, most = known_number(sweep, name, float(finite.min())), known_number(sweep, name, float(finite.max()))
-        yield f"{name} {f'from {least} to {most}' if least != most else f'is {least}'}{unit}{missing}"
-    if len(names) > MOST:
-        yield f"… and {len(names) - MOST} more variables"
+        smallest, largest = (
+            significant_number(sweep, name, float(finite.min())),
+            significant_number(sweep, name, float(finite.max())),
+        )
+        yield f"{name} {f'from {smallest} to {largest}' if smallest != largest else f'is {smallest}'}{unit}{missing}"
+    if len(names) > MAX_LISTED:
+        yield f"… and {len(names) - MAX_LISTED} more variables"
 
 
-def known_number(sweep: xr.Dataset, name: str, value: float) -> str:
+def significant_number(sweep: xr.Dataset, name: str, value: float) -> str:
     """Write a member's number with six digits, fewer where tolerances and uncertain parameters leave fewer."""
     parameters = [
         (float(variable), float(variable.attrs.get("uncertainty", 0.0)))
@@ -118,4 +121,4 @@ def known_number(sweep: xr.Dataset, name: str, value: float) -> str:
     return short_number(value, doubt)
 
 
-SUMMARIES = {"sweep": lines_of}
+SUMMARIES = {"sweep": sweep_lines}

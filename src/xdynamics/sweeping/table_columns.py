@@ -13,10 +13,10 @@ from xdynamics.model.drives import doubts_of
 from xdynamics.model.instruments import as_table
 from xdynamics.runtime.files import decoded, read_bounded, reason
 
-LARGEST = 50_000_000  # bytes
+MAX_BYTES = 50_000_000  # bytes
 
 
-def text_of(path: Path) -> str:
+def csv_text(path: Path) -> str:
     """Read a CSV file.
 
     Raises
@@ -25,19 +25,19 @@ def text_of(path: Path) -> str:
         If it cannot be read.
     """
     try:
-        return decoded(read_bounded(path, LARGEST)).replace("\r\n", "\n").replace("\r", "\n")
+        return decoded(read_bounded(path, MAX_BYTES)).replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise InputError(f"table '{path}' cannot be read: {reason(error, path)}") from None
     except ValueError as error:
         raise InputError(f"table '{path}' cannot be read: {error}") from None
 
 
-def is_wide(path: Path) -> bool:
+def has_many_columns(path: Path) -> bool:
     """Whether a table has more than one column besides its argument and uncertainties."""
-    return len(_labels(_sheet(path))) > 1
+    return len(_value_columns(_sheet(path))) > 1
 
 
-def narrow(path: Path) -> dict[str, str]:
+def split_table(path: Path) -> dict[str, str]:
     """Split a wide table: CSV text with argument, value and perhaps its uncertainty, by the name in the header.
 
     Raises
@@ -47,13 +47,15 @@ def narrow(path: Path) -> dict[str, str]:
     """
     sheet = _sheet(path)
     tables = {}
-    for label, columns in _labels(sheet):
+    for label, columns in _value_columns(sheet):
         sheet.columns(columns)  # raises if they cannot be read
-        tables[label] = _written([list(sheet.header), *(cells for _, cells in sheet.lines)], columns, sheet.decimal)
+        tables[label] = _csv_of_columns(
+            [list(sheet.header), *(cells for _, cells in sheet.lines)], columns, sheet.decimal
+        )
     return tables
 
 
-def _written(rows: list[list[str]], columns: Sequence[int], decimal: str) -> str:
+def _csv_of_columns(rows: list[list[str]], columns: Sequence[int], decimal: str) -> str:
     """Write some columns as CSV; numbers stay the texts that they are, with decimal points."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([row[k].replace(decimal, ".") for k in columns] for row in rows)
@@ -61,13 +63,13 @@ def _written(rows: list[list[str]], columns: Sequence[int], decimal: str) -> str
 
 
 def _sheet(path: Path) -> Sheet:
-    return Sheet.of(str(path), as_table(path.name, text_of(path)))
+    return Sheet.from_text(str(path), as_table(path.name, csv_text(path)))
 
 
-def _labels(sheet: Sheet) -> list[tuple[str, tuple[int, ...]]]:
+def _value_columns(sheet: Sheet) -> list[tuple[str, tuple[int, ...]]]:
     """Return the value columns by name, each with the indices of the argument, itself and its uncertainties."""
     names = [title.name for title in sheet.titles()]
-    uncertainties = {names[place] for name in names for place in doubts_of(name, names).values()}
+    uncertainties = {names[column_index] for name in names for column_index in doubts_of(name, names).values()}
     return [
         (name, (0, k, *doubts_of(name, names).values()))
         for k, name in enumerate(names)

@@ -12,18 +12,21 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from xdynamics.evidence.cluster import connected, note, notes
+from xdynamics.evidence.cluster import connected, log_worker_event, worker_events
 from xdynamics.sweeping.grid import SweepGrid
-from xdynamics.sweeping.members import Block, Plan, marched
+from xdynamics.sweeping.members import Block, Plan, march_block
 
 SECOND = 1.0  # of work in a task; scheduling it costs about a millisecond
-LEAST = 0.05  # s, where there are few members for many workers
-EACH = 4  # tasks per worker, so that none is idle for long
+MIN_TASK_TIME = 0.05  # s, where there are few members for many workers
+TASKS_PER_WORKER = 4  # tasks per worker, so that none is idle for long
 UNMEASURED = 16  # where it is not known what a member costs, and members may differ by much
-ABREAST = 64  # members of a task, from which on they are marched abreast
-MOST = 1 << 15  # members of a task, each of which takes about a kilobyte while marched
-NOTED = 500  # blocks under one topic of a cluster, which keeps the last thousand notes of each
-PROBED, FURTHER = 8, 16  # members marched to measure the cost of one, and the growth factor while they cost little
+LANE_MEMBERS = 64  # members of a task, from which on they are marched abreast
+MAX_MEMBERS = 1 << 15  # members of a task, each of which takes about a kilobyte while marched
+BLOCKS_PER_TOPIC = 500  # blocks under one topic of a cluster, which keeps the last thousand notes of each
+PROBE_MEMBERS, PROBE_GROWTH = (
+    8,
+    16,
+)  # members marched to measure the cost of one, and the growth factor while they cost little
 
 Chunks = tuple[tuple[int, ...], ...]
 
@@ -35,18 +38,18 @@ def measured_chunks(plan: Plan, members: int | None = None) -> Chunks:
     """
     grid = plan.grid
     if members is not None:
-        return cut(grid, members)
+        return cut_grid(grid, members)
     cost = _cost(plan)
-    fewest = max(grid.size // (EACH * _processors()), int(LEAST / cost))
-    return cut(grid, max(1, min(MOST, int(SECOND / cost), fewest)))
+    fewest = max(grid.size // (TASKS_PER_WORKER * _processors()), int(MIN_TASK_TIME / cost))
+    return cut_grid(grid, max(1, min(MAX_MEMBERS, int(SECOND / cost), fewest)))
 
 
 def counted_chunks(grid: SweepGrid, members: int | None = None) -> Chunks:
     """Cut a grid into tasks of so many members, by default by their count alone: nothing is marched for it."""
     if members is None:
         processors = _processors()
-        members = max(grid.size // (UNMEASURED * processors), min(ABREAST, grid.size // processors), 1)
-    return cut(grid, min(MOST, members))
+        members = max(grid.size // (UNMEASURED * processors), min(LANE_MEMBERS, grid.size // processors), 1)
+    return cut_grid(grid, min(MAX_MEMBERS, members))
 
 
 def _processors() -> int:
@@ -57,15 +60,15 @@ def _processors() -> int:
     return CPU_COUNT if client is None else max(1, sum(client.nthreads().values()))
 
 
-def cut(grid: SweepGrid, members: int) -> Chunks:
+def cut_grid(grid: SweepGrid, members: int) -> Chunks:
     """Cut a grid into blocks of at most so many members, with one value each along axes of words."""
     chunks: list[tuple[int, ...]] = []
     remaining = max(1, members)
     for k in reversed(range(len(grid.shape))):
         size = grid.shape[k]
-        width = 1 if k in grid.words else min(size, remaining)
+        width = 1 if k in grid.word_axes else min(size, remaining)
         chunks.append((*[width] * (size // width), *([size % width] if size % width else [])))
-        remaining = max(1, remaining // width) if width == size or k in grid.words else 1
+        remaining = max(1, remaining // width) if width == size or k in grid.word_axes else 1
     return tuple(reversed(chunks))
 
 
@@ -77,7 +80,7 @@ def blocks_of(chunks: Chunks) -> list[tuple[tuple[int, ...], Block]]:
         for entries, last in zip(chunks, ends, strict=True)
     ]
     places = product(*(range(len(entries)) for entries in parts))
-    return [(at, tuple(part[i] for part, i in zip(parts, at, strict=True))) for at in places]
+    return [(block_index, tuple(part[i] for part, i in zip(parts, block_index, strict=True))) for block_index in places]
 
 
 Key = tuple[Any, ...]
@@ -95,13 +98,13 @@ class Digests(dict[Key, bytes]):
 
 
 def _digests_of(token: str) -> Digests:
-    return _CAME_OF.setdefault(token, Digests(token))
+    return _DIGESTS_BY_TOKEN.setdefault(token, Digests(token))
 
 
-_CAME_OF: WeakValueDictionary[str, Digests] = WeakValueDictionary()  # by a sweep's token
+_DIGESTS_BY_TOKEN: WeakValueDictionary[str, Digests] = WeakValueDictionary()  # by a sweep's token
 
 
-def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any]]:
+def lazy_arrays(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return every variable as a dask array, marching a block once for all, and checks whether values came of it."""
     import dask.array
     from dask.base import tokenize
@@ -114,7 +117,8 @@ def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any
     layers: dict[str, Any] = {
         plan_key: {plan_key: plan},
         name: {
-            (name, *at): (_marched, plan_key, list(block), [token, number]) for number, (at, block) in enumerate(blocks)
+            (name, *block_index): (_march_and_note, plan_key, list(block), [token, number])
+            for number, (block_index, block) in enumerate(blocks)
         },
     }
     dependencies: dict[str, set[str]] = {plan_key: set(), name: {plan_key}}
@@ -122,42 +126,46 @@ def arrays_of(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, Any
     for variable in plan.variables:
         key = f"{variable.name}-{token}"
         inner = (0,) * len(variable.sizes)
-        graph = {(key, *at, *inner): (itemgetter(variable.name), (name, *at)) for at, _ in blocks}
-        merged = HighLevelGraph(layers | {key: graph}, dependencies | {key: {name}})
+        graph = {
+            (key, *block_index, *inner): (itemgetter(variable.name), (name, *block_index)) for block_index, _ in blocks
+        }
+        graph_layers = HighLevelGraph(layers | {key: graph}, dependencies | {key: {name}})
         arrays[variable.name] = da.Array(
-            merged, key, (*chunks, *((n,) for n in variable.sizes)), dtype=np.dtype(variable.dtype)
+            graph_layers, key, (*chunks, *((n,) for n in variable.sizes)), dtype=np.dtype(variable.dtype)
         )
-        checks[variable.name] = partial(_came_of, digests, variable.name, blocks)
+        checks[variable.name] = partial(_is_of_blocks, digests, variable.name, blocks)
     return arrays, checks
 
 
-def _marched(plan: Plan, block: Block, which: list[Any]) -> dict[str, Any]:
+def _march_and_note(plan: Plan, block: Block, token_and_number: list[Any]) -> dict[str, Any]:
     """March a block, and note the digests of what it gave, here and on the cluster that it is marched for."""
-    values = marched(plan, block)
-    token, number = which
-    found = {name: _digest(array) for name, array in values.items()}
-    digests = _CAME_OF.get(token)
+    values = march_block(plan, block)
+    token, number = token_and_number
+    block_digests = {name: _array_digest(array) for name, array in values.items()}
+    digests = _DIGESTS_BY_TOKEN.get(token)
     if digests is not None:  # otherwise no Dataset here can ask for them
-        digests.update({(name, number): digest for name, digest in found.items()})
-    note(_topic(token, number), [number, found])
+        digests.update({(name, number): digest for name, digest in block_digests.items()})
+    log_worker_event(_note_topic(token, number), [number, block_digests])
     return values
 
 
-def _topic(token: str, number: int) -> str:
-    return f"sweep-{token}-{number // NOTED}"
+def _note_topic(token: str, number: int) -> str:
+    return f"sweep-{token}-{number // BLOCKS_PER_TOPIC}"
 
 
-def _came_of(digests: Digests, name: str, blocks: list[tuple[tuple[int, ...], Block]], now: Any) -> bool:
+def _is_of_blocks(digests: Digests, name: str, blocks: list[tuple[tuple[int, ...], Block]], array: Any) -> bool:
     """Return whether values are those that the blocks of a variable gave in this process, or on the cluster."""
-    values = np.asarray(now.values)
+    values = np.asarray(array.values)
     if any((name, number) not in digests for number in range(len(blocks))):
-        for first in range(0, len(blocks), NOTED):
-            for number, found in notes(_topic(digests.token, first)):
-                digests.update({(entry, number): bytes(digest) for entry, digest in found.items()})
-    return all(digests.get((name, number)) == _digest(values[tuple(block)]) for number, (_, block) in enumerate(blocks))
+        for first in range(0, len(blocks), BLOCKS_PER_TOPIC):
+            for number, noted_digests in worker_events(_note_topic(digests.token, first)):
+                digests.update({(entry, number): bytes(digest) for entry, digest in noted_digests.items()})
+    return all(
+        digests.get((name, number)) == _array_digest(values[tuple(block)]) for number, (_, block) in enumerate(blocks)
+    )
 
 
-def _digest(values: Any) -> bytes:
+def _array_digest(values: Any) -> bytes:
     values = np.ascontiguousarray(values)
     return sha256(f"{values.dtype.str}{values.shape}".encode() + values.tobytes()).digest()
 
@@ -169,27 +177,31 @@ def _cost(plan: Plan) -> float:
     """
     grid = plan.grid
     first = tuple(slice(0, 1) for _ in grid.shape)
-    marched(plan, first)  # compiles
+    march_block(plan, first)  # compiles
     started = time.thread_time()
-    marched(plan, first)
-    taken = time.thread_time() - started
-    if taken * PROBED > SECOND or grid.size == 1:
-        return max(1e-7, taken)
-    k = max((i for i in range(len(grid.shape)) if i not in grid.words), key=lambda i: grid.shape[i], default=0)
-    probed = PROBED
+    march_block(plan, first)
+    cpu_time = time.thread_time() - started
+    if cpu_time * PROBE_MEMBERS > SECOND or grid.size == 1:
+        return max(1e-7, cpu_time)
+    k = max((i for i in range(len(grid.shape)) if i not in grid.word_axes), key=lambda i: grid.shape[i], default=0)
+    probe_count = PROBE_MEMBERS
     while True:  # with few members the cost is mostly that of the call
-        sample = _spread(grid, k, probed)
+        sample = _spread_members(grid, k, probe_count)
         started = time.thread_time()
-        marched(plan, sample)
-        taken, count = time.thread_time() - started, int(np.prod(grid.shape_of(sample)))
-        if taken > LEAST or FURTHER * FURTHER * count > grid.size or FURTHER * probed > grid.shape[k]:
-            return max(1e-7, taken / max(1, count))
-        probed *= FURTHER
+        march_block(plan, sample)
+        cpu_time, count = time.thread_time() - started, int(np.prod(grid.block_shape(sample)))
+        if (
+            cpu_time > MIN_TASK_TIME
+            or PROBE_GROWTH * PROBE_GROWTH * count > grid.size
+            or PROBE_GROWTH * probe_count > grid.shape[k]
+        ):
+            return max(1e-7, cpu_time / max(1, count))
+        probe_count *= PROBE_GROWTH
 
 
-def _spread(grid: SweepGrid, k: int, count: int) -> Block:
+def _spread_members(grid: SweepGrid, k: int, count: int) -> Block:
     """Choose so many members, spread over one axis."""
     step = max(1, grid.shape[k] // count)
     return tuple(
-        slice(None, None, step) if i == k and i not in grid.words else slice(0, 1) for i in range(len(grid.shape))
+        slice(None, None, step) if i == k and i not in grid.word_axes else slice(0, 1) for i in range(len(grid.shape))
     )

@@ -21,19 +21,19 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.place import Place
 from xdynamics.archive.stores import is_folder, store_of
-from xdynamics.faults import ArchiveError, InputError, numbered
+from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.runtime.files import synced
 from xdynamics.schema import RUN_SEAL
 from xdynamics.sweeping.members import Block
-from xdynamics.sweeping.stored_blocks import CUT, said
+from xdynamics.sweeping.stored_blocks import CUT, block_name
 
 Values = NDArray[Any]
 
 NOTES, DIGESTS, NOTE = ".xdynamics", "digests.json", ".json"
 METADATA = "zarr.json"
-KEPT = "sweep_variables"  # attribute: the arrays that are along members
-MOST = 1_000_000_000  # bytes of digests and metadata
-STRETCH = 1 << 16  # members that are read at once
+MEMBER_ARRAYS = "sweep_variables"  # attribute: the arrays that are along members
+MAX_BYTES = 1_000_000_000  # bytes of digests and metadata
+MEMBERS_PER_READ = 1 << 16  # members that are read at once
 
 
 def zarr_package() -> Any:
@@ -66,11 +66,11 @@ def arrays_in(folder: Place, mode: str = "r", metadata: Place | None = None) -> 
         group = zarr.open_group(str(folder), mode=mode)
         if metadata is None or metadata == folder / METADATA:
             return group
-        told = json.loads(store_of(metadata).content(metadata, MOST))
-        return zarr.Group(zarr.AsyncGroup.from_dict(group.store_path, told))
+        store_metadata = json.loads(store_of(metadata).content(metadata, MAX_BYTES))
+        return zarr.Group(zarr.AsyncGroup.from_dict(group.store_path, store_metadata))
 
 
-def digest_of(values: Values) -> str:
+def values_digest(values: Values) -> str:
     """Return the digest of values in memory."""
     values = np.ascontiguousarray(values)
     content = json.dumps(values.tolist()).encode() if values.dtype.kind in "OTU" else values.tobytes()
@@ -82,27 +82,37 @@ def digest_of_array(folder: Place, name: str, members: int, metadata: Place | No
     array = arrays_in(folder, metadata=metadata)[name]
     dtype = np.dtype(array.dtype).newbyteorder("<")
     digest = sha256(f"{dtype.str}{tuple(array.shape)}".encode())
-    for stretch in stretches(array.shape[:members], array.chunks[:members]):
-        digest.update(np.ascontiguousarray(array[stretch], dtype).tobytes())
+    for chunk_block in chunk_blocks(array.shape[:members], array.chunks[:members]):
+        digest.update(np.ascontiguousarray(array[chunk_block], dtype).tobytes())
     return digest.hexdigest()
 
 
-def stretches(shape: Sequence[int], widths: Sequence[int]) -> Iterator[Block]:
+def chunk_blocks(shape: Sequence[int], widths: Sequence[int]) -> Iterator[Block]:
     """Cut a grid into parts that follow each other as members do, each of whole chunks, so that none is read twice."""
-    rest = [prod(shape[k + 1 :]) for k in range(len(shape))]
-    k = next((k for k, width in enumerate(widths) if width > 1 or rest[k] <= STRETCH), len(shape) - 1)
-    step = widths[k] * max(1, STRETCH // (widths[k] * rest[k]))
+    members_behind = [prod(shape[k + 1 :]) for k in range(len(shape))]
+    k = next(
+        (k for k, width in enumerate(widths) if width > 1 or members_behind[k] <= MEMBERS_PER_READ), len(shape) - 1
+    )
+    step = widths[k] * max(1, MEMBERS_PER_READ // (widths[k] * members_behind[k]))
     edges = [*range(0, shape[k], step), shape[k]]
-    for before in product(*map(range, shape[:k])):
+    for leading_index in product(*map(range, shape[:k])):
         for begin, end in pairwise(edges):
-            yield (*(slice(i, i + 1) for i in before), slice(begin, end), *(slice(0, size) for size in shape[k + 1 :]))
+            yield (
+                *(slice(i, i + 1) for i in leading_index),
+                slice(begin, end),
+                *(slice(0, size) for size in shape[k + 1 :]),
+            )
 
 
 def digests_of_axes(folder: Place, metadata: Place | None = None) -> dict[str, str]:
     """Return digests of the arrays that are not along members: axis values, times, parameters."""
     arrays = arrays_in(folder, metadata=metadata)
-    kept = set(arrays.attrs[KEPT])
-    return {name: digest_of(np.asarray(array[...])) for name, array in sorted(arrays.arrays()) if name not in kept}
+    member_arrays = set(arrays.attrs[MEMBER_ARRAYS])
+    return {
+        name: values_digest(np.asarray(array[...]))
+        for name, array in sorted(arrays.arrays())
+        if name not in member_arrays
+    }
 
 
 def synchronise(folder: Place, names: Sequence[str], block: Block) -> None:
@@ -112,8 +122,8 @@ def synchronise(folder: Place, names: Sequence[str], block: Block) -> None:
     arrays = arrays_in(folder)
     for name in names:
         array = arrays[name]
-        at = (part.start // width for part, width in zip(block, array.chunks, strict=False))
-        key = array.metadata.encode_chunk_key((*at, *[0] * (len(array.shape) - len(block))))
+        chunk_index = (part.start // width for part, width in zip(block, array.chunks, strict=False))
+        key = array.metadata.encode_chunk_key((*chunk_index, *[0] * (len(array.shape) - len(block))))
         chunk = folder / name / key
         if chunk.exists():  # zarr writes none that holds fill values alone
             for path in (chunk, chunk.parent):
@@ -139,13 +149,13 @@ def facts_of(folder: Place) -> dict[str, Any]:
             f"'{folder}' holds no sweep: there is no '{NOTES}/{DIGESTS}' in it; name what sweep marched into"
         )
     try:
-        facts: dict[str, Any] = json.loads(store.content(file, MOST))
-        metadata = sha256(store.content(folder / METADATA, MOST)).hexdigest()
+        facts: dict[str, Any] = json.loads(store.content(file, MAX_BYTES))
+        metadata = sha256(store.content(folder / METADATA, MAX_BYTES)).hexdigest()
     except (ValueError, OSError) as error:
         raise ArchiveError(f"'{file}' is damaged: {error}") from None
-    for grown in growths(folder) if metadata != facts.get("metadata") else ():
+    for growth_folder in growth_folders(folder) if metadata != facts.get("metadata") else ():
         with suppress(ArchiveError, InputError, ValueError, OSError):  # members are still being marched there
-            facts = json.loads(store.content(grown / DIGESTS, MOST))
+            facts = json.loads(store.content(growth_folder / DIGESTS, MAX_BYTES))
     if metadata != facts.get("metadata"):
         raise ArchiveError(
             f"'{folder / METADATA}' differs from its digest; remove '{folder}', and march the sweep again"
@@ -153,12 +163,12 @@ def facts_of(folder: Place) -> dict[str, Any]:
     return facts
 
 
-def growths(folder: Place) -> list[Place]:
+def growth_folders(folder: Place) -> list[Place]:
     """List the folders of members that are being added to a sweep, or were when a process was stopped."""
-    return [place for place in store_of(folder).names(folder / NOTES) if is_folder(place)]
+    return [entry for entry in store_of(folder).names(folder / NOTES) if is_folder(entry)]
 
 
-def content_digest(facts: dict[str, Any]) -> str:
+def sweep_content_digest(facts: dict[str, Any]) -> str:
     """Return the digest of what was asked and what came of it.
 
     The metadata, which name the machine too, are not in it, nor are the seals of archives, which hold a date.
@@ -168,7 +178,7 @@ def content_digest(facts: dict[str, Any]) -> str:
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def verified(folder: Place) -> str:
+def verify_arrays(folder: Place) -> str:
     """Compare every array of a sweep, its axes and its metadata with their digests; return the content digest.
 
     Raises
@@ -180,16 +190,18 @@ def verified(folder: Place) -> str:
     facts = facts_of(folder)
     axes = digests_of_axes(folder)
     faults = [f"array '{name}' differs" for name, digest in axes.items() if facts["axes"].get(name) != digest]
-    hurt = [name for name, digest in facts["arrays"].items() if not _is_intact(folder, name, facts, digest)]
-    for extent, digests in facts["blocks"].items() if hurt else ():
+    damaged_names = [name for name, digest in facts["arrays"].items() if not _is_intact(folder, name, facts, digest)]
+    for extent, digests in facts["blocks"].items() if damaged_names else ():
         block = tuple(slice(*map(int, part.split("-"))) for part in extent.split("_"))
-        faults += faults_of_block(folder, block, {name: digests[name] for name in hurt})
-    faults += [f"array '{name}' differs" for name in hurt if not any(f"array '{name}'" in fault for fault in faults)]
+        faults += faults_of_block(folder, block, {name: digests[name] for name in damaged_names})
+    faults += [
+        f"array '{name}' differs" for name in damaged_names if not any(f"array '{name}'" in fault for fault in faults)
+    ]
     if faults:
         raise ArchiveError(
-            f"'{folder}' is damaged:{numbered(faults)}\nremove it, and march the sweep again", tuple(faults)
+            f"'{folder}' is damaged:{numbered_lines(faults)}\nremove it, and march the sweep again", tuple(faults)
         )
-    return content_digest(facts)
+    return sweep_content_digest(facts)
 
 
 def _is_intact(folder: Place, name: str, facts: Mapping[str, Any], digest: str) -> bool:
@@ -207,10 +219,10 @@ def faults_of_block(
     arrays, faults = arrays_in(folder, metadata=metadata), list[str]()
     for name, digest in digests.items():
         try:
-            same = digest_of(np.asarray(arrays[name][tuple(block)])) == digest
+            same = values_digest(np.asarray(arrays[name][tuple(block)])) == digest
         except Exception as error:  # noqa: BLE001 - as above
-            faults.append(f"array '{name}' cannot be read in block {said(block)}: {error}")
+            faults.append(f"array '{name}' cannot be read in block {block_name(block)}: {error}")
             continue
         if not same:
-            faults.append(f"array '{name}' differs in block {said(block)}")
+            faults.append(f"array '{name}' differs in block {block_name(block)}")
     return faults

@@ -16,7 +16,7 @@ from xdynamics.schema import EVIDENCE, ROOT_DIGEST, SWEEP
 from xdynamics.sweeping.collection import with_axes
 from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
 from xdynamics.sweeping.zarr_blocks import HEXADECIMAL, MEANINGS, TOML
-from xdynamics.sweeping.zarr_digests import KEPT, METADATA, content_digest, facts_of, zarr_package
+from xdynamics.sweeping.zarr_digests import MEMBER_ARRAYS, METADATA, facts_of, sweep_content_digest, zarr_package
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Values = NDArray[Any]
 
 
-def opened(folder: Place) -> xr.Dataset:
+def open_zarr_sweep(folder: Place) -> xr.Dataset:
     """Open a sweep lazily: chunks are read when they are used; `verified` compares them with their digests.
 
     Raises
@@ -46,8 +46,8 @@ def opened(folder: Place) -> xr.Dataset:
         {name: (entry.dims, np.array(entry.values.tolist(), str), entry.attrs) for name, entry in words.items()}
     )
     sweep[TOML] = ((), str(stored.attrs[TOML]), {"units": "1", "long_name": "the model that members share, as TOML"})
-    sweep.attrs = {name: value for name, value in stored.attrs.items() if name not in (TOML, KEPT)}
-    sweep.attrs[ROOT_DIGEST] = content_digest(facts)
+    sweep.attrs = {name: value for name, value in stored.attrs.items() if name not in (TOML, MEMBER_ARRAYS)}
+    sweep.attrs[ROOT_DIGEST] = sweep_content_digest(facts)
     if sweep.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{folder}' is no sweep")
     sweep = with_axes(labelled(sweep))
@@ -66,16 +66,18 @@ def _as_texts(numbers: xr.DataArray) -> xr.Variable:
     if MEANINGS in numbers.attrs:
         words = np.array([*str(numbers.attrs[MEANINGS]).split(), ""])
         return xr.Variable(numbers.dims, data.map_blocks(words.__getitem__, dtype=words.dtype), attributes)
-    before, after = HEXADECIMAL[str(numbers.name)]
-    dtype = f"U{2 * numbers.shape[-1] + len(before) + len(after)}"
-    texts = data.map_blocks(partial(_hexadecimal, before=before, after=after), dtype=dtype, drop_axis=numbers.ndim - 1)
+    prefix, suffix = HEXADECIMAL[str(numbers.name)]
+    dtype = f"U{2 * numbers.shape[-1] + len(prefix) + len(suffix)}"
+    texts = data.map_blocks(
+        partial(_hexadecimal, prefix=prefix, suffix=suffix), dtype=dtype, drop_axis=numbers.ndim - 1
+    )
     return xr.Variable(numbers.dims[:-1], texts, attributes)
 
 
-def _hexadecimal(numbers: Values, before: str, after: str) -> Values:
+def _hexadecimal(numbers: Values, prefix: str, suffix: str) -> Values:
     """Return bytes as texts, with what stands around them; empty ones where all are zero."""
     width = 2 * numbers.shape[-1]
     letters = np.frombuffer(np.ascontiguousarray(numbers).tobytes().hex().encode(), f"S{width}")
     texts = letters.reshape(numbers.shape[:-1]).astype(f"U{width}")
-    texts = np.char.add(np.char.add(before, texts), after) if before else texts
+    texts = np.char.add(np.char.add(prefix, texts), suffix) if prefix else texts
     return np.where(numbers.any(axis=-1), texts, "")

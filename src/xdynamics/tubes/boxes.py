@@ -21,18 +21,18 @@ _SIDES = [np.array([-1.0, 1.0]).reshape(2, *(1,) * n) for n in range(8)]
 _TOWARDS = [np.array([-inf, inf]).reshape(2, *(1,) * n) for n in range(8)]
 
 
-def outward(ends: Box) -> Box:
+def round_outward(ends: Box) -> Box:
     """Return the next floats outside."""
-    moved: Box = np.nextafter(ends, _TOWARDS[ends.ndim - 1])
-    return moved
+    wider_ends: Box = np.nextafter(ends, _TOWARDS[ends.ndim - 1])
+    return wider_ends
 
 
-def point(values: Floats | float) -> Box:
+def point_box(values: Floats | float) -> Box:
     """Return intervals that are numbers."""
     numbers = np.asarray(values, float)
-    found = np.empty((2, *numbers.shape))
-    found[...] = numbers
-    return found
+    intervals = np.empty((2, *numbers.shape))
+    intervals[...] = numbers
+    return intervals
 
 
 def enclosed(exact: Fraction, half_width: Fraction = Fraction(0)) -> Box:
@@ -47,12 +47,12 @@ def enclosed(exact: Fraction, half_width: Fraction = Fraction(0)) -> Box:
 
 def add(a: Box, b: Box) -> Box:
     """Add."""
-    return outward(a + b)
+    return round_outward(a + b)
 
 
 def subtract(a: Box, b: Box) -> Box:
     """Subtract."""
-    return outward(a - b[::-1])
+    return round_outward(a - b[::-1])
 
 
 def negative(a: Box) -> Box:
@@ -67,17 +67,17 @@ def multiply(a: Box, b: Box) -> Box:
 
 def _outermost(ends: Box) -> Box:
     """Return the interval of four numbers, rounded outward."""
-    found = np.empty(ends.shape[1:])
-    np.minimum.reduce(ends, axis=(0, 1), out=found[0, ...])
-    np.maximum.reduce(ends, axis=(0, 1), out=found[1, ...])
-    return np.asarray(np.nextafter(found, _TOWARDS[found.ndim - 1], out=found))
+    outer_ends = np.empty(ends.shape[1:])
+    np.minimum.reduce(ends, axis=(0, 1), out=outer_ends[0, ...])
+    np.maximum.reduce(ends, axis=(0, 1), out=outer_ends[1, ...])
+    return np.asarray(np.nextafter(outer_ends, _TOWARDS[outer_ends.ndim - 1], out=outer_ends))
 
 
 def square(a: Box) -> Box:
     """Multiply by itself, which has no negative values."""
     sizes = np.abs(a)
     sizes.sort(axis=0)
-    ends = outward(sizes * sizes)
+    ends = round_outward(sizes * sizes)
     ends[0] = np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.maximum(ends[0], 0.0))
     return ends
 
@@ -90,13 +90,13 @@ def divide(a: Box, b: Box) -> Box:
 def scaled(a: Box, factor: float) -> Box:
     """Multiply by a number."""
     ends = a * factor
-    return outward(ends if factor >= 0.0 else ends[::-1])
+    return round_outward(ends if factor >= 0.0 else ends[::-1])
 
 
-def over(a: Box, divisor: float) -> Box:
+def divided_by(a: Box, divisor: float) -> Box:
     """Divide by a number that is not zero."""
     ends = a / divisor
-    return outward(ends if divisor > 0.0 else ends[::-1])
+    return round_outward(ends if divisor > 0.0 else ends[::-1])
 
 
 def has_zero(a: Box) -> bool:
@@ -104,7 +104,7 @@ def has_zero(a: Box) -> bool:
     return not bool(((a[0] > 0.0) | (a[1] < 0.0)).all())
 
 
-def total(terms: Box, axis: int = 1) -> Box:
+def sum_along(terms: Box, axis: int = 1) -> Box:
     """Sum along an axis, one addition after the other.
 
     Rounding errs by (m - 1) u of the sum of sizes, to first order (Higham, Accuracy and Stability of Numerical Algorithms,
@@ -117,17 +117,17 @@ def total(terms: Box, axis: int = 1) -> Box:
     sums = np.add.accumulate(terms, axis=axis)[last]
     slack = np.add.accumulate(np.abs(terms), axis=axis)[last]
     slack *= count * EPS
-    return outward(sums + slack * _SIDES[sums.ndim - 1])
+    return round_outward(sums + slack * _SIDES[sums.ndim - 1])
 
 
-def product(a: Box, b: Box) -> Box:
+def matrix_product(a: Box, b: Box) -> Box:
     """Multiply matrices, or a matrix with a vector."""
     if b.ndim == 2:
-        return total(multiply(a, b[:, None, :]), axis=2)
-    return total(multiply(a[:, :, :, None], b[:, None]), axis=2)
+        return sum_along(multiply(a, b[:, None, :]), axis=2)
+    return sum_along(multiply(a[:, :, :, None], b[:, None]), axis=2)
 
 
-def middle(a: Box) -> Floats:
+def midpoint(a: Box) -> Floats:
     """Return a number in the middle, or nearly."""
     return np.asarray(a[0] + 0.5 * (a[1] - a[0]))
 
@@ -137,7 +137,7 @@ def width(a: Box) -> Floats:
     return np.asarray(a[1] - a[0])
 
 
-def size(a: Box) -> Floats:
+def magnitude(a: Box) -> Floats:
     """Return the largest absolute value."""
     return np.asarray(np.abs(a).max(axis=0))
 
@@ -147,23 +147,23 @@ def hull(a: Box, b: Box) -> Box:
     return np.stack([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
 
 
-def common(a: Box, b: Box) -> Box:
+def intersection(a: Box, b: Box) -> Box:
     """Return what two boxes that both hold the same have in common."""
     return np.stack([np.maximum(a[0], b[0]), np.minimum(a[1], b[1])])
 
 
-def power(x: Box, n: int) -> Box:
+def interval_power(x: Box, n: int) -> Box:
     """Raise one interval without negative numbers to a power, by squares."""
-    return np.array([_power(float(end), n, towards) for end, towards in zip(x, (0.0, inf), strict=True)])
+    return np.array([_directed_power(float(end), n, towards) for end, towards in zip(x, (0.0, inf), strict=True)])
 
 
-def _power(x: float, n: int, towards: float) -> float:
+def _directed_power(x: float, n: int, towards: float) -> float:
     """Raise a number that is not negative to a power, every product being rounded towards zero or infinity."""
-    found, square = 1.0, x
+    power_value, square = 1.0, x
     while n:
         if n % 2:
-            found = nextafter(found * square, towards)
+            power_value = nextafter(power_value * square, towards)
         n //= 2
         if n:
             square = nextafter(square * square, towards)
-    return found
+    return power_value

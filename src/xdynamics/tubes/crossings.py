@@ -58,7 +58,7 @@ class Crossings:
         Whether the function reads a table, and may jump where two of its pieces meet.
     fine : bool
         Whether a part of a step in which there may be a zero is to be as short as can be.
-    found : list of Crossing
+    zeros : list of Crossing
     begun_until : float
         The time by which all motions of a set that may have been zero at the start, or a part on either side, are on one
         side: what they pass before is not counted. Minus infinity where they start on one side.
@@ -69,32 +69,32 @@ class Crossings:
     functions: Functions
     jumping: bool = False
     fine: bool = False
-    found: list[Crossing] = field(default_factory=list)
+    zeros: list[Crossing] = field(default_factory=list)
     begun_until: float = -np.inf
     unknown_from: float = np.inf
     _sign: int = 0
     _open: list[_Piece] = field(default_factory=list)
     _last: Proof | None = None
     _signed: Proof | None = None
-    _begun: bool = False
+    _has_begun: bool = False
 
     def follow(self, proof: Proof) -> None:
         """Look for zeros in a further step."""
         if self.unknown_from < np.inf:
             return
-        if not self._begun:
-            self._begun = True
-            self._sign = sign_of(self.functions.within(proof, proof.begin)[:, 0])
+        if not self._has_begun:
+            self._has_begun = True
+            self._sign = sign_of(self.functions.bounds_in_step(proof, proof.begin)[:, 0])
         self._last = proof
         time = np.array([proof.begin[0], proof.end[1]])
         # most steps are told from all that motions come by, without looking at their pieces
-        everywhere = sign_of(self.functions.at_start(time, proof.within, proof.held)[:, 0])
-        whole = [(_Piece(proof, time, 0), everywhere)]
-        for piece, sign in whole if everywhere else self._pieces(proof, time, DEEPEST):
+        everywhere = sign_of(self.functions.at_start(time, proof.enclosure, proof.step_values)[:, 0])
+        entire_step = [(_Piece(proof, time, 0), everywhere)]
+        for piece, sign in entire_step if everywhere else self._pieces_of_step(proof, time, DEEPEST):
             if sign:
                 if not self._open and self._sign * sign < 0:
                     self.unknown_from = float(piece.time[0])  # it jumped
-                self._close(sign, proof)
+                self._decide_open(sign, proof)
                 self._sign, self._signed, self._open = sign, proof, []
             else:
                 self._open = [*self._open, piece]  # copies have lists of their own
@@ -111,24 +111,26 @@ class Crossings:
         """The time from which it is not known whether motions have passed zero; infinite where it is."""
         return min(self.unknown_from, float(self._open[0].time[0]) if self._open else np.inf)
 
-    def stand(self, side: int) -> None:
+    def set_side(self, side: int) -> None:
         """Take note that all motions are on one side of zero, or at zero and about to be."""
-        self._sign, self._signed, self._open, self._begun = side, None, [], True
+        self._sign, self._signed, self._open, self._has_begun = side, None, [], True
 
-    def side_over(self, time: Box, proof: Proof, between: Box, held: Floats) -> int:
+    def sign_over(self, time: Box, proof: Proof, between: Box, step_values: Floats) -> int:
         """Return the sign over an interval in which motions go over from a step's equations to others; 0 if it has both."""
-        return sign_of(self._over(time, proof, between, held)[:, 0])
+        return sign_of(self._bounds_across(time, proof, between, step_values)[:, 0])
 
-    def way_over(self, time: Box, proof: Proof, between: Box, held: Floats) -> int:
+    def rate_sign_over(self, time: Box, proof: Proof, between: Box, step_values: Floats) -> int:
         """Return the sign of the rate over such an interval; 0 if it has both."""
-        return sign_of(self._over(time, proof, between, held)[:, 1])
+        return sign_of(self._bounds_across(time, proof, between, step_values)[:, 1])
 
-    def over(self, time: Box, states: Box, held: Floats) -> Box:
+    def bounds_over(self, time: Box, states: Box, step_values: Floats) -> Box:
         """Return bounds of the function and of its rate over a box, shape (2, 2)."""
-        return _steady(self.functions.at_start(time, states, held))
+        return _steady(self.functions.at_start(time, states, step_values))
 
-    def _over(self, time: Box, proof: Proof, between: Box, held: Floats) -> Box:
-        return boxes.hull(self.over(time, proof.at(time), proof.held), self.over(time, between, held))
+    def _bounds_across(self, time: Box, proof: Proof, between: Box, step_values: Floats) -> Box:
+        return boxes.hull(
+            self.bounds_over(time, proof.box_at(time), proof.step_values), self.bounds_over(time, between, step_values)
+        )
 
     def end(self) -> None:
         """Take note that no further step follows."""
@@ -139,62 +141,62 @@ class Crossings:
 
     def _conclude(self, proof: Proof) -> None:
         """Decide what was before the end of a step, if the sign is known there."""
-        if sign := sign_of(self.functions.within(proof, proof.end)[:, 0]):
-            self._close(sign, proof)
+        if sign := sign_of(self.functions.bounds_in_step(proof, proof.end)[:, 0]):
+            self._decide_open(sign, proof)
             self._sign, self._signed, self._open = sign, proof, []
 
-    def _pieces(self, proof: Proof, time: Box, depth: int) -> Iterator[tuple[_Piece, int]]:
+    def _pieces_of_step(self, proof: Proof, time: Box, depth: int) -> Iterator[tuple[_Piece, int]]:
         """Yield parts of a step in turn: with the sign of the function, or 0 where it may be zero."""
-        value, rate = _steady(self.functions.within(proof, time)).T
-        middle = boxes.point(float(boxes.middle(time)))
-        moved = boxes.multiply(rate, boxes.subtract(time, middle)) if np.isfinite(rate).all() else rate
-        value = boxes.common(value, boxes.add(self.functions.within(proof, middle)[:, 0], moved))
-        settled = sign_of(rate) and depth < DEEPEST and not self.fine
-        if (sign := sign_of(value)) or settled or depth == 0:
+        value, rate = _steady(self.functions.bounds_in_step(proof, time)).T
+        middle = boxes.point_box(float(boxes.midpoint(time)))
+        slope_term = boxes.multiply(rate, boxes.subtract(time, middle)) if np.isfinite(rate).all() else rate
+        value = boxes.intersection(value, boxes.add(self.functions.bounds_in_step(proof, middle)[:, 0], slope_term))
+        is_monotone = sign_of(rate) and depth < DEEPEST and not self.fine
+        if (sign := sign_of(value)) or is_monotone or depth == 0:
             yield _Piece(proof, time, sign_of(rate)), sign
             return
         for half in ((time[0], middle[0]), (middle[0], time[1])):
-            yield from self._pieces(proof, np.array(half), depth - 1)
+            yield from self._pieces_of_step(proof, np.array(half), depth - 1)
 
-    def _close(self, sign: int, closing: Proof) -> None:
+    def _decide_open(self, sign: int, closing: Proof) -> None:
         """Decide what was between the last known sign and a new one, in a step."""
         if not self._open or self.unknown_from < np.inf:
             return
         rates = {piece.rate for piece in self._open}
         proofs = [piece.proof for piece in self._open] + [closing, self._signed or closing]
-        laws = {proof.held.tobytes() for proof in proofs}
+        laws = {proof.step_values.tobytes() for proof in proofs}
         if len(rates) > 1 or (self.jumping and len(laws) > 1) or 0 in rates or (self._sign == 0 and sign not in rates):
             self.unknown_from = float(self._open[0].time[0])
         elif self._sign == 0:
             self.begun_until = float(self._open[-1].time[1])
         elif self._sign != sign:
-            self.found.append(self._crossing(sign > 0))
+            self.zeros.append(self._narrowed_crossing(sign > 0))
 
-    def _crossing(self, rising: bool) -> Crossing:  # noqa: FBT001 - what the crossing is
+    def _narrowed_crossing(self, rising: bool) -> Crossing:  # noqa: FBT001 - what the crossing is
         """Narrow the time of a zero in each piece, and join what is left of them."""
         narrowed = [(piece, time) for piece in self._open if (time := self._narrowed(piece)) is not None]
         times = [time for _, time in narrowed]
-        states = [piece.proof.at(time) for piece, time in narrowed]
+        states = [piece.proof.box_at(time) for piece, time in narrowed]
         time, state = times[0], states[0]
-        for other, at_other in zip(times[1:], states[1:], strict=True):
-            time, state = boxes.hull(time, other), boxes.hull(state, at_other)
+        for next_time, at_other in zip(times[1:], states[1:], strict=True):
+            time, state = boxes.hull(time, next_time), boxes.hull(state, at_other)
         return Crossing(time, rising, state)
 
     def _narrowed(self, piece: _Piece) -> Box | None:
         """Return the times at which the function may be zero in a piece; None if there are none."""
         time = piece.time
         for _ in range(NARROWINGS):
-            middle = boxes.point(float(boxes.middle(time)))
-            value = self.functions.within(piece.proof, middle)[:, 0]
-            rate = self.functions.within(piece.proof, time)[:, 1]
+            middle = boxes.point_box(float(boxes.midpoint(time)))
+            value = self.functions.bounds_in_step(piece.proof, middle)[:, 0]
+            rate = self.functions.bounds_in_step(piece.proof, time)[:, 1]
             if boxes.has_zero(rate) or not np.isfinite([value, rate]).all():
                 return time
-            found = boxes.common(time, boxes.subtract(middle, boxes.divide(value, rate)))
-            if found[0] > found[1]:
+            narrowed_time = boxes.intersection(time, boxes.subtract(middle, boxes.divide(value, rate)))
+            if narrowed_time[0] > narrowed_time[1]:
                 return None
-            if boxes.width(found) > ENOUGH * boxes.width(time):
-                return found
-            time = found
+            if boxes.width(narrowed_time) > ENOUGH * boxes.width(time):
+                return narrowed_time
+            time = narrowed_time
         return time
 
 

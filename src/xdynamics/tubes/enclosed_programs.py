@@ -24,10 +24,10 @@ from xdynamics.kernels.program import (
     Instruction,
     Line,
     Load,
+    Location,
     Loop,
     Operand,
     Ordinal,
-    Place,
     Program,
     Reduction,
     StoreTo,
@@ -49,22 +49,22 @@ class EnclosedProgram:
     """
 
     def __init__(self, program: Program, sizes: Mapping[str, int]) -> None:
-        text = llvm_of([_enclosed(program)])
+        text = llvm_of([_enclosed_program(program)])
         self._code = machine.compiled(text, [program.name])
         self._entry = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(self._code.addresses[program.name])
         self.arrays = {name: np.zeros((count, len(PARTS))) for name, count in sizes.items()}
         self._table = np.zeros(WORDS * len(TABLE), np.int64)
         for name, array in self.arrays.items():
             self._table[WORDS * ARRAYS.index(name)] = array.ctypes.data
-        given = [self.arrays[name].ctypes.data if name in sizes else 0 for name in ("y", "z", "samples")]
-        self._given = [self._table.ctypes.data, *given]
+        addresses = [self.arrays[name].ctypes.data if name in sizes else 0 for name in ("y", "z", "samples")]
+        self._addresses = [self._table.ctypes.data, *addresses]
 
     def run(self) -> None:
         """Compute what is written to the arrays from what is in them."""
-        self._entry(*self._given)
+        self._entry(*self._addresses)
 
 
-def _enclosed(program: Program) -> Program:
+def _enclosed_program(program: Program) -> Program:
     """Return the program for intervals."""
     return replace(program, body=tuple(_Enclosing().lines(program.body)))
 
@@ -82,7 +82,7 @@ class _Enclosing:
             match line:
                 case Load():
                     parts = [f"{line.target}.{part}" for part in PARTS]
-                    yield from (Load(name, _part(line.place, k)) for k, name in enumerate(parts))
+                    yield from (Load(name, _component_place(line.location, k)) for k, name in enumerate(parts))
                     yield Compute(line.target, "flawed", tuple(parts), ENCLOSED)
                 case StoreTo():
                     yield from self._stored(line)
@@ -90,12 +90,12 @@ class _Enclosing:
                     self._exact.add(line.target)
                     yield line
                 case Compute():
-                    given: list[Operand] = []
+                    operands: list[Operand] = []
                     for operand in line.arguments:
                         point = self._point(operand)
                         yield from point
-                        given.append(point[0].target if point else operand)
-                    yield replace(line, arguments=tuple(given), kind=ENCLOSED)
+                        operands.append(point[0].target if point else operand)
+                    yield replace(line, arguments=tuple(operands), kind=ENCLOSED)
                 case Ordinal():
                     self._exact.add(line.target)
                     yield line
@@ -106,8 +106,8 @@ class _Enclosing:
 
     def _counts(self, line: Compute) -> bool:
         """Whether a line adds whole numbers; all else of numbers alone, as 1/3, is rounded, and so is of intervals."""
-        given = [operand for operand in line.arguments if isinstance(operand, str)]
-        return line.operation == "add" and bool(given) and self._exact.issuperset(given)
+        operand_names = [operand for operand in line.arguments if isinstance(operand, str)]
+        return line.operation == "add" and bool(operand_names) and self._exact.issuperset(operand_names)
 
     def _point(self, operand: Operand) -> list[Compute]:
         """Return the line that makes an interval of a number; none of an interval."""
@@ -124,9 +124,9 @@ class _Enclosing:
             self._points += 1
             name = f"_{part}{self._points}"
             yield Compute(name, part, (value,), ENCLOSED)
-            yield StoreTo(_part(line.place, k), name)
+            yield StoreTo(_component_place(line.location, k), name)
 
 
-def _part(place: Place, k: int) -> Place:
-    strides = tuple((index, len(PARTS) * stride) for index, stride in place.strides)
-    return Place(place.array, len(PARTS) * place.offset + k, strides)
+def _component_place(address: Location, k: int) -> Location:
+    strides = tuple((index, len(PARTS) * stride) for index, stride in address.strides)
+    return Location(address.array, len(PARTS) * address.offset + k, strides)

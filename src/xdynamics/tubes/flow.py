@@ -20,7 +20,7 @@ from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.interval_problem import IntervalProblem
 from xdynamics.tubes.polynomials import Polynomials
 from xdynamics.tubes.series import MotionSeries, UndefinedError
-from xdynamics.tubes.sets import Carried, Seen, carried
+from xdynamics.tubes.sets import AffineImage, Doubleton, doubleton_of
 
 WIDER = 0.02  # by which a candidate is wider than what is reached, as a part of it
 TRIALS = 3  # of wider candidates, before a step is shortened
@@ -45,15 +45,15 @@ class Proof:
         for any state of the set.
     set : Carried
         At the beginning.
-    within : ndarray, shape (2, n)
+    enclosure : ndarray, shape (2, n)
         What holds all motions for the whole step.
-    after : ndarray, shape (2, n)
+    end_box : ndarray, shape (2, n)
         A box that holds them at its end.
     used : int
         How many numbers move.
-    held : ndarray
-        What holds for the step: `StepConstants.at`.
-    seen_after : Seen, optional
+    step_values : ndarray
+        What holds for the step: `StepConstants.values_from`.
+    end_image : Seen, optional
         All motions at the end.
     """
 
@@ -61,19 +61,19 @@ class Proof:
     end: Box
     polynomials: Polynomials
     coefficients: Box
-    set: Carried
-    within: Box
-    after: Box
+    set: Doubleton
+    enclosure: Box
+    end_box: Box
     used: int
-    held: Floats
-    seen_after: Seen | None = None
+    step_values: Floats
+    end_image: AffineImage | None = None
 
     def mapped(self, time: Box) -> tuple[Box, Box]:
         """Return the image of the point of the set at a time within the step, and its derivatives for all of the set."""
         since = np.maximum(boxes.subtract(time, self.begin), 0.0)
         n = self.set.point.size
-        found = self.polynomials.at(since, self.coefficients)
-        image, jacobian = found[:, :n], found[:, n:].reshape(2, n, n)
+        values = self.polynomials.values_at(since, self.coefficients)
+        image, jacobian = values[:, :n], values[:, n:].reshape(2, n, n)
         constant = slice(self.used, n)  # uncertain constants stay what they are
         image[:, constant] = self.set.point[constant]
         jacobian[:, constant] = np.eye(n)[constant]
@@ -81,20 +81,20 @@ class Proof:
 
     def cut(self, time: float) -> Proof:
         """Return the part of the step up to a time within it."""
-        end = boxes.point(time)
-        return replace(self, end=end, after=self.at(end), seen_after=self.seen(end))
+        end = boxes.point_box(time)
+        return replace(self, end=end, end_box=self.box_at(end), end_image=self.image_at(end))
 
     @np.errstate(all="ignore")
-    def seen(self, time: Box) -> Seen:
+    def image_at(self, time: Box) -> AffineImage:
         """Return all motions at a time, or at any of an interval, within the step."""
-        if time is self.end and self.seen_after is not None:
-            return self.seen_after
-        return self.set.seen(*self.mapped(time))
+        if time is self.end and self.end_image is not None:
+            return self.end_image
+        return self.set.image_under(*self.mapped(time))
 
     @np.errstate(all="ignore")
-    def at(self, time: Box) -> Box:
+    def box_at(self, time: Box) -> Box:
         """Return a box that holds all motions at a time, or at any of an interval, within the step."""
-        return self.after if time is self.end else boxes.common(self.seen(time).box(), self.within)
+        return self.end_box if time is self.end else boxes.intersection(self.image_at(time).box(), self.enclosure)
 
 
 class Flow:
@@ -125,17 +125,17 @@ class Flow:
     def restart(self) -> None:
         """Go back to the set of starts."""
         start, self.reason = self.problem.start, ""
-        self._largest = boxes.size(start)
-        self.set = Carried.of(start, self._scales())
+        self._largest = boxes.magnitude(start)
+        self.set = Doubleton.of_box(start, self._scales())
         self.box, self.time = start, self.problem.time
-        self.regime, self.held = float(self.problem.regime), np.empty(0)
+        self.regime, self.step_values = float(self.problem.regime), np.empty(0)
 
-    def of(self, start: Box) -> Flow:
+    def with_starts(self, start: Box) -> Flow:
         """Return the flow from another set of starts, by the same programs: both may not go on at once in two threads."""
-        other = copy(self)
-        other.problem = replace(self.problem, start=start)
-        other.restart()
-        return other
+        flow = copy(self)
+        flow.problem = replace(self.problem, start=start)
+        flow.restart()
+        return flow
 
     def _scales(self) -> Floats:
         """Return powers of two near the largest values so far; of what is zero so far, 1."""
@@ -150,28 +150,28 @@ class Flow:
         ends : sequence of ndarray, shape (2,)
             Ascending.
         """
-        nodes = [boxes.point(float(node)) for node in self.problem.constants.nodes]
+        nodes = [boxes.point_box(float(node)) for node in self.problem.constants.nodes]
         for end in sorted([*ends, *(node for node in nodes if node[0] < ends[-1][0])], key=lambda end: float(end[0])):
             while self.time[1] < end[1]:
                 try:
-                    proof = self._step(end)
+                    proof = self._prove_step(end)
                 except UndefinedError as error:
                     self.reason = f"{error}{self._width_said()}"
                     return
                 yield proof
 
-    def land(self, time: Box, seen: Seen, within: Box) -> None:
+    def land(self, time: Box, seen: AffineImage, enclosure: Box) -> None:
         """Go on from where all motions are at a time of the last step."""
-        self.set = carried(seen, self._scales())
-        self.box = boxes.common(boxes.common(self.set.box(), within), seen.box())
-        self.box[:, self.problem.used :] = within[:, self.problem.used :]
+        self.set = doubleton_of(seen, self._scales())
+        self.box = boxes.intersection(boxes.intersection(self.set.box(), enclosure), seen.box())
+        self.box[:, self.problem.used :] = enclosure[:, self.problem.used :]
         self.time = time
 
-    def rates(self, time: Box, states: Box, held: Floats) -> Box:
+    def rates(self, time: Box, states: Box, step_values: Floats) -> Box:
         """Return the rates of all numbers of a set, over a box; of uncertain constants 0."""
-        found = np.zeros_like(states)
-        found[:, : self.problem.used] = self._plain.of(time, states, held)[:, 1, :, 0]
-        return found
+        state_rates = np.zeros_like(states)
+        state_rates[:, : self.problem.used] = self._plain.coefficients_of(time, states, step_values)[:, 1, :, 0]
+        return state_rates
 
     def _width_said(self) -> str:
         """Say how wide the set is, where it is wide."""
@@ -182,26 +182,26 @@ class Flow:
         return f"; the set is wide, with {self.problem.names[i]} from {self.box[0, i]:.4g} to {self.box[1, i]:.4g} (SI units)"
 
     @np.errstate(all="ignore")  # bounds that are beyond the range of floats are looked for
-    def _step(self, end: Box) -> Proof:
+    def _prove_step(self, end: Box) -> Proof:
         p, used = self.order, self.problem.used
-        self.held = self.problem.constants.at(self.regime, float(self.time[0]))
-        if lacking := self.problem.constants.lacking(self.held):
+        self.step_values = self.problem.constants.values_from(self.regime, float(self.time[0]))
+        if lacking := self.problem.constants.lacking(self.step_values):
             raise UndefinedError(lacking)
         # the theorem of the mean asks for derivatives between the point and every state of the set
-        start = boxes.hull(self.box, boxes.point(self.set.point))
-        centre = self._expanded(self._plain, boxes.point(self.set.point))[:, : p + 1]
-        around = self._expanded(self._sloped, start)
+        start = boxes.hull(self.box, boxes.point_box(self.set.point))
+        centre = self._coefficients_about(self._plain, boxes.point_box(self.set.point))[:, : p + 1]
+        around = self._coefficients_about(self._sloped, start)
         # around a point at rest the terms are rounding alone, and tell of no step
         step = first = min(self._proposed(centre), float(end[1] - self.time[0]))
         while True:
-            landing = end if self.time[0] + step * (1.0 + 1e-3) >= end[0] else boxes.point(self.time[1] + step)
+            landing = end if self.time[0] + step * (1.0 + 1e-3) >= end[0] else boxes.point_box(self.time[1] + step)
             span = boxes.subtract(landing, self.time)
             if not 0.0 < span[0] <= span[1] < inf or step < LEAST * first:
                 raise UndefinedError(self.reason or "steps become shorter than the spacing of times")
-            proven = self._within(around[..., 0], span)
+            proven = self._enclose_step(around[..., 0], span)
             if proven is not None:
-                within, remainder, reached = proven
-                longest = self._allowed(remainder, span[1], within)
+                enclosure, remainder, reached = proven
+                longest = self._allowed(remainder, span[1], enclosure)
                 if longest >= 1.0:
                     break
                 step = float(span[1]) * max(longest, 0.2)
@@ -209,105 +209,109 @@ class Flow:
                 step = float(min(step, span[1])) * SHORTER
         self.reason = ""
         n = start.shape[1]
-        whole = np.zeros((2, p + 2, n + n * n))
-        whole[:, :-1, :n], whole[:, -1, :n] = centre[..., 0], remainder
-        whole[:, :-1, n:] = around[..., 1:].reshape(2, p + 1, n * n)
-        proof = Proof(self.time, landing, self._polynomials, whole, self.set, within, self.box, used, self.held)
-        seen = proof.seen(landing)
-        self._largest = np.maximum(self._largest, boxes.size(reached))
-        self.set = carried(seen, self._scales())
-        self.box = boxes.common(boxes.common(self.set.box(), reached), seen.box())
+        coefficients = np.zeros((2, p + 2, n + n * n))
+        coefficients[:, :-1, :n], coefficients[:, -1, :n] = centre[..., 0], remainder
+        coefficients[:, :-1, n:] = around[..., 1:].reshape(2, p + 1, n * n)
+        proof = Proof(
+            self.time, landing, self._polynomials, coefficients, self.set, enclosure, self.box, used, self.step_values
+        )
+        seen = proof.image_at(landing)
+        self._largest = np.maximum(self._largest, boxes.magnitude(reached))
+        self.set = doubleton_of(seen, self._scales())
+        self.box = boxes.intersection(boxes.intersection(self.set.box(), reached), seen.box())
         self.box[:, used:] = start[:, used:]
         if not (np.isfinite(self.box).all() and (self.box[0] <= self.box[1]).all()):
             raise UndefinedError("the set is too wide: its bounds are beyond the range of floats")
         self.time = landing
-        return replace(proof, after=self.box, seen_after=seen)
+        return replace(proof, end_box=self.box, end_image=seen)
 
-    def _expanded(self, series: MotionSeries, start: Box) -> Box:
+    def _coefficients_about(self, series: MotionSeries, start: Box) -> Box:
         """Return coefficients, with those of uncertain constants: their values, and nothing further."""
-        return self._with_constants(series.of(self.time, start, self.held), start)
+        return self._with_constants(series.coefficients_of(self.time, start, self.step_values), start)
 
-    def _with_constants(self, found: Box, start: Box) -> Box:
+    def _with_constants(self, moving_coefficients: Box, start: Box) -> Box:
         used, number = self.problem.used, start.shape[1]
-        whole = np.zeros((2, found.shape[1], number, found.shape[3]))
-        whole[:, :, :used] = found
-        whole[:, 0, used:, 0] = start[:, used:]
-        if found.shape[3] > 1:
+        coefficients = np.zeros((2, moving_coefficients.shape[1], number, moving_coefficients.shape[3]))
+        coefficients[:, :, :used] = moving_coefficients
+        coefficients[:, 0, used:, 0] = start[:, used:]
+        if moving_coefficients.shape[3] > 1:
             for i in range(used, number):
-                whole[:, 0, i, 1 + i] = 1.0
-        return whole
+                coefficients[:, 0, i, 1 + i] = 1.0
+        return coefficients
 
     def _proposed(self, centre: Box) -> float:
         """Return the step after which the last two terms are as small as the tolerance; whichever is shorter."""
-        sizes, used = boxes.size(centre[..., 0]), self.problem.used
+        sizes, used = boxes.magnitude(centre[..., 0]), self.problem.used
         scale = np.maximum(self._largest, boxes.width(self.box))[:used]
         steps = [inf]
         for k in (self.order - 1, self.order):
             ratio = float((sizes[k, :used] / np.where(scale > NOTHING, scale, inf)).max(initial=0.0))
             if ratio > 0.0:
-                steps.append(_root(self.tolerance / ratio, k))
+                steps.append(_nth_root(self.tolerance / ratio, k))
         step = SAFETY * min(steps)
         return step if step < inf else float(max(1.0, 2.0 * abs(self.time[1])))
 
-    def _within(self, around: Box, span: Box) -> tuple[Box, Box, Box] | None:
+    def _enclose_step(self, around: Box, span: Box) -> tuple[Box, Box, Box] | None:
         """Return a box that no motion leaves in a step, the coefficients of the remainder in it, and what is reached."""
-        whole = np.array([0.0, span[1]])
-        reached, end = self._polynomials.at(whole, around), self._polynomials.at(span, around)
+        full_span = np.array([0.0, span[1]])
+        reached, end = self._polynomials.values_at(full_span, around), self._polynomials.values_at(span, around)
         time = np.array([self.time[0], np.nextafter(self.time[1] + span[1], inf)])
         used = self.problem.used
-        beyond = boxes.multiply(around[:, -1], boxes.power(span, self.order)[:, None])
-        grown = boxes.size(beyond)
+        beyond = boxes.multiply(around[:, -1], boxes.interval_power(span, self.order)[:, None])
+        grown = boxes.magnitude(beyond)
         for trial in range(TRIALS):
             slack = boxes.width(reached) * (WIDER * 4.0**trial) + grown * 2.0**trial
-            slack = slack + (boxes.size(reached) + self._largest * self.tolerance) * (8.0 * boxes.EPS) + LEAST_SLACK
+            slack = (
+                slack + (boxes.magnitude(reached) + self._largest * self.tolerance) * (8.0 * boxes.EPS) + LEAST_SLACK
+            )
             slack[used:] = 0.0
             candidate = np.stack([reached[0] - slack, reached[1] + slack])
             try:
-                found = self._plain.of(time, candidate, self.held)
+                coefficients = self._plain.coefficients_of(time, candidate, self.step_values)
             except UndefinedError as error:
                 self.reason = str(error)
                 return None
-            remainder = self._with_constants(found, candidate)[:, -1, :, 0]
-            least = boxes.multiply(remainder, boxes.power(whole, self.order + 1)[:, None])
-            inside = boxes.add(reached, least)[:, :used]
-            if (inside[0] > candidate[0, :used]).all() and (inside[1] < candidate[1, :used]).all():
-                within = candidate.copy()
-                within[:, :used] = inside
+            remainder = self._with_constants(coefficients, candidate)[:, -1, :, 0]
+            remainder_term = boxes.multiply(remainder, boxes.interval_power(full_span, self.order + 1)[:, None])
+            reached_box = boxes.add(reached, remainder_term)[:, :used]
+            if (reached_box[0] > candidate[0, :used]).all() and (reached_box[1] < candidate[1, :used]).all():
+                enclosure = candidate.copy()
+                enclosure[:, :used] = reached_box
                 return (
-                    within,
+                    enclosure,
                     remainder,
-                    boxes.add(end, boxes.multiply(remainder, boxes.power(span, self.order + 1)[:, None])),
+                    boxes.add(end, boxes.multiply(remainder, boxes.interval_power(span, self.order + 1)[:, None])),
                 )
-            grown = np.maximum(grown, 2.0 * boxes.size(least))
+            grown = np.maximum(grown, 2.0 * boxes.magnitude(remainder_term))
         self.reason = "no box was found that the motions do not leave within a step, however short: the set is too wide"
         return None
 
-    def _allowed(self, remainder: Box, span: float, within: Box) -> float:
+    def _allowed(self, remainder: Box, span: float, enclosure: Box) -> float:
         """Return by how much a step has to be shorter for its remainder to be small beside tolerance and set."""
         used = self.problem.used
-        added = boxes.width(remainder)[:used] * float(boxes.power(boxes.point(span), self.order + 1)[1])
-        largest = np.maximum(self._largest, boxes.size(within))[:used]
+        added = boxes.width(remainder)[:used] * float(boxes.interval_power(boxes.point_box(span), self.order + 1)[1])
+        largest = np.maximum(self._largest, boxes.magnitude(enclosure))[:used]
         allowed = 10.0 * self.tolerance * largest + SHARE * boxes.width(self.box)[:used]
         moving = added > 0.0
-        least = float((np.maximum(allowed, NOTHING)[moving] / added[moving]).min(initial=inf))
-        return 1.0 if least >= 1.0 else SAFETY * _root(least, self.order + 1)
+        smallest_ratio = float((np.maximum(allowed, NOTHING)[moving] / added[moving]).min(initial=inf))
+        return 1.0 if smallest_ratio >= 1.0 else SAFETY * _nth_root(smallest_ratio, self.order + 1)
 
 
-def _root(x: float, n: int) -> float:
+def _nth_root(x: float, n: int) -> float:
     """Return the n-th root of a positive number, by Newton's method from above: the same on every machine."""
     mantissa, exponent = frexp(max(x, 5e-324))
-    whole, left = divmod(exponent, n)
-    least = ldexp(mantissa, left)
-    root = min(2.0, 1.0 + (least - 1.0) / n) if least >= 1.0 else 1.0
+    quotient, left = divmod(exponent, n)
+    radicand = ldexp(mantissa, left)
+    root = min(2.0, 1.0 + (radicand - 1.0) / n) if radicand >= 1.0 else 1.0
     while True:
-        lower = root - (root - least / _power(root, n - 1)) / n
+        lower = root - (root - radicand / _integer_power(root, n - 1)) / n
         if not lower < root:
-            return ldexp(root, whole)
+            return ldexp(root, quotient)
         root = lower
 
 
-def _power(x: float, n: int) -> float:
-    found = 1.0
+def _integer_power(x: float, n: int) -> float:
+    power_value = 1.0
     for _ in range(n):
-        found *= x
-    return found
+        power_value *= x
+    return power_value

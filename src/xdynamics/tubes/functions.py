@@ -10,7 +10,7 @@ import numpy as np
 from xdynamics.expressions import Node
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import values_of
-from xdynamics.kernels.program import AT, Compute, Line, Load, Loop, Place, Program, StoreTo, T
+from xdynamics.kernels.program import AT, Compute, Line, Load, Location, Loop, Program, StoreTo, T
 from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.constants import Constants
@@ -18,7 +18,7 @@ from xdynamics.tubes.enclosed_programs import PARTS, EnclosedProgram
 from xdynamics.tubes.flow import Proof
 from xdynamics.tubes.gradients import StraightLines
 from xdynamics.tubes.interval_problem import IntervalProblem, literals_of
-from xdynamics.tubes.sets import Seen
+from xdynamics.tubes.sets import AffineImage
 from xdynamics.tubes.step_constants import HELD, with_pieces
 from xdynamics.tubes.tangents import SEED
 
@@ -42,24 +42,24 @@ class Functions:
         body = [line for line in values_of(layout, trees).body if isinstance(line, Line)]
         stored = tuple(line for line in with_pieces(body) if isinstance(line, Load | Compute | StoreTo))
         straight = StraightLines(stored, problem.motions.straight.constants, literals_of(stored))
-        self.reads_tables = any(isinstance(line, Load) and line.place.array == HELD for line in stored)
+        self.reads_tables = any(isinstance(line, Load) and line.location.array == HELD for line in stored)
         self._constants = constants = Constants(straight, self._used, numbers, numbers)
         lines: list[Line] = [*constants.lines()]
-        tangents = {Place("z", k): Place("z", self.count + k * numbers, ((SEED, 1),)) for k in range(self.count)}
+        tangents = {Location("z", k): Location("z", self.count + k * numbers, ((SEED, 1),)) for k in range(self.count)}
         slopes = Loop(SEED, numbers, constants.tangents(lines, self._used, tangents))
         program = Program("functions", "Functions of a state.", (*map(_squared, lines), slopes))
         of_state = self._used * (1 + numbers)
         sizes = {"at": len(AT), "y": of_state, "p": constants.count, "z": self.count * (1 + numbers)}
         self._program = EnclosedProgram(program, sizes)
         arrays = self._program.arrays
-        constants.fill(arrays["p"])
+        constants.fill_certain(arrays["p"])
         self._time, self._state = arrays["at"][T], arrays["y"]
         self._values = arrays["z"][: self.count]
         self._slopes = arrays["z"][self.count :].reshape(self.count, numbers, len(PARTS))
         for i in range(self._used):
             self._state[self._used + i * numbers + i, :2] = 1.0
 
-    def over(self, time: Box, states: Box, held: Floats) -> tuple[Box, Box]:
+    def enclosures(self, time: Box, states: Box, step_values: Floats) -> tuple[Box, Box]:
         """Return the values over a box, and their derivatives by the numbers of a set; infinite bounds where none is known.
 
         A function that may jump among the values has no derivatives there either, be it level on either side.
@@ -70,37 +70,37 @@ class Functions:
         ndarray, shape (2, count, numbers)
         """
         self._time[:2], self._state[: self._used, :2] = time, states[:, : self._used].T
-        self._constants.take(states, held)
+        self._constants.fill_uncertain(states, step_values)
         self._program.run()
-        values = _known(self._values)
-        slopes = _known(self._slopes)
+        values = _stored_bounds(self._values)
+        slopes = _stored_bounds(self._slopes)
         slopes[:, ~np.isfinite(values).all(axis=0)] = UNKNOWN[..., None]
         return values, slopes
 
     @np.errstate(all="ignore")
-    def within(self, proof: Proof, time: Box) -> Box:
+    def bounds_in_step(self, proof: Proof, time: Box) -> Box:
         """Return bounds of the values for all motions at a time within a step, or at any of an interval; shape (2, count).
 
         Both the values over the box and those in the middle, with what their derivatives add, hold them.
         """
-        return self.of_set(time, proof.seen(time), proof.at(time), proof.held)
+        return self.of_set(time, proof.image_at(time), proof.box_at(time), proof.step_values)
 
     @np.errstate(all="ignore")
-    def of_set(self, time: Box, seen: Seen, states: Box, held: Floats) -> Box:
+    def of_set(self, time: Box, seen: AffineImage, states: Box, step_values: Floats) -> Box:
         """Return bounds of the values for all motions of a set that is seen, and held by a box."""
         if not self.count:
             return np.zeros((2, 0))
-        middle = boxes.point(boxes.middle(seen.image))
-        (found, _), (centre, _) = (self.over(time, box, held) for box in (states, middle))
-        _, slopes = self.over(time, boxes.hull(states, middle), held)  # between the middle and any state
-        sloped = boxes.add(centre, seen.along(slopes))
+        middle = boxes.point_box(boxes.midpoint(seen.image))
+        (box_values, _), (centre, _) = (self.enclosures(time, box, step_values) for box in (states, middle))
+        _, slopes = self.enclosures(time, boxes.hull(states, middle), step_values)  # between the middle and any state
+        sloped = boxes.add(centre, seen.mean_value_form(slopes))
         # where there is a corner, there is no derivative, and still a value
         smooth = np.isfinite(slopes).all(axis=(0, 2)) & np.isfinite(sloped).all(axis=0)
-        return np.where(smooth, boxes.common(found, sloped), found)
+        return np.where(smooth, boxes.intersection(box_values, sloped), box_values)
 
-    def at_start(self, time: Box, states: Box, held: Floats) -> Box:
+    def at_start(self, time: Box, states: Box, step_values: Floats) -> Box:
         """Return bounds of the values over a box."""
-        return self.over(time, states, held)[0] if self.count else np.zeros((2, 0))
+        return self.enclosures(time, states, step_values)[0] if self.count else np.zeros((2, 0))
 
 
 def _squared(line: Line) -> Line:
@@ -110,8 +110,8 @@ def _squared(line: Line) -> Line:
     return line
 
 
-def _known(found: Box) -> Box:
+def _stored_bounds(stored_values: Box) -> Box:
     """Return bounds from what a program stores."""
-    ends = np.moveaxis(found[..., :2], -1, 0)
-    sound = (found[..., 2] == 0.0) & ~np.isnan(ends).any(axis=0)
+    ends = np.moveaxis(stored_values[..., :2], -1, 0)
+    sound = (stored_values[..., 2] == 0.0) & ~np.isnan(ends).any(axis=0)
     return np.where(sound, ends, UNKNOWN.reshape(2, *(1,) * (ends.ndim - 1)))

@@ -10,15 +10,15 @@ import numpy as np
 
 from xdynamics.expressions import text_of
 from xdynamics.faults import InputError
-from xdynamics.kernels.jets.motion import Motion, needed
+from xdynamics.kernels.jets.motion import Motion, needed_lines
 from xdynamics.kernels.layout import layout_of
 from xdynamics.kernels.model_programs import forces_by_elements
-from xdynamics.kernels.program import Compute, Instruction, Place
+from xdynamics.kernels.program import Compute, Instruction, Location
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import constants, first_regime
 from xdynamics.model.parts import Parameter
-from xdynamics.tubes.boxes import Box, enclosed, hull, point
+from xdynamics.tubes.boxes import Box, enclosed, hull, point_box
 from xdynamics.tubes.gradients import StraightLines, Value
 from xdynamics.tubes.series import Motions
 from xdynamics.tubes.step_constants import StepConstants, with_pieces
@@ -63,7 +63,7 @@ class IntervalProblem:
 
     def time_of(self, time: float) -> Box:
         """Return an interval that holds a time: as it is written, or of tables, whose points are floats, the float."""
-        return point(float(time)) if self.constants.tables else time_box(time)
+        return point_box(float(time)) if self.constants.tables else time_box(time)
 
 
 def interval_problem_of(model: Model) -> IntervalProblem:
@@ -74,25 +74,25 @@ def interval_problem_of(model: Model) -> IntervalProblem:
     InputError
         If it has what no bounds are proven of; with each fault and what to do about it.
     """
-    if faults := list(_faults(model)):
+    if faults := list(_enclosure_faults(model)):
         raise InputError(f"model '{model.name}' cannot be enclosed: " + "; ".join(faults))
     layout = layout_of(model)
     motion = Motion(layout.coordinates.size, layout.states.size)
-    lines = tuple(with_pieces(needed(forces_by_elements(layout).body, motion)))
+    lines = tuple(with_pieces(needed_lines(forces_by_elements(layout).body, motion)))
     used, uncertain = tuple(layout.used), list[str]()
-    start = [_enclosed(model.statement.initial[name], model.starts.get(name)) for name in used]
-    places: dict[Place, Value] = {}
-    for i, (name, value) in enumerate(_constants(model).items()):
+    start = [_enclose_quantity(model.statement.initial[name], model.starts.get(name)) for name in used]
+    places: dict[Location, Value] = {}
+    for i, (name, value) in enumerate(_enclosed_constants(model).items()):
         if name in model.statement.parameters and _half_width(model.statement.parameters[name]) > 0:
-            places[Place("p", i)] = len(used) + len(uncertain)
+            places[Location("p", i)] = len(used) + len(uncertain)
             uncertain.append(name)
             start.append(value)
         else:
-            places[Place("p", i)] = value.reshape(2, 1) if value[0] < value[1] else float(value[0])
+            places[Location("p", i)] = value.reshape(2, 1) if value[0] < value[1] else float(value[0])
     motions = Motions(StraightLines(lines, places, literals_of(lines)), motion)
-    whole, names = np.stack(start, axis=1), (*used, *uncertain)
+    start_box, names = np.stack(start, axis=1), (*used, *uncertain)
     return IntervalProblem(
-        motions, names, model.statement.initial["t"].si, whole, StepConstants.of(model), first_regime(model)
+        motions, names, model.statement.initial["t"].si, start_box, StepConstants.of_model(model), first_regime(model)
     )
 
 
@@ -109,23 +109,23 @@ def literals_of(lines: Iterable[Instruction]) -> dict[int, Value]:
 
 def time_box(time: float) -> Box:
     """Return an interval that holds a time as it is written, and the float that it is recorded as."""
-    return hull(enclosed(exact_value(time)), point(float(time)))
+    return hull(enclosed(exact_value(time)), point_box(float(time)))
 
 
-def _constants(model: Model) -> Mapping[str, Box]:
+def _enclosed_constants(model: Model) -> Mapping[str, Box]:
     """Return the constants of a law, as they are written."""
-    found: dict[str, Box] = {}
+    constant_boxes: dict[str, Box] = {}
     for name, value in constants(model).items():
         if name in model.statement.parameters:
             part = model.statement.parameters[name]
-            found[name] = _enclosed(part.quantity, part)
+            constant_boxes[name] = _enclose_quantity(part.quantity, part)
         elif name == "pi":
-            found[name] = PI
+            constant_boxes[name] = PI
         elif name in CONSTANTS or name in model.shaped.calendar:
-            found[name] = enclosed(constant(name).factor)
+            constant_boxes[name] = enclosed(constant(name).factor)
         else:
-            found[name] = point(value)
-    return found
+            constant_boxes[name] = point_box(value)
+    return constant_boxes
 
 
 def _half_width(part: Parameter | None) -> Fraction:
@@ -135,11 +135,11 @@ def _half_width(part: Parameter | None) -> Fraction:
     return exact_value(part.spread.size.value) * part.spread.size.unit.factor
 
 
-def _enclosed(quantity: Quantity, part: Parameter | None) -> Box:
+def _enclose_quantity(quantity: Quantity, part: Parameter | None) -> Box:
     return enclosed(exact_value(quantity.value) * quantity.unit.factor, _half_width(part))
 
 
-def intervals(model: Model) -> list[str]:
+def interval_names(model: Model) -> list[str]:
     """Name the values at the start and the parameters that are intervals."""
     return [name for name, part in (model.statement.parameters | model.starts).items() if _half_width(part) > 0]
 
@@ -149,11 +149,11 @@ def unbounded(model: Model) -> list[str]:
     return [name for name, part in model.uncertain.items() if part.spread is not None and not part.spread.bounded]
 
 
-def _faults(model: Model) -> Iterator[str]:
+def _enclosure_faults(model: Model) -> Iterator[str]:
     """Yield what no bounds are proven of, and what to do about it."""
     if functions := model.python_functions:
-        named = ", ".join(function.name for function in functions)
-        yield f"nothing is known of the Python function {named} between two of its values; write it as an expression"
+        function_names = ", ".join(function.name for function in functions)
+        yield f"nothing is known of the Python function {function_names} between two of its values; write it as an expression"
     if model.delays:
         yield "nothing is proven of delayed values; leave them out, or compare runs by refine"
     for kind, names in (("contact", model.shaped.contacts), ("friction", model.shaped.frictions)):
@@ -177,8 +177,8 @@ def _faults(model: Model) -> Iterator[str]:
 
 def _faulty_numbers(model: Model) -> Iterator[str]:
     """Yield which tables, and which numbers that others follow from, no bounds are proven of."""
-    for name, at in model.looked_up_at.items():
-        if at != CLOCK:
+    for name, argument in model.looked_up_at.items():
+        if argument != CLOCK:
             yield (
                 f"drive '{name}' is a table of '{text_of(model.drives[name].argument)}', whose points are met at times that are not known"
                 " before; write it as an expression"

@@ -22,7 +22,7 @@ from xdynamics.tubes.crossings import Crossing
 from xdynamics.tubes.flow import LEAST_SLACK, Flow, Proof
 from xdynamics.tubes.functions import Functions
 from xdynamics.tubes.series import UndefinedError
-from xdynamics.tubes.sets import Seen
+from xdynamics.tubes.sets import AffineImage
 
 TRIALS, WIDER = 8, 0.5  # of candidates for a box that no motion leaves; by which part of what is reached they are wider
 
@@ -42,28 +42,30 @@ class Reset:
     functions: Functions
     targets: tuple[int, ...]
 
-    def box(self, time: Box, states: Box, held: Floats) -> Box:
+    def box(self, time: Box, states: Box, step_values: Floats) -> Box:
         """Return a box that holds the states after."""
-        found = states.copy()
-        found[:, self.targets] = self.functions.at_start(time, states, held)
-        return found
+        states_after = states.copy()
+        states_after[:, self.targets] = self.functions.at_start(time, states, step_values)
+        return states_after
 
-    def rates(self, time: Box, states: Box, held: Floats, rates: Box) -> Box:
+    def rates(self, time: Box, states: Box, step_values: Floats, rates: Box) -> Box:
         """Return how fast the states after change with those before, of which rates are given."""
-        found = rates.copy()
-        _, slopes = self.functions.over(time, states, held)
-        found[:, self.targets] = boxes.product(slopes, rates)
-        return found
+        rates_after = rates.copy()
+        _, slopes = self.functions.enclosures(time, states, step_values)
+        rates_after[:, self.targets] = boxes.matrix_product(slopes, rates)
+        return rates_after
 
-    def seen(self, time: Box, before: Seen, states: Box, held: Floats) -> Seen:
+    def image_after(self, time: Box, image_before: AffineImage, states: Box, step_values: Floats) -> AffineImage:
         """Return the states after, seen from those that the states before are seen from."""
-        middle = boxes.point(boxes.middle(before.image))
-        _, slopes = self.functions.over(time, boxes.hull(states, middle), held)
-        values = self.functions.at_start(time, middle, held)
-        image, by = before.image.copy(), before.by.copy()
-        image[:, self.targets] = boxes.add(values, boxes.product(slopes, boxes.subtract(before.image, middle)))
-        by[:, self.targets] = boxes.product(slopes, before.by)
-        return replace(before, image=image, by=by)
+        middle = boxes.point_box(boxes.midpoint(image_before.image))
+        _, slopes = self.functions.enclosures(time, boxes.hull(states, middle), step_values)
+        values = self.functions.at_start(time, middle, step_values)
+        image, derivatives = image_before.image.copy(), image_before.derivatives.copy()
+        image[:, self.targets] = boxes.add(
+            values, boxes.matrix_product(slopes, boxes.subtract(image_before.image, middle))
+        )
+        derivatives[:, self.targets] = boxes.matrix_product(slopes, image_before.derivatives)
+        return replace(image_before, image=image, derivatives=derivatives)
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Passage:
         Of the step, by the equations before.
     between : ndarray, shape (2, n)
         What holds the motions that have passed, up to the end of the interval of times.
-    held : ndarray
+    step_values : ndarray
         What holds for a step after it.
     reset : Reset, optional
     stops : bool
@@ -89,7 +91,7 @@ class Passage:
     crossing: Crossing
     proof: Proof
     between: Box
-    held: Floats
+    step_values: Floats
     reset: Reset | None
     stops: bool
 
@@ -111,20 +113,22 @@ def passage(
     UndefinedError
         If that is not proven.
     """
-    held, moving = proof.held.copy(), flow.problem.used
-    held[0] = regime
-    states = proof.at(crossing.time)
+    step_values, moving = proof.step_values.copy(), flow.problem.used
+    step_values[0] = regime
+    states = proof.box_at(crossing.time)
     if reset is not None:
-        states = reset.box(crossing.time, states, proof.held)
+        states = reset.box(crossing.time, states, proof.step_values)
     if not np.isfinite(states).all():
         raise UndefinedError(f"what '{names[0]}' sets is not defined for some of the states")
     candidate = states
     for trial in range(TRIALS):
-        reached = boxes.add(states, boxes.multiply(_lasting(crossing), flow.rates(crossing.time, candidate, held)))
+        reached = boxes.add(
+            states, boxes.multiply(_lasting(crossing), flow.rates(crossing.time, candidate, step_values))
+        )
         reached[:, moving:] = states[:, moving:]
         if ((reached[0] > candidate[0]) & (reached[1] < candidate[1]))[:moving].all():
-            return Passage(tuple(names), crossing, proof, reached, held, reset, stops)
-        slack = boxes.width(reached) * (WIDER * 2.0**trial) + boxes.size(reached) * boxes.EPS + LEAST_SLACK
+            return Passage(tuple(names), crossing, proof, reached, step_values, reset, stops)
+        slack = boxes.width(reached) * (WIDER * 2.0**trial) + boxes.magnitude(reached) * boxes.EPS + LEAST_SLACK
         slack[moving:] = 0.0
         candidate = np.stack([reached[0] - slack, reached[1] + slack])
     raise UndefinedError("no box was found that motions do not leave while others pass an event: the set is too wide")
@@ -135,7 +139,7 @@ def _lasting(crossing: Crossing) -> Box:
     return np.array([[0.0], [np.nextafter(crossing.time[1] - crossing.time[0], np.inf)]])
 
 
-def go_on(flow: Flow, passed: Passage) -> None:
+def land_after_passage(flow: Flow, passed: Passage) -> None:
     """Let all motions go on behind an event, from when the last of them has passed.
 
     Raises
@@ -145,17 +149,17 @@ def go_on(flow: Flow, passed: Passage) -> None:
     """
     proof, crossing = passed.proof, passed.crossing
     coordinates, moving = flow.problem.motions.motion.coordinates, flow.problem.used
-    states, end = proof.at(crossing.time), boxes.point(float(crossing.time[1]))
-    before, seen = flow.rates(crossing.time, states, proof.held), proof.seen(end)
+    states, end = proof.box_at(crossing.time), boxes.point_box(float(crossing.time[1]))
+    rates_before, seen = flow.rates(crossing.time, states, proof.step_values), proof.image_at(end)
     if passed.reset is not None:
-        before = passed.reset.rates(crossing.time, states, proof.held, before)
-        seen = passed.reset.seen(end, seen, proof.at(end), proof.held)
-    jump = boxes.subtract(flow.rates(crossing.time, passed.between, passed.held), before)
+        rates_before = passed.reset.rates(crossing.time, states, proof.step_values, rates_before)
+        seen = passed.reset.image_after(end, seen, proof.box_at(end), proof.step_values)
+    jump = boxes.subtract(flow.rates(crossing.time, passed.between, passed.step_values), rates_before)
     off = boxes.multiply(_lasting(crossing), jump)
     if passed.reset is None:  # positions differ by no more than velocities have come to do so
         off[:, :coordinates] = boxes.multiply(_lasting(crossing), off[:, coordinates : 2 * coordinates])
     off[:, moving:] = 0.0
-    if not (np.isfinite(off).all() and np.isfinite(seen.image).all() and np.isfinite(seen.by).all()):
+    if not (np.isfinite(off).all() and np.isfinite(seen.image).all() and np.isfinite(seen.derivatives).all()):
         raise UndefinedError(f"what '{passed.names[0]}' sets has no bounded derivatives for some of the states")
-    flow.regime = float(passed.held[0])
+    flow.regime = float(passed.step_values[0])
     flow.land(end, replace(seen, image=boxes.add(seen.image, off)), passed.between)

@@ -13,7 +13,7 @@ import numpy as np
 
 from xdynamics.kernels.jets.expansion import expansion
 from xdynamics.kernels.jets.motion import Motion
-from xdynamics.kernels.program import AT, Line, Load, Loop, Place, Program, StoreTo, T
+from xdynamics.kernels.program import AT, Line, Load, Location, Loop, Program, StoreTo, T
 from xdynamics.tubes.boxes import Box, Floats
 from xdynamics.tubes.constants import Constants
 from xdynamics.tubes.enclosed_programs import EnclosedProgram
@@ -52,24 +52,24 @@ class MotionSeries:
         self._constants = constants = Constants(motions.straight, self._used, numbers, self._seeds)
         lines = tuple(_as_states(motions, constants, self._seeds))
         motion = Motion(0, self._used * (1 + self._seeds))
-        whole = expansion(Program("forces", "", lines), motion, degree, written_out=False)
-        sizes = {"at": len(AT), "y": motion.used, "p": constants.count, "w": whole.memory}
-        self._program = EnclosedProgram(whole.program, sizes)
+        series_program = expansion(Program("forces", "", lines), motion, degree, written_out=False)
+        sizes = {"at": len(AT), "y": motion.used, "p": constants.count, "w": series_program.memory}
+        self._program = EnclosedProgram(series_program.program, sizes)
         self._state, self._time = self._program.arrays["y"], self._program.arrays["at"][T]
-        constants.fill(self._program.arrays["p"])
-        self._found = self._program.arrays["w"][: (degree + 1) * motion.used].reshape(degree + 1, motion.used, 3)
+        constants.fill_certain(self._program.arrays["p"])
+        self._coefficients = self._program.arrays["w"][: (degree + 1) * motion.used].reshape(degree + 1, motion.used, 3)
         for i in range(self._used if self._seeds else 0):
             self._state[self._used + i * self._seeds + i, :2] = 1.0
 
-    def of(self, time: Box, start: Box, held: Floats) -> Box:
+    def coefficients_of(self, time: Box, start: Box, step_values: Floats) -> Box:
         """Return the coefficients.
 
         Parameters
         ----------
         time : ndarray, shape (2,)
         start : ndarray, shape (2, numbers)
-        held : ndarray
-            What holds for a step: `StepConstants.at`.
+        step_values : ndarray
+            What holds for a step: `StepConstants.values_from`.
 
         Returns
         -------
@@ -82,20 +82,20 @@ class MotionSeries:
         """
         used = self._used
         self._time[:2], self._state[:used, :2] = time, start[:, :used].T
-        self._constants.take(start, held)
+        self._constants.fill_uncertain(start, step_values)
         self._program.run()
-        if self._found[..., 2].any() or not np.isfinite(self._found).all():
-            raise UndefinedError(self._reason(time, start, held))
-        found = np.empty((2, self._degree + 1, used, 1 + self._seeds))
+        if self._coefficients[..., 2].any() or not np.isfinite(self._coefficients).all():
+            raise UndefinedError(self._reason(time, start, step_values))
+        coefficients = np.empty((2, self._degree + 1, used, 1 + self._seeds))
         for end in range(2):
-            found[end, :, :, 0] = self._found[:, :used, end]
-            found[end, :, :, 1:] = self._found[:, used:, end].reshape(self._degree + 1, used, self._seeds)
-        return found
+            coefficients[end, :, :, 0] = self._coefficients[:, :used, end]
+            coefficients[end, :, :, 1:] = self._coefficients[:, used:, end].reshape(self._degree + 1, used, self._seeds)
+        return coefficients
 
-    def _reason(self, time: Box, start: Box, held: Floats) -> str:
+    def _reason(self, time: Box, start: Box, step_values: Floats) -> str:
         """Say what is not defined for some of the states."""
-        found = self._motions.straight.over(time, start, held, derivatives=True)
-        reasons = [value.reason for value in found.values() if isinstance(value, Undefined)]
+        stored_values = self._motions.straight.stored_over(time, start, step_values, derivatives=True)
+        reasons = [value.reason for value in stored_values.values() if isinstance(value, Undefined)]
         return reasons[0] if reasons else "a number is beyond the range of floats"
 
 
@@ -106,12 +106,14 @@ def _as_states(motions: Motions, constants: Constants, seeds: int) -> Iterator[L
     lines: list[Line] = []
     for i in range(motion.coordinates):
         velocity = f"_velocity{i}"
-        lines += [Load(velocity, Place("y", motion.coordinates + i)), StoreTo(Place("z", rates + i), velocity)]
+        lines += [Load(velocity, Location("y", motion.coordinates + i)), StoreTo(Location("z", rates + i), velocity)]
     for line in constants.lines():
         if isinstance(line, StoreTo):
-            line = replace(line, place=Place("z", rates + motion.raised_by(line.place.offset)))  # noqa: PLW2901
+            line = replace(line, location=Location("z", rates + motion.raised_by(line.location.offset)))  # noqa: PLW2901
         lines.append(line)
     yield from lines
     if seeds:
-        tangents = {Place("z", rates + i): Place("z", rates + used + i * seeds, ((SEED, 1),)) for i in range(used)}
+        tangents = {
+            Location("z", rates + i): Location("z", rates + used + i * seeds, ((SEED, 1),)) for i in range(used)
+        }
         yield Loop(SEED, seeds, constants.tangents(lines, used, tangents))

@@ -8,38 +8,41 @@ import numpy as np
 
 from xdynamics.tubes import boxes
 from xdynamics.tubes.boxes import Box, Floats
-from xdynamics.tubes.frames import FAR, off_orthogonal, orthogonal, solved
+from xdynamics.tubes.frames import FAR, off_orthogonal, orthogonal, solve_in_frame
 
 
 @dataclass(frozen=True)
-class Seen:
+class AffineImage:
     """All ``image + by @ parts``: the states of a set at a time, seen from those at another.
 
     Attributes
     ----------
     image : ndarray, shape (2, n)
-    by : ndarray, shape (2, n, 2*n)
+    derivatives : ndarray, shape (2, n, 2*n)
         Derivatives by the start, then by the rest.
     parts : ndarray, shape (2, 2*n)
         Start and rest.
     """
 
     image: Box
-    by: Box
+    derivatives: Box
     parts: Box
 
     def box(self) -> Box:
         """Return a box that holds them."""
-        return boxes.add(self.image, boxes.product(self.by, self.parts))
+        return boxes.add(self.image, boxes.matrix_product(self.derivatives, self.parts))
 
-    def along(self, slopes: Box) -> Box:
+    def mean_value_form(self, slopes: Box) -> Box:
         """Return what functions differ by from their values in the middle of the image, by their derivatives: a row each."""
-        off = boxes.subtract(self.image, boxes.point(boxes.middle(self.image)))
-        return boxes.add(boxes.product(slopes, off), boxes.product(boxes.product(slopes, self.by), self.parts))
+        off = boxes.subtract(self.image, boxes.point_box(boxes.midpoint(self.image)))
+        return boxes.add(
+            boxes.matrix_product(slopes, off),
+            boxes.matrix_product(boxes.matrix_product(slopes, self.derivatives), self.parts),
+        )
 
 
 @dataclass(frozen=True)
-class Carried:
+class Doubleton:
     """All ``point + spread @ start + scales * (frame @ rest)``, start and rest being any of two boxes.
 
     The first part is the image of the set of starts, which keeps its shape however it turns and shears; the second, what
@@ -54,7 +57,7 @@ class Carried:
     scales : ndarray, shape (n,)
         Powers of two of the size of each number, so that a frame may join metres with radians.
     frame : ndarray, shape (n, n)
-    rest : ndarray, shape (2, n)
+    remainder : ndarray, shape (2, n)
     """
 
     point: Floats
@@ -62,16 +65,16 @@ class Carried:
     start: Box
     scales: Floats
     frame: Floats
-    rest: Box
+    remainder: Box
 
     @classmethod
-    def of(cls, start: Box, scales: Floats) -> Carried:
+    def of_box(cls, start: Box, scales: Floats) -> Doubleton:
         """Return the set of a box."""
-        point, n = boxes.middle(start), start.shape[1]
+        point, n = boxes.midpoint(start), start.shape[1]
         return cls(
             point,
             np.eye(n),
-            boxes.subtract(start, boxes.point(point)),
+            boxes.subtract(start, boxes.point_box(point)),
             scales,
             np.eye(n),
             np.zeros((2, n)),
@@ -80,27 +83,27 @@ class Carried:
     @property
     def parts(self) -> Box:
         """Start and rest."""
-        return np.concatenate([self.start, self.rest], axis=1)
+        return np.concatenate([self.start, self.remainder], axis=1)
 
     @property
     def by_parts(self) -> Box:
         """What start and rest are multiplied by."""
-        return boxes.point(np.concatenate([self.spread, self.scales[:, None] * self.frame], axis=1))
+        return boxes.point_box(np.concatenate([self.spread, self.scales[:, None] * self.frame], axis=1))
 
     def box(self) -> Box:
         """Return a box that holds the set."""
-        return boxes.add(boxes.point(self.point), boxes.product(self.by_parts, self.parts))
+        return boxes.add(boxes.point_box(self.point), boxes.matrix_product(self.by_parts, self.parts))
 
-    def itself(self) -> Seen:
+    def itself(self) -> AffineImage:
         """Return the set as it is."""
-        return Seen(boxes.point(self.point), self.by_parts, self.parts)
+        return AffineImage(boxes.point_box(self.point), self.by_parts, self.parts)
 
-    def seen(self, image: Box, jacobian: Box) -> Seen:
+    def image_under(self, image: Box, jacobian: Box) -> AffineImage:
         """Return the image of the set under a map, by its value at the point and its derivatives over the set."""
-        return Seen(image, boxes.product(jacobian, self.by_parts), self.parts)
+        return AffineImage(image, boxes.matrix_product(jacobian, self.by_parts), self.parts)
 
 
-def carried(seen: Seen, scales: Floats) -> Carried:
+def doubleton_of(seen: AffineImage, scales: Floats) -> Doubleton:
     """Return the image of a set under a map, as it is seen, to be carried on.
 
     Parameters
@@ -110,17 +113,17 @@ def carried(seen: Seen, scales: Floats) -> Carried:
         Of the new set.
     """
     n = len(scales)
-    (by_start, by_rest), (start, rest) = np.split(seen.by, [n], axis=2), np.split(seen.parts, [n], axis=1)
-    point, spread = boxes.middle(seen.image), boxes.middle(by_start)
-    lost = boxes.product(boxes.subtract(by_start, boxes.point(spread)), start)
-    lost = boxes.add(lost, boxes.subtract(seen.image, boxes.point(point)))
+    (by_start, by_rest), (start, remainder) = np.split(seen.derivatives, [n], axis=2), np.split(seen.parts, [n], axis=1)
+    point, spread = boxes.midpoint(seen.image), boxes.midpoint(by_start)
+    lost = boxes.matrix_product(boxes.subtract(by_start, boxes.point_box(spread)), start)
+    lost = boxes.add(lost, boxes.subtract(seen.image, boxes.point_box(point)))
     # by powers of two, which is exact, but for numbers below the least normal one
-    turned, lost = boxes.outward(by_rest / scales[:, None]), boxes.outward(lost / scales)
-    directions = boxes.middle(turned)
-    lengths = boxes.size(turned).max(axis=0) * boxes.width(rest)  # an order of columns, which proves nothing
+    basis, lost = boxes.round_outward(by_rest / scales[:, None]), boxes.round_outward(lost / scales)
+    directions = boxes.midpoint(basis)
+    lengths = boxes.magnitude(basis).max(axis=0) * boxes.width(remainder)  # an order of columns, which proves nothing
     frame = orthogonal(directions[:, np.argsort(-lengths, kind="stable")])
     if (off := off_orthogonal(frame)) >= FAR:
         frame, off = np.eye(len(frame)), 0.0
-    both = solved(frame, off, np.concatenate([turned, lost[:, :, None]], axis=2))
-    rest = boxes.add(boxes.product(both[:, :, :-1], rest), both[:, :, -1])
-    return Carried(point, spread, start, scales, frame, rest)
+    both = solve_in_frame(frame, off, np.concatenate([basis, lost[:, :, None]], axis=2))
+    remainder = boxes.add(boxes.matrix_product(both[:, :, :-1], remainder), both[:, :, -1])
+    return Doubleton(point, spread, start, scales, frame, remainder)

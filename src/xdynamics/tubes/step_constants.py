@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place
+from xdynamics.kernels.program import AT, Compute, Line, Load, Location, Operand
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import Table
-from xdynamics.model.motion import tables_of
+from xdynamics.model.motion import drive_pieces
 from xdynamics.tubes.boxes import Floats
 
 HELD = "tables"  # the array that lines read them from: the regime, then of each table origin and coefficients
-REGIME = Place("at", AT.index("regime"))
+REGIME = Location("at", AT.index("regime"))
 ROWS = 5  # of a table
 
 
@@ -35,9 +35,9 @@ class StepConstants:
     tables: dict[str, Table]
 
     @classmethod
-    def of(cls, model: Model) -> StepConstants:
+    def of_model(cls, model: Model) -> StepConstants:
         """Return those of a model whose drives are all of time."""
-        return cls(dict(zip(model.drives, tables_of(model), strict=True)) if model.drives else {})
+        return cls(dict(zip(model.drives, drive_pieces(model), strict=True)) if model.drives else {})
 
     @property
     def nodes(self) -> Floats:
@@ -45,18 +45,18 @@ class StepConstants:
         times = [origins[np.isfinite(origins)] for origins, _ in self.tables.values()]
         return np.unique(np.concatenate(times)) if times else np.empty(0)
 
-    def at(self, regime: float, time: float) -> Floats:
+    def values_from(self, regime: float, time: float) -> Floats:
         """Return what holds from a time on."""
-        held = [np.array([regime])]
+        step_values = [np.array([regime])]
         for origins, powers in self.tables.values():
             piece = int(np.searchsorted(origins[1:], time, side="right"))
-            held.append(np.append(origins[piece], powers[:, piece]))
-        return np.concatenate(held)
+            step_values.append(np.append(origins[piece], powers[:, piece]))
+        return np.concatenate(step_values)
 
-    def lacking(self, held: Floats) -> str:
+    def lacking(self, step_values: Floats) -> str:
         """Say which table has no value; empty if all have."""
         for i, name in enumerate(self.tables):
-            if np.isnan(held[1 + ROWS * i : 1 + ROWS * (i + 1)]).any():
+            if np.isnan(step_values[1 + ROWS * i : 1 + ROWS * (i + 1)]).any():
                 return f"the table of drive '{name}' goes no further, and its outside is \"error\""
         return ""
 
@@ -71,22 +71,22 @@ def with_pieces(lines: Iterable[Line]) -> Iterator[Line]:
     """
     for line in lines:
         match line:
-            case Load() if line.place == REGIME:
-                yield Load(line.target, Place(HELD, 0))
+            case Load() if line.location == REGIME:
+                yield Load(line.target, Location(HELD, 0))
             case Compute(operation="piece_of"):
                 continue
-            case Compute(target, "value_at" | "slope_at" as operation, (at, _, drive)):
-                yield from _polynomial(target, at, int(drive), sloped=operation == "slope_at")
+            case Compute(target, "value_at" | "slope_at" as operation, (time_operand, _, drive)):
+                yield from _polynomial(target, time_operand, int(drive), sloped=operation == "slope_at")
             case _:
                 yield line
 
 
-def _polynomial(target: str, at: Operand, drive: int, *, sloped: bool) -> Iterator[Line]:
+def _polynomial(target: str, time_operand: Operand, drive: int, *, sloped: bool) -> Iterator[Line]:
     """Yield the value of a piece, or its slope, by Horner's rule."""
     row = [f"{target}.{name}" for name in ("origin", "cubic", "square", "slope", "value")]
-    yield from (Load(name, Place(HELD, 1 + ROWS * drive + k)) for k, name in enumerate(row))
+    yield from (Load(name, Location(HELD, 1 + ROWS * drive + k)) for k, name in enumerate(row))
     since = f"{target}.since"
-    yield Compute(since, "subtract", (at, row[0]))
+    yield Compute(since, "subtract", (time_operand, row[0]))
     factors, total = ((3.0, 2.0, 1.0) if sloped else (1.0, 1.0, 1.0, 1.0)), ""
     for k, factor in enumerate(factors):
         term: Operand = row[1 + k]

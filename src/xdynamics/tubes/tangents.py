@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import count
 
 from xdynamics.kernels.jets.recurrences import CONSTANT
-from xdynamics.kernels.program import Compute, Line, Load, Operand, Place, StoreTo
+from xdynamics.kernels.program import Compute, Line, Load, Location, Operand, StoreTo
 
 SEED = "_seed"  # the index of the loop over numbers of the start
 ZERO = 0.0
@@ -26,26 +26,26 @@ class Tangents:
         Returns the place of the tangents of what is at a place; None of what does not depend on the start.
     """
 
-    def __init__(self, read: Callable[[Place], Place | None]) -> None:
+    def __init__(self, read: Callable[[Location], Location | None]) -> None:
         self.lines: list[Line] = []
         self._read = read
         self._tangents: dict[str, Operand] = {}
         self._serial = count()
 
-    def of(self, operand: Operand) -> Operand:
+    def tangent_of(self, operand: Operand) -> Operand:
         """Return the tangent of a value."""
         return self._tangents.get(operand, ZERO) if isinstance(operand, str) else ZERO
 
     def follow(self, line: Load | Compute) -> None:
         """Write the tangent of what a line computes."""
-        found: Operand = ZERO
+        tangent: Operand = ZERO
         if isinstance(line, Load):
-            if (place := self._read(line.place)) is not None:
-                found = self._named()
-                self.lines.append(Load(found, place))
-        elif line.operation not in CONSTANT and any(self.of(argument) != ZERO for argument in line.arguments):
-            found = RULES[line.operation](self, line.target, *line.arguments)
-        self._tangents[line.target] = found
+            if (address := self._read(line.location)) is not None:
+                tangent = self._new_name()
+                self.lines.append(Load(tangent, address))
+        elif line.operation not in CONSTANT and any(self.tangent_of(argument) != ZERO for argument in line.arguments):
+            tangent = RULES[line.operation](self, line.target, *line.arguments)
+        self._tangents[line.target] = tangent
 
     def write(self, operation: str, *arguments: Operand) -> Operand:
         """Write an operation, unless zeros and ones settle it."""
@@ -61,41 +61,43 @@ class Tangents:
                 return ZERO
             case "divide" | "negative" if first == ZERO:
                 return ZERO
-        name = self._named()
+        name = self._new_name()
         self.lines.append(Compute(name, operation, arguments))
         return name
 
-    def _named(self) -> str:
+    def _new_name(self) -> str:
         return f"_tangent{next(self._serial)}"
 
 
 Rule = Callable[..., Operand]  # of the tangents, a value by its name, and the arguments that it is computed from
 
 
-def _each(operation: str) -> Rule:
-    return lambda write, _, *arguments: write.write(operation, *map(write.of, arguments))
+def _linear_rule(operation: str) -> Rule:
+    return lambda write, _, *arguments: write.write(operation, *map(write.tangent_of, arguments))
 
 
-def _product(write: Tangents, _: str, a: Operand, b: Operand) -> Operand:
-    return write.write("add", write.write("multiply", write.of(a), b), write.write("multiply", write.of(b), a))
+def _product_rule(write: Tangents, _: str, a: Operand, b: Operand) -> Operand:
+    return write.write(
+        "add", write.write("multiply", write.tangent_of(a), b), write.write("multiply", write.tangent_of(b), a)
+    )
 
 
-def _quotient(write: Tangents, value: str, a: Operand, b: Operand) -> Operand:
-    rest = write.write("subtract", write.of(a), write.write("multiply", write.of(b), value))
-    return write.write("divide", rest, b)
+def _quotient_rule(write: Tangents, value: str, a: Operand, b: Operand) -> Operand:
+    numerator = write.write("subtract", write.tangent_of(a), write.write("multiply", write.tangent_of(b), value))
+    return write.write("divide", numerator, b)
 
 
-def _times(factor: Callable[[Tangents, str, Operand], Operand]) -> Rule:
+def _factor_rule(factor: Callable[[Tangents, str, Operand], Operand]) -> Rule:
     """Return the rule of a function by its derivative."""
-    return lambda write, value, a: write.write("multiply", write.of(a), factor(write, value, a))
+    return lambda write, value, a: write.write("multiply", write.tangent_of(a), factor(write, value, a))
 
 
-def _over(divisor: Callable[[Tangents, str, Operand], Operand], sign: float = 1.0) -> Rule:
+def _divisor_rule(divisor: Callable[[Tangents, str, Operand], Operand], sign: float = 1.0) -> Rule:
     """Return the rule of a function by what its derivative is one over, or minus one."""
 
     def rule(write: Tangents, value: str, a: Operand) -> Operand:
-        found = write.write("divide", write.of(a), divisor(write, value, a))
-        return found if sign > 0.0 else write.write("negative", found)
+        quotient = write.write("divide", write.tangent_of(a), divisor(write, value, a))
+        return quotient if sign > 0.0 else write.write("negative", quotient)
 
     return rule
 
@@ -104,75 +106,83 @@ def _one_and_square(sign: str) -> Callable[[Tangents, str, Operand], Operand]:
     return lambda write, value, _: write.write(sign, 1.0, write.write("multiply", value, value))
 
 
-def _arc(write: Tangents, _: str, a: Operand) -> Operand:
+def _arc_divisor(write: Tangents, _: str, a: Operand) -> Operand:
     # (1 - a)*(1 + a) has the digits that 1 - a**2 loses near 1
     product = write.write("multiply", write.write("subtract", 1.0, a), write.write("add", 1.0, a))
     return write.write("sqrt", product)
 
 
-def _power(write: Tangents, value: str, a: Operand, exponent: Operand) -> Operand:
+def _power_rule(write: Tangents, value: str, a: Operand, exponent: Operand) -> Operand:
     slope = write.write("divide", write.write("multiply", value, exponent), a)
-    return write.write("multiply", write.of(a), slope)
+    return write.write("multiply", write.tangent_of(a), slope)
 
 
-def _of_length(write: Tangents, value: str, a: Operand, b: Operand) -> Operand:
-    both = write.write("add", write.write("multiply", write.of(a), a), write.write("multiply", write.of(b), b))
+def _hypot_rule(write: Tangents, value: str, a: Operand, b: Operand) -> Operand:
+    both = write.write(
+        "add", write.write("multiply", write.tangent_of(a), a), write.write("multiply", write.tangent_of(b), b)
+    )
     return write.write("divide", both, value)
 
 
-def _angle(write: Tangents, _: str, y: Operand, x: Operand) -> Operand:
-    turning = write.write("subtract", write.write("multiply", write.of(y), x), write.write("multiply", write.of(x), y))
+def _atan2_rule(write: Tangents, _: str, y: Operand, x: Operand) -> Operand:
+    turning = write.write(
+        "subtract", write.write("multiply", write.tangent_of(y), x), write.write("multiply", write.tangent_of(x), y)
+    )
     squares = write.write("add", write.write("multiply", y, y), write.write("multiply", x, x))
     return write.write("divide", turning, squares)
 
 
-def _abs(write: Tangents, _: str, a: Operand) -> Operand:
-    return write.write("choose", write.write("less", a, ZERO), write.write("negative", write.of(a)), write.of(a))
+def _abs_rule(write: Tangents, _: str, a: Operand) -> Operand:
+    return write.write(
+        "choose", write.write("less", a, ZERO), write.write("negative", write.tangent_of(a)), write.tangent_of(a)
+    )
 
 
-def _extreme(comparison: str) -> Rule:
-    return lambda write, _, a, b: write.write("choose", write.write(comparison, a, b), write.of(a), write.of(b))
+def _extreme_tangent(comparison: str) -> Rule:
+    return lambda write, _, a, b: write.write(
+        "choose", write.write(comparison, a, b), write.tangent_of(a), write.tangent_of(b)
+    )
 
 
-def _choice(write: Tangents, _: str, truth: Operand, a: Operand, b: Operand) -> Operand:
-    return write.write("choose", truth, write.of(a), write.of(b))
+def _choice_rule(write: Tangents, _: str, truth: Operand, a: Operand, b: Operand) -> Operand:
+    return write.write("choose", truth, write.tangent_of(a), write.tangent_of(b))
 
 
-def _rest(write: Tangents, _: str, a: Operand, b: Operand) -> Operand:
+def _mod_rule(write: Tangents, _: str, a: Operand, b: Operand) -> Operand:
     turns = write.write("floor", write.write("divide", a, b))
-    return write.write("subtract", write.of(a), write.write("multiply", turns, write.of(b)))
+    return write.write("subtract", write.tangent_of(a), write.write("multiply", turns, write.tangent_of(b)))
 
 
 RULES: Mapping[str, Rule] = {
-    **{name: _each(name) for name in ("add", "subtract", "negative")},
-    "multiply": _product,
-    "divide": _quotient,
-    "sqrt": _over(lambda write, value, _: write.write("add", value, value)),
-    "exp": _times(lambda _, value, __: value),
-    "log": _over(lambda _, __, a: a),
-    "sin": _times(lambda write, _, a: write.write("cos", a)),
-    "cos": _times(lambda write, _, a: write.write("negative", write.write("sin", a))),
-    "tan": _times(_one_and_square("add")),
-    "asin": _over(_arc),
-    "acos": _over(_arc, -1.0),
-    "atan": _over(lambda write, _, a: write.write("add", 1.0, write.write("multiply", a, a))),
-    "sinh": _times(lambda write, _, a: write.write("cosh", a)),
-    "cosh": _times(lambda write, _, a: write.write("sinh", a)),
-    "tanh": _times(_one_and_square("subtract")),
-    "power": _power,
-    "hypot": _of_length,
-    "atan2": _angle,
-    "abs": _abs,
-    "least": _extreme("less"),
-    "greatest": _extreme("more"),
-    "choose": _choice,
-    "mod": _rest,
-    "positive": lambda write, _, a: write.of(a),
+    **{name: _linear_rule(name) for name in ("add", "subtract", "negative")},
+    "multiply": _product_rule,
+    "divide": _quotient_rule,
+    "sqrt": _divisor_rule(lambda write, value, _: write.write("add", value, value)),
+    "exp": _factor_rule(lambda _, value, __: value),
+    "log": _divisor_rule(lambda _, __, a: a),
+    "sin": _factor_rule(lambda write, _, a: write.write("cos", a)),
+    "cos": _factor_rule(lambda write, _, a: write.write("negative", write.write("sin", a))),
+    "tan": _factor_rule(_one_and_square("add")),
+    "asin": _divisor_rule(_arc_divisor),
+    "acos": _divisor_rule(_arc_divisor, -1.0),
+    "atan": _divisor_rule(lambda write, _, a: write.write("add", 1.0, write.write("multiply", a, a))),
+    "sinh": _factor_rule(lambda write, _, a: write.write("cosh", a)),
+    "cosh": _factor_rule(lambda write, _, a: write.write("sinh", a)),
+    "tanh": _factor_rule(_one_and_square("subtract")),
+    "power": _power_rule,
+    "hypot": _hypot_rule,
+    "atan2": _atan2_rule,
+    "abs": _abs_rule,
+    "least": _extreme_tangent("less"),
+    "greatest": _extreme_tangent("more"),
+    "choose": _choice_rule,
+    "mod": _mod_rule,
+    "positive": lambda write, _, a: write.tangent_of(a),
 }
 
 
 def with_tangents(
-    lines: Sequence[Line], read: Callable[[Place], Place | None], stored: Callable[[Place], Place]
+    lines: Sequence[Line], read: Callable[[Location], Location | None], stored: Callable[[Location], Location]
 ) -> tuple[Line, ...]:
     """Return the lines that compute and store the tangents of what straight lines store.
 
@@ -189,5 +199,5 @@ def with_tangents(
         if isinstance(line, Load | Compute):
             write.follow(line)
         elif isinstance(line, StoreTo):
-            write.lines.append(StoreTo(stored(line.place), write.of(line.value)))
+            write.lines.append(StoreTo(stored(line.location), write.tangent_of(line.value)))
     return tuple(write.lines)

@@ -14,21 +14,21 @@ SMALLER = 3  # powers of ten from a number down to an uncertainty that zeros wou
 REACHED = 0.1  # of the relative uncertainty of an input: what is taken to reach a number that follows from it
 
 
-def digits(value: float, *, uncertainty: float = 0.0, relative: float = 0.0, apart: float = inf) -> int:
+def digits(value: float, *, uncertainty: float = 0.0, relative: float = 0.0, spacing: float = inf) -> int:
     """Return how many significant digits of a number to write.
 
     So many that rounding to them moves it by less than half its uncertainty, the larger of `uncertainty` and `relative` times its size; never
-    fewer than distinguish it from another number that is `apart` away.
+    fewer than distinguish it from another number that is `spacing` away.
 
     Examples
     --------
-    >>> digits(3.71119918, uncertainty=0.002), digits(3.71119918, relative=1e-6), digits(3.71119918, apart=1e-7)
+    >>> digits(3.71119918, uncertainty=0.002), digits(3.71119918, relative=1e-6), digits(3.71119918, spacing=1e-7)
     (5, 7, 9)
     """
     size, doubt = abs(value), max(uncertainty, relative * abs(value))
     if not isfinite(value) or size == 0.0:
         return 1
-    needed = [ceil(log10(size / resolution)) + 1 for resolution in (doubt, apart) if 0.0 < resolution < inf]
+    needed = [ceil(log10(size / resolution)) + 1 for resolution in (doubt, spacing) if 0.0 < resolution < inf]
     return min(MOST, max(1, *needed)) if needed else MOST
 
 
@@ -47,7 +47,7 @@ def known_part(tolerance: float | None, inputs: Iterable[tuple[float, float]]) -
     return max(UNKNOWN if tolerance is None else tolerance, min(parts, default=0.0))
 
 
-def with_uncertainty(value: float, uncertainty: float, shown: int = OF_DOUBT) -> str:
+def with_uncertainty(value: float, uncertainty: float, digit_count: int = OF_DOUBT) -> str:
     """Write a number and its uncertainty, both to the same decimal place (JCGM 100:2008, 7.2.6).
 
     Brackets, as in 3.71119880(53), are for standard uncertainties alone (7.2.2), so that a small one is written with its power of ten.
@@ -55,7 +55,7 @@ def with_uncertainty(value: float, uncertainty: float, shown: int = OF_DOUBT) ->
     Parameters
     ----------
     value, uncertainty : float
-    shown : int
+    digit_count : int
         Digits of the uncertainty.
 
     Examples
@@ -70,22 +70,22 @@ def with_uncertainty(value: float, uncertainty: float, shown: int = OF_DOUBT) ->
     if not isfinite(value):
         return f"{value:g}"
     if not (isfinite(uncertainty) and uncertainty > 0.0):
-        return f"{value:.{UNESTIMATED}g} ± {uncertainty:.{shown}g}"
-    size = float(f"{uncertainty:.{shown - 1}e}")
-    places, power = shown - 1 - floor(log10(size)), floor(log10(max(abs(value), size)))
+        return f"{value:.{UNESTIMATED}g} ± {uncertainty:.{digit_count}g}"
+    size = float(f"{uncertainty:.{digit_count - 1}e}")
+    places, power = digit_count - 1 - floor(log10(size)), floor(log10(max(abs(value), size)))
     below = floor(log10(size))
     if places + power >= MOST:  # digits that no double has
-        return f"{value:.{MOST}g} ± {scientific(size, shown - 1)}"
+        return f"{value:.{MOST}g} ± {scientific(size, digit_count - 1)}"
     if LEAST <= power <= GREATEST:
         small = below < LEAST and power - below >= SMALLER
-        return f"{_fixed(value, places)} ± {scientific(size, shown - 1) if small else _fixed(size, places)}"
+        return f"{_fixed_places(value, places)} ± {scientific(size, digit_count - 1) if small else _fixed_places(size, places)}"
     if below - power < LEAST:
-        return f"{scientific(value, places + power)} ± {scientific(size, shown - 1)}"
-    scaled = (_fixed(number / 10.0**power, places + power) for number in (value, size))
+        return f"{scientific(value, places + power)} ± {scientific(size, digit_count - 1)}"
+    scaled = (_fixed_places(number / 10.0**power, places + power) for number in (value, size))
     return f"({' ± '.join(scaled)})e{power}"
 
 
-def uncertainty_alone(size: float, shown: int = OF_DOUBT) -> str:
+def uncertainty_alone(size: float, digit_count: int = OF_DOUBT) -> str:
     """Write an uncertainty whose number stands elsewhere: with the digits that it has beside one, or all, if it has fewer.
 
     Examples
@@ -95,10 +95,14 @@ def uncertainty_alone(size: float, shown: int = OF_DOUBT) -> str:
     """
     if not (isfinite(size) and size > 0.0):
         return f"{size:g}"
-    shown = 1 if float(f"{size:.0e}") == size else shown
-    rounded = float(f"{size:.{shown - 1}e}")
+    digit_count = 1 if float(f"{size:.0e}") == size else digit_count
+    rounded = float(f"{size:.{digit_count - 1}e}")
     power = floor(log10(rounded))
-    return _fixed(rounded, shown - 1 - power) if LEAST <= power <= GREATEST else scientific(rounded, shown - 1)
+    return (
+        _fixed_places(rounded, digit_count - 1 - power)
+        if LEAST <= power <= GREATEST
+        else scientific(rounded, digit_count - 1)
+    )
 
 
 def short_number(value: float, relative: float = 0.0) -> str:
@@ -127,7 +131,7 @@ def known_to(value: float, uncertainty: float) -> str:
     places = -floor(log10(uncertainty))
     if value and floor(log10(abs(value))) < LEAST:
         return scientific(value, max(places + floor(log10(abs(value))), 0))
-    return _fixed(value, places)
+    return _fixed_places(value, places)
 
 
 def scientific(value: float, places: int) -> str:
@@ -142,17 +146,17 @@ def scientific(value: float, places: int) -> str:
     return f"{number}e{int(power)}"
 
 
-def _fixed(value: float, places: int) -> str:
+def _fixed_places(value: float, places: int) -> str:
     """Write a number rounded to decimal places, left of the point where they are negative; zero has no sign."""
     return f"{round(value, places) + 0.0:.{max(places, 0)}f}"
 
 
-def aligned(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+def aligned_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
     """Yield a table in lines: a header and rows of words, each column as wide as its longest.
 
     Examples
     --------
-    >>> [*aligned(("term", "size"), [("truncation", "1 m"), ("g", "0.2 m")])]
+    >>> [*aligned_table(("term", "size"), [("truncation", "1 m"), ("g", "0.2 m")])]
     ['term        size', 'truncation  1 m', 'g           0.2 m']
     """
     table = [header, *rows]

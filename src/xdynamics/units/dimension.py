@@ -14,11 +14,11 @@ class Dimension:
 
     powers: tuple[Fraction, ...] = (Fraction(0),) * len(BASE)
 
-    def __mul__(self, other: Dimension) -> Dimension:
-        return Dimension(tuple(a + b if b else a for a, b in zip(self.powers, other.powers, strict=True)))
+    def __mul__(self, factor: Dimension) -> Dimension:
+        return Dimension(tuple(a + b if b else a for a, b in zip(self.powers, factor.powers, strict=True)))
 
-    def __truediv__(self, other: Dimension) -> Dimension:
-        return Dimension(tuple(a - b if b else a for a, b in zip(self.powers, other.powers, strict=True)))
+    def __truediv__(self, divisor: Dimension) -> Dimension:
+        return Dimension(tuple(a - b if b else a for a, b in zip(self.powers, divisor.powers, strict=True)))
 
     def __pow__(self, exponent: Fraction | int) -> Dimension:
         return Dimension(tuple(power * exponent for power in self.powers))

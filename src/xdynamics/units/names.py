@@ -71,7 +71,7 @@ def constant_of(name: str) -> str:
     """
     if name in CALENDAR:
         return name
-    spelling = named(name)[0]
+    spelling = look_up_unit(name)[0]
     return next((constant for constant, spelled in _SPELLED.items() if spelled == spelling), "")
 
 
@@ -82,7 +82,7 @@ def _registry() -> Any:
     return pint.UnitRegistry(non_int_type=Fraction)
 
 
-def _remedy(readings: list[tuple[str, str]], fitting: list[tuple[str, str]]) -> str:
+def _unit_remedy(readings: list[tuple[str, str]], fitting: list[tuple[str, str]]) -> str:
     """Say what to write in the place of a unit that a record cannot spell."""
     for prefix, unit in fitting:
         if prefix in _UNSPELLED:
@@ -100,7 +100,7 @@ def _remedy(readings: list[tuple[str, str]], fitting: list[tuple[str, str]]) -> 
 
 
 @lru_cache(maxsize=512)
-def named(name: str) -> tuple[str, Dimension, Fraction]:
+def look_up_unit(name: str) -> tuple[str, Dimension, Fraction]:
     """Look one unit name up: its spelling, dimension and exact SI factor.
 
     Raises
@@ -122,7 +122,7 @@ def named(name: str) -> tuple[str, Dimension, Fraction]:
     ]
     prefix, unit = next(((prefix, unit) for prefix, unit in fitting if prefix in PREFIX), ("", ""))
     if not unit:
-        raise InputError(f"unit '{name}' is not known{_remedy(readings, fitting)}")
+        raise InputError(f"unit '{name}' is not known{_unit_remedy(readings, fitting)}")
     factor, _ = registry.get_base_units(prefix + unit)
     powers = {
         "[mass]": "kg",

@@ -11,8 +11,8 @@ from typing import Any
 
 from xdynamics.faults import InputError
 from xdynamics.units.dimension import NONE, TIME
-from xdynamics.units.names import LENGTHS_OF_VALUES, named
-from xdynamics.units.rounded import Rounded, exact_value, read
+from xdynamics.units.names import LENGTHS_OF_VALUES, look_up_unit
+from xdynamics.units.rounded import Rounded, exact_value, read_decimal
 from xdynamics.units.unit import UNKNOWN_UNIT, Quantity, Scale, Unit
 
 LONGEST_TEXT = 200
@@ -83,9 +83,9 @@ def parse_unit(text: str) -> Unit:
     """
     if not isinstance(text, str):
         raise InputError(f"unit {text!r} is no text; write it like 'm s-1'")
-    shown = repr(text if len(text) <= 40 else text[:40] + "…")
+    shown_text = repr(text if len(text) <= 40 else text[:40] + "…")
     if len(text) > LONGEST_TEXT:
-        raise InputError(f"unit {shown} has {len(text)} characters, {LONGEST_TEXT} at most")
+        raise InputError(f"unit {shown_text} has {len(text)} characters, {LONGEST_TEXT} at most")
     stripped = text.strip()
     if not stripped:
         raise InputError("unit is empty; a pure number has the unit '1'")
@@ -94,15 +94,15 @@ def parse_unit(text: str) -> Unit:
             "the unit is unknown: the values were edited since they were marched; state it as their 'units'"
         )
     if stripped in (*_CELSIUS, *_FAHRENHEIT, *_MONTH) or _LENGTH.fullmatch(stripped):
-        kept = parse_scale(stripped).unit.text
+        kept_unit = parse_scale(stripped).unit.text
         raise InputError(
-            f"unit {shown} is for values alone, like '20 {stripped}': they are kept in {kept}; write '{kept}'"
+            f"unit {shown_text} is for values alone, like '20 {stripped}': they are kept in {kept_unit}; write '{kept_unit}'"
         )
     plain = stripped.isascii() and not {*"(%"} & {*stripped}
-    return _product(stripped if plain else _plain(stripped), shown)
+    return _unit_product(stripped if plain else _ascii_unit(stripped), shown_text)
 
 
-def _plain(text: str) -> str:
+def _ascii_unit(text: str) -> str:
     """Return a unit in ASCII: raised digits as powers, products as stars, a bracket below a stroke as strokes."""
     text = (
         _OF_DIFFERENCES.sub("K", text)
@@ -117,7 +117,7 @@ def _plain(text: str) -> str:
 
 
 @lru_cache(maxsize=512)
-def _product(stripped: str, shown: str) -> Unit:
+def _unit_product(stripped: str, shown_text: str) -> Unit:
     """Read the factors of a unit."""
     dimension, factor, position, sign = NONE, Fraction(1), 0, 1
     powers: dict[str, int] = {}
@@ -125,13 +125,13 @@ def _product(stripped: str, shown: str) -> Unit:
         match = _FACTOR.match(stripped, position)
         if not match:
             raise InputError(
-                f"unit {shown} cannot be read at column {position + 1}; write factors with whole powers, like 'kg m-1'"
+                f"unit {shown_text} cannot be read at column {position + 1}; write factors with whole powers, like 'kg m-1'"
             )
         exponent = sign * int(match["exponent"] or 1)
         if not 0 < abs(exponent) <= LARGEST_EXPONENT:
-            raise InputError(f"unit {shown} has the power {exponent}, needs 1 to {LARGEST_EXPONENT} in size")
+            raise InputError(f"unit {shown_text} has the power {exponent}, needs 1 to {LARGEST_EXPONENT} in size")
         if match["name"]:
-            spelling, one_dimension, one_factor = named(match["name"])
+            spelling, one_dimension, one_factor = look_up_unit(match["name"])
             powers[spelling] = powers.get(spelling, 0) + exponent
             dimension, factor = dimension * one_dimension**exponent, factor * one_factor**exponent
         position = match.end()
@@ -139,7 +139,7 @@ def _product(stripped: str, shown: str) -> Unit:
             break
         between = _BETWEEN.match(stripped, position)
         if not between:
-            raise InputError(f"unit {shown} cannot be read at column {position + 1}, near {stripped[position]!r}")
+            raise InputError(f"unit {shown_text} cannot be read at column {position + 1}, near {stripped[position]!r}")
         sign = -1 if between["by"] == "/" else 1
         position = between.end()
     parts = [name + ("" if power == 1 else str(power)) for name, power in powers.items() if power]
@@ -167,24 +167,24 @@ def parse_quantity(value: Any, *, difference: bool = False) -> Quantity:
     """
     if hasattr(value, "magnitude") and hasattr(value, "unit_items"):
         powers = [(name, int(power) if power == int(power) else power) for name, power in value.unit_items()]
-        return _quantity(
-            _number(value.magnitude), " ".join(f"{name}{power}" for name, power in powers) or "1", repr(str(value))
+        return _scaled_quantity(
+            _read_float(value.magnitude), " ".join(f"{name}{power}" for name, power in powers) or "1", repr(str(value))
         )
     if not isinstance(value, str):
-        return _quantity(_number(value), "1", repr(value))
+        return _scaled_quantity(_read_float(value), "1", repr(value))
     text = value.strip()
-    shown = repr(text if len(text) <= 40 else text[:40] + "…")
+    shown_text = repr(text if len(text) <= 40 else text[:40] + "…")
     if len(text) > LONGEST_TEXT:
-        raise InputError(f"quantity {shown} has {len(text)} characters, {LONGEST_TEXT} at most")
+        raise InputError(f"quantity {shown_text} has {len(text)} characters, {LONGEST_TEXT} at most")
     match = _NUMBER.match(text)
     if not match:
-        raise InputError(f"quantity {shown} does not start with a finite number; write it like '0.145 kg'")
-    rest = text[match.end() :].strip()
-    if rest[:1] in OPERATORS:
+        raise InputError(f"quantity {shown_text} does not start with a finite number; write it like '0.145 kg'")
+    unit_words = text[match.end() :].strip()
+    if unit_words[:1] in OPERATORS:
         raise InputError(
-            f"quantity {shown} has '{rest[0]}' after its number; write a number and a unit, like '0.145 kg'"
+            f"quantity {shown_text} has '{unit_words[0]}' after its number; write a number and a unit, like '0.145 kg'"
         )
-    return _quantity(read(match[0]), rest or "1", shown, difference=difference)
+    return _scaled_quantity(read_decimal(match[0]), unit_words or "1", shown_text, difference=difference)
 
 
 def is_number(text: str) -> bool:
@@ -202,27 +202,27 @@ def exact_si(quantity: Quantity) -> float:
     """Return the value in SI units, correctly rounded; it knows the number that it was rounded from."""
     if quantity.unit.factor == 1 and not isinstance(quantity.value, Rounded):
         return quantity.si
-    return Rounded.of(exact_value(quantity.value) * quantity.unit.factor, quantity.si)
+    return Rounded.from_exact(exact_value(quantity.value) * quantity.unit.factor, quantity.si)
 
 
-def parse_time(value: Any, what: str) -> float:
+def parse_time(value: Any, subject: str) -> float:
     """Read a time and return seconds; a bare number is seconds.
 
     Raises
     ------
     InputError
-        If `given` is no finite time; the message names `what`.
+        If `given` is no finite time; the message names `subject`.
     """
     try:
         quantity = parse_quantity(value)
     except InputError as error:
-        raise InputError(f"{what}: {error}; {_OF_TIME}") from None
+        raise InputError(f"{subject}: {error}; {_OF_TIME}") from None
     if not isinstance(value, Real) and quantity.unit.dimension != TIME:
-        raise InputError(f"{what} {value!r} has units '{quantity.unit.dimension}', needs 's'; {_OF_TIME}")
+        raise InputError(f"{subject} {value!r} has units '{quantity.unit.dimension}', needs 's'; {_OF_TIME}")
     return exact_si(quantity)
 
 
-def time_in(unit: Unit, value: Any, what: str) -> float:
+def time_in(unit: Unit, value: Any, subject: str) -> float:
     """Read a time of a model: as `parse_time` does, or where its time is a pure number, such a one.
 
     A text without a unit is in the model's unit, as it is along the axes of a sweep.
@@ -230,16 +230,16 @@ def time_in(unit: Unit, value: Any, what: str) -> float:
     Raises
     ------
     InputError
-        If it has another unit; the message names `what`.
+        If it has another unit; the message names `subject`.
     """
     if isinstance(value, str) and is_number(value):
         value = f"{value} {unit.text}"
     if unit.dimension == TIME or not isinstance(value, str):
-        return parse_time(value, what)
+        return parse_time(value, subject)
     quantity = parse_quantity(value)
     if quantity.unit.dimension != NONE:
         raise InputError(
-            f"{what} {value!r} has units '{quantity.unit.dimension}', and the model's time is a pure number"
+            f"{subject} {value!r} has units '{quantity.unit.dimension}', and the model's time is a pure number"
         )
     return exact_si(quantity)
 
@@ -248,11 +248,11 @@ def constant(name: str) -> Unit:
     """Return the unit that a unit constant of the expression language stands for."""
     if name in _MONTH:  # no unit of a record: that of UDUNITS is a twelfth of a tropical year
         return Unit(name, TIME, _DAYS_OF_MONTH * 86_400)
-    spelling, dimension, factor = named(name)
+    spelling, dimension, factor = look_up_unit(name)
     return Unit(spelling, dimension, factor)
 
 
-def _number(value: Any) -> float:
+def _read_float(value: Any) -> float:
     if isinstance(value, Real) and not isinstance(value, bool):
         try:
             return value if isinstance(value, Rounded) else float(value)
@@ -261,18 +261,18 @@ def _number(value: Any) -> float:
     raise InputError(f"quantity {str(value)[:40]!r} is no number with a unit; write it like '0.145 kg'")
 
 
-def _quantity(value: float, unit: str, shown: str, *, difference: bool = False) -> Quantity:
+def _scaled_quantity(value: float, unit: str, shown_text: str, *, difference: bool = False) -> Quantity:
     if not isfinite(value):
-        raise InputError(f"quantity {shown} is not finite")
+        raise InputError(f"quantity {shown_text} is not finite")
     scale = parse_scale(unit)
     number = scale.difference(value) if difference else scale.value(value)
     return Quantity(number, scale.unit, None if scale.is_unit else scale)
 
 
-def quotient(unit: str, by: str) -> str:
+def quotient(unit: str, divisor_unit: str) -> str:
     """Spell one unit over another."""
     inverse = []
-    for factor in by.split() if by != "1" else ():
+    for factor in divisor_unit.split() if divisor_unit != "1" else ():
         name = factor.rstrip("-0123456789")
         power = int(factor[len(name) :] or 1)
         inverse.append(f"{name}{-power}")

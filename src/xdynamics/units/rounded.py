@@ -19,7 +19,7 @@ class Rounded(float):
     exact: Fraction
 
     @classmethod
-    def of(cls, exact: Fraction, value: float) -> float:
+    def from_exact(cls, exact: Fraction, value: float) -> float:
         """Return a float, as it is where its own decimal digits are that number."""
         if Fraction(repr(value)) == exact:
             return value
@@ -28,12 +28,12 @@ class Rounded(float):
         return rounded
 
 
-def read(text: str) -> float:
+def read_decimal(text: str) -> float:
     """Read a decimal number, perhaps one that is not finite."""
     number = float(text)
     if not SMALLEST < abs(number) < inf or len(text) > MOST_DIGITS or text == repr(number):
         return number
-    return Rounded.of(Fraction(text.replace("_", "")), number)
+    return Rounded.from_exact(Fraction(text.replace("_", "")), number)
 
 
 def exact_value(number: float) -> Fraction:
@@ -46,7 +46,7 @@ def decimal_text(number: float) -> str:
 
     Examples
     --------
-    >>> decimal_text(Rounded.of(Fraction("0.12345678901234567890123"), 0.12345678901234568)), decimal_text(0.1)
+    >>> decimal_text(Rounded.from_exact(Fraction("0.12345678901234567890123"), 0.12345678901234568)), decimal_text(0.1)
     ('0.12345678901234567890123', '0.1')
     """
     if not isinstance(number, Rounded):

@@ -45,17 +45,17 @@ class Scales:
             values[name] = quantity.si
         return cls(**values)
 
-    def of(self, dimension: Dimension) -> float:
+    def si_factor(self, dimension: Dimension) -> float:
         """SI units in one nondimensional unit of a dimension, by multiplication and square roots only."""
         kilogram, metre, second = dimension.powers[:3]
-        return _power(self.mass, kilogram) * _power(self.length, metre) * _power(self.time, second)
+        return _scale_power(self.mass, kilogram) * _scale_power(self.length, metre) * _scale_power(self.time, second)
 
 
-def _power(base: float, exponent: Fraction) -> float:
+def _scale_power(base: float, exponent: Fraction) -> float:
     if base == 1.0 or exponent == 0:
         return 1.0
     if exponent.denominator == 2:
-        return float(_power(base, Fraction(exponent.numerator)) ** 0.5)
+        return float(_scale_power(base, Fraction(exponent.numerator)) ** 0.5)
     result = 1.0
     for _ in range(abs(int(exponent))):
         result *= base

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xdynamics.faults import InputError
 from xdynamics.units.dimension import BASE, COHERENT, DERIVED, ENERGY, NONE, Dimension
-from xdynamics.units.names import PREFIX, named
+from xdynamics.units.names import PREFIX, look_up_unit
 from xdynamics.units.reading import parse_unit
 from xdynamics.units.unit import Unit
 
@@ -45,7 +45,7 @@ def coherent(unit: Unit) -> Unit:
 
 def _coherent(name: str) -> list[tuple[str, int]]:
     """Spell the SI unit of one unit name: with its own name, without a prefix, by a derived name, or in base units."""
-    spelling, dimension, factor = named(name)
+    spelling, dimension, factor = look_up_unit(name)
     if factor == 1:
         return [(spelling, 1)]
     stems = [spelling.removeprefix(symbol) for symbol in PREFIX.values() if symbol and spelling.startswith(symbol)]

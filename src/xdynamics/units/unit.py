@@ -71,10 +71,10 @@ class Unit:
         up, down = self.factor.as_integer_ratio()
         exact = (Decimal(repr(value)).as_integer_ratio() for value in values.ravel().tolist())
         try:  # a quotient of whole numbers is rounded once; fractions would take four times as long
-            found = np.fromiter((above * up / (below * down) for above, below in exact), float, values.size)
+            si_values = np.fromiter((above * up / (below * down) for above, below in exact), float, values.size)
         except OverflowError:  # of the first that is too large
-            found = np.array([self.to_si(value) for value in values.ravel().tolist()])
-        return found.reshape(values.shape)
+            si_values = np.array([self.to_si(value) for value in values.ravel().tolist()])
+        return si_values.reshape(values.shape)
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Scale:
         if self.is_unit:
             return number
         exact = exact_value(number) * self.factor + self.offset
-        return Rounded.of(exact, float(exact))
+        return Rounded.from_exact(exact, float(exact))
 
     def difference(self, number: float) -> float:
         """Return a difference of two such numbers, or an uncertainty, in its unit: an offset is not in it."""

@@ -17,7 +17,7 @@ from cases.contacts import ball
 from cases.problems import ROOT
 from xdynamics.march import run as places
 from xdynamics.march.contacts import balance
-from xdynamics.march.contacts.delassus import NOISE
+from xdynamics.march.contacts.delassus import SUM_NOISE
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT
 from xdynamics.model.detectors import GAP
 from xdynamics.model.reactions import NORMAL
@@ -71,19 +71,19 @@ def test_a_reset_among_contacts_is_a_shift_too() -> None:
 BROKEN = {
     "an impulse that is too large": (
         "impact",
-        "one_after_the_other",
+        "strike_in_turn",
         "lambda run: STRIKE(run) and SCALED(run.responses, 1.001)",
         "work of the recorded",
     ),
     "an impulse that is not recorded": (
         "event_rows",
-        "row_of",
+        "event_row_of",
         "lambda run, k, first: SCALED(run.directions, 0.999) and ROW_OF(run, k, first)",
         "work of the recorded",
     ),
     "a contact far away that acts": (
         "gaps",
-        "width",
+        "gap_width",
         "lambda run, k: 0.3 if run.now[0].rows > 2 else 1e-9",
         "acts where its gap is",
     ),
@@ -104,8 +104,8 @@ sys.path.insert(0, 'tests')
 import xdynamics as xd
 from xdynamics.kernels.linear import solve_linear as SOLVE
 from xdynamics.march.contacts import {room} as room
-from xdynamics.march.contacts.event_rows import row_of as ROW_OF
-from xdynamics.march.contacts.impact import one_after_the_other as STRIKE
+from xdynamics.march.contacts.event_rows import event_row_of as ROW_OF
+from xdynamics.march.contacts.impact import strike_in_turn as STRIKE
 def SCALED(a, factor):
     a *= factor
     return True
@@ -162,8 +162,8 @@ def test_contacts_of_version_0_2_are_extended(name: str) -> None:
 def group(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Two coordinates and two contacts by hand; the first is a normal force, and what is read of each stands in lists."""
     about: dict[str, Any] = {
-        "within": [0.5, 0.1],
-        "spread": [1e-6, 1.0],
+        "location_time": [0.5, 0.1],
+        "impact_spread": [1e-6, 1.0],
         "size_of_gap": [1e9, 1.0],
         "brake": [2.0, 0.0],
         "chosen": {True: [0], False: [0, 1]},
@@ -173,11 +173,11 @@ def group(monkeypatch: pytest.MonkeyPatch) -> Any:
         run.chosen[: len(about["chosen"][settling])] = about["chosen"][settling]
         return len(about["chosen"][settling])
 
-    for name in ("within", "spread", "size_of_gap", "brake"):
+    for name in ("location_time", "impact_spread", "size_of_gap", "brake"):
         monkeypatch.setattr(balance, name, lambda _, k, name=name: about[name][k])
-    monkeypatch.setattr(balance, "choose", choose)
-    monkeypatch.setattr(balance, "examine", plain("examine"))
-    monkeypatch.setattr(balance, "reach", plain("reach"))
+    monkeypatch.setattr(balance, "list_holding", choose)
+    monkeypatch.setattr(balance, "note_broken_guard", plain("note_broken_guard"))
+    monkeypatch.setattr(balance, "gap_reach", plain("gap_reach"))
     touches = np.array([SimpleNamespace(total=0.0, lost=0.0, slack=0.0, hit=-1) for _ in "ab"])
     run = SimpleNamespace(
         plan=[SimpleNamespace(coordinates=2, kinetic=0, held=0)],
@@ -225,7 +225,7 @@ def test_parts_a_group_begins_with_nothing_taken(group: Any) -> None:
     )
     assert group.balance[places.GUARD] == places.KEPT_ALL
     assert (group.balance[places.TAKEN :] == 0.0).all()
-    examine = plain("examine")
+    examine = plain("note_broken_guard")
     examine(group, places.WORK, 1, 2.0, 2.0)
     assert not plain("is_broken")(group)
     assert group.now[0].status == 0
@@ -243,19 +243,19 @@ def test_parts_impulses_take_their_mean_rate(group: Any) -> None:
     """Assert the energy that impulses took, its terms, and gaps of what acted: twice its spread and the way of its bracket."""
     group.approach[:] = -1.0, 3.0
     group.touches[0].total = 4.0
-    far = 1e9 * NOISE + 8.0 * 0.25
+    far = 1e9 * SUM_NOISE + 8.0 * 0.25
     group.links["gap"][0] = -2.0 * far
-    plain("weigh_impulses")(group)
+    plain("weigh_contact_impulses")(group)
     assert group.balance[places.TAKEN] == -4.0 * (-1.0 + 0.5) / 2.0
     assert group.balance[places.TERMS] == 4.0 * (1.0 + 0.5)
     assert group.balance[places.GUARD] == places.KEPT_ALL
     group.links["gap"][0] = -2.001 * far
-    plain("weigh_impulses")(group)
+    plain("weigh_contact_impulses")(group)
     assert broken(group) == (places.APART, 0.0, pytest.approx(2.001 * far), pytest.approx(2.0 * far))
     plain("open_balance")(group)
     group.touches[0].total, group.touches[1].total = 0.0, -2.0
     group.approach[1] = 3.0
-    plain("weigh_impulses")(group)
+    plain("weigh_contact_impulses")(group)
     assert group.balance[places.GUARD] == places.KEPT_ALL  # friction has no gap
     assert (group.balance[places.TAKEN], group.balance[places.TERMS]) == (2.0 * (3.0 - 0.25) / 2.0, 2.0 * 3.25)
 
@@ -290,7 +290,7 @@ def test_parts_rest_moves_no_farther_than_gaps_were_open(group: Any, settling: b
 
     A gap is as far from zero as rounding leaves it, and as its free acceleration of 8 leads in the bracket of 0.5.
     """
-    count, farthest = (1 if settling else 2), 1e9 * NOISE + 8.0 * 0.5**2
+    count, farthest = (1 if settling else 2), 1e9 * SUM_NOISE + 8.0 * 0.5**2
     for i in range(2):
         bound = 2.0 * most[i] * farthest * (1.0 + count**2 / 4.0)
         for part, kept in ((0.999, True), (-0.999, True), (1.001, False)):
@@ -314,7 +314,7 @@ def test_parts_energies_are_those_of_the_impulses(group: Any, pulled: float, ski
     energies = [float(masses @ one**2) / 2.0 for one in (before, behind)]
     taken = 0.75
     terms = sum(energies) + float(np.abs(impulses) @ (np.abs(before) + np.abs(behind)))
-    bound = 16.0 * NOISE * 4 * (terms + 2.0)
+    bound = 16.0 * SUM_NOISE * 4 * (terms + 2.0)
 
     def weighed(energy: float, loss: float) -> tuple[float, ...]:
         plain("open_balance")(group)

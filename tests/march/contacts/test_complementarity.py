@@ -26,7 +26,7 @@ def posed(matrix: Floats, q: Floats) -> Run:
     """A run with a problem in it."""
     n = len(q)
     run = made_by_hand(problem=np.zeros((n, 2 * n + 2)), basis=np.zeros(3 * n + 1, np.int64), solution=np.zeros(n))
-    plain(complementarity.prepare)(run, n)
+    plain(complementarity.clear_tableau)(run, n)
     run.problem[:, n : 2 * n], run.problem[:, 2 * n + 1] = -matrix, q
     return run
 

@@ -150,8 +150,8 @@ def test_a_row_in_which_a_contact_pulls_ends_the_run(
     detectors, watches = np.zeros(1, DETECTOR), np.zeros(1, WATCH)
     detectors["role"], watches["guard"] = PULL, 1
     run = made_by_hand(detectors=detectors, watches=watches, balance=np.zeros(9), g1=np.array([value]))
-    check = plain(admissibility.check_contacts)
-    monkeypatch.setitem(check.__globals__, "what_is_left", lambda *_: 1e-12)
-    monkeypatch.setitem(check.__globals__, "called", lambda *_: None)
+    check = plain(admissibility.check_contact_law)
+    monkeypatch.setitem(check.__globals__, "allowed_residue", lambda *_: 1e-12)
+    monkeypatch.setitem(check.__globals__, "call_law", lambda *_: None)
     check(run, 0.0)
     assert int(run.now[0].status) == status

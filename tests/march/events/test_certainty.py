@@ -35,7 +35,7 @@ def on_a_piece(before: float = 1.0, after: float = 1.0, width: float = 0.5, **wa
 def test_a_tent_under_values_and_slopes(side: float) -> None:
     """Assert that a function is known to keep its sign just where the lines through both ends meet on its side of zero."""
     random = np.random.default_rng(7)
-    clears, answers = plain(zero_tests.clears), set()
+    clears, answers = plain(zero_tests.cannot_reach_zero), set()
     for _ in range(300):
         before, after = random.uniform(0.01, 2.0, 2).tolist()
         w, slack = random.uniform(0.1, 2.0), random.uniform(0.1, 4.0, 2)
@@ -98,11 +98,11 @@ def test_what_is_known_on_a_piece(
     """Assert what enclosures and slopes tell, or of a function that is only sampled its values."""
     run = on_a_piece(before, after, 0.5, low=-5.0, high=5.0, down=slope[0], up=slope[1], floor=1e-12)
     run.detectors[0].sampled, run.located[0].h = sampled, 4.0
-    assert plain(zero_tests.known)(run, 0) == known
+    assert plain(zero_tests.classify_function)(run, 0) == known
     if sampled:
         assert run.watches[0].down == run.watches[0].up == abs(after - before) / 0.5
         run.located[0].h = 3.9  # of which this piece is more than an eighth
-        assert plain(zero_tests.known)(run, 0) == OPEN
+        assert plain(zero_tests.classify_function)(run, 0) == OPEN
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_what_is_known_on_a_piece(
 def test_values_alone_may_do(low: float, high: float, known: int) -> None:
     """Assert that bounds beyond zero are enough, of a function with jumps too, and bounds at zero are not."""
     run = on_a_piece(1.0, 1.0, low=low, high=high, flaw=BREAKS, down=0.5, up=0.6)
-    assert plain(zero_tests.known)(run, 0) == known
+    assert plain(zero_tests.classify_function)(run, 0) == known
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_slopes_of_gaps_are_those_at_the_start_and_their_change(
         functions=np.zeros(ENCLOSE + 1, np.int64),
     )
     run.detectors[0].bend, run.detectors[0].slope = bend, 1
-    tighten, seen = plain(zero_tests.tighten), []
+    tighten, seen = plain(zero_tests.tighten_slopes), []
     monkeypatch.setitem(
         tighten.__globals__, "enclosed_by", lambda *_: seen.append((run.piece[0].end, run.piece[0].width))
     )
@@ -165,19 +165,19 @@ def test_turns_come_nearer_and_leave(side: float) -> None:
         run, _ = watching(Seen(lambda _: side, lambda s, rates=rates: side * (rates[0] if s == 0.25 else rates[1])))
         run.put(far=np.array([0.75, 1.0, 0.0]), far_g=np.array([side]))
         run.near[0], run.near_g[0] = 0.25, side
-        assert plain(zero_tests.turns)(run, 0) == expected
+        assert plain(zero_tests.turns_back)(run, 0) == expected
         for end, flaw in ((-side, SMOOTH), (side, BREAKS)):
             run.far_g[0], run.watches[0].flaw = end, flaw
-            assert plain(zero_tests.turns)(run, 0)
+            assert plain(zero_tests.turns_back)(run, 0)
         run.near_g[0] = 0.0
-        assert plain(zero_tests.turns)(run, 0)
+        assert plain(zero_tests.turns_back)(run, 0)
 
 
 def doubted(monkeypatch: pytest.MonkeyPatch, function: Any, murk: float, uncertainty: float = 0.0) -> Any:
     """Return a phase with doubts of given size."""
     phase = plain(function)
-    monkeypatch.setitem(phase.__globals__, "murk", lambda *_: murk)
-    monkeypatch.setitem(phase.__globals__, "uncertainty", lambda *_: uncertainty)
+    monkeypatch.setitem(phase.__globals__, "noise_floor", lambda *_: murk)
+    monkeypatch.setitem(phase.__globals__, "function_uncertainty", lambda *_: uncertainty)
     return phase
 
 
@@ -229,7 +229,7 @@ def test_a_function_leaves_to_where_it_may_not_be(
     run, _ = watching(Seen(lambda _: side, lambda _: side * rate))
     run.put(far=np.array([0.75, 1.0, 0.0]), far_g=np.array([side * far]))
     run.watches["guard"], run.watches["armed"] = side * guard, side * armed
-    assert doubted(monkeypatch, zero_tests.leaves, 0.05)(run, 0, side * came) == expected
+    assert doubted(monkeypatch, zero_tests.moves_past_guard, 0.05)(run, 0, side * came) == expected
 
 
 @pytest.mark.parametrize(
@@ -250,10 +250,10 @@ def test_a_kink_reaches_zero_if_its_slope_explains_it(
 ) -> None:
     """Assert for a piece of 0.02 s that a hundred times the larger slope is what is explained, and no infinite value is."""
     run = on_a_piece(near, near, broken=broken, down=slopes[0], up=slopes[1], greatest=2.0)
-    assert doubted(monkeypatch, zero_tests.reaches, 0.0)(run, 0, 0.02) == expected
+    assert doubted(monkeypatch, zero_tests.reaches_zero, 0.0)(run, 0, 0.02) == expected
     if near == 1.1 and slopes[1] == 0.5 and not expected:
-        assert doubted(monkeypatch, zero_tests.reaches, 0.0, 0.026)(run, 0, 0.02)
-        assert not doubted(monkeypatch, zero_tests.reaches, 0.0, 0.024)(run, 0, 0.02)
+        assert doubted(monkeypatch, zero_tests.reaches_zero, 0.0, 0.026)(run, 0, 0.02)
+        assert not doubted(monkeypatch, zero_tests.reaches_zero, 0.0, 0.024)(run, 0, 0.02)
 
 
 @pytest.mark.parametrize(
@@ -277,7 +277,7 @@ def test_a_slow_end_near_zero_lingers(
 ) -> None:
     """Assert for a tolerance of 1e-9 s that doubt or bend hides the side that a monotone function ends on."""
     run = on_a_piece(1.0, far, down=slopes[0], up=slopes[1])
-    assert doubted(monkeypatch, zero_tests.lingers, 0.0, doubt)(run, 0) == expected
+    assert doubted(monkeypatch, zero_tests.ends_near_zero, 0.0, doubt)(run, 0) == expected
 
 
 @pytest.mark.parametrize(
@@ -306,17 +306,17 @@ def test_what_is_never_told_from_zero() -> None:
     """Assert the floor of a function, and of a gap what is left of it; four of its uncertainties, if that is more."""
     run = on_a_piece(floor=1e-9)
     run.detectors[0].reaction, run.lingering[0] = 0, 1e-6
-    assert plain(zero_tests.least)(run, 0) == 1e-9
+    assert plain(zero_tests.gap_floor)(run, 0) == 1e-9
     run.detectors[0].role = GAP
-    assert plain(zero_tests.least)(run, 0) == 1e-6
+    assert plain(zero_tests.gap_floor)(run, 0) == 1e-6
 
 
 def test_how_large_a_function_may_be_and_count_as_zero(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert four uncertainties, or the floor."""
     run = on_a_piece(floor=1e-9)
-    murk = plain(zero_tests.murk)
+    murk = plain(zero_tests.noise_floor)
     for doubt, size in ((1e-9, 4e-9), (1e-10, 1e-9)):
-        monkeypatch.setitem(murk.__globals__, "uncertainty", lambda *_, doubt=doubt: doubt)
+        monkeypatch.setitem(murk.__globals__, "function_uncertainty", lambda *_, doubt=doubt: doubt)
         assert murk(run, 0, run.near) == size
 
 
@@ -327,7 +327,7 @@ def test_pieces_are_not_cut_below_the_spacing_of_t(t: float, s: float, width: fl
     """Assert the tolerance, or twice the rounding of the later time."""
     run = on_a_piece()
     run.now[0].t = t
-    assert plain(zero_tests.resolution)(run, 0, s) == width
+    assert plain(zero_tests.event_resolution)(run, 0, s) == width
 
 
 def test_sides_are_armed_away_from_zero(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -342,10 +342,10 @@ def test_sides_are_armed_away_from_zero(monkeypatch: pytest.MonkeyPatch) -> None
         (0.2, 0.1, 1.0, 1, 0, 0),
     ):
         run = on_a_piece(armed=7, ever=0, greatest=greatest, asleep=asleep)
-        doubted(monkeypatch, arming.arm, murk)(run, 0, value)
+        doubted(monkeypatch, arming.arm_event, murk)(run, 0, value)
         assert (run.watches[0].armed, run.watches[0].ever) == (armed, ever)
     run.watches["armed"], run.watches["began"] = -1, 1
-    plain(arming.forget)(run)
+    plain(arming.rearm_rejected)(run)
     assert run.watches[0].armed == 1
 
 
@@ -370,7 +370,7 @@ def test_a_trial_is_quiet_on_the_armed_side(
     """Assert which bounds over a trial leave no zero in it; of a gap the largest least value is kept."""
     run = on_a_piece(armed=armed, guard=guard, asleep=asleep)
     run.put(
-        leaves=np.zeros((0, 3), np.int64),
+        box_variables=np.zeros((0, 3), np.int64),
         under=np.array([under]),
         over=np.array([over]),
         parts=np.zeros(4, np.int64),
@@ -378,7 +378,7 @@ def test_a_trial_is_quiet_on_the_armed_side(
         touches=np.zeros(1, TOUCH),
     )
     run.detectors[0].role, run.detectors[0].reaction, run.touches[0].largest = GAP, 0, 0.05
-    quiet = plain(isolation.quiet)
+    quiet = plain(isolation.is_event_free)
     monkeypatch.setitem(quiet.__globals__, "enclosed_by", lambda *_: None)
     assert quiet(run) == silent
     assert run.watches[0].alive == (not silent)
@@ -391,20 +391,20 @@ def test_a_region_is_put_around_what_is_quiet(monkeypatch: pytest.MonkeyPatch, s
     """Assert that a step inside the region is quiet without a look, and that one that was looked at has a new region if it is."""
     run = on_a_piece(armed=1 if silent else -1)
     run.put(
-        leaves=np.zeros((1, 3), np.int64),
+        box_variables=np.zeros((1, 3), np.int64),
         under=np.array([0.1]),
         over=np.array([2.0]),
         parts=np.zeros(4, np.int64),
         functions=np.zeros(ENCLOSE + 1, np.int64),
     )
-    quiet, seen = plain(isolation.quiet), []
-    for name, answer in (("stays_inside", inside), ("set_region", None), ("enclosed_by", None)):
+    quiet, seen = plain(isolation.is_event_free), []
+    for name, answer in (("stays_in_region", inside), ("set_region", None), ("enclosed_by", None)):
         monkeypatch.setitem(
             quiet.__globals__, name, lambda *_, name=name, answer=answer: (seen.append(name), answer)[1]
         )
     assert quiet(run) == (silent or inside)
     assert seen == [
-        "stays_inside",
+        "stays_in_region",
         *([] if inside else ["enclosed_by"]),
         *(["set_region"] if silent and not inside else []),
     ]
@@ -423,7 +423,7 @@ def test_an_event_is_struck_in_its_direction(
     """Assert the bracket of one that is watched for, with the value at its left end where that is the piece's."""
     run = on_a_piece(0.75, armed=armed)
     run.watches[0].before, run.detectors[0].direction = 9.0, direction
-    plain(isolation.strike)(run, 0, left, 0.875, what)
+    plain(isolation.note_event_in_piece)(run, 0, left, 0.875, what)
     watch = run.watches[0]
     if not hit:
         assert (watch.hit, watch.before) == (NONE, 9.0)
@@ -463,8 +463,8 @@ def test_what_is_decided_on_a_piece(
     outcome: tuple[Any, ...],
 ) -> None:
     """Assert the event of a piece, its bracket and the side behind it, for what is known of its function there."""
-    decide = plain(isolation.decide)
-    monkeypatch.setitem(plain(zero_tests.trespasses).__globals__, "murk", lambda *_: 1e-6)
+    decide = plain(isolation.decide_piece)
+    monkeypatch.setitem(plain(zero_tests.trespasses).__globals__, "noise_floor", lambda *_: 1e-6)
     run = on_a_piece(
         side * near,
         side * far,
@@ -501,7 +501,7 @@ def test_a_model_that_ends_beside_an_event_arrives(
     """Assert for a tolerance of 1e-9 s that an event is met whose function would be zero within it, and until when it may be."""
     run, _ = watching(Seen(lambda _: side * value, lambda _: side * rate))
     run.watches["armed"], run.watches["hit"] = int(side) * armed, NONE
-    assert plain(isolation.arrives)(run) == hit
+    assert plain(isolation.ends_near_event)(run) == hit
     watch = run.watches[0]
     assert watch.hit == (ENDED if hit else NONE)
     if hit:
@@ -520,7 +520,7 @@ def test_others_stay_on_the_side_that_they_entered_on() -> None:
     ):
         run = on_a_piece(armed=-1, left=0.5, zone=zone, hit=hit)
         run.entered[0], run.plan[0].apart = 1, apart
-        plain(isolation.hold)(run, 0.25)
+        plain(isolation.hold_other_sides)(run, 0.25)
         assert (run.watches[0].armed, run.watches[0].left) == (armed, left)
 
 

@@ -23,7 +23,7 @@ from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.interval_program import OPERATIONS as NAMES
 from xdynamics.kernels.interval_program import VARIABLES
-from xdynamics.march.events.enclosures import enclose, put
+from xdynamics.march.events.enclosures import enclose_functions, store_bounds
 from xdynamics.march.run import ALL, Run
 from xdynamics.march.runner import March
 from xdynamics.march.settings import Settings
@@ -68,7 +68,7 @@ def machine(function: str, interpolation: str = "linear", outside: str = "hold")
     )
     run = March(model, Settings(xd.METHODS["rk4"], until=1.0, step=0.1)).run
     run.put(functions=rules_in_python())
-    plain(enclose)(run, run.y, run.y, 0, run.parts[0], ALL)
+    plain(enclose_functions)(run, run.y, run.y, 0, run.parts[0], ALL)
     return run
 
 
@@ -79,10 +79,10 @@ def enclosed(run: Run, *given: tuple[float, float], slope: bool = False) -> Boun
         if NAMES[operation] in VARIABLES:
             itself = {"position": number, "state": number - 2}
             ends = given[itself[NAMES[operation]]] if NAMES[operation] in itself else (1.0, 1.0)
-            plain(put)(run, place, *ends, SMOOTH)
+            plain(store_bounds)(run, place, *ends, SMOOTH)
         else:
             with np.errstate(all="ignore"):
-                plain(enclose)(run, run.y, run.y, k, k + 1, ALL)
+                plain(enclose_functions)(run, run.y, run.y, k, k + 1, ALL)
     place = run.detectors[0].slope if slope else run.detectors[0].value
     return float(run.under[place]), float(run.over[place]), int(run.flaws[place])
 
@@ -437,7 +437,7 @@ def test_rows_of_a_piece_are_enclosed_by_what_they_read() -> None:
         for state, at in ((run.y, 0.0), (run.z, 0.25)):
             state[[0, n, used, 2 * n, used + n]] = 1.0 + at, 1.0, 0.0, 5.0 + 2.0 * at, 2.0
         run.put(functions=rules_in_python())
-        plain(enclose)(run, run.y, run.z, 0, run.parts[1], ALL)
+        plain(enclose_functions)(run, run.y, run.z, 0, run.parts[1], ALL)
         place = run.detectors[0].value
         assert (run.under[place], run.over[place]) == pytest.approx((low, high), abs=1e-12), function
 
@@ -459,7 +459,7 @@ def accept(run, old=loop.accept):
     cuts = np.concatenate([[0.0], np.sort(random.uniform(0, h, 50)), [h]])
     states = [run.y.copy()]
     for s in cuts[1:]:
-        trial_step.propose(run, t + s, s)
+        trial_step.propose_step(run, t + s, s)
         states.append(run.z.copy())
         for name, array in before.items():
             getattr(run, name)[...] = array

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.record.arguments import asked_of
+from xdynamics.record.arguments import recorded_arguments
 
 G = 9.81
 FREE = {"coordinates": {"y": "m"}, "parameters": {"m": "1 kg", "g": "9.81 m s-2", "e": "0.8"}, "mass": {"y": "m"}}
@@ -228,7 +228,7 @@ def test_the_former_rule_is_that_of_archives_without_the_attribute(model: xd.Mod
         xd.save(run, tmp_path / f"{name}.nc")
         assert xd.reproduce(tmp_path / f"{name}.nc").attrs["identical"]
     del former.attrs["solver_event_start"]
-    assert asked_of(former)["event_start"] == "waiting"
+    assert recorded_arguments(former)["event_start"] == "waiting"
 
 
 def test_a_march_that_goes_on_is_no_start(tmp_path: Any) -> None:

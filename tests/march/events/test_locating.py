@@ -52,7 +52,7 @@ def test_a_smooth_root_is_found_by_two_looks(side: float, t: float) -> None:
     """Assert where it is looked: a hair behind the root that values and rates give, and just inside the tolerance before it."""
     root, h = 0.3, 1.5
     run, looks = watching(inverse_cubic(root, side, 3.0), t=t, h=h)
-    plain(root_finding.locate)(run)
+    plain(root_finding.locate_events)(run)
     hair = 2.0 * EPS * max(abs(t), abs(t + h)) / 16.0
     assert len(looks) == 2
     assert looks[0] == pytest.approx(root + hair, abs=4 * EPS)
@@ -75,7 +75,7 @@ def test_other_roots_take_few_looks(name: str) -> None:
     """Assert that a bracket is within its tolerance about the root, by few looks of a smooth function."""
     one, root = SHAPES[name], {"steep": 0.7, "wave": 0.4, "flat": 0.6, "bow": 1e-3}[name]
     run, looks = watching(one)
-    plain(root_finding.locate)(run)
+    plain(root_finding.locate_events)(run)
     assert run.watches[0].left < root <= run.trial[0].h + 1e-12
     assert run.trial[0].h - run.watches[0].left <= TOLERANCE
     assert len(looks) <= LOOKS[name]
@@ -85,7 +85,7 @@ def test_other_roots_take_few_looks(name: str) -> None:
 def test_a_place_is_asked_for_at_the_far_end(place: float) -> None:
     """Assert that the value behind the root is within its tolerance, however wide that of time is; no look more than that takes."""
     run, looks = watching(SHAPES["wave"], tolerance=0.5, place=place)
-    plain(root_finding.locate)(run)
+    plain(root_finding.locate_events)(run)
     assert 0.0 <= -run.g1[0] <= place
     assert 0.0 < run.trial[0].h - run.watches[0].left <= 0.5
     assert len(looks) == (4 if place > 1e-10 else 5)
@@ -96,7 +96,7 @@ def test_a_side_that_is_all_that_is_known_is_looked_at_in_the_middle() -> None:
     run, looks = watching(Seen(lambda s: max(0.0, 0.25 - s) - 0.1 * max(0.0, s - 0.5), lambda _: -1.0))
     run.watches[0].left, run.watches[0].before = 0.0, math.nan
     run.g[0], run.watches[0].broken = 0.0, BREAKS
-    plain(root_finding.bracket)(run, 0, 0.0)
+    plain(root_finding.narrow_bracket)(run, 0, 0.0)
     assert looks[0] == 0.5
 
 
@@ -106,7 +106,7 @@ def test_a_look_for_one_event_raises_the_bracket_of_another() -> None:
     late = Seen(lambda s: 0.6001**5 - s**5, lambda s: -5.0 * s**4)
     for functions in ((early, late), (late, early)):
         run, looks = watching(*functions)
-        plain(root_finding.locate)(run)
+        plain(root_finding.locate_events)(run)
         assert looks[0] == 0.5  # of the later one, whose rate begins at 0 and so seems to be the first
         hair = EPS / 8.0
         assert looks[-2:] == pytest.approx([0.6 + hair, 0.6 + hair - 0.9 * TOLERANCE], abs=2 * EPS)
@@ -121,7 +121,7 @@ def test_a_value_that_is_not_known_is_looked_at_again() -> None:
     for left, first in ((0.25, 0.25), (0.0, 0.3 + EPS / 8.0)):
         run, looks = watching(inverse_cubic(0.3, 1.0, 3.0))
         run.watches[0].before = math.nan
-        plain(root_finding.bracket)(run, 0, left)
+        plain(root_finding.narrow_bracket)(run, 0, left)
         assert looks[0] == pytest.approx(first, abs=4 * EPS)
 
 
@@ -132,7 +132,7 @@ def test_events_at_one_time_but_for_rounding_are_one_group(t: float) -> None:
         roots = [1.0, 1.0 + behind * EPS]
         one, other = (Seen(lambda s, root=root: root - s, lambda _: -1.0) for root in roots)
         run, _ = watching(one, other, t=t, h=1.5, tolerance=0.0)
-        plain(root_finding.locate)(run)
+        plain(root_finding.locate_events)(run)
         assert (run.watches[1].hit == zero_tests.CROSSED) == both
         assert (run.trial[0].h >= roots[1]) == both
 
@@ -143,7 +143,7 @@ def test_events_within_a_tolerance_are_one_group() -> None:
     for place, both in ((math.inf, True), (1e-10, False)):
         run, _ = watching(one, other, tolerance=1e-8)
         run.detectors[0].tolerance, run.detectors[0].position = 1e-13, place
-        plain(root_finding.locate)(run)
+        plain(root_finding.locate_events)(run)
         assert (run.watches[1].hit == zero_tests.CROSSED) == both
 
 
@@ -188,7 +188,7 @@ def test_kinds_go_by_what_a_slope_explains(before: float, after: float, change: 
     for name, value in change.items():
         run.watches[name] = value
     run.g1[0], run.slopes[0] = after, -1.0
-    assert plain(root_finding.kind_of)(run, 0) == kind
+    assert plain(root_finding.event_kind)(run, 0) == kind
 
 
 @pytest.mark.parametrize(
@@ -202,12 +202,12 @@ def test_kinds_of_sampled_functions_go_by_looks(jump: float, up: float, full: fl
     run.detectors[0].sampled, run.piece[0].full = 1, full
     watch.left, watch.right, watch.before, watch.greatest, watch.up = 0.5, 0.5 + 1e-9, jump / 2.0, 1.0, up
     run.g1[0] = -jump / 2.0
-    assert plain(root_finding.kind_of)(run, 0) == kind
+    assert plain(root_finding.event_kind)(run, 0) == kind
 
 
 def test_slack_is_a_power_of_two_tolerances() -> None:
     """Assert the first halving that leaves a bracket within its tolerance."""
-    reach = plain(root_finding.reach)
+    reach = plain(root_finding.bisection_reach)
     assert [reach(width, 0.25) for width in (0.2, 0.25, 0.3, 0.5, 1.9, 2.0, 2.1)] == [
         0.25,
         0.25,
@@ -221,6 +221,6 @@ def test_slack_is_a_power_of_two_tolerances() -> None:
 
 def test_points_at_the_ends_go_inside() -> None:
     """Assert a tolerance, or the middle where that is nearer."""
-    inside = plain(root_finding.inside)
+    inside = plain(root_finding.point_inside)
     assert [inside(s, 1.0, 2.0, 0.25) for s in (0.5, 1.0, 1.1, 2.0, 3.0)] == [1.25, 1.25, 1.1, 1.75, 1.75]
     assert [inside(s, 1.0, 2.0, 0.75) for s in (1.0, 2.0)] == [1.5, 1.5]

@@ -41,8 +41,8 @@ def test_nothing_is_met_in_free_flight() -> None:
 
 def test_both_ways_of_looking_are_reproduced(tmp_path: Path) -> None:
     """Assert that archives say where switches were looked for; those that do not, of version 0.2, mean everywhere."""
-    from xdynamics.evidence.comparing.bits import reproduced
-    from xdynamics.record.arguments import asked_of
+    from xdynamics.evidence.comparing.bits import compare_reproduction
+    from xdynamics.record.arguments import recorded_arguments
 
     for switches, said in (("located", "where the side"), ("located everywhere", "everywhere")):
         run = xd.simulate(ball(), method="rk4", step=0.01, until=2.0, switches=switches)
@@ -53,8 +53,8 @@ def test_both_ways_of_looking_are_reproduced(tmp_path: Path) -> None:
     old = run.drop_vars([name for name in run.variables if str(name).startswith("side_")])
     old = old.assign_attrs(schema_version="1")
     del old.attrs["solver_switches_watched"]
-    again = xd.simulate(ball(), **asked_of(old))
-    assert reproduced(old, again).attrs["identical"] == 1
+    again = xd.simulate(ball(), **recorded_arguments(old))
+    assert compare_reproduction(old, again).attrs["identical"] == 1
 
 
 FORCES = (  # continuous everywhere, so that no motion is held at a switch

@@ -128,7 +128,7 @@ def marched(model: xd.Model, asked: dict[str, Any], *, boxed: bool) -> tuple[Any
     """March with a region in which no event is looked for, or without one."""
     march = March(model, settings_for(model, **asked))
     if not boxed:
-        march.run.put(leaves=np.zeros((0, 3), np.int64))
+        march.run.put(box_variables=np.zeros((0, 3), np.int64))
     return dataset(march), march
 
 
@@ -157,7 +157,7 @@ def test_a_region_without_events_hides_none(case: int) -> None:
     )
     asked = DAMPED[case % len(DAMPED)] | {"until": 60.0, "force_samples": "none"}
     boxed, plain = (marched(model, asked, boxed=flag) for flag in (True, False))
-    assert len(boxed[1].run.leaves) > 0
+    assert len(boxed[1].run.box_variables) > 0
     for name in ("time", "u", "v_u", "q", "event_time", "event_detector", "event_time_bounds", "event_substeps"):
         assert boxed[0][name].values.tobytes() == plain[0][name].values.tobytes(), name
 

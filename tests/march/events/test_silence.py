@@ -25,7 +25,7 @@ def test_the_way_of_a_step_holds_its_enclosure(case: int) -> None:
     run.z[:] += random.normal(size=6) * 10.0 ** random.uniform(-9, 1)
     run.trial[0].h = h
     for i in range(2):
-        low, high = plain(event_free_region.way)(run, i)
+        low, high = plain(event_free_region.coordinate_bounds)(run, i)
         enclosure = between_states("position", run.y, run.z, (i, 2 + i, 4 + i), h)
         (q0, v0, a0), (q1, v1, a1) = run.y[i::2], run.z[i::2]
         apart = max(min(0.4 * h * abs(v0), h * h * abs(a0) / 20), min(0.4 * h * abs(v1), h * h * abs(a1) / 20))
@@ -51,19 +51,19 @@ def test_a_step_is_inside_by_all_that_functions_are_made_of() -> None:
     )
     run, inside = (
         March(model, settings_for(model, method="rk4", step=0.05, until=0.5)).run,
-        plain(event_free_region.stays_inside),
+        plain(event_free_region.stays_in_region),
     )
     run.y[:6], run.z[:6] = (1.0, 0.0, 0.0, 0.5, -1.0, 0.0), (0.99875, 0.025, -0.05, 0.499, -0.99875, -0.025)
     run.now[0].t, run.trial[0].t, run.trial[0].h = 2.0, 2.05, 0.05
-    n, first = len(run.leaves), event_free_region.BOX
-    assert sorted(run.leaves[:, 0].tolist()) == [
+    n, first = len(run.box_variables), event_free_region.BOX
+    assert sorted(run.box_variables[:, 0].tolist()) == [
         event_free_region.POSITION,
         event_free_region.POSITION,
         event_free_region.INSTANT,
     ]
-    for j, (sort, k, _) in enumerate(run.leaves.tolist()):
+    for j, (sort, k, _) in enumerate(run.box_variables.tolist()):
         bounds = (
-            plain(event_free_region.way)(run, k)
+            plain(event_free_region.coordinate_bounds)(run, k)
             if sort == event_free_region.POSITION
             else (run.now[0].t, run.trial[0].t)
         )
@@ -112,7 +112,7 @@ def test_a_box_reaches_beyond_a_step(
     """Assert half a width beyond bounds on every side, or where they leave the last box, if nothing is zero in it."""
     positions = np.array([[event_free_region.POSITION, j, 1 + j] for j in range(3)])
     run = made_by_hand(
-        leaves=positions,
+        box_variables=positions,
         region=np.zeros(event_free_region.BOX + 12),
         under=np.zeros(4),
         over=np.zeros(4),
@@ -158,7 +158,7 @@ def test_a_box_grows_or_another_one_is_tried(
     """Assert which boxes are tried, how far the next one reaches, and for how long none is tried where none would do."""
     leaves = np.array([[event_free_region.POSITION, 0, 1], [event_free_region.OTHER, 1, 0]])
     run = made_by_hand(
-        leaves=leaves,
+        box_variables=leaves,
         region=np.zeros(event_free_region.BOX + 8),
         under=np.array([-2.0, 7.0]),
         over=np.array([3.0, 8.0]),
@@ -170,7 +170,7 @@ def test_a_box_grows_or_another_one_is_tried(
         return bool(left.pop(0))
 
     monkeypatch.setitem(set_region.__globals__, "is_silent", is_silent)
-    monkeypatch.setitem(set_region.__globals__, "way", lambda _run, k: (10.0 + k, 20.0 + k))
+    monkeypatch.setitem(set_region.__globals__, "coordinate_bounds", lambda _run, k: (10.0 + k, 20.0 + k))
     run.region[: event_free_region.BOX] = before
     set_region(run)
     assert tried == [(*one, 2) for one in asked]
@@ -181,9 +181,9 @@ def test_a_box_grows_or_another_one_is_tried(
 
 def test_a_region_ends_where_there_is_one() -> None:
     """Assert that the box is forgotten of a run whose event functions have one, and that others are left alone."""
-    run = made_by_hand(leaves=np.zeros((1, 3), np.int64), region=np.ones(event_free_region.BOX))
+    run = made_by_hand(box_variables=np.zeros((1, 3), np.int64), region=np.ones(event_free_region.BOX))
     plain(event_free_region.end_region)(run)
     assert run.region[event_free_region.STANDS] == 0.0
-    run = made_by_hand(leaves=np.zeros((0, 3), np.int64), region=np.ones(event_free_region.BOX))
+    run = made_by_hand(box_variables=np.zeros((0, 3), np.int64), region=np.ones(event_free_region.BOX))
     plain(event_free_region.end_region)(run)
     assert run.region[event_free_region.STANDS] == 1.0

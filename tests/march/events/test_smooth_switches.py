@@ -113,13 +113,13 @@ def test_many_runs_count_alike() -> None:
         settings = settings_for(model, until=3.0, **asked)
         alone, beside = (march_many(model, settings, initial={"v_y": starts}, lanes=lanes) for lanes in (1, 8))
         assert np.array_equal(alone.passed, beside.passed)
-        assert alone.kept.log.rows.tobytes() == beside.kept.log.rows.tobytes()
+        assert alone.log_block.log.rows.tobytes() == beside.log_block.log.rows.tobytes()
         assert alone.passed[:, 0].tolist() == [int(v > 0) for v in starts.tolist()]
     swept = xd.sweep(model, axes={"v_y": ["5 m s-1", "20 m s-1"]}, method="rk4", step=0.01, until=1.0)
     assert swept.smooth_switches_passed.values.tolist() == [1, 0]
-    from xdynamics.sweeping.sweep_summary import lines_of
+    from xdynamics.sweeping.sweep_summary import sweep_lines
 
-    assert any("1 members passed switches" in line or "1 member passed" in line for line in lines_of(swept))
+    assert any("1 members passed switches" in line or "1 member passed" in line for line in sweep_lines(swept))
 
 
 def test_an_extension_goes_on_counting(tmp_path: Path) -> None:

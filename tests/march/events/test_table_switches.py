@@ -12,7 +12,7 @@ import pytest
 import xdynamics as xd
 from cases.contacts import FITTING, asked, words
 from xdynamics.model.switches import MOST_SWITCHES, switches
-from xdynamics.record.flag_words import words_of
+from xdynamics.record.flag_words import words_of_flag
 
 STIFFER = [(-2, 4), (-1, 1), (0, 0), (1, -1), (2, -4)]  # a spring of 1 N/m, beyond a metre of 3 N/m
 RELAY = [(-3, 1), (0, -1), (3, -1)]
@@ -279,10 +279,10 @@ def test_kinks_of_long_tables_are_landed_on_and_counted(tmp_path: Path) -> None:
     )
     assert (landed.sizes["event"], landed.attrs["solver_switches"]) == (0, "landed on")
     assert landed.attrs["run_kinks_landed_on"] == located.sizes["event"] > 40
-    behind = np.flatnonzero(np.array(words_of(located.row_kind)) != "event_before")
+    behind = np.flatnonzero(np.array(words_of_flag(located.row_kind)) != "event_before")
     for name in ("time", "x", "v_x", "a_x", "side_spring_force"):
         assert np.array_equal(landed[name], located[name][behind]), name
-    among = np.array(words_of(landed.row_kind))[1:-1]
+    among = np.array(words_of_flag(landed.row_kind))[1:-1]
     assert (among == "node").sum() == located.sizes["event"]
 
 

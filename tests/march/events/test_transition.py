@@ -25,9 +25,9 @@ def noting(monkeypatch: pytest.MonkeyPatch, doubt: float = 1e-14) -> Run:
     """Return a run that has located two events at half a second behind 2 s, each known to a doubt."""
     run, _ = watching(FALLING, RISING, t=2.0)
     run.put(log_rates=np.zeros((0, 5)), log_impulses=np.ones((2, 5)))
-    plain(root_finding.locate)(run)
+    plain(root_finding.locate_events)(run)
     run.slopes[:], run.watches["zone"] = 99.0, -1.0
-    monkeypatch.setitem(plain(event_rows.note_events).__globals__, "uncertainty", lambda *_: doubt)
+    monkeypatch.setitem(plain(event_rows.note_events).__globals__, "function_uncertainty", lambda *_: doubt)
     return run
 
 
@@ -67,7 +67,7 @@ def test_an_event_that_is_past_but_not_found_is_pending(monkeypatch: pytest.Monk
     run.trial[0].h, run.trial[0].t, run.y[0] = 0.625, 2.625, 0.625
     run.g1[:] = [seen.value(0.625) for seen in (FALLING, RISING)]
     run.watches["hit"], run.watches["left"], run.pending[:] = zero_tests.NONE, [0.5, 0.25], [0.03125, 0.0]
-    monkeypatch.setitem(plain(arming.rearm).__globals__, "arm", lambda _, i, value: armed.append((i, value)))
+    monkeypatch.setitem(plain(arming.rearm).__globals__, "arm_event", lambda _, i, value: armed.append((i, value)))
     armed: list[tuple[int, float]] = []
     plain(arming.rearm)(run, False)
     assert run.pending.tolist() == ([0.0, 0.0] if apart else [0.03125 + 0.125, 0.375])
@@ -93,9 +93,9 @@ def test_what_is_no_event_to_come_is_not_pending(monkeypatch: pytest.MonkeyPatch
             run.g1[0] = value
         elif what:
             where[what] = value
-        monkeypatch.setitem(plain(arming.is_pending).__globals__, "murk", lambda *_: 1e-9)
+        monkeypatch.setitem(plain(arming.is_pending).__globals__, "noise_floor", lambda *_: 1e-9)
         assert plain(arming.is_pending)(run, 0) == (not what)
-    monkeypatch.setitem(plain(arming.is_pending).__globals__, "murk", lambda *_: 10.0)
+    monkeypatch.setitem(plain(arming.is_pending).__globals__, "noise_floor", lambda *_: 10.0)
     run.detectors[0].direction = 1  # of one that is not watched for, what is too small to have a side
     assert plain(arming.is_pending)(run, 0)
 
@@ -148,14 +148,14 @@ def test_a_reset_sets_what_it_names() -> None:
 def test_what_happens_ends_the_region_without_events(monkeypatch: pytest.MonkeyPatch, apart: int) -> None:
     """Assert that no box outlives a look at a trial, and that no event function is left to be looked at."""
     run, _ = watching(FALLING)
-    run.put(leaves=np.zeros((1, 3), np.int64), region=np.zeros(BOX + 4))
+    run.put(box_variables=np.zeros((1, 3), np.int64), region=np.zeros(BOX + 4))
     run.region[STANDS], run.plan[0].apart = 1.0, apart
     run.piece[0].verdict = REASON_ERROR
-    plain(dispatch.watch)(run, 0.0, FIND_EVENTS)
+    plain(dispatch.run_event_command)(run, 0.0, FIND_EVENTS)
     assert (run.region[STANDS], run.piece[0].verdict, run.watches[0].alive) == (0.0, REASON_ERROR, apart)
     run.region[STANDS] = 1.0
-    monkeypatch.setitem(plain(dispatch.begin).__globals__, "arm", lambda *_: None)
-    plain(dispatch.begin)(run)
+    monkeypatch.setitem(plain(dispatch.begin_events).__globals__, "arm_event", lambda *_: None)
+    plain(dispatch.begin_events)(run)
     assert run.region[STANDS] == 0.0
 
 
@@ -181,8 +181,8 @@ def test_a_trial_without_events_stays_as_it_is(
         run.z[:], run.kept[0].growth, run.piece[0].substeps = 0.0, 0.0, made
         return last != final
 
-    monkeypatch.setitem(plain(dispatch.meet).__globals__, "isolate", isolate)
-    plain(dispatch.meet)(run)
+    monkeypatch.setitem(plain(dispatch.search_trial).__globals__, "isolate", isolate)
+    plain(dispatch.search_trial)(run)
     assert run.z.tolist() == state.tolist()
     assert (run.kept[0].growth, run.piece[0].cut) == (1.5, int(made > 0))
 
@@ -190,12 +190,12 @@ def test_a_trial_without_events_stays_as_it_is(
 def test_a_trial_with_an_event_or_without_numbers_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the reasons."""
     run, _ = watching(FALLING)
-    monkeypatch.setitem(plain(dispatch.meet).__globals__, "isolate", lambda *_: True)
-    assert plain(dispatch.meet)(run) == REASON_EVENT
+    monkeypatch.setitem(plain(dispatch.search_trial).__globals__, "isolate", lambda *_: True)
+    assert plain(dispatch.search_trial)(run) == REASON_EVENT
     run.put(
         law=law_of(nothing, lambda *given: given[0].__setitem__(UNSOUND, np.nan), nothing, nothing, nothing, nothing)
     )
-    assert plain(dispatch.meet)(run) == REASON_EVENT_FUNCTION
+    assert plain(dispatch.search_trial)(run) == REASON_EVENT_FUNCTION
 
 
 def test_an_event_at_a_grid_time_is_at_that_time() -> None:

@@ -24,7 +24,7 @@ from xdynamics.march.configuration import settings_for
 from xdynamics.march.engine import engine
 from xdynamics.march.implicit import radau as march_radau
 from xdynamics.march.log import LOG_COUNTS, allocate
-from xdynamics.march.memory import arrays_of, put_back
+from xdynamics.march.memory import changing_arrays, put_back
 from xdynamics.methods import radau
 
 # what keeps an absolute tolerance below the smallest component
@@ -235,7 +235,7 @@ def test_iterations_are_judged_by_their_corrections(sizes: list[float], verdict:
     """Assert what is said of the last of some corrections, in units of the error that is allowed, for rtol = 1e-12."""
     run = made_by_hand()
     run.plan[0].adaptive, run.plan[0].rtol, run.kept[0].eta = 1, 1e-12, 1e6
-    told = [plain(march_radau.judged)(run, size, turn) for turn, size in enumerate(sizes, start=1)]
+    told = [plain(march_radau.judge_iteration)(run, size, turn) for turn, size in enumerate(sizes, start=1)]
     assert told == [march_radau.OPEN] * (len(sizes) - 1) + [verdict]
 
 
@@ -315,14 +315,14 @@ def test_a_stiff_march_goes_on_from_its_bytes(name: str) -> None:
         log.follow(*(int(one.now[name]) for name in LOG_COUNTS))
         log.lend(one.run)
         engine().march(one.run, rows)
-        return b"".join(part.tobytes() for part in arrays_of(one.run).values())
+        return b"".join(part.tobytes() for part in changing_arrays(one.run).values())
 
     whole = march()
     expected = marched(whole)
     for row in np.linspace(1, int(whole.now.rows) - 2, 9).astype(int).tolist():
         first, second = march(), march()
         marched(first, row)
-        put_back(second.run, arrays_of(first.run))
+        put_back(second.run, changing_arrays(first.run))
         assert marched(second) == expected
 
 

@@ -21,28 +21,28 @@ from xdynamics.elementary.double_double.sums import (
     DoubleDouble,
     absolute_value,
     add,
-    chosen,
+    choose_sum,
     divide,
     exact,
     multiply,
-    negative,
-    polynomial,
-    scaled,
+    negated,
+    polynomial_of_sums,
+    scaled_by_power,
     sqrt,
     subtract,
 )
 from xdynamics.elementary.numbers import (
     INF,
+    Integer,
     Number,
     Truth,
-    Whole,
     absolute,
     choose,
     exact_product,
     exact_sum,
     exponent_of,
     power_of_two,
-    rounded,
+    round_to_integer,
 )
 
 DOUBLINGS = 9
@@ -52,9 +52,9 @@ EXP_RANGE = 708.0  # arguments whose exponentials, and their rests, are normal n
 ROOT_HALF = 0.7071067811865476
 
 
-def _or_float(usual: Truth, found: DoubleDouble, unusual: Number) -> DoubleDouble:
+def _precise_or_float(usual: Truth, precise: DoubleDouble, unusual: Number) -> DoubleDouble:
     """Return a result, and where it is infinite, zero or nan that of floats."""
-    return DoubleDouble(choose(usual, found.high, unusual), choose(usual, found.low, 0.0))
+    return DoubleDouble(choose(usual, precise.high, unusual), choose(usual, precise.low, 0.0))
 
 
 # ------------------------------------------------------------------------------------------------------- exponentials
@@ -63,40 +63,40 @@ def _or_float(usual: Truth, found: DoubleDouble, unusual: Number) -> DoubleDoubl
 def exp(x: DoubleDouble) -> DoubleDouble:
     """Exponential function."""
     usual = absolute(x.high) < EXP_RANGE
-    held = DoubleDouble(choose(usual, x.high, 0.0), choose(usual, x.low, 0.0))
-    growth, k = _growth(held)
-    return _or_float(usual, scaled(growth, power_of_two(k)), exponential.exp(x.high))
+    usual_argument = DoubleDouble(choose(usual, x.high, 0.0), choose(usual, x.low, 0.0))
+    growth, k = _scaled_exponential(usual_argument)
+    return _precise_or_float(usual, scaled_by_power(growth, power_of_two(k)), exponential.exp(x.high))
 
 
-def _growth(x: DoubleDouble) -> tuple[DoubleDouble, Whole]:
+def _scaled_exponential(x: DoubleDouble) -> tuple[DoubleDouble, Integer]:
     """Return exp(x)/2**k, between 0.7 and 1.5, and k."""
-    turns, k = rounded(x.high * LOG2_E)
+    turns, k = round_to_integer(x.high * LOG2_E)
     first, second, third = LOG2_PARTS
-    rest = add(DoubleDouble(x.high - turns * first, x.low), exact(-(turns * second)))
-    rest = scaled(add(rest, exact(-(turns * third))), 2.0**-DOUBLINGS)
-    less_one = multiply(rest, polynomial(rest, INVERSE_FACTORIALS[1:11]))
+    remainder = add(DoubleDouble(x.high - turns * first, x.low), exact(-(turns * second)))
+    remainder = scaled_by_power(add(remainder, exact(-(turns * third))), 2.0**-DOUBLINGS)
+    less_one = multiply(remainder, polynomial_of_sums(remainder, INVERSE_FACTORIALS[1:11]))
     for _ in range(DOUBLINGS):  # exp(2 r) - 1 from exp(r) - 1
-        less_one = add(scaled(less_one, 2.0), multiply(less_one, less_one))
+        less_one = add(scaled_by_power(less_one, 2.0), multiply(less_one, less_one))
     return add(ONE, less_one), k
 
 
 def log(x: DoubleDouble) -> DoubleDouble:
     """Natural logarithm; -inf at 0, nan below."""
     usual = (x.high >= 2.0**-969) & (x.high < INF)
-    held = DoubleDouble(choose(usual, x.high, 1.0), choose(usual, x.low, 0.0))
-    k = exponent_of(held.high)
-    fraction = scaled(held, power_of_two(0 - k))
+    usual_argument = DoubleDouble(choose(usual, x.high, 1.0), choose(usual, x.low, 0.0))
+    k = exponent_of(usual_argument.high)
+    fraction = scaled_by_power(usual_argument, power_of_two(0 - k))
     above = fraction.high > 2.0 * ROOT_HALF
-    fraction = scaled(fraction, choose(above, 0.5, 1.0))
+    fraction = scaled_by_power(fraction, choose(above, 0.5, 1.0))
     k = choose(above, k + 1, k)
     # log((1 + z)/(1 - z)) = 2 (z + z**3/3 + …)
     z = divide(subtract(fraction, ONE), add(fraction, ONE))
-    series = multiply(scaled(z, 2.0), polynomial(multiply(z, z), INVERSE_ODD[:22]))
-    found = add(multiply(exact(_whole(k)), LOG2), series)
-    return _or_float(usual, found, exponential.log(x.high))
+    series = multiply(scaled_by_power(z, 2.0), polynomial_of_sums(multiply(z, z), INVERSE_ODD[:22]))
+    precise = add(multiply(exact(_integer_as_float(k)), LOG2), series)
+    return _precise_or_float(usual, precise, exponential.log(x.high))
 
 
-def _whole(k: Whole) -> Number:
+def _integer_as_float(k: Integer) -> Number:
     from xdynamics.elementary.numbers import whole_number
 
     return whole_number(k)
@@ -107,39 +107,43 @@ def power(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     product = multiply(y, log(absolute_value(x)))
     usual = (absolute(product.high) < EXP_RANGE) & (x.high != 0.0) & (absolute(x.high) < INF)
     plain = exponential.power(x.high, y.high)
-    found = exp(DoubleDouble(choose(usual, product.high, 0.0), choose(usual, product.low, 0.0)))
-    found = chosen(plain < 0.0, negative(found), found)
-    return _or_float(usual & (plain == plain), found, plain)
+    precise = exp(DoubleDouble(choose(usual, product.high, 0.0), choose(usual, product.low, 0.0)))
+    precise = choose_sum(plain < 0.0, negated(precise), precise)
+    return _precise_or_float(usual & (plain == plain), precise, plain)
 
 
 def _halves(x: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble]:
     """Return exp(x)/2 and exp(-x)/2."""
     growth = exp(x)
-    return scaled(growth, 0.5), divide(DoubleDouble(choose(growth.high == 0.0, INF, 0.5), 0.0), growth)
+    return scaled_by_power(growth, 0.5), divide(DoubleDouble(choose(growth.high == 0.0, INF, 0.5), 0.0), growth)
 
 
 def cosh(x: DoubleDouble) -> DoubleDouble:
     """Hyperbolic cosine."""
     usual = absolute(x.high) < EXP_RANGE
-    return _or_float(usual, add(*_halves(_held(usual, x))), exponential.cosh(x.high))
+    return _precise_or_float(usual, add(*_halves(_replace_unusual(usual, x))), exponential.cosh(x.high))
 
 
 def sinh(x: DoubleDouble) -> DoubleDouble:
     """Hyperbolic sine."""
     usual = absolute(x.high) < EXP_RANGE
-    held = _held(usual, x)
-    near = multiply(held, polynomial(multiply(held, held), INVERSE_FACTORIALS[1:27:2]))
-    return _or_float(usual, chosen(absolute(x.high) < 0.5, near, subtract(*_halves(held))), exponential.sinh(x.high))
+    usual_argument = _replace_unusual(usual, x)
+    near = multiply(
+        usual_argument, polynomial_of_sums(multiply(usual_argument, usual_argument), INVERSE_FACTORIALS[1:27:2])
+    )
+    return _precise_or_float(
+        usual, choose_sum(absolute(x.high) < 0.5, near, subtract(*_halves(usual_argument))), exponential.sinh(x.high)
+    )
 
 
 def tanh(x: DoubleDouble) -> DoubleDouble:
     """Hyperbolic tangent."""
     usual = absolute(x.high) < 40.0
-    held = _held(usual, x)
-    return _or_float(usual, divide(sinh(held), cosh(held)), exponential.tanh(x.high))
+    usual_argument = _replace_unusual(usual, x)
+    return _precise_or_float(usual, divide(sinh(usual_argument), cosh(usual_argument)), exponential.tanh(x.high))
 
 
-def _held(usual: Truth, x: DoubleDouble, instead: float = 0.0) -> DoubleDouble:
+def _replace_unusual(usual: Truth, x: DoubleDouble, instead: float = 0.0) -> DoubleDouble:
     """Return a number, or another where it is unusual."""
     return DoubleDouble(choose(usual, x.high, instead), choose(usual, x.low, 0.0))
 
@@ -151,40 +155,40 @@ def hypot(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     usual = (larger > 0.0) & (larger < INF) & (x.high == x.high) & (y.high == y.high)
     k = exponent_of(choose(usual, larger, 1.0))
     down, up = power_of_two(0 - k), power_of_two(k)
-    first, second = (scaled(_held(usual, number), down) for number in (x, y))
+    first, second = (scaled_by_power(_replace_unusual(usual, number), down) for number in (x, y))
     length = sqrt(add(multiply(first, first), multiply(second, second)))
-    return _or_float(usual, scaled(length, up), exponential.hypot(x.high, y.high))
+    return _precise_or_float(usual, scaled_by_power(length, up), exponential.hypot(x.high, y.high))
 
 
 # ------------------------------------------------------------------------------------------------------------- angles
 
 
-def _reduced(x: DoubleDouble) -> tuple[DoubleDouble, Whole]:
+def _reduce_angle(x: DoubleDouble) -> tuple[DoubleDouble, Integer]:
     """Return x - n pi/2, between -pi/4 and pi/4, and n, of which only the last two bits count."""
-    turns, n = rounded(choose(absolute(x.high) < 2.0**50, x.high, 0.0) * circular.TWO_OVER_PI)
+    turns, n = round_to_integer(choose(absolute(x.high) < 2.0**50, x.high, 0.0) * circular.TWO_OVER_PI)
     near = absolute(turns) < LARGEST_TURNS
     turns = choose(near, turns, 0.0)
     first, second, third, fourth = HALF_PI_PARTS
-    rest = DoubleDouble(*exact_sum(x.high - turns * first, -(turns * second)))
-    rest = add(rest, DoubleDouble(*exact_sum(-(turns * third), x.low)))
-    rest = subtract(rest, DoubleDouble(*exact_product(turns, fourth)))
-    high, low, far = circular.reduced_exactly(x.high)
+    remainder = DoubleDouble(*exact_sum(x.high - turns * first, -(turns * second)))
+    remainder = add(remainder, DoubleDouble(*exact_sum(-(turns * third), x.low)))
+    remainder = subtract(remainder, DoubleDouble(*exact_product(turns, fourth)))
+    high, low, far = circular.reduce_exactly(x.high)
     beyond = add(DoubleDouble(high, low), exact(x.low))
-    return chosen(near, rest, beyond), choose(near, n, far)
+    return choose_sum(near, remainder, beyond), choose(near, n, far)
 
 
 def sin_cos(x: DoubleDouble) -> tuple[DoubleDouble, DoubleDouble]:
     """Sine and cosine of an angle in radians."""
     usual = (x.high - x.high) == 0.0
-    rest, n = _reduced(_held(usual, x))
-    square = negative(multiply(rest, rest))
-    sine = multiply(rest, polynomial(square, INVERSE_FACTORIALS[1:31:2]))
-    cosine = polynomial(square, INVERSE_FACTORIALS[0:31:2])
+    remainder, n = _reduce_angle(_replace_unusual(usual, x))
+    square = negated(multiply(remainder, remainder))
+    sine = multiply(remainder, polynomial_of_sums(square, INVERSE_FACTORIALS[1:31:2]))
+    cosine = polynomial_of_sums(square, INVERSE_FACTORIALS[0:31:2])
     swapped = (n & 1) == 1
-    sine, cosine = chosen(swapped, cosine, sine), chosen(swapped, sine, cosine)
-    sine = chosen((n & 2) == 2, negative(sine), sine)
-    cosine = chosen(((n + 1) & 2) == 2, negative(cosine), cosine)
-    return _or_float(usual, sine, x.high - x.high), _or_float(usual, cosine, x.high - x.high)
+    sine, cosine = choose_sum(swapped, cosine, sine), choose_sum(swapped, sine, cosine)
+    sine = choose_sum((n & 2) == 2, negated(sine), sine)
+    cosine = choose_sum(((n + 1) & 2) == 2, negated(cosine), cosine)
+    return _precise_or_float(usual, sine, x.high - x.high), _precise_or_float(usual, cosine, x.high - x.high)
 
 
 def sin(x: DoubleDouble) -> DoubleDouble:
@@ -209,13 +213,13 @@ def atan2(y: DoubleDouble, x: DoubleDouble) -> DoubleDouble:
     larger = choose(width > height, width, height)
     usual = (larger > 0.0) & (larger < INF) & (plain == plain)
     down = power_of_two(0 - exponent_of(choose(usual, larger, 1.0)))
-    across, along = (scaled(_held(usual, number), down) for number in (y, x))
+    scaled_y, scaled_x = (scaled_by_power(_replace_unusual(usual, number), down) for number in (y, x))
     sine, cosine = sin_cos(exact(choose(usual, plain, 0.0)))
     # what is left is an angle of some 1e-16, which is its own tangent
-    top = subtract(multiply(across, cosine), multiply(along, sine))
-    below = add(multiply(along, cosine), multiply(across, sine))
-    below = chosen(usual, below, ONE)
-    return _or_float(usual, add(exact(plain), divide(top, below)), plain)
+    top = subtract(multiply(scaled_y, cosine), multiply(scaled_x, sine))
+    below = add(multiply(scaled_x, cosine), multiply(scaled_y, sine))
+    below = choose_sum(usual, below, ONE)
+    return _precise_or_float(usual, add(exact(plain), divide(top, below)), plain)
 
 
 def atan(x: DoubleDouble) -> DoubleDouble:

@@ -23,7 +23,7 @@ from xdynamics.elementary.numbers import (
     quotient,
 )
 from xdynamics.elementary.numbers import floor as floor_of
-from xdynamics.elementary.numbers import nearest as nearest_whole
+from xdynamics.elementary.numbers import round_half_even as nearest_whole
 from xdynamics.elementary.numbers import sign as sign_of
 from xdynamics.elementary.numbers import sqrt as root_of
 
@@ -44,15 +44,15 @@ def nearest(value: Fraction) -> DoubleDouble:
     return DoubleDouble(high, float(value - Fraction(high)))
 
 
-def parts(value: Fraction, *places: int) -> tuple[float, ...]:
+def split_fraction(value: Fraction, *places: int) -> tuple[float, ...]:
     """Return a number in floats: each but the last has so many bits, the sum is that of one more."""
-    taken: list[float] = []
+    float_parts: list[float] = []
     for count in places:
         unit = Fraction(2) ** (math.frexp(float(value))[1] - count)
         part = float(round(value / unit) * unit)
-        taken.append(part)
+        float_parts.append(part)
         value -= Fraction(part)
-    return (*taken, float(value))
+    return (*float_parts, float(value))
 
 
 def exact(x: Number) -> DoubleDouble:
@@ -60,18 +60,18 @@ def exact(x: Number) -> DoubleDouble:
     return DoubleDouble(x, x * 0.0)
 
 
-def settled(high: Number, low: Number) -> DoubleDouble:
+def renormalised(high: Number, low: Number) -> DoubleDouble:
     """Return the sum of a number and a smaller one; what is not finite has no rest."""
-    total, rest = ordered_sum(high, low)
-    return DoubleDouble(total, choose(rest == rest, rest, 0.0))
+    total, rounding_error = ordered_sum(high, low)
+    return DoubleDouble(total, choose(rounding_error == rounding_error, rounding_error, 0.0))
 
 
-def chosen(truth: Truth, yes: DoubleDouble, no: DoubleDouble) -> DoubleDouble:
+def choose_sum(truth: Truth, yes: DoubleDouble, no: DoubleDouble) -> DoubleDouble:
     """Return one of two sums."""
     return DoubleDouble(choose(truth, yes.high, no.high), choose(truth, yes.low, no.low))
 
 
-def negative(x: DoubleDouble) -> DoubleDouble:
+def negated(x: DoubleDouble) -> DoubleDouble:
     """Return -x."""
     return DoubleDouble(-x.high, -x.low)
 
@@ -80,22 +80,22 @@ def add(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     """Return x + y."""
     high, lost = exact_sum(x.high, y.high)
     low, left = exact_sum(x.low, y.low)
-    total, rest = ordered_sum(high, lost + low)
-    return settled(total, choose(total - total == 0.0, left + rest, 0.0))
+    total, rounding_error = ordered_sum(high, lost + low)
+    return renormalised(total, choose(total - total == 0.0, left + rounding_error, 0.0))
 
 
 def subtract(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     """Return x - y."""
-    return add(x, negative(y))
+    return add(x, negated(y))
 
 
 def multiply(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     """Return x*y."""
     product, lost = exact_product(x.high, y.high)
-    return settled(product, lost + (x.high * y.low + x.low * y.high))
+    return renormalised(product, lost + (x.high * y.low + x.low * y.high))
 
 
-def scaled(x: DoubleDouble, power: float | Number) -> DoubleDouble:
+def scaled_by_power(x: DoubleDouble, power: float | Number) -> DoubleDouble:
     """Return x times a power of two."""
     return DoubleDouble(x.high * power, x.low * power)
 
@@ -104,22 +104,22 @@ def divide(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     """Return x/y."""
     first = quotient(x.high, y.high)
     product = multiply(y, exact(first))
-    rest = (x.high - product.high) + (x.low - product.low)
-    return settled(first, quotient(rest, y.high))
+    remainder = (x.high - product.high) + (x.low - product.low)
+    return renormalised(first, quotient(remainder, y.high))
 
 
 def sqrt(x: DoubleDouble) -> DoubleDouble:
     """Return the square root; nan below zero."""
     root = root_of(x.high)
     square, lost = exact_product(root, root)
-    rest = ((x.high - square) - lost) + x.low
-    return settled(root, choose(root == 0.0, 0.0, quotient(rest, root + root)))
+    remainder = ((x.high - square) - lost) + x.low
+    return renormalised(root, choose(root == 0.0, 0.0, quotient(remainder, root + root)))
 
 
 # ------------------------------------------------------------------------------------------------- order and whole ones
 
 
-def less(x: DoubleDouble, y: DoubleDouble) -> Truth:
+def is_less(x: DoubleDouble, y: DoubleDouble) -> Truth:
     """Whether x < y."""
     return (x.high < y.high) | ((x.high == y.high) & (x.low < y.low))
 
@@ -136,44 +136,44 @@ def equal(x: DoubleDouble, y: DoubleDouble) -> Truth:
 
 def absolute_value(x: DoubleDouble) -> DoubleDouble:
     """Return |x|."""
-    return chosen(less(x, ZERO), negative(x), DoubleDouble(absolute(x.high), x.low))
+    return choose_sum(is_less(x, ZERO), negated(x), DoubleDouble(absolute(x.high), x.low))
 
 
-def least(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
+def minimum_of_sums(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     """Return the smaller; nan if either is."""
-    return chosen(less(x, y) | (x.high != x.high), x, y)
+    return choose_sum(is_less(x, y) | (x.high != x.high), x, y)
 
 
-def greatest(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
+def maximum_of_sums(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     """Return the larger; nan if either is."""
-    return chosen(less(y, x) | (x.high != x.high), x, y)
+    return choose_sum(is_less(y, x) | (x.high != x.high), x, y)
 
 
-def sign(x: DoubleDouble) -> DoubleDouble:
+def sign_of_sum(x: DoubleDouble) -> DoubleDouble:
     """Return 1, -1, or x if it is zero or nan."""
     return exact(sign_of(x.high))
 
 
-def positive(x: DoubleDouble) -> DoubleDouble:
+def positive_sum(x: DoubleDouble) -> DoubleDouble:
     """Return x if it is positive, else nan."""
     return DoubleDouble(choose(x.high > 0.0, x.high, math.nan), x.low)
 
 
-def floor(x: DoubleDouble) -> DoubleDouble:
+def floor_of_sum(x: DoubleDouble) -> DoubleDouble:
     """Return the greatest whole number that is at most x."""
-    whole = floor_of(x.high)
-    return settled(whole, choose(whole == x.high, floor_of(x.low), 0.0))
+    integer_part = floor_of(x.high)
+    return renormalised(integer_part, choose(integer_part == x.high, floor_of(x.low), 0.0))
 
 
-def ceiling(x: DoubleDouble) -> DoubleDouble:
+def ceiling_of_sum(x: DoubleDouble) -> DoubleDouble:
     """Return the least whole number that is at least x."""
-    return negative(floor(negative(x)))
+    return negated(floor_of_sum(negated(x)))
 
 
 def nearest_integer(x: DoubleDouble) -> DoubleDouble:
     """Return the whole number nearest to x; of two equally near ones the even one."""
-    whole = nearest_whole(x.high)
-    gap = x.high - whole
+    integer_part = nearest_whole(x.high)
+    gap = x.high - integer_part
     # a half that the rest leads to the other side, or leaves on this one
     beyond = choose(
         absolute(gap) == 0.5,
@@ -181,23 +181,25 @@ def nearest_integer(x: DoubleDouble) -> DoubleDouble:
         0.0,
     )
     # where the nearest float was the even neighbour on the wrong side of the half
-    return settled(whole + beyond, choose(gap == 0.0, nearest_whole(x.low), 0.0))
+    return renormalised(integer_part + beyond, choose(gap == 0.0, nearest_whole(x.low), 0.0))
 
 
-def modulo(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
+def modulo_of_sums(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     """Return x - y*floor(x/y), with the sign of y; nan from 2**53 turns on."""
-    turns = floor(divide(x, y))
-    rest = subtract(x, multiply(y, turns))
-    above, below = less(ZERO, y), less(y, ZERO)
-    rest = chosen(
-        (less(rest, ZERO) & above) | (less(ZERO, rest) & below), add(rest, y), rest
+    turns = floor_of_sum(divide(x, y))
+    remainder = subtract(x, multiply(y, turns))
+    above, below = is_less(ZERO, y), is_less(y, ZERO)
+    remainder = choose_sum(
+        (is_less(remainder, ZERO) & above) | (is_less(ZERO, remainder) & below), add(remainder, y), remainder
     )  # the quotient was rounded
-    rest = chosen((at_most(y, rest) & above) | (at_most(rest, y) & below), subtract(rest, y), rest)
-    rest = chosen(equal(rest, ZERO), DoubleDouble(choose(y.high < 0.0, -0.0, 0.0), 0.0), rest)
-    return DoubleDouble(choose(absolute(turns.high) < 2.0**53, rest.high, math.nan), rest.low)
+    remainder = choose_sum(
+        (at_most(y, remainder) & above) | (at_most(remainder, y) & below), subtract(remainder, y), remainder
+    )
+    remainder = choose_sum(equal(remainder, ZERO), DoubleDouble(choose(y.high < 0.0, -0.0, 0.0), 0.0), remainder)
+    return DoubleDouble(choose(absolute(turns.high) < 2.0**53, remainder.high, math.nan), remainder.low)
 
 
-def polynomial(x: DoubleDouble, coefficients: tuple[DoubleDouble, ...]) -> DoubleDouble:
+def polynomial_of_sums(x: DoubleDouble, coefficients: tuple[DoubleDouble, ...]) -> DoubleDouble:
     """Evaluate a polynomial, the constant first, by Horner's scheme."""
     value = coefficients[-1]
     for coefficient in coefficients[-2::-1]:

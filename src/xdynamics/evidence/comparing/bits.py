@@ -10,11 +10,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.elementary.arrays import flattened
+from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.folding import model_dimensions
-from xdynamics.record.named_elements import labels_of
+from xdynamics.record.named_elements import element_labels
 from xdynamics.schema import (
     ATOL_EFFECT,
     COUNTS,
@@ -26,7 +26,7 @@ from xdynamics.schema import (
     STEPS,
     content_of,
 )
-from xdynamics.shapes.naming import element
+from xdynamics.shapes.naming import join_element_name
 from xdynamics.units import parse_unit
 
 SLAB = 1_000_000  # numbers, or one row that has more
@@ -52,7 +52,7 @@ FOLLOWING = (
 )
 
 
-def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+def compare_bits(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     """Compare every variable and attribute of two runs bit for bit.
 
     Returns
@@ -62,52 +62,56 @@ def bitwise(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
         Attributes: `identical`, `first_difference` (a sentence, the earliest row of `step` first), `settings`
         (attributes that differ, a line each).
     """
-    return _table(first, second, worded=True)
+    return _bitwise_table(first, second, worded=True)
 
 
-def reproduced(kept: xr.Dataset, again: xr.Dataset) -> xr.Dataset:
+def compare_reproduction(archived_run: xr.Dataset, repeated_run: xr.Dataset) -> xr.Dataset:
     """Compare an archive with a new run of its own model.
 
     Returns
     -------
     xarray.Dataset
-        As returned by `bitwise`. If the archive was made by another version, with another set of elementary
+        As returned by `compare_bits`. If the archive was made by another version, with another set of elementary
         functions or another schema of the record, words do not count (the text of the law, the name of the set, the
         vocabulary of flags), nor do variables and settings that the archive's version did not have: `identical` is 1
         if every number has the same bits and every setting is the same. `arithmetic` describes what differs in one
         sentence; it is empty if nothing does.
     """
-    versions = [str(run.attrs.get("xdynamics_version", "of unknown name")) for run in (kept, again)]
-    sets = [str(run.attrs.get("math_functions", "of unknown name")) for run in (kept, again)]
+    versions = [str(run.attrs.get("xdynamics_version", "of unknown name")) for run in (archived_run, repeated_run)]
+    sets = [str(run.attrs.get("math_functions", "of unknown name")) for run in (archived_run, repeated_run)]
     schemas = [
-        str(run.attrs.get(SCHEMA_OF_LAW, run.attrs.get("schema_version", "of unknown name"))) for run in (kept, again)
+        str(run.attrs.get(SCHEMA_OF_LAW, run.attrs.get("schema_version", "of unknown name")))
+        for run in (archived_run, repeated_run)
     ]
     same = versions[0] == versions[1] and sets[0] == sets[1] and schemas[0] == schemas[1]
-    table = _table(kept, again, worded=same)
+    table = _bitwise_table(archived_run, repeated_run, worded=same)
     reasons = []
-    if versions[0] != versions[1] and kept.attrs.get("force_digest") != again.attrs.get("force_digest"):
+    if versions[0] != versions[1] and archived_run.attrs.get("force_digest") != repeated_run.attrs.get("force_digest"):
         reasons.append(f"version {versions[0]} wrote the law in other words than {versions[1]}")
-    elif schemas[0] != schemas[1] and kept.attrs.get("force_digest") != again.attrs.get("force_digest"):
+    elif schemas[0] != schemas[1] and archived_run.attrs.get("force_digest") != repeated_run.attrs.get("force_digest"):
         reasons.append(f"records of schema {schemas[0]} had the law in other words than those of schema {schemas[1]}")
     if sets[0] != sets[1]:
         reasons.append(f"the archive was made with the elementary functions '{sets[0]}', here they are '{sets[1]}'")
-    series = [str(run.attrs.get(SERIES_ARITHMETIC, "products and sums rounded one by one")) for run in (kept, again)]
-    if SERIES_ARITHMETIC in again.attrs and series[0] != series[1]:
+    series = [
+        str(run.attrs.get(SERIES_ARITHMETIC, "products and sums rounded one by one"))
+        for run in (archived_run, repeated_run)
+    ]
+    if SERIES_ARITHMETIC in repeated_run.attrs and series[0] != series[1]:
         reasons.append(f"the archive has Taylor series by '{series[0]}', here they are by '{series[1]}'")
     if not table.attrs["identical"]:
-        return table.assign_attrs(arithmetic="; ".join([*reasons, _largest(kept, again)]))
+        return table.assign_attrs(arithmetic="; ".join([*reasons, _largest_difference(archived_run, repeated_run)]))
     return table.assign_attrs(arithmetic="; ".join([*reasons, "every number has the same bits"]) if reasons else "")
 
 
-def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
+def _largest_difference(archived_run: xr.Dataset, repeated_run: xr.Dataset) -> str:
     """Describe the largest difference of a state relative to its largest value; of another variable if states agree."""
-    states = [name for name, variable in kept.variables.items() if variable.attrs.get("role") in STATES]
+    states = [name for name, variable in archived_run.variables.items() if variable.attrs.get("role") in STATES]
     worst, sentence = 0.0, "no number of a row that both runs have differs"
-    for name in [*states, *(name for name in kept.variables if name not in states)]:
+    for name in [*states, *(name for name in archived_run.variables if name not in states)]:
         if worst and name not in states:
             break
-        variable = kept.variables[name]
-        remade = again.variables.get(name)
+        variable = archived_run.variables[name]
+        remade = repeated_run.variables.get(name)
         if remade is None or variable.dtype.kind != "f" or not variable.dims:
             continue
         shared = min(variable.shape[0], remade.shape[0])
@@ -126,40 +130,40 @@ def _largest(kept: xr.Dataset, again: xr.Dataset) -> str:
                 f"the largest difference is {largest:.3g} {variable.attrs.get('units', '')} in '{name}', row {row}:"
                 f" {worst:.2g} of its largest value"
             )
-    rows = [int(run.sizes.get(STEPS, 0)) for run in (kept, again)]
+    rows = [int(run.sizes.get(STEPS, 0)) for run in (archived_run, repeated_run)]
     return sentence if rows[0] == rows[1] else f"{sentence}; {rows[0]} rows became {rows[1]}"
 
 
-def _table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset:
+def _bitwise_table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr.Dataset:
     names = [
         name
-        for name in _names(first, second if worded else None)
+        for name in _variable_names(first, second if worded else None)
         if worded or not (name in (*LAW, *REDEFINED) or name.startswith(OFFSETS))
     ]
     rows = [_first_row(first, second, name, worded=worded) for name in names]
-    settings = settings_apart(first, second)
+    settings = differing_settings(first, second)
     if not worded:
         settings = [line for line in settings if (name := line.partition(":")[0]) not in LAW and name in first.attrs]
     table = _rows_table(names, rows)
     identical = all(row is None for row in rows) and not settings
     return table.assign_attrs(
         identical=int(identical),
-        first_difference="" if identical else _earliest(first, second, names, rows, settings),
+        first_difference="" if identical else _earliest_difference(first, second, names, rows, settings),
         settings="\n".join(settings),
         selection=str(first.attrs.get(SELECTION_OF, "")),
     )
 
 
-def described_table(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Return what `bitwise` lists of two runs before their values are known."""
-    names = _names(first, second)
+def blank_bitwise_table(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+    """Return what `compare_bits` lists of two runs before their values are known."""
+    names = _variable_names(first, second)
     return _rows_table(names, [None] * len(names))
 
 
-def _names(first: xr.Dataset, second: xr.Dataset | None) -> list[str]:
+def _variable_names(first: xr.Dataset, second: xr.Dataset | None) -> list[str]:
     """Name the variables of a run, and those that only the other has; time, of the variables of one row, first."""
-    others = [] if second is None else [str(name) for name in second.variables if name not in first.variables]
-    return sorted([*map(str, first.variables), *others], key=lambda name: name != "time")
+    second_names = [] if second is None else [str(name) for name in second.variables if name not in first.variables]
+    return sorted([*map(str, first.variables), *second_names], key=lambda name: name != "time")
 
 
 def _rows_table(names: list[str], rows: Sequence[int | None]) -> xr.Dataset:
@@ -181,7 +185,7 @@ def _rows_table(names: list[str], rows: Sequence[int | None]) -> xr.Dataset:
     )
 
 
-def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
+def differing_settings(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     """List the attributes in which two runs differ.
 
     Dates, versions, the machine, notes, counts of results and attributes that follow from others do not count.
@@ -192,7 +196,7 @@ def settings_apart(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     for name in names:
         value, other_value = (plain(run.attrs).get(name, "absent") for run in (first, second))
         if value != other_value:
-            lines.append(escaped(f"{name}: {_short(value)} | {_short(other_value)}"))
+            lines.append(escaped(f"{name}: {_shortened_value(value)} | {_shortened_value(other_value)}"))
     return lines
 
 
@@ -207,20 +211,20 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
     attributes = [plain(own_attributes(raw)) for raw in (variable.attrs, counterpart.attrs)]
     if (
         variable.dims != counterpart.dims
-        or _kind(variable) != _kind(counterpart)
+        or _type_word(variable) != _type_word(counterpart)
         or (name != EVENT_BOUNDS and _measure(attributes[0]) != _measure(attributes[1]))
-        or (worded and not _alike(*attributes))
+        or (worded and not _same_attributes(*attributes))
     ):
         return 0
     if not _has_rows(first, name):
-        return None if _same_bits(variable.values, counterpart.values) else 0
+        return None if _have_same_bits(variable.values, counterpart.values) else 0
     shared = min(variable.shape[0], counterpart.shape[0])
     height = max(1, SLAB // max(1, prod(variable.shape[1:])))
     for start in range(0, shared, height):
         slab = slice(start, min(start + height, shared))
         left, right = np.asarray(variable[slab].values), np.asarray(counterpart[slab].values)
-        if not _same_bits(left, right):
-            return start + int(np.flatnonzero(flattened(_differs(left, right)).any(axis=1))[0])
+        if not _have_same_bits(left, right):
+            return start + int(np.flatnonzero(flattened_rows(_differing_bits(left, right)).any(axis=1))[0])
     if (
         not worded
         and name == END_MEMORY.name
@@ -236,7 +240,7 @@ def _has_rows(run: xr.Dataset, name: str) -> bool:
     return bool(dims) and dims[0] not in model_dimensions(run)
 
 
-def _alike(first: dict[str, Any], second: dict[str, Any]) -> bool:
+def _same_attributes(first: dict[str, Any], second: dict[str, Any]) -> bool:
     """Whether attributes are the same; a tolerance of elements of which none is known, nan, is like itself."""
     return first.keys() == second.keys() and all(
         value == second[key] or repr(value) == repr(second[key]) for key, value in first.items()
@@ -253,29 +257,31 @@ def _measure(attributes: Mapping[str, Any]) -> Any:
     return None if unit is None else (unit.dimension, unit.factor)
 
 
-def _kind(variable: xr.Variable) -> str:
+def _type_word(variable: xr.Variable) -> str:
     """Return the type of a variable; all texts count as one type, however they are stored."""
     return "text" if variable.dtype.kind in "UOT" else variable.dtype.str
 
 
-def _earliest(
+def _earliest_difference(
     first: xr.Dataset, second: xr.Dataset, names: list[str], rows: list[int | None], settings: list[str]
 ) -> str:
     """Describe the first difference: along `step` if there is one, else in any variable, else in a setting."""
-    apart = [(row, name) for row, name in zip(rows, names, strict=True) if row is not None]
-    along = [(row, name) for row, name in apart if name in first.variables and STEPS in first.variables[name].dims]
-    if not apart:
+    differing_rows = [(row, name) for row, name in zip(rows, names, strict=True) if row is not None]
+    differing_step_rows = [
+        (row, name) for row, name in differing_rows if name in first.variables and STEPS in first.variables[name].dims
+    ]
+    if not differing_rows:
         return f"attribute {settings[0]}"
-    row, name = min(along or apart, key=lambda pair: pair[0])
-    own, place = _element(first, second, name, row)
-    values = [_value(run, name, row, place) for run in (first, second)]
-    if values[0] == values[1] and (words := _attributes_apart(first, second, name)):
+    row, name = min(differing_step_rows or differing_rows, key=lambda pair: pair[0])
+    element_name, element_index = _first_differing_element(first, second, name, row)
+    values = [_value_text(run, name, row, element_index) for run in (first, second)]
+    if values[0] == values[1] and (words := _differing_attribute(first, second, name)):
         return escaped(f"variable '{name}', {words}")
     where = f", row {row}" if _has_rows(first if name in first.variables else second, name) else ""
-    return escaped(f"variable '{own}'{where}: {values[0]} | {values[1]}")
+    return escaped(f"variable '{element_name}'{where}: {values[0]} | {values[1]}")
 
 
-def _element(first: xr.Dataset, second: xr.Dataset, name: str, row: int) -> tuple[str, dict[str, int]]:
+def _first_differing_element(first: xr.Dataset, second: xr.Dataset, name: str, row: int) -> tuple[str, dict[str, int]]:
     """Return the name and the place of the first element of a quantity that differs in a row; of others nothing."""
     if any(name not in run.variables for run in (first, second)):
         return name, {}
@@ -287,53 +293,61 @@ def _element(first: xr.Dataset, second: xr.Dataset, name: str, row: int) -> tupl
     left, right = (np.asarray(variable.isel(rows).transpose(*inner, ...).values) for variable in variables)
     if left.shape != right.shape:
         return name, {}
-    parted = np.flatnonzero(_differs(left, right).reshape(*left.shape[: len(inner)], -1).any(axis=-1))
-    if not parted.size:
+    differing_elements = np.flatnonzero(
+        _differing_bits(left, right).reshape(*left.shape[: len(inner)], -1).any(axis=-1)
+    )
+    if not differing_elements.size:
         return name, {}
-    place = dict(zip(inner, map(int, np.unravel_index(parted[0], left.shape[: len(inner)])), strict=True))
-    return element(name, (labels_of(first, dim)[number] for dim, number in place.items())), place
+    element_index = dict(
+        zip(inner, map(int, np.unravel_index(differing_elements[0], left.shape[: len(inner)])), strict=True)
+    )
+    return join_element_name(
+        name, (element_labels(first, dim)[number] for dim, number in element_index.items())
+    ), element_index
 
 
-def _attributes_apart(first: xr.Dataset, second: xr.Dataset, name: str) -> str:
+def _differing_attribute(first: xr.Dataset, second: xr.Dataset, name: str) -> str:
     """Describe the first attribute in which a variable of two runs differs; empty where none does."""
     attributes = [
         plain(own_attributes(run.variables[name].attrs)) if name in run.variables else {} for run in (first, second)
     ]
     for key in {**attributes[0], **attributes[1]}:
-        pair = [_short(one[key]) if key in one else "absent" for one in attributes]
+        pair = [_shortened_value(attrs[key]) if key in attrs else "absent" for attrs in attributes]
         if pair[0] != pair[1]:
             return f"attribute '{key}': {pair[0]} | {pair[1]}"
     return ""
 
 
-def _value(run: xr.Dataset, name: str, row: int, place: dict[str, int]) -> str:
+def _value_text(run: xr.Dataset, name: str, row: int, element_index: dict[str, int]) -> str:
     if name not in run.variables:
         return "absent"
-    variable = run.variables[name].isel(place)
+    variable = run.variables[name].isel(element_index)
     if not variable.dims or not _has_rows(run, name):
-        return _short(variable.values)
+        return _shortened_value(variable.values)
     if row >= variable.shape[0]:
         return f"no such row ({variable.shape[0]} rows)"
-    return _short(variable[row].values.tolist())
+    return _shortened_value(variable[row].values.tolist())
 
 
-def _same_bits(left: NDArray[Any], right: NDArray[Any]) -> bool:
+def _have_same_bits(left: NDArray[Any], right: NDArray[Any]) -> bool:
     if left.dtype.kind in "UOT":
         return repr(left.tolist()) == repr(right.tolist())
     return left.shape == right.shape and np.array_equal(_as_words(left), _as_words(right))
 
 
-def _differs(left: NDArray[Any], right: NDArray[Any]) -> NDArray[np.bool_]:
+def _differing_bits(left: NDArray[Any], right: NDArray[Any]) -> NDArray[np.bool_]:
     """Mark the numbers, or texts, that have not the same bits."""
     texts = left.dtype.kind in "UOT"
-    apart: NDArray[np.bool_] = left.astype(str) != right.astype(str) if texts else _as_words(left) != _as_words(right)
-    return apart
+    differing: NDArray[np.bool_] = (
+        left.astype(str) != right.astype(str) if texts else _as_words(left) != _as_words(right)
+    )
+    return differing
 
 
 def _as_words(values: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
 
 
-def _short(value: Any) -> str:
+def _shortened_value(value: Any) -> str:
     text = repr(value.tolist() if hasattr(value, "tolist") else value)
     return text if len(text) <= 80 else text[:77] + "…"

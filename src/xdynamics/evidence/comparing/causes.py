@@ -9,9 +9,9 @@ from typing import Any
 
 import xarray as xr
 
-from xdynamics.dynamics.recorded_models import model_of
+from xdynamics.dynamics.recorded_models import model_of_record
 from xdynamics.faults import InputError, escaped
-from xdynamics.model.text_limits import parsed
+from xdynamics.model.text_limits import parse_model_text
 from xdynamics.record import is_of_model
 
 SECTIONS = ("parameters", "initial")  # of a model, whose entries are listed separately from its other entries
@@ -33,37 +33,37 @@ FOLLOWING = (
 )
 
 
-def models_apart(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
+def model_differences(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
     """List by name and value what differs between two models: parameters, initial values, and the rest."""
-    models = [dict(_flat("", table)) for table in _models(first, second)]
+    models = [dict(_flatten_table("", table)) for table in _model_tables(first, second)]
     differences: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
     for name in dict.fromkeys([*models[0], *models[1]]):
         values = [model.get(name, "absent") for model in models]
-        section, _, rest = name.partition(".")
+        section, _, entry_path = name.partition(".")
         if values[0] != values[1] and section not in ("name", "description", "run"):
-            heading, key = (section, rest) if section in SECTIONS else ("model", name)
-            differences[heading].append(escaped(f"{key.removesuffix('.value')}: {_apart(*values)}"))
+            heading, key = (section, entry_path) if section in SECTIONS else ("model", name)
+            differences[heading].append(escaped(f"{key.removesuffix('.value')}: {_side_by_side(*values)}"))
     return {name: "\n".join(lines) for name, lines in differences.items()}
 
 
-def _apart(first: str, second: str) -> str:
+def _side_by_side(first: str, second: str) -> str:
     """Return two values beside each other; of tables, which are texts of many rows, the first row that differs."""
     rows = first.splitlines(), second.splitlines()
     pairs = [*zip_longest(*rows, fillvalue="absent")]
     differing = [number for number, pair in enumerate(pairs) if pair[0] != pair[1]]
     if min(map(len, rows)) < 2 or not differing:
-        return " | ".join(_short(value.removesuffix(" 1")) for value in (first, second))
+        return " | ".join(_shortened_text(value.removesuffix(" 1")) for value in (first, second))
     more = f", and {len(differing) - 1} more" if len(differing) > 1 else ""
-    return f"row {differing[0] + 1}: {' | '.join(map(_short, pairs[differing[0]]))}{more}"
+    return f"row {differing[0] + 1}: {' | '.join(map(_shortened_text, pairs[differing[0]]))}{more}"
 
 
-def _models(first: xr.Dataset, second: xr.Dataset) -> list[dict[str, Any]]:
+def _model_tables(first: xr.Dataset, second: xr.Dataset) -> list[dict[str, Any]]:
     """Return the sections of two models; with numbers for elements, where one of them has an expression for them."""
     texts = [run["model_toml"].values.item() for run in (first, second)]
-    tables = [parsed(text, recorded=True) for text in texts]
+    tables = [parse_model_text(text, recorded=True) for text in texts]
     if texts[0] != texts[1] and any("dimensions" in table for table in tables):
         with suppress(InputError):  # of Python functions, which are not at hand
-            return [model_of(run, None).written_out() for run in (first, second)]
+            return [model_of_record(run, None).written_out() for run in (first, second)]
     return tables
 
 
@@ -71,11 +71,11 @@ def is_restated(first: xr.Dataset, second: xr.Dataset) -> bool:
     """Whether the models of two runs differ, and only in that one has numbers where the other has an expression."""
     if first.attrs["model_digest"] != second.attrs["model_digest"]:
         with suppress(InputError):
-            return is_of_model(first, model_of(second, None))
+            return is_of_model(first, model_of_record(second, None))
     return False
 
 
-def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
+def _flatten_table(name: str, value: Any) -> Iterator[tuple[str, str]]:
     """Flatten a model's text into dotted names and values."""
     if isinstance(value, Mapping) and {"value", "unit"} <= set(value):  # one quantity, however it is written
         value = {key: entry for key, entry in value.items() if key != "unit"} | {
@@ -83,7 +83,7 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
         }
     if isinstance(value, Mapping):
         for key, entry in value.items():
-            yield from _flat(f"{name}.{key}" if name else str(key), entry)
+            yield from _flatten_table(f"{name}.{key}" if name else str(key), entry)
     else:
         yield name, str(value)
 
@@ -92,14 +92,14 @@ def cause_of(attributes: Mapping[str, Any]) -> str:
     """Name the likely cause of a difference: the first thing that differs, from the model to the settings."""
     if attributes["identical"]:
         return ""
-    for what in ("model", "parameters", "initial", "settings"):
-        if attributes[what]:
-            lines = independent(str(attributes[what]).splitlines())
-            return f"{what}: {lines[0]}" + (f", and {len(lines) - 1} more" if len(lines) > 1 else "")
+    for section in ("model", "parameters", "initial", "settings"):
+        if attributes[section]:
+            lines = independent_settings(str(attributes[section]).splitlines())
+            return f"{section}: {lines[0]}" + (f", and {len(lines) - 1} more" if len(lines) > 1 else "")
     return "nothing that is recorded differs but the numbers"
 
 
-def independent(lines: list[str]) -> list[str]:
+def independent_settings(lines: list[str]) -> list[str]:
     """Drop settings that follow from others, or that only one of two kinds of step control has."""
     names = [line.partition(":")[0] for line in lines]
     return [
@@ -109,5 +109,5 @@ def independent(lines: list[str]) -> list[str]:
     ] or lines
 
 
-def _short(text: str) -> str:
+def _shortened_text(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "…"

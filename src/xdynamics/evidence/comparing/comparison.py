@@ -11,22 +11,22 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.wanted_times import wanted_times
-from xdynamics.evidence.comparing.differences import compared
+from xdynamics.evidence.comparing.differences import compare_runs
 from xdynamics.evidence.comparing.grids import compare_sweeps
-from xdynamics.evidence.comparing.lazy_comparison import described, described_residuals
+from xdynamics.evidence.comparing.lazy_comparison import describe_comparison, describe_residuals
 from xdynamics.evidence.comparing.measured import is_measured
-from xdynamics.evidence.comparing.residuals import residuals
+from xdynamics.evidence.comparing.residuals import data_residuals
 from xdynamics.evidence.comparing.several import compare_each
 from xdynamics.evidence.grid_axes import is_sweep
-from xdynamics.evidence.runs import by_quantities
+from xdynamics.evidence.runs import prepare_record
 from xdynamics.evidence.stages import task_of
 from xdynamics.faults import InputError
 from xdynamics.record import check, unfold
-from xdynamics.record.flag_words import time_unit
+from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.folding import model_dimensions
-from xdynamics.record.named_elements import labels_of
+from xdynamics.record.named_elements import element_labels
 from xdynamics.record.partial_records import is_evidence, kind_description
-from xdynamics.runtime.files import shown
+from xdynamics.runtime.files import displayed_path
 from xdynamics.schema import STEPS
 
 Floats = NDArray[np.float64]
@@ -114,31 +114,33 @@ def compare(
                 " are"
             )
         return compare_sweeps(first, second)
-    _check(first)
+    _check_comparable(first)
     if isinstance(second, Mapping | list | tuple) and not isinstance(second, xr.Dataset):
         if not compute or sizes is not None or occurrences is not None:
             raise InputError(
                 "compute, sizes and occurrences are for a single second run; of several each is compared at once"
             )
-        return _each(first, second, times, functions)
+        return _compare_several(first, second, times, functions)
     if "model_toml" not in first.variables:
         raise InputError("compare needs the model of the run, and 'model_toml' was left out")
-    for word, given in (("sizes", sizes), ("occurrences", occurrences)):
-        if compute and given is not None:
-            raise InputError(f"{word} are {given!r}, and are for compute=False: what is compared at once has its own")
+    for word, size_argument in (("sizes", sizes), ("occurrences", occurrences)):
+        if compute and size_argument is not None:
+            raise InputError(
+                f"{word} are {size_argument!r}, and are for compute=False: what is compared at once has its own"
+            )
     if is_measured(second):
-        first = by_quantities(first, functions)
+        first = prepare_record(first, functions)
         if not compute:
-            return described_residuals(first, second, functions, gaps, reading)
-        return residuals(first, second, functions, gaps, reading)
-    _check(second)
+            return describe_residuals(first, second, functions, gaps, reading)
+        return data_residuals(first, second, functions, gaps, reading)
+    _check_comparable(second)
     if "model_toml" not in second.variables:
         raise InputError("compare needs the models of both runs, and 'model_toml' was left out of the second")
-    first, second = _alike(first, second, functions)
-    at = None if times is None else wanted_times(times, time_unit(first))
+    first, second = _with_same_quantities(first, second, functions)
+    sample_times = None if times is None else wanted_times(times, time_unit_of(first))
     if not compute:
-        return described(first, second, at, functions, {} if sizes is None else sizes, occurrences)
-    return compared(first, second, at, functions)
+        return describe_comparison(first, second, sample_times, functions, {} if sizes is None else sizes, occurrences)
+    return compare_runs(first, second, sample_times, functions)
 
 
 def _check_given(first: Any, second: Any, times: Any) -> None:
@@ -151,39 +153,46 @@ def _check_given(first: Any, second: Any, times: Any) -> None:
         raise InputError("one is a sweep and the other is none; give two sweeps, or a run of it by xdynamics.member")
 
 
-def _each(first: xr.Dataset, others: Any, times: Any, functions: Functions | None) -> xr.Dataset:
+def _compare_several(first: xr.Dataset, other_runs: Any, times: Any, functions: Functions | None) -> xr.Dataset:
     """Compare several runs with a first one; those without names are called by their files, or numbered."""
-    named = others if isinstance(others, Mapping) else {_name(run, i): run for i, run in enumerate(others, 2)}
-    if not isinstance(others, Mapping) and len(named) < len(others):
-        named = {f"{i} {_name(run, i)}": run for i, run in enumerate(others, 2)}
-    for run in (first, *named.values()):
-        _check(run)
+    runs_by_name = (
+        other_runs
+        if isinstance(other_runs, Mapping)
+        else {_run_name(run, i): run for i, run in enumerate(other_runs, 2)}
+    )
+    if not isinstance(other_runs, Mapping) and len(runs_by_name) < len(other_runs):
+        runs_by_name = {f"{i} {_run_name(run, i)}": run for i, run in enumerate(other_runs, 2)}
+    for run in (first, *runs_by_name.values()):
+        _check_comparable(run)
         if "model_toml" not in run.variables:
             raise InputError("compare needs the models of all runs, and 'model_toml' was left out of one")
-    elements = [_alike(first, run, functions) for run in named.values()]
+    elements = [_with_same_quantities(first, run, functions) for run in runs_by_name.values()]
     reference = first if all(pair[0] is first for pair in elements) else unfold(first)
     runs = {
-        name: pair[1] if pair[0] is reference else unfold(pair[1]) for name, pair in zip(named, elements, strict=True)
+        name: pair[1] if pair[0] is reference else unfold(pair[1])
+        for name, pair in zip(runs_by_name, elements, strict=True)
     }
-    at = None if times is None else wanted_times(times, time_unit(first))
-    return compare_each(reference, runs, at, functions)
+    sample_times = None if times is None else wanted_times(times, time_unit_of(first))
+    return compare_each(reference, runs, sample_times, functions)
 
 
-def _name(run: Any, number: int) -> str:
+def _run_name(run: Any, number: int) -> str:
     source = getattr(run, "encoding", {}).get("source")
     return Path(source).name if source else f"run {number}"
 
 
-def _alike(first: xr.Dataset, second: xr.Dataset, functions: Functions | None) -> tuple[xr.Dataset, xr.Dataset]:
+def _with_same_quantities(
+    first: xr.Dataset, second: xr.Dataset, functions: Functions | None
+) -> tuple[xr.Dataset, xr.Dataset]:
     """Return two runs by quantities; by elements where one has other dimensions or labels than the other."""
-    runs = by_quantities(first, functions), by_quantities(second, functions)
-    dims = [{dim: labels_of(run, dim) for dim in model_dimensions(run) if dim in run.dims} for run in runs]
+    runs = prepare_record(first, functions), prepare_record(second, functions)
+    dims = [{dim: element_labels(run, dim) for dim in model_dimensions(run) if dim in run.dims} for run in runs]
     return runs if dims[0] == dims[1] else (unfold(first), unfold(second))
 
 
-def _check(run: Any) -> None:
+def _check_comparable(run: Any) -> None:
     if isinstance(run, str | Path):
-        raise InputError(f"'{shown(run)}' is a path; open it first, with open_run")
+        raise InputError(f"'{displayed_path(run)}' is a path; open it first, with open_run")
     if isinstance(run, xr.Dataset) and is_evidence(run.attrs):
         raise InputError(f"this is {kind_description(run.attrs)}; compare needs runs")
     if not isinstance(run, xr.Dataset) or "time" not in run.variables or "row_kind" not in run.variables:

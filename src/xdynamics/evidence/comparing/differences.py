@@ -10,26 +10,26 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.elementary.arrays import flattened
+from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.comparing.bits import bitwise, settings_apart
-from xdynamics.evidence.comparing.causes import cause_of, is_restated, models_apart
+from xdynamics.evidence.comparing.bits import compare_bits, differing_settings
+from xdynamics.evidence.comparing.causes import cause_of, is_restated, model_differences
 from xdynamics.evidence.comparing.comparison_summary import ROLE
-from xdynamics.evidence.event_matching import Rows, matched, met
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.event_matching import Rows, event_rows_by_name, match_times
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.evidence.observables import is_comparable, observe
 from xdynamics.evidence.sampling import sample
-from xdynamics.evidence.scaling import scale_of, scaled
+from xdynamics.evidence.scaling import scale_of, scaled_variables
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, FLOAT64
 from xdynamics.record import shapes_of
 from xdynamics.record.arguments import precision_of
-from xdynamics.record.flag_words import time_unit
-from xdynamics.record.named_elements import labels_of
+from xdynamics.record.flag_words import time_unit_of
+from xdynamics.record.named_elements import element_labels
 from xdynamics.record.partial_records import rows_apart
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, REST_EVENT_TIME, SERIES_ARITHMETIC, STEPS
-from xdynamics.shapes.naming import element
+from xdynamics.shapes.naming import join_element_name
 from xdynamics.units import parse_unit, unit_suffix
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,9 @@ FOLLOWING_PRECISION = ("precision", "solver_summation", "rest_", "force_digest",
 ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
 
 
-def compared(first: xr.Dataset, second: xr.Dataset, times: Floats | None, functions: Functions | None) -> xr.Dataset:
+def compare_runs(
+    first: xr.Dataset, second: xr.Dataset, times: Floats | None, functions: Functions | None
+) -> xr.Dataset:
     """Compare two runs; see `compare`.
 
     Raises
@@ -49,42 +51,49 @@ def compared(first: xr.Dataset, second: xr.Dataset, times: Floats | None, functi
     InputError
         If the runs have no time or no quantity in common, or a time is outside one of them.
     """
-    at = common_times(first, second) if times is None else times
+    sample_times = common_times(first, second) if times is None else times
     names = shared_names(first, second)
     lazy = any(run.variables[name].chunks is not None for run in (first, second) for name in ("time", *names))
-    samples = [_sampled(run, names, at, functions, lazy=lazy) for run in (first, second)]
-    variables: dict[str, Any] = {AT_TIME: wanted(first, at)}
+    samples = [_sample_run(run, names, sample_times, functions, lazy=lazy) for run in (first, second)]
+    variables: dict[str, Any] = {AT_TIME: times_variable(first, sample_times)}
     for name in names:
         variables |= difference_of(
             name, *(run.variables[name] for run in (first, second)), *(entry.get(name) for entry in samples)
         )
     digests = [archive.digest_of_run(run) for run in (first, second)]
     if lazy:
-        return exhibit("comparison", title_of(first, second), digests, variables, {}, shapes=shapes_of(first))
+        return evidence_dataset("comparison", title_of(first, second), digests, variables, {}, shapes=shapes_of(first))
     if is_restated(first, second):
         second = second.assign(model_toml=first["model_toml"]).assign_attrs(model_digest=first.attrs["model_digest"])
-    table = bitwise(first, second)
+    table = compare_bits(first, second)
     variables |= {str(name): (entry.dims, entry.values, entry.attrs) for name, entry in table.items()}
     events = dict(event_differences(first, second))
-    attributes = table.attrs | models_apart(first, second) | {"settings": "\n".join(settings_apart(first, second))}
+    attributes = (
+        table.attrs | model_differences(first, second) | {"settings": "\n".join(differing_settings(first, second))}
+    )
     attributes |= {
-        "events": "\n".join(counts_apart(first, second)),
-        "parted": parting(variables, first, names, times_between(first, second, at)),
+        "events": "\n".join(event_count_differences(first, second)),
+        "parted": parting_text(variables, first, names, times_between(first, second, sample_times)),
     }
-    if said := rounding_told(first, second):
-        attributes["rounding"] = said
+    if rounding_text := rounding_note(first, second):
+        attributes["rounding"] = rounding_text
     attributes |= {"cause": cause_of(attributes), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
-    return exhibit(
+    return evidence_dataset(
         "comparison", title_of(first, second), digests, variables | events, attributes, shapes=shapes_of(first)
     )
 
 
-def rounding_told(first: xr.Dataset, second: xr.Dataset) -> str:
+def rounding_note(first: xr.Dataset, second: xr.Dataset) -> str:
     """Say that differences are what rounding did, where one run is the other with more digits, by the same steps."""
     kinds = [precision_of(run.attrs) for run in (first, second)]
-    apart = [line for line in settings_apart(first, second) if not line.startswith(FOLLOWING_PRECISION)]
+    differing_lines = [line for line in differing_settings(first, second) if not line.startswith(FOLLOWING_PRECISION)]
     same_steps = all(run.attrs["solver_step_control"] != "adaptive" for run in (first, second))
-    if kinds[0] == kinds[1] or apart or not same_steps or first.attrs["model_digest"] != second.attrs["model_digest"]:
+    if (
+        kinds[0] == kinds[1]
+        or differing_lines
+        or not same_steps
+        or first.attrs["model_digest"] != second.attrs["model_digest"]
+    ):
         return ""
     which = "first" if kinds[0] == FLOAT64 else "second"
     return f"the differences are the rounding error of the {which} run: the other is the same with 31 digits"
@@ -96,9 +105,9 @@ def title_of(first: xr.Dataset, second: xr.Dataset) -> str:
     return f"{titles[0]}, two runs" if titles[0] == titles[1] else ", beside ".join(titles)
 
 
-def wanted(first: xr.Dataset, at: Floats) -> tuple[tuple[str], Floats, dict[str, Any]]:
+def times_variable(first: xr.Dataset, times: Floats) -> tuple[tuple[str], Floats, dict[str, Any]]:
     """Return the times of a comparison as a variable."""
-    return (AT,), at, about(time_unit(first).text, "time of comparison", "time")
+    return (AT,), times, variable_attributes(time_unit_of(first).text, "time of comparison", "time")
 
 
 def common_times(*runs: xr.Dataset) -> Floats:
@@ -109,7 +118,7 @@ def common_times(*runs: xr.Dataset) -> Floats:
     InputError
         If there is none, or the times of a run decrease.
     """
-    grids, unit = [np.asarray(run["time"]) for run in runs], unit_suffix(time_unit(runs[0]))
+    grids, unit = [np.asarray(run["time"]) for run in runs], unit_suffix(time_unit_of(runs[0]))
     words = ("first", "second") if len(runs) == 2 else [f"{number}." for number in range(1, len(runs) + 1)]
     for which, grid in zip(words, grids, strict=True):
         if (wrong := np.flatnonzero(~(np.diff(grid) >= 0.0))).size:
@@ -124,13 +133,13 @@ def common_times(*runs: xr.Dataset) -> Floats:
     for run, grid in zip(runs, grids, strict=True):
         if rows_apart(run.attrs) > 1:  # nothing is known between the rows that were kept
             union = union[np.isin(union, grid)]
-    inside: Floats = union[(union >= begin) & (union <= end)]
-    if not inside.size:
+    shared_times: Floats = union[(union >= begin) & (union <= end)]
+    if not shared_times.size:
         raise InputError(
             "the runs have no recorded time in common: keep_every left out the rows between; march one of them again with"
             " keep_every = 1"
         )
-    return inside
+    return shared_times
 
 
 def shared_names(first: xr.Dataset, second: xr.Dataset) -> list[str]:
@@ -161,27 +170,27 @@ def shared_names(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     return names
 
 
-def _sampled(
-    run: xr.Dataset, names: Sequence[str], at: Floats, functions: Functions | None, *, lazy: bool
+def _sample_run(
+    run: xr.Dataset, names: Sequence[str], times: Floats, functions: Functions | None, *, lazy: bool
 ) -> dict[str, tuple[Any, Any, Any]]:
     """Return values, interpolation errors and rests at times; on dask arrays of states only."""
     doubled = precision_of(run.attrs) == DOUBLE_DOUBLE
-    states = sample(run, at, functions=functions) if lazy or doubled else None
+    states = sample(run, times, functions=functions) if lazy or doubled else None
     if states is not None and lazy:
         return {
-            name: (states[name].data, states[schema.error(name)].data, _rest(states, name))
+            name: (states[name].data, states[schema.error(name)].data, _rest_data(states, name))
             for name in names
             if name in states
         }
-    model = model_of(run, functions)
-    observed = observe(run, model, [name for name in names if is_comparable(model, name)], at)
-    return {name: (*numbers, _rest(states, name)) for name, numbers in observed.items()}
+    model = model_of_record(run, functions)
+    observed = observe(run, model, [name for name in names if is_comparable(model, name)], times)
+    return {name: (*numbers, _rest_data(states, name)) for name, numbers in observed.items()}
 
 
-def _rest(states: xr.Dataset | None, name: str) -> Any:
+def _rest_data(states: xr.Dataset | None, name: str) -> Any:
     """Return what is left of a number beside its float; 0 where floats are all there is."""
-    rest = schema.rest(name)
-    return 0.0 if states is None or rest not in states else states[rest].data
+    rest_name = schema.rest_name(name)
+    return 0.0 if states is None or rest_name not in states else states[rest_name].data
 
 
 def difference_of(
@@ -196,14 +205,14 @@ def difference_of(
     dims = (AT, *map(str, first.dims[1:]))
     difference = (second_sample[0] * factor - first_sample[0]) + (second_sample[2] * factor - first_sample[2])
     scale_text = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
-    return scaled(
+    return scaled_variables(
         "difference", name, difference, scale_of(first_sample[0], second_sample[0] * factor), dims, text, scale_text
     ) | {
-        f"difference_{name}": (dims, difference, about(text, f"{name}, second run minus first", ROLE)),
+        f"difference_{name}": (dims, difference, variable_attributes(text, f"{name}, second run minus first", ROLE)),
         f"interpolation_error_{name}": (
             dims,
             second_sample[1] * factor + first_sample[1],
-            about(
+            variable_attributes(
                 text, f"estimated error of interpolating {name} between accepted states, both runs together", "error"
             ),
         ),
@@ -212,22 +221,26 @@ def difference_of(
 
 def event_differences(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
     """Compare the times of events of one name, occurrence by occurrence."""
-    events = [met(run) for run in (first, second)]
-    pairs = {name: _paired(first, second, rows, events[1].get(name, NONE)) for name, rows in events[0].items()}
-    most = max((len(here) for here, _ in pairs.values()), default=0)
-    for name, (here, there) in pairs.items():
-        if not len(here):
+    events = [event_rows_by_name(run) for run in (first, second)]
+    pairs = {name: _pair_events(first, second, rows, events[1].get(name, NONE)) for name, rows in events[0].items()}
+    max_occurrences = max((len(first_rows) for first_rows, _ in pairs.values()), default=0)
+    for name, (first_rows, second_rows) in pairs.items():
+        if not len(first_rows):
             continue
-        difference, uncertainty = np.full((2, most), np.nan)
-        difference[: len(here)] = second["event_time"].values[there] - first["event_time"].values[here]
+        difference, uncertainty = np.full((2, max_occurrences), np.nan)
+        difference[: len(first_rows)] = (
+            second["event_time"].values[second_rows] - first["event_time"].values[first_rows]
+        )
         if REST_EVENT_TIME.name in first or REST_EVENT_TIME.name in second:
-            rests = [_rests_of_events(run)[rows] for run, rows in ((first, here), (second, there))]
-            difference[: len(here)] += rests[1] - rests[0]
-        uncertainties = [run["event_time_uncertainty"].values[rows] for run, rows in ((first, here), (second, there))]
-        uncertainty[: len(here)] = uncertainties[0] + uncertainties[1]
+            rests = [_rests_of_events(run)[rows] for run, rows in ((first, first_rows), (second, second_rows))]
+            difference[: len(first_rows)] += rests[1] - rests[0]
+        uncertainties = [
+            run["event_time_uncertainty"].values[rows] for run, rows in ((first, first_rows), (second, second_rows))
+        ]
+        uncertainty[: len(first_rows)] = uncertainties[0] + uncertainties[1]
         start = float(first["time"][0])
-        elapsed = [run["event_time"].values[rows] - start for run, rows in ((first, here), (second, there))]
-        yield from event_difference(name, time_unit(first).text, difference, uncertainty, scale_of(*elapsed)).items()
+        elapsed = [run["event_time"].values[rows] - start for run, rows in ((first, first_rows), (second, second_rows))]
+        yield from event_difference(name, time_unit_of(first).text, difference, uncertainty, scale_of(*elapsed)).items()
 
 
 def _rests_of_events(run: xr.Dataset) -> Floats:
@@ -244,36 +257,36 @@ def event_difference(name: str, units: str, difference: Any, uncertainty: Any, s
             f"difference_event_time_{name}": (
                 (OCCURRENCE,),
                 difference,
-                about(units, f"time of {name}, second run minus first", ROLE),
+                variable_attributes(units, f"time of {name}, second run minus first", ROLE),
             )
         }
-        | scaled("difference", f"event_time_{name}", difference, scale, (OCCURRENCE,), units, scale_text)
+        | scaled_variables("difference", f"event_time_{name}", difference, scale, (OCCURRENCE,), units, scale_text)
         | {
             f"interpolation_error_event_time_{name}": (
                 (OCCURRENCE,),
                 uncertainty,
-                about(units, f"uncertainty of locating {name}, both runs together", "error"),
+                variable_attributes(units, f"uncertainty of locating {name}, both runs together", "error"),
             )
         }
     )
 
 
-def _paired(first: xr.Dataset, second: xr.Dataset, here: Rows, there: Rows) -> tuple[Rows, Rows]:
+def _pair_events(first: xr.Dataset, second: xr.Dataset, first_rows: Rows, second_rows: Rows) -> tuple[Rows, Rows]:
     """Return the events of one name that both runs met."""
-    mine, theirs = matched(first["event_time"].values[here], second["event_time"].values[there])
-    return here[mine], there[theirs]
+    mine, theirs = match_times(first["event_time"].values[first_rows], second["event_time"].values[second_rows])
+    return first_rows[mine], second_rows[theirs]
 
 
-def counts_apart(first: xr.Dataset, second: xr.Dataset) -> Iterator[str]:
+def event_count_differences(first: xr.Dataset, second: xr.Dataset) -> Iterator[str]:
     """List the events that the runs did not meet equally often."""
-    events = [met(run) for run in (first, second)]
+    events = [event_rows_by_name(run) for run in (first, second)]
     for name in dict.fromkeys([*events[0], *events[1]]):
         counts = [len(rows.get(name, NONE)) for rows in events]
         if counts[0] != counts[1]:
             yield f"{name}: {counts[0]} | {counts[1]}"
 
 
-def parting(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str], between_events: Any) -> str:
+def parting_text(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str], between_events: Any) -> str:
     """Describe when a quantity is first further apart than interpolation and rounding can be."""
     times, earliest, sentence = variables[AT_TIME][1], np.inf, ""
     for name in names:
@@ -282,27 +295,38 @@ def parting(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str
         difference, uncertainty = (variables[f"{kind}_{name}"][1] for kind in ("difference", "interpolation_error"))
         rounding = ROUNDINGS * EPS * np.fmax.reduce(np.abs(first.variables[name].values))
         away = (np.abs(difference) > uncertainty + rounding).T & ~between_events
-        beyond = np.flatnonzero(flattened(away.T).any(axis=1))
+        beyond = np.flatnonzero(flattened_rows(away.T).any(axis=1))
         if beyond.size and times[beyond[0]] < earliest:
             k, units = int(beyond[0]), variables[f"difference_{name}"][2]["units"]
-            earliest, own, at = float(times[k]), first.variables[name], (k, *np.argwhere(away.T[k])[0].tolist())
-            labels = (labels_of(first, str(dim))[number] for dim, number in zip(own.dims[1:], at[1:], strict=True))
+            earliest, first_variable, worst_index = (
+                float(times[k]),
+                first.variables[name],
+                (k, *np.argwhere(away.T[k])[0].tolist()),
+            )
+            labels = (
+                element_labels(first, str(dim))[number]
+                for dim, number in zip(first_variable.dims[1:], worst_index[1:], strict=True)
+            )
             sentence = (
-                f"t = {earliest:.9g}{unit_suffix(time_unit(first))}: {element(name, labels)} by"
-                f" {float(difference[at]):.3g}{unit_suffix(units)}, beyond an interpolation error of"
-                f" {float(uncertainty[at]):.2g}{unit_suffix(units)}"
+                f"t = {earliest:.9g}{unit_suffix(time_unit_of(first))}: {join_element_name(name, labels)} by"
+                f" {float(difference[worst_index]):.3g}{unit_suffix(units)}, beyond an interpolation error of"
+                f" {float(uncertainty[worst_index]):.2g}{unit_suffix(units)}"
             )
     return sentence
 
 
-def times_between(first: xr.Dataset, second: xr.Dataset, at: Floats) -> NDArray[np.bool_]:
+def times_between(first: xr.Dataset, second: xr.Dataset, sample_times: Floats) -> NDArray[np.bool_]:
     """Mark the times at which one run has met an event that the other is about to meet, within their uncertainties."""
-    inside, events = np.zeros(at.shape, bool), [met(run) for run in (first, second)]
+    is_between, events = np.zeros(sample_times.shape, bool), [event_rows_by_name(run) for run in (first, second)]
     for name, rows in events[0].items():
-        here, there = _paired(first, second, rows, events[1].get(name, NONE))
-        times = [run["event_time"].values[rows] for run, rows in ((first, here), (second, there))]
-        uncertainty = first["event_time_uncertainty"].values[here] + second["event_time_uncertainty"].values[there]
+        first_rows, second_rows = _pair_events(first, second, rows, events[1].get(name, NONE))
+        times = [run["event_time"].values[rows] for run, rows in ((first, first_rows), (second, second_rows))]
+        uncertainty = (
+            first["event_time_uncertainty"].values[first_rows] + second["event_time_uncertainty"].values[second_rows]
+        )
         for first_time, second_time, width in zip(*times, uncertainty, strict=True):
             if abs(first_time - second_time) <= width:
-                inside |= (at >= min(first_time, second_time) - width) & (at <= max(first_time, second_time) + width)
-    return inside
+                is_between |= (sample_times >= min(first_time, second_time) - width) & (
+                    sample_times <= max(first_time, second_time) + width
+                )
+    return is_between

@@ -11,28 +11,28 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.evidence.comparing.bits import described_table
-from xdynamics.evidence.comparing.causes import models_apart
+from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.evidence.comparing.bits import blank_bitwise_table
+from xdynamics.evidence.comparing.causes import model_differences
 from xdynamics.evidence.comparing.differences import (
     common_times,
-    compared,
+    compare_runs,
     difference_of,
     event_difference,
     event_differences,
     shared_names,
+    times_variable,
     title_of,
-    wanted,
 )
 from xdynamics.evidence.comparing.residuals import measured_for, residuals_of, residuals_with
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.evidence.observables import is_comparable
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
-from xdynamics.evidence.stages import Stage, foreseen, lazy, task_of
+from xdynamics.evidence.stages import Stage, foreseen_record, lazy_stage, task_of
 from xdynamics.faults import InputError
 from xdynamics.record import shapes_of
 from xdynamics.record.event_columns import NO_DETECTOR
-from xdynamics.record.flag_words import time_unit
+from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.named_elements import DETECTOR, detectors_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 
@@ -49,10 +49,10 @@ LATER: dict[str, tuple[str, Any]] = {
 }  # attributes of a comparison that are known when it is made, and what they say
 
 
-def described(
+def describe_comparison(
     first: xr.Dataset,
     second: xr.Dataset,
-    at: Floats | None,
+    sample_times: Floats | None,
     functions: Functions | None,
     sizes: Any,
     occurrences: int | None,
@@ -66,30 +66,32 @@ def described(
     """
     runs = (first, second)
     marched = all(task_of(run) is None for run in runs)
-    times = common_times(first, second) if at is None and marched else at
-    stated = _stated(sizes, occurrences, is_needed=times is None)
-    shown = np.zeros(_at_stated(stated, first)) if times is None else times
-    variables: dict[str, Any] = {AT_TIME: wanted(first, shown)}
-    models = [model_of(run, functions) for run in runs]
+    times = common_times(first, second) if sample_times is None and marched else sample_times
+    stated = _stated_sizes(sizes, occurrences, is_needed=times is None)
+    shown_times = np.zeros(_at_stated(stated, first)) if times is None else times
+    variables: dict[str, Any] = {AT_TIME: times_variable(first, shown_times)}
+    models = [model_of_record(run, functions) for run in runs]
     for name in shared_names(first, second):
         if all(is_comparable(model, name) for model in models):
-            numbers = np.zeros((len(shown), *first.variables[name].shape[1:]))
+            numbers = np.zeros((len(shown_times), *first.variables[name].shape[1:]))
             blank = numbers, numbers, 0.0
             variables |= difference_of(name, first.variables[name], second.variables[name], blank, blank)
-    records = [foreseen(run) for run in runs]
+    records = [foreseen_record(run) for run in runs]
     variables |= {
-        str(name): (entry.dims, entry.values, entry.attrs) for name, entry in described_table(*records).items()
+        str(name): (entry.dims, entry.values, entry.attrs) for name, entry in blank_bitwise_table(*records).items()
     }
-    variables |= _events(first, second, records, stated, marched=marched)
-    variables |= {name: ((), value, about("1", text, "outcome")) for name, (text, value) in LATER.items()}
-    attributes = models_apart(first, second) | {"selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
-    template = exhibit("comparison", title_of(first, second), [], variables, attributes, shapes=shapes_of(first))
-    words = None if at is None else at.tolist()
-    task = task_of_runs("comparison", partial(_compared, at, functions), runs, words)
-    return lazy(Stage(template, task, ("name", *(() if times is None else (AT_TIME,)))))
+    variables |= _event_variables(first, second, records, stated, marched=marched)
+    variables |= {name: ((), value, variable_attributes("1", text, "outcome")) for name, (text, value) in LATER.items()}
+    attributes = model_differences(first, second) | {"selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
+    template = evidence_dataset(
+        "comparison", title_of(first, second), [], variables, attributes, shapes=shapes_of(first)
+    )
+    words = None if sample_times is None else sample_times.tolist()
+    task = task_of_runs("comparison", partial(_comparison_in_task, sample_times, functions), runs, words)
+    return lazy_stage(Stage(template, task, ("name", *(() if times is None else (AT_TIME,)))))
 
 
-def described_residuals(
+def describe_residuals(
     run: xr.Dataset, source: Any, functions: Functions | None, gaps: str, reading: Mapping[str, Any] | None
 ) -> xr.Dataset:
     """Describe a comparison of a run with measured data, which are read at once.
@@ -101,21 +103,26 @@ def described_residuals(
     """
     data = measured_for(run, source, functions, gaps, reading)
     blank = np.zeros(data.times.size), np.zeros(data.times.size)
-    template = residuals_of(run, model_of(run, functions).shapes, dict.fromkeys(data.values, blank), data, ())
+    template = residuals_of(run, model_of_record(run, functions).shapes, dict.fromkeys(data.values, blank), data, ())
     task = task_of_runs("comparison", partial(_with_data, functions, data), (run,), *data.words)
-    known = [AT_TIME, *(f"{kind}_{name}" for kind in ("measured", "measured_uncertainty") for name in data.values)]
-    return lazy(Stage(template, task, [name for name in known if name in template.variables]))
+    known_names = [
+        AT_TIME,
+        *(f"{kind}_{name}" for kind in ("measured", "measured_uncertainty") for name in data.values),
+    ]
+    return lazy_stage(Stage(template, task, [name for name in known_names if name in template.variables]))
 
 
-def _compared(at: Floats | None, functions: Functions | None, first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    return compared(in_memory(first), in_memory(second), at, functions)
+def _comparison_in_task(
+    sample_times: Floats | None, functions: Functions | None, first: xr.Dataset, second: xr.Dataset
+) -> xr.Dataset:
+    return compare_runs(in_memory(first), in_memory(second), sample_times, functions)
 
 
 def _with_data(functions: Functions | None, data: Any, run: xr.Dataset) -> xr.Dataset:
     return residuals_with(in_memory(run), data, functions)
 
 
-def _stated(sizes: Any, occurrences: int | None, *, is_needed: bool) -> dict[str, int]:
+def _stated_sizes(sizes: Any, occurrences: int | None, *, is_needed: bool) -> dict[str, int]:
     """Read the sizes of dimensions that only marching tells."""
     if not isinstance(sizes, Mapping):
         raise InputError(f"sizes are {sizes!r}, need numbers by dimension, like {{'{AT}': 5000}}")
@@ -141,13 +148,13 @@ def _at_stated(stated: Mapping[str, int], first: xr.Dataset) -> int:
     return stated[AT]
 
 
-def _events(
+def _event_variables(
     first: xr.Dataset, second: xr.Dataset, records: list[xr.Dataset], stated: Mapping[str, int], *, marched: bool
 ) -> dict[str, Any]:
     """Describe the differences of events that both runs met; of runs to be marched, those that both may meet."""
     if marched and OCCURRENCE not in stated:
         return dict(event_differences(first, second))
-    detectors = [_detectors(record) for record in records]
+    detectors = [_detector_names(record) for record in records]
     names = [name for name in detectors[0] if name in detectors[1]]
     if names and OCCURRENCE not in stated:
         raise InputError(
@@ -158,11 +165,11 @@ def _events(
     variables: dict[str, Any] = {}
     for name in names if count else ():
         blank = np.zeros(count)
-        variables |= event_difference(name, time_unit(first).text, blank, blank, np.zeros(()))
+        variables |= event_difference(name, time_unit_of(first).text, blank, blank, np.zeros(()))
     return variables
 
 
-def _detectors(record: xr.Dataset) -> list[str]:
+def _detector_names(record: xr.Dataset) -> list[str]:
     """Name the detectors of a run's events."""
     words = detectors_of(record) if DETECTOR in record.variables else []
     return [] if words == [NO_DETECTOR] else words

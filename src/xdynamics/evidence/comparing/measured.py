@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.csv_sheet import Sheet, Title, clocks_of, is_clock, name_of_title, shown, title
+from xdynamics.model.csv_sheet import Sheet, Title, cell_excerpt, clocks_of, is_clock, name_of_title, title
 from xdynamics.model.drives import GAPS, REFUSE, SKIP
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.instruments import AS_IT_IS, FIRST, Reading, as_table
-from xdynamics.model.python_tables import columns_of, stamps
+from xdynamics.model.python_tables import columns_of_frame, stamps
 from xdynamics.record import unfold
-from xdynamics.record.element_attributes import of_wholes
+from xdynamics.record.element_attributes import quantity_names
 from xdynamics.record.folding import sized
 from xdynamics.schema import AT_TIME, EVIDENCE, MODEL_DIMENSIONS
 from xdynamics.shapes import NO_SHAPES, Shapes
@@ -76,8 +76,8 @@ class Measured:
         """All that it holds, to be compared as it is printed."""
         columns = [
             [name, unit.text, numbers.tolist()]
-            for held in (self.values, self.uncertainties)
-            for name, (numbers, unit) in held.items()
+            for columns_by_name in (self.values, self.uncertainties)
+            for name, (numbers, unit) in columns_by_name.items()
         ]
         return [self.name, self.clock.text, self.times.tolist(), columns, self.left_out]
 
@@ -89,13 +89,13 @@ def is_measured(source: Any) -> bool:
     if isinstance(source, Mapping) and not hasattr(source, "data_vars"):
         return True
     attributes = getattr(source, "attrs", {})
-    held = getattr(source, "variables", getattr(source, "coords", ("row_kind",)))
-    return "row_kind" not in held and EVIDENCE not in attributes
+    variable_names = getattr(source, "variables", getattr(source, "coords", ("row_kind",)))
+    return "row_kind" not in variable_names and EVIDENCE not in attributes
 
 
-def measured(
+def read_measured_data(
     source: Any,
-    known: Sequence[str] | None = None,
+    requested_names: Sequence[str] | None = None,
     gaps: str = REFUSE,
     clock: Unit = SECONDS,
     shapes: Shapes = NO_SHAPES,
@@ -106,7 +106,7 @@ def measured(
     Parameters
     ----------
     source : str, Path, DataFrame or Dataset
-    known : sequence of str, optional
+    requested_names : sequence of str, optional
         Names that are wanted: other columns are left out, whatever they contain.
     gaps : {"refuse", "skip"}
         Whether rows in which a number is missing are refused or left out.
@@ -125,22 +125,24 @@ def measured(
     """
     if gaps not in GAPS:
         raise InputError(f"gaps is {gaps!r}; there are {', '.join(GAPS)}")
-    said = Reading.of(reading or {})
+    file_reading = Reading.from_keys(reading or {})
     if isinstance(source, str | Path) and Path(source).suffix.lower() in ARRAYS:
-        source = _opened(Path(source))
+        source = _open_netcdf(Path(source))
     if hasattr(source, "to_frame") and not hasattr(source, "columns"):
         source = source.to_frame()  # a Series of pandas
     if isinstance(source, str | Path):
-        data = _of_file(Path(source), known, shapes, said, skip=gaps == SKIP)
-    elif said not in (AS_IT_IS, Reading(time_zero=said.time_zero)):
+        data = _read_data_file(Path(source), requested_names, shapes, file_reading, skip=gaps == SKIP)
+    elif file_reading not in (AS_IT_IS, Reading(time_zero=file_reading.time_zero)):
         raise InputError(
             f"{', '.join(reading or {})} say how a file is read, and the data are a {type(source).__name__}"
         )
     elif hasattr(source, "columns") or (isinstance(source, Mapping) and not hasattr(source, "data_vars")):
-        columns = columns_of(source)
-        data = _counted(_of_columns("the DataFrame", columns, known, shapes, skip=gaps == SKIP), said)
+        columns = columns_of_frame(source)
+        data = _with_time_zero(
+            _read_data_columns("the DataFrame", columns, requested_names, shapes, skip=gaps == SKIP), file_reading
+        )
     else:
-        data = _of_dataset(_of_elements(_of_array(source), shapes), known, said)
+        data = _read_dataset(_dataset_of_elements(_of_array(source), shapes), requested_names, file_reading)
     if data.clock.dimension != clock.dimension:
         needed = "a time" if clock.dimension == TIME else "a pure number, as the model's time is"
         raise InputError(f"{data.name}: the column of times is in '{data.clock.text}', needs {needed}")
@@ -149,11 +151,11 @@ def measured(
 
 def _with_order_remark(data: Measured) -> Measured:
     """Have the name of data say where their times run backwards: two records joined in the wrong order, say."""
-    back = np.flatnonzero(np.diff(data.times) < 0.0) if not data.occurrences.size else np.zeros(0, np.int64)
-    if not back.size:
+    backward_rows = np.flatnonzero(np.diff(data.times) < 0.0) if not data.occurrences.size else np.zeros(0, np.int64)
+    if not backward_rows.size:
         return data
-    more = f" and {back.size - 1} times more" if back.size > 1 else ""
-    return replace(data, name=f"{data.name}, whose times run backwards after row {int(back[0]) + 1}{more}")
+    more = f" and {backward_rows.size - 1} times more" if backward_rows.size > 1 else ""
+    return replace(data, name=f"{data.name}, whose times run backwards after row {int(backward_rows[0]) + 1}{more}")
 
 
 def is_foreign(path: str) -> bool:
@@ -161,11 +163,11 @@ def is_foreign(path: str) -> bool:
     if Path(path).suffix.lower() not in ARRAYS or not Path(path).is_file():
         return False
     with suppress(InputError):
-        return "xdynamics" not in str(_opened(Path(path)).attrs.get("Conventions", ""))
+        return "xdynamics" not in str(_open_netcdf(Path(path)).attrs.get("Conventions", ""))
     return False
 
 
-def _opened(path: Path) -> xr.Dataset:
+def _open_netcdf(path: Path) -> xr.Dataset:
     """Open a netCDF file that is no archive."""
     import xarray as xr
 
@@ -185,95 +187,107 @@ def _of_array(source: Any) -> Any:
     return source.to_dataset(name=source.name).assign_attrs()
 
 
-def _of_file(path: Path, known: _Known, shapes: Shapes, reading: Reading, *, skip: bool) -> Measured:
+def _read_data_file(path: Path, requested_names: _Known, shapes: Shapes, reading: Reading, *, skip: bool) -> Measured:
     """Read the columns of a file, which may be an instrument's."""
-    text = FileAccess(path.parent, ANYWHERE).text_of(path.name)
+    text = FileAccess(path.parent, ANYWHERE).read_table(path.name)
     try:
-        sheet = Sheet.of(path.name, as_table(path.name, text, reading))
-        named = _titles(f"'{path.name}' ({sheet.layout})", sheet.header, known, shapes) if sheet.has_titles else None
+        sheet = Sheet.from_text(path.name, as_table(path.name, text, reading))
+        titles_and_rest = (
+            _requested_titles(f"'{path.name}' ({sheet.layout_text})", sheet.header, requested_names, shapes)
+            if sheet.has_titles
+            else None
+        )
     except InputError as error:
-        begin = " / ".join(shown(line) for line in text.split("\n")[:3] if line.strip())
+        begin = " / ".join(cell_excerpt(line) for line in text.split("\n")[:3] if line.strip())
         raise InputError(f"{error}; the file begins {begin}; {REMEDY}" if begin else str(error)) from None
-    if named is None:
-        raise InputError(_without_titles(sheet, known))
-    titles, left_out = named
+    if titles_and_rest is None:
+        raise InputError(_without_titles(sheet, requested_names))
+    titles, left_out = titles_and_rest
     columns = sheet.columns([*titles], skip=skip).T
     if not columns.size:
         raise InputError(f"'{path}' has no rows; it needs a header like 'time [s],y [m]' and numbers below")
     columns_read = {
         heading.name: (column, heading.unit) for heading, column in zip(titles.values(), columns, strict=True)
     }
-    return _sorted_out(f"'{path.name}'", columns_read, left_out)
+    return _sort_columns(f"'{path.name}'", columns_read, left_out)
 
 
-def _without_titles(sheet: Sheet, known: Sequence[str] | None) -> str:
+def _without_titles(sheet: Sheet, requested_names: Sequence[str] | None) -> str:
     """Return the message for a file of numbers alone, with titles that would do."""
-    words = [*(known or ()), *(f"name_{n}" for n in range(1, len(sheet.header)))][: len(sheet.header) - 1]
+    words = [*(requested_names or ()), *(f"name_{n}" for n in range(1, len(sheet.header)))][: len(sheet.header) - 1]
     example = ",".join(["t [s]", *(f"{word} [unit]" for word in words)])
     return (
-        f"'{sheet.name}' has no titles, it begins {shown(sheet.separator.join(sheet.header))}; give one for each of its"
+        f"'{sheet.name}' has no titles, it begins {cell_excerpt(sheet.separator.join(sheet.header))}; give one for each of its"
         f" {len(sheet.header)} columns, like --header '{example}', in Python reading={{'header': '{example}'}}; --skip N"
         " leaves out lines before them"
     )
 
 
-def _of_columns(name: str, columns: Mapping[str, Any], known: _Known, shapes: Shapes, *, skip: bool) -> Measured:
+def _read_data_columns(
+    name: str, columns: Mapping[str, Any], requested_names: _Known, shapes: Shapes, *, skip: bool
+) -> Measured:
     """Read columns by their headers, ``y [mm]`` and ``u(y) [mm]``."""
-    titles, left_out = _titles(name, tuple(columns), known, shapes)
+    titles, left_out = _requested_titles(name, tuple(columns), requested_names, shapes)
     cells = [np.asarray(column) for column in columns.values()]
     if skip:
         complete = ~np.any([np.isnan(cells[k]) for k in titles if cells[k].dtype.kind == "f"], axis=0)
         cells = [column[complete] for column in cells]
     ledger, columns_read = Ledger(name), {}
     for k, column in titles.items():
-        with ledger.entry(f"column {shown([*columns][k])}"):
-            columns_read[column.name] = np.array([*map(column.number, _numbers(cells[k]).tolist())]), column.unit
+        with ledger.entry(f"column {cell_excerpt([*columns][k])}"):
+            columns_read[column.name] = np.array([*map(column.number, _finite_numbers(cells[k]).tolist())]), column.unit
     ledger.raise_faults()
-    return _sorted_out(name, columns_read, left_out)
+    return _sort_columns(name, columns_read, left_out)
 
 
-def _titles(name: str, header: Sequence[str], known: Sequence[str] | None, shapes: Shapes) -> _Titles:
+def _requested_titles(
+    name: str, header: Sequence[str], requested_names: Sequence[str] | None, shapes: Shapes
+) -> _Titles:
     """Return the wanted columns by position, and the names of those that are left out."""
     ledger, left_out = Ledger(name), []
     titles: dict[int, Title] = {}
-    header = [_element(cell, known or (), shapes) for cell in header]
+    header = [_with_element_name(cell, requested_names or (), shapes) for cell in header]
     names = [name_of_title(cell) for cell in header]
     bares = [match["name"] if (match := _UNCERTAINTY.fullmatch(name)) else name for name in names]
-    for k, (cell, own, bare) in enumerate(zip(header, names, bares, strict=True)):
-        if own != bare and bares.count(bare) < 2:
+    for k, (cell, full_name, bare) in enumerate(zip(header, names, bares, strict=True)):
+        if full_name != bare and bares.count(bare) < 2:
             ledger.note(f"u({bare}) is the uncertainty of a column that is missing")
-        elif known is not None and bare not in known and not is_clock(cell):
+        elif requested_names is not None and bare not in requested_names and not is_clock(cell):
             left_out.append(cell.strip())
             continue
-        with ledger.entry(f"column {shown(cell)}"):
+        with ledger.entry(f"column {cell_excerpt(cell)}"):
             heading = title(cell)
             if heading.name in {earlier.name for earlier in titles.values()}:
                 raise InputError(f"'{heading.name}' is given twice")
             titles[k] = heading
     ledger.raise_faults()
-    if known is not None and left_out and not any(heading.name in known for heading in titles.values()):
-        raise _all_left_out(f"{name}: column", left_out, known)
+    if (
+        requested_names is not None
+        and left_out
+        and not any(heading.name in requested_names for heading in titles.values())
+    ):
+        raise _all_left_out(f"{name}: column", left_out, requested_names)
     return titles, tuple(left_out)
 
 
-def _all_left_out(what: str, left_out: Sequence[str], known: Sequence[str]) -> InputError:
+def _all_left_out(source_text: str, left_out: Sequence[str], requested_names: Sequence[str]) -> InputError:
     """Return the error that nothing is of the model, with how an acceleration is measured, if one is."""
     felt = '; an acceleration is measured as an observable: [observables] felt = { expression = "a_x", unit = "m s-2" }'
     is_felt = any("acceleration" in name.lower() or name.startswith("a_") for name in left_out)
     return InputError(
-        f"{what} '{left_out[0]}' is no quantity of the model, which has {', '.join(of_wholes(known))}{felt * is_felt}"
+        f"{source_text} '{left_out[0]}' is no quantity of the model, which has {', '.join(quantity_names(requested_names))}{felt * is_felt}"
     )
 
 
-def _element(cell: str, known: Sequence[str], shapes: Shapes) -> str:
+def _with_element_name(cell: str, requested_names: Sequence[str], shapes: Shapes) -> str:
     """Return a header with the element that it begins with, if it is a known one, as it is named inside."""
     with suppress(InputError):  # of an element that the model has not: its column is left out
-        if (match := _OF_ELEMENT.match(cell)) and (name := shapes.inside(match[2])) in known:
+        if (match := _OF_ELEMENT.match(cell)) and (name := shapes.internal_name(match[2])) in requested_names:
             return f"{match[1] or ''}{name}{cell[match.end() :]}"
     return cell
 
 
-def _of_elements(source: Any, shapes: Shapes) -> Any:
+def _dataset_of_elements(source: Any, shapes: Shapes) -> Any:
     """Return a Dataset with a variable for each element of what has dimensions of the model."""
     dims = {str(dim) for dim in getattr(source, "dims", ())} & {*shapes.extents, *shapes.relations}
     if not dims:
@@ -281,13 +295,13 @@ def _of_elements(source: Any, shapes: Shapes) -> Any:
     for dim in shapes.ordered(dims - {*source.coords}):
         extent = shapes.extent(dim)
         if source.sizes[dim] != extent.size:
-            found = f"the Dataset has {source.sizes[dim]} elements of '{dim}'"
-            raise InputError(f"{found}, needs all {extent.size}, or a coordinate of their labels")
+            size_text = f"the Dataset has {source.sizes[dim]} elements of '{dim}'"
+            raise InputError(f"{size_text}, needs all {extent.size}, or a coordinate of their labels")
         source = source.assign_coords({dim: [*extent.labels]}) if extent.labels else source
     return unfold(source.assign_attrs({MODEL_DIMENSIONS: sized(shapes, dims)}))
 
 
-def _of_dataset(source: Any, known: Sequence[str] | None, reading: Reading) -> Measured:
+def _read_dataset(source: Any, requested_names: Sequence[str] | None, reading: Reading) -> Measured:
     """Read variables along one dimension by their units; a time of CF's calendar is counted from its first stamp."""
     ledger, left_out, remark = Ledger("the Dataset"), list[str](), ""
     columns: dict[str, tuple[Floats, Unit]] = {}
@@ -296,7 +310,7 @@ def _of_dataset(source: Any, known: Sequence[str] | None, reading: Reading) -> M
         key = f"u({label[2:]})" if label.startswith("u_") else "time" if name == AT_TIME else label
         bare = label.removeprefix("u_")
         titled = f"{key} [{variable.attrs['units']}]" if "units" in variable.attrs else key  # stamps have none
-        if known is not None and bare not in known and not is_clock(titled):
+        if requested_names is not None and bare not in requested_names and not is_clock(titled):
             left_out.append(str(name))
             continue
         with ledger.entry(f"variable '{name}'"):
@@ -310,8 +324,8 @@ def _of_dataset(source: Any, known: Sequence[str] | None, reading: Reading) -> M
             if "units" not in variable.attrs:
                 raise InputError("has no units; set its attribute 'units'")
             scale = parse_scale(str(variable.attrs["units"]))
-            of = scale.difference if key != label else scale.value
-            columns[key] = np.array([*map(of, _numbers(variable.values).tolist())]), scale.unit
+            to_unit = scale.difference if key != label else scale.value
+            columns[key] = np.array([*map(to_unit, _finite_numbers(variable.values).tolist())]), scale.unit
     sizes = {name: len(numbers) for name, (numbers, _) in columns.items()}
     if len({*sizes.values()}) > 1:
         ledger.note(
@@ -319,12 +333,12 @@ def _of_dataset(source: Any, known: Sequence[str] | None, reading: Reading) -> M
             " for all"
         )
     ledger.raise_faults()
-    if known is not None and left_out and not {*columns} & {*known}:
-        raise _all_left_out("the Dataset: variable", left_out, known)
-    return _counted(_sorted_out(f"the Dataset{remark}", columns, tuple(left_out)), reading)
+    if requested_names is not None and left_out and not {*columns} & {*requested_names}:
+        raise _all_left_out("the Dataset: variable", left_out, requested_names)
+    return _with_time_zero(_sort_columns(f"the Dataset{remark}", columns, tuple(left_out)), reading)
 
 
-def _counted(data: Measured, reading: Reading) -> Measured:
+def _with_time_zero(data: Measured, reading: Reading) -> Measured:
     """Return data with times counted from where it is said."""
     if not reading.time_zero:
         return data
@@ -338,19 +352,19 @@ def _counted(data: Measured, reading: Reading) -> Measured:
     )
 
 
-def _numbers(cells: Any) -> Floats:
+def _finite_numbers(cells: Any) -> Floats:
     """Read numbers; gaps are refused."""
     kind = np.asarray(cells).dtype.kind
     if kind in "mMcb":
-        what = {"m": "time differences", "M": "dates", "c": "complex numbers", "b": "truths"}[kind]
+        kind_word = {"m": "time differences", "M": "dates", "c": "complex numbers", "b": "truths"}[kind]
         raise InputError(
-            f"holds {what}, needs plain numbers"
+            f"holds {kind_word}, needs plain numbers"
             + ("; divide by np.timedelta64(1, 's') for seconds" if kind == "m" else "")
         )
     try:
         values = np.asarray(cells, float)
     except (TypeError, ValueError):
-        wrong = next(k for k, cell in enumerate(cells) if not _is_number(cell))
+        wrong = next(k for k, cell in enumerate(cells) if not _is_finite_number(cell))
         raise InputError(f"row {wrong + 1} is {str(cells[wrong])[:24]!r}, needs a number") from None
     if not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values))[0])
@@ -358,14 +372,14 @@ def _numbers(cells: Any) -> Floats:
     return values
 
 
-def _is_number(cell: Any) -> bool:
+def _is_finite_number(cell: Any) -> bool:
     try:
         return isfinite(float(cell))
     except (TypeError, ValueError):
         return False
 
 
-def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tuple[str, ...] = ()) -> Measured:
+def _sort_columns(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tuple[str, ...] = ()) -> Measured:
     """Separate times, values and uncertainties."""
     clock = next(iter(clocks_of(f"{column} [{unit.text or 1}]" for column, (_, unit) in columns.items())), None)
     of_events = [column for column in columns if column.startswith(EVENT_TIMES)]
@@ -375,19 +389,25 @@ def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tu
             " at times, one of events with a row for each occurrence"
         )
     if clock is None and not of_events:
-        unknown = f", and {', '.join(map(shown, left_out))}; say which is the time: --column time=…" if left_out else ""
-        known = ", ".join(columns) or "none"
-        raise InputError(f"{name} has no column of times, like 'time [s]'; there are {known}{unknown}")
-    occurrences = _occurrences(name, columns, len(columns[of_events[0]][0])) if of_events else np.zeros(0, np.int64)
+        unknown = (
+            f", and {', '.join(map(cell_excerpt, left_out))}; say which is the time: --column time=…"
+            if left_out
+            else ""
+        )
+        known_columns = ", ".join(columns) or "none"
+        raise InputError(f"{name} has no column of times, like 'time [s]'; there are {known_columns}{unknown}")
+    occurrences = (
+        _occurrence_numbers(name, columns, len(columns[of_events[0]][0])) if of_events else np.zeros(0, np.int64)
+    )
     times, unit = columns[of_events[0]] if of_events else columns.pop(clock or "")
     uncertainties = {match["name"]: column for key, column in columns.items() if (match := _UNCERTAINTY.fullmatch(key))}
     values = {key: column for key, column in columns.items() if not _UNCERTAINTY.fullmatch(key)}
     ledger = Ledger(name)
-    for key, (numbers, own) in uncertainties.items():
+    for key, (numbers, uncertainty_unit) in uncertainties.items():
         if key not in values:
             ledger.note(f"u({key}) is the uncertainty of a column that is missing")
-        elif own.dimension != values[key][1].dimension:
-            ledger.note(f"u({key}) is in '{own.text}', needs a unit like '{values[key][1].text}'")
+        elif uncertainty_unit.dimension != values[key][1].dimension:
+            ledger.note(f"u({key}) is in '{uncertainty_unit.text}', needs a unit like '{values[key][1].text}'")
         elif not (numbers > 0.0).all():
             ledger.note(
                 f"u({key}) is {float(numbers.min())!r} in row {int(np.argmin(numbers)) + 1}, needs a positive number"
@@ -398,14 +418,14 @@ def _sorted_out(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: tu
     return Measured(name, times * float(unit.factor), unit, values, uncertainties, left_out, occurrences)
 
 
-def _occurrences(name: str, columns: dict[str, tuple[Floats, Unit]], rows: int) -> NDArray[np.int64]:
+def _occurrence_numbers(name: str, columns: dict[str, tuple[Floats, Unit]], rows: int) -> NDArray[np.int64]:
     """Return which occurrence each row of a table of events is: what a column says, else from 1 on."""
     if OCCURRENCES not in columns:
         return np.arange(1, rows + 1)
-    said, _ = columns.pop(OCCURRENCES)
-    wrong = np.flatnonzero((said < 1) | (said != np.floor(said)))
+    numbers, _ = columns.pop(OCCURRENCES)
+    wrong = np.flatnonzero((numbers < 1) | (numbers != np.floor(numbers)))
     if wrong.size:
         raise InputError(
-            f"{name}, row {int(wrong[0]) + 1}: occurrence is {said[wrong[0]]:g}, needs a whole number from 1 on"
+            f"{name}, row {int(wrong[0]) + 1}: occurrence is {numbers[wrong[0]]:g}, needs a whole number from 1 on"
         )
-    return said.astype(np.int64)
+    return numbers.astype(np.int64)

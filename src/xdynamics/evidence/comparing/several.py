@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from xdynamics import archive
 from xdynamics.evidence.comparing.comparison_summary import OF_SEVERAL, ROLE
-from xdynamics.evidence.comparing.differences import common_times, compared, wanted
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.comparing.differences import common_times, compare_runs, times_variable
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.faults import InputError
 from xdynamics.record import shapes_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
@@ -33,7 +33,7 @@ TOLD = {
 
 def compare_each(
     first: xr.Dataset,
-    others: Mapping[str, xr.Dataset],
+    other_runs: Mapping[str, xr.Dataset],
     times: NDArray[np.float64] | None,
     functions: Mapping[str, Callable[..., float]] | None,
 ) -> xr.Dataset:
@@ -44,42 +44,52 @@ def compare_each(
     InputError
         If the runs have no time or no quantity in common, or no two are given.
     """
-    if not others:
+    if not other_runs:
         raise InputError("second has no run; give one at least")
-    at = common_times(first, *others.values()) if times is None else times
-    found = [compared(first, run, at, functions) for run in others.values()]
-    most = max(one.sizes.get(OCCURRENCE, 0) for one in found)
-    shared = [name for name in found[0].data_vars if all(_is_apart(one, name) for one in found)]
-    alike = [
-        one[shared].pad({OCCURRENCE: (0, most - one.sizes[OCCURRENCE])}) if OCCURRENCE in one.dims else one[shared]
-        for one in found
+    sample_times = common_times(first, *other_runs.values()) if times is None else times
+    comparisons = [compare_runs(first, run, sample_times, functions) for run in other_runs.values()]
+    max_occurrences = max(comparison.sizes.get(OCCURRENCE, 0) for comparison in comparisons)
+    shared = [
+        name for name in comparisons[0].data_vars if all(_is_apart(comparison, name) for comparison in comparisons)
     ]
-    variables: dict[str, Any] = {AT_TIME: wanted(first, at)}
-    variables["run_name"] = (RUN,), np.array([*others]), about("1", "which run is compared with the reference", "name")
+    padded_comparisons = [
+        comparison[shared].pad({OCCURRENCE: (0, max_occurrences - comparison.sizes[OCCURRENCE])})
+        if OCCURRENCE in comparison.dims
+        else comparison[shared]
+        for comparison in comparisons
+    ]
+    variables: dict[str, Any] = {AT_TIME: times_variable(first, sample_times)}
+    variables["run_name"] = (
+        (RUN,),
+        np.array([*other_runs]),
+        variable_attributes("1", "which run is compared with the reference", "name"),
+    )
     variables["identical"] = (
         (RUN,),
-        np.array([int(one.attrs["identical"]) for one in found], np.int8),
-        about("1", "1 where the run is the reference, bit for bit", ROLE),
+        np.array([int(comparison.attrs["identical"]) for comparison in comparisons], np.int8),
+        variable_attributes("1", "1 where the run is the reference, bit for bit", ROLE),
     )
-    for word, said in TOLD.items():
+    for word, long_name in TOLD.items():
         variables[word] = (
             (RUN,),
-            np.array([str(one.attrs.get(word, "")) for one in found]),
-            about("1", said, ROLE),
+            np.array([str(comparison.attrs.get(word, "")) for comparison in comparisons]),
+            variable_attributes("1", long_name, ROLE),
         )
     for name in shared:
-        rows = [one[str(name)].variable for one in alike]
+        rows = [comparison[str(name)].variable for comparison in padded_comparisons]
         variables[str(name)] = (RUN, *rows[0].dims), np.stack([row.values for row in rows]), dict(rows[0].attrs)
         if str(name).startswith("difference_") and rows[0].dims:
             largest = np.array([np.nanmax(np.abs(row.values), initial=0.0) for row in rows])
-            of_largest = about(str(rows[0].attrs["units"]), f"largest size of {name}", ROLE)
+            of_largest = variable_attributes(str(rows[0].attrs["units"]), f"largest size of {name}", ROLE)
             variables[f"largest_{name}"] = (RUN,), largest, of_largest
-    title = f"{first.attrs['title']}, and {len(others)} runs beside it"
-    digests = [archive.digest_of_run(run) for run in (first, *others.values())]
-    attributes = {"identical": int(all(one.attrs["identical"] for one in found))}
-    return exhibit(OF_SEVERAL, title, digests, variables, attributes, shapes=shapes_of(first))
+    title = f"{first.attrs['title']}, and {len(other_runs)} runs beside it"
+    digests = [archive.digest_of_run(run) for run in (first, *other_runs.values())]
+    attributes = {"identical": int(all(comparison.attrs["identical"] for comparison in comparisons))}
+    return evidence_dataset(OF_SEVERAL, title, digests, variables, attributes, shapes=shapes_of(first))
 
 
-def _is_apart(found: xr.Dataset, name: Any) -> bool:
+def _is_apart(comparison: xr.Dataset, name: Any) -> bool:
     """Whether a variable of a comparison is of numbers that differ, not of single bits."""
-    return name in found and {*found[name].dims} <= {AT, OCCURRENCE, *found.coords} | {*shapes_of(found).extents}
+    return name in comparison and {*comparison[name].dims} <= {AT, OCCURRENCE, *comparison.coords} | {
+        *shapes_of(comparison).extents
+    }

@@ -11,7 +11,7 @@ from xdynamics.dynamics import exponents as rules
 from xdynamics.dynamics.tangents import TOLERANCE, count_of, local_growth
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import log
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.motion import variables as variables_of
@@ -41,18 +41,20 @@ LONG_NAMES = {
 
 
 def lyapunov(
-    run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None, *, wanted: bool | int
+    run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None, *, exponent_count: bool | int
 ) -> dict[str, Any]:
     """Return all Lyapunov exponents, or the largest few, with what follows from the largest.
 
     Raises
     ------
     InputError
-        If `wanted` is not a count, or small changes of the state cannot be followed along the run.
+        If `exponent_count` is not a count, or small changes of the state cannot be followed along the run.
     """
-    check_count(wanted)
+    check_exponent_count(exponent_count)
     try:
-        exponents = rules.exponents_of(local_growth(run, functions, None if wanted is True else int(wanted)))
+        exponents = rules.exponents_of(
+            local_growth(run, functions, None if exponent_count is True else int(exponent_count))
+        )
     except NotVariedError as error:
         raise InputError(
             f"the run has no Lyapunov exponents by variational equations: {error}; choose a run that ends before, or"
@@ -60,7 +62,7 @@ def lyapunov(
         ) from None
     largest, uncertainty = float(exponents.values[0]), float(exponents.uncertainties[0])
     grown = largest * (float(run["time"][-1]) - exponents.begin) > float(log(GROWN))
-    found = {"transient_end": exponents.begin, "pieces": exponents.pieces, "variables": exponents.variables}
+    rule_attributes = {"transient_end": exponents.begin, "pieces": exponents.pieces, "variables": exponents.variables}
     numbers: dict[str, Any] = {
         LYAPUNOVS: exponents.values,
         LYAPUNOV_UNCERTAINTY: exponents.uncertainties,
@@ -68,26 +70,26 @@ def lyapunov(
         LYAPUNOV_TIME: 1.0 / largest if grown and largest > CERTAIN * uncertainty else np.inf,
         FINITE_TIME_GROWTH: exponents.finite_time,
     }
-    return _variables(str(run["time"].attrs["units"]), numbers, found)
+    return _exponent_variables(str(run["time"].attrs["units"]), numbers, rule_attributes)
 
 
-def described(unit: str, model: Model, *, wanted: bool | int) -> dict[str, Any]:
+def describe_exponents(unit: str, model: Model, *, exponent_count: bool | int) -> dict[str, Any]:
     """Return the same variables without their values, which are not known yet.
 
     Raises
     ------
     InputError
-        If `wanted` is not a count.
+        If `exponent_count` is not a count.
     """
-    check_count(wanted)
+    check_exponent_count(exponent_count)
     size = len(variables_of(model))
     changes = count_of_changes(model) if model.constraints else size
-    several = np.full(count_of(changes, None if wanted is True else int(wanted)), np.nan)
+    several = np.full(count_of(changes, None if exponent_count is True else int(exponent_count)), np.nan)
     numbers = dict.fromkeys((LYAPUNOVS, LYAPUNOV_UNCERTAINTY), several)
-    return _variables(unit, numbers | dict.fromkeys(IN_WORDS, np.nan), {"variables": size})
+    return _exponent_variables(unit, numbers | dict.fromkeys(IN_WORDS, np.nan), {"variables": size})
 
 
-def check_count(wanted: Any) -> None:
+def check_exponent_count(exponent_count: Any) -> None:
     """Check how many exponents are wanted.
 
     Raises
@@ -95,11 +97,13 @@ def check_count(wanted: Any) -> None:
     InputError
         If it is not a count.
     """
-    if not isinstance(wanted, bool | int | np.integer) or wanted < 1:
-        raise InputError(f"lyapunov is {wanted!r}, needs true for all exponents, or how many of the largest, from 1 on")
+    if not isinstance(exponent_count, bool | int | np.integer) or exponent_count < 1:
+        raise InputError(
+            f"lyapunov is {exponent_count!r}, needs true for all exponents, or how many of the largest, from 1 on"
+        )
 
 
-def _variables(unit: str, numbers: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
+def _exponent_variables(unit: str, numbers: Mapping[str, Any], rule_attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the exponents as variables, with the rule of their computation."""
     per_time = "1" if unit == "1" else f"{unit}-1"
     rule = {
@@ -107,25 +111,29 @@ def _variables(unit: str, numbers: Mapping[str, Any], found: Mapping[str, Any]) 
         "ancillary_variables": LYAPUNOV_UNCERTAINTY,
         "piece_tolerance": TOLERANCE,
         "transient": rules.TRANSIENT_RULE,
-        **found,
+        **rule_attributes,
     }
     variables = {}
     for name, value in numbers.items():
         units = unit if name == LYAPUNOV_TIME else per_time
         role = "error" if name == LYAPUNOV_UNCERTAINTY else ROLE
         extra = rule if name == LYAPUNOVS else {}
-        variables[name] = ((EXPONENT,) if np.ndim(value) else (), value, about(units, LONG_NAMES[name], role) | extra)
+        variables[name] = (
+            (EXPONENT,) if np.ndim(value) else (),
+            value,
+            variable_attributes(units, LONG_NAMES[name], role) | extra,
+        )
     return variables
 
 
-def exponents_in_words(found: xr.Dataset) -> Iterator[str]:
+def exponents_in_words(diagnosis: xr.Dataset) -> Iterator[str]:
     """Describe all exponents, with the digits that their uncertainties justify, and what follows from the largest."""
-    if LYAPUNOVS not in found:
+    if LYAPUNOVS not in diagnosis:
         return
-    unit = str(found[LYAPUNOVS].attrs["units"])
+    unit = str(diagnosis[LYAPUNOVS].attrs["units"])
     suffix = "" if unit == "1" else f" {unit}"
-    yield f"{LYAPUNOVS} = {', '.join(exponents_with_uncertainty(found))}{suffix}"
-    time, unit_of_time = float(found[LYAPUNOV_TIME]), str(found[LYAPUNOV_TIME].attrs["units"])
+    yield f"{LYAPUNOVS} = {', '.join(exponents_with_uncertainty(diagnosis))}{suffix}"
+    time, unit_of_time = float(diagnosis[LYAPUNOV_TIME]), str(diagnosis[LYAPUNOV_TIME].attrs["units"])
     if np.isfinite(time):
         yield f"{LYAPUNOV_TIME} = {time:.3g}{'' if unit_of_time == '1' else f' {unit_of_time}'}"
     else:
@@ -133,10 +141,10 @@ def exponents_in_words(found: xr.Dataset) -> Iterator[str]:
             f"{LYAPUNOV_TIME} = inf: the largest exponent is not above twice its uncertainty, or the run is too short"
             " to tell"
         )
-    yield f"{FINITE_TIME_GROWTH} = {float(found[FINITE_TIME_GROWTH]):.4g}{suffix}, over the run's own time"
+    yield f"{FINITE_TIME_GROWTH} = {float(diagnosis[FINITE_TIME_GROWTH]):.4g}{suffix}, over the run's own time"
 
 
-def exponents_with_uncertainty(found: xr.Dataset) -> list[str]:
+def exponents_with_uncertainty(diagnosis: xr.Dataset) -> list[str]:
     """Write every exponent with the digits that its uncertainty justifies."""
-    pairs = zip(found[LYAPUNOVS].values.tolist(), found[LYAPUNOV_UNCERTAINTY].values.tolist(), strict=True)
+    pairs = zip(diagnosis[LYAPUNOVS].values.tolist(), diagnosis[LYAPUNOV_UNCERTAINTY].values.tolist(), strict=True)
     return [with_uncertainty(*pair) for pair in pairs]

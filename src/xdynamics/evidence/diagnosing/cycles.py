@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record.named_elements import find_column
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import split_element_name
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -67,7 +67,7 @@ class Cycles:
         """Return a warning if the coordinate hardly moves, or turns more often than it passes the level; else empty."""
         if self.share < ROUNDING:
             return (
-                f"{self.name} moves by {self.share:.1g} of the largest {parted(self.name)[0]} alone, as rounding does:"
+                f"{self.name} moves by {self.share:.1g} of the largest {split_element_name(self.name)[0]} alone, as rounding does:"
                 " its cycles say little; name a coordinate that moves"
             )
         if len(self.times) >= self.maxima - 1:
@@ -114,9 +114,9 @@ def cycles(
     rows, turns, maxima = _turns_of(run, name, functions)
     rule = "given"
     if level is None:
-        level, rule = _chosen(rows, name, turns, maxima)
-    risen = _risen(rows, name, [level])[0]
-    located = _located(rows, name, level, risen, functions) if risen.size else (np.zeros(0), np.zeros(0))
+        level, rule = _choose_level(rows, name, turns, maxima)
+    risen = _rising_rows(rows, name, [level])[0]
+    located = _locate_crossings(rows, name, level, risen, functions) if risen.size else (np.zeros(0), np.zeros(0))
     return Cycles(name, level, *located, rule, maxima, _share(rows, name, turns.high - turns.low))
 
 
@@ -129,7 +129,7 @@ def chosen_level(run: xr.Dataset, name: str, functions: Mapping[str, Callable[..
         If there is no such coordinate.
     """
     rows, turns, maxima = _turns_of(run, name, functions)
-    return _chosen(rows, name, turns, maxima)[0]
+    return _choose_level(rows, name, turns, maxima)[0]
 
 
 def _turns_of(
@@ -138,7 +138,7 @@ def _turns_of(
     """Return the rows of a run, the turning points of a coordinate, and how many of these are maxima."""
     rows = Chunks.of(run, functions)
     check_coordinate(rows.run, name)
-    turns = _turned(rows, name)
+    turns = _turning_points(rows, name)
     return rows, turns, int(np.count_nonzero(turns.rows > 0))
 
 
@@ -150,8 +150,12 @@ def check_coordinate(record: xr.Dataset, name: str) -> None:
     InputError
         Naming those that it has.
     """
-    known = find_column(record, name)
-    if known is None or known.attrs.get("role") != "coordinate" or known.ndim > 1:
+    coordinate_variable = find_column(record, name)
+    if (
+        coordinate_variable is None
+        or coordinate_variable.attrs.get("role") != "coordinate"
+        or coordinate_variable.ndim > 1
+    ):
         coordinates = [
             str(coordinate)
             for coordinate, variable in record.data_vars.items()
@@ -180,45 +184,53 @@ class Turns:
     high: float
 
 
-def _turned(rows: Chunks, name: str) -> Turns:
+def _turning_points(rows: Chunks, name: str) -> Turns:
     """Find where a coordinate turns, at accepted states."""
-    found, values, low, high = [np.zeros(0, np.int64)], [np.zeros(0)], np.inf, -np.inf
+    turn_rows, values, low, high = [np.zeros(0, np.int64)], [np.zeros(0)], np.inf, -np.inf
     rising: list[bool] = []  # in the last row so far that moves
     speed = schema.velocity(name)
     for part in rows.parts(name, speed):
-        here, moving = part.own(name), np.flatnonzero(part.own(speed))
-        up = np.concatenate([np.array(rising, bool), part.own(speed)[moving] > 0.0])
+        part_values, moving = part.own_rows(name), np.flatnonzero(part.own_rows(speed))
+        up = np.concatenate([np.array(rising, bool), part.own_rows(speed)[moving] > 0.0])
         places = np.flatnonzero(up[:-1] != up[1:])
-        turned = moving[places + 1 - len(rising)]
-        found.append(np.where(up[places], part.first + turned, -part.first - turned))
-        values.append(here[turned])
+        part_turns = moving[places + 1 - len(rising)]
+        turn_rows.append(np.where(up[places], part.first + part_turns, -part.first - part_turns))
+        values.append(part_values[part_turns])
         rising = up[-1:].tolist()
-        low, high = np.minimum(low, here.min()), np.maximum(high, here.max())
+        low, high = np.minimum(low, part_values.min()), np.maximum(high, part_values.max())
     turns = np.concatenate(values)
-    first, last = rows.at(name, [0, rows.size - 1])
+    first, last = rows.values_at(name, [0, rows.size - 1])
     swings = np.abs(np.diff(np.concatenate([[first], turns, [last]])))
     large = np.maximum(swings[:-1], swings[1:]) > SMALLEST * float(high - low)
-    return Turns(np.concatenate(found)[large], turns[large], float(low), float(high))
+    return Turns(np.concatenate(turn_rows)[large], turns[large], float(low), float(high))
 
 
 def _share(rows: Chunks, name: str, extent: float) -> float:
     """Return the range of an element over the largest value of its quantity; 1 of what is no element."""
-    whole = parted(name)[0]
-    if whole == name:
+    quantity_name = split_element_name(name)[0]
+    if quantity_name == name:
         return 1.0
-    elements = [other for other in map(str, rows.run.variables) if other == whole or parted(other)[0] == whole]
-    largest = max(np.max(np.abs(part.own(other)), initial=0.0) for part in rows.parts(*elements) for other in elements)
+    elements = [
+        element_name
+        for element_name in map(str, rows.run.variables)
+        if element_name == quantity_name or split_element_name(element_name)[0] == quantity_name
+    ]
+    largest = max(
+        np.max(np.abs(part.own_rows(element_name)), initial=0.0)
+        for part in rows.parts(*elements)
+        for element_name in elements
+    )
     return extent / float(largest) if largest > 0.0 else 1.0
 
 
-def _chosen(rows: Chunks, name: str, turns: Turns, maxima: int) -> tuple[float, str]:
+def _choose_level(rows: Chunks, name: str, turns: Turns, maxima: int) -> tuple[float, str]:
     """Choose a level that cycles rise through; see `cycles`."""
     levels = {"zero": 0.0, "the middle of the range": float(turns.low + turns.high) / 2.0}
     ends = turns.values
     if ends.size > 1:
-        least = int(np.argmin(np.abs(np.diff(ends))))
-        levels["the middle of the smallest swing"] = float(ends[least] + ends[least + 1]) / 2.0
-    counts = dict(zip(levels, map(len, _risen(rows, name, [*levels.values()])), strict=True))
+        smallest_swing = int(np.argmin(np.abs(np.diff(ends))))
+        levels["the middle of the smallest swing"] = float(ends[smallest_swing] + ends[smallest_swing + 1]) / 2.0
+    counts = dict(zip(levels, map(len, _rising_rows(rows, name, [*levels.values()])), strict=True))
     enough = [rule for rule, count in counts.items() if count > 1 and 2 * count >= maxima]
     rule = enough[0] if enough else max(counts, key=lambda candidate: counts[candidate])
     if not enough and counts[rule] == counts["the middle of the range"]:
@@ -226,18 +238,18 @@ def _chosen(rows: Chunks, name: str, turns: Turns, maxima: int) -> tuple[float, 
     return levels[rule], rule
 
 
-def _risen(rows: Chunks, name: str, levels: Sequence[float]) -> list[Rows]:
+def _rising_rows(rows: Chunks, name: str, levels: Sequence[float]) -> list[Rows]:
     """Return for each level the rows from which a step rises through it; a start on the level is not a crossing."""
     risen: list[list[Rows]] = [[] for _ in levels]
     for part in rows.parts(name, "time"):
-        values, time, numbers = part.columns[name], part.columns["time"], part.numbers
-        inside = (numbers[:-1] >= part.first) & (np.diff(time) > 0)
-        for found, level in zip(risen, levels, strict=True):
-            found.append(numbers[:-1][inside & (values[:-1] < level) & (values[1:] >= level)])
-    return [np.concatenate(found) for found in risen]
+        values, time, numbers = part.columns[name], part.columns["time"], part.row_numbers
+        is_step = (numbers[:-1] >= part.first) & (np.diff(time) > 0)
+        for level_rows, level in zip(risen, levels, strict=True):
+            level_rows.append(numbers[:-1][is_step & (values[:-1] < level) & (values[1:] >= level)])
+    return [np.concatenate(level_rows) for level_rows in risen]
 
 
-def _located(
+def _locate_crossings(
     rows: Chunks,
     name: str,
     level: float,
@@ -245,25 +257,27 @@ def _located(
     functions: Mapping[str, Callable[..., float]] | None,
 ) -> tuple[Floats, Floats]:
     """Locate all crossings at once, by Newton steps that stay inside brackets, and by bisection."""
-    run, _ = rows.near(np.concatenate([risen, risen + 1]))
-    (low, high), (before, after) = (rows.at(own, np.stack([risen, risen + 1])) for own in ("time", name))
-    inside, speed = Inside.of(run, functions, REINTEGRATE), schema.velocity(name)
-    here = low + (high - low) * (level - before) / (after - before)
+    run, _ = rows.nearby_record(np.concatenate([risen, risen + 1]))
+    (low, high), (values_before, values_after) = (
+        rows.values_at(column_name, np.stack([risen, risen + 1])) for column_name in ("time", name)
+    )
+    interpolator, speed = StepInterpolator.of_run(run, functions, REINTEGRATE), schema.velocity(name)
+    crossing_times = low + (high - low) * (level - values_before) / (values_after - values_before)
     for turn in range(TURNS):
-        at = inside.at(here, after=False)
-        off, slope = inside.taken(at, name) - level, inside.taken(at, speed)
-        low, high = np.where(off < 0.0, here, low), np.where(off < 0.0, high, here)
+        states = interpolator.states_at(crossing_times, after_event=False)
+        off, slope = interpolator.values_of(states, name) - level, interpolator.values_of(states, speed)
+        low, high = np.where(off < 0.0, crossing_times, low), np.where(off < 0.0, high, crossing_times)
         with np.errstate(divide="ignore", invalid="ignore"):
-            newton = here - off / slope
+            newton = crossing_times - off / slope
         # a step as small as rounding ends where it began, at an end of the bracket: halving would restart the search
         bracketed = (newton >= low) & (newton <= high) & (turn % 8 != 7)
-        there = np.where(off == 0.0, here, np.where(bracketed, newton, (low + high) / 2.0))
-        small = np.abs(there - here) <= 2.0 * EPS * np.maximum(np.abs(here), high - low)
-        here = there
+        next_times = np.where(off == 0.0, crossing_times, np.where(bracketed, newton, (low + high) / 2.0))
+        small = np.abs(next_times - crossing_times) <= 2.0 * EPS * np.maximum(np.abs(crossing_times), high - low)
+        crossing_times = next_times
         if small.all():
             break
-    at = inside.at(here, after=False)
-    value, slope = (inside.taken(at, own) for own in (name, speed))
+    states = interpolator.states_at(crossing_times, after_event=False)
+    value, slope = (interpolator.values_of(states, column_name) for column_name in (name, speed))
     with np.errstate(divide="ignore", invalid="ignore"):
-        uncertainty = (np.abs(inside.error_taken(at, name)) + np.abs(value - level)) / np.abs(slope)
-    return here, uncertainty + EPS * np.abs(here)
+        uncertainty = (np.abs(interpolator.errors_of(states, name)) + np.abs(value - level)) / np.abs(slope)
+    return crossing_times, uncertainty + EPS * np.abs(crossing_times)

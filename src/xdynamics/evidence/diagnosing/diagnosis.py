@@ -10,36 +10,41 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive, record, schema
-from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.evidence.audit import audit, audited_columns, gates_of, gates_said
+from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.evidence.audit import audit, audited_columns, gate_lines, gates_of
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, Tighter, check_whole, tighter_of
 from xdynamics.evidence.diagnosing import chaos
-from xdynamics.evidence.diagnosing.belief import believed
-from xdynamics.evidence.diagnosing.closed_forms import residuals
-from xdynamics.evidence.diagnosing.conservation import ROLE, bands, conserved
-from xdynamics.evidence.diagnosing.continuity import continuity, continuity_said
+from xdynamics.evidence.diagnosing.belief import belief_variables
+from xdynamics.evidence.diagnosing.closed_forms import closed_form_residuals
+from xdynamics.evidence.diagnosing.conservation import ROLE, bands, conservation_variables
+from xdynamics.evidence.diagnosing.continuity import continuity, continuity_lines
 from xdynamics.evidence.diagnosing.element_extremes import extremes_by_quantities, has_many_elements
-from xdynamics.evidence.diagnosing.extremes import extremes_of, sought
+from xdynamics.evidence.diagnosing.extremes import extremes_of, sought_names
 from xdynamics.evidence.diagnosing.phases import (
-    along_cycles,
-    counted_cycles,
+    count_coordinate_cycles,
+    cycle_variables,
     exact_march,
-    listed,
+    limit_occurrences,
     reference_times,
 )
-from xdynamics.evidence.diagnosing.turns import turns
-from xdynamics.evidence.evidence_dataset import about, exhibit, relative_uncertainty, stated
-from xdynamics.evidence.gates import NOT_CHECKED, Gate, gates_as
+from xdynamics.evidence.diagnosing.turns import turn_variables
+from xdynamics.evidence.evidence_dataset import (
+    evidence_dataset,
+    relative_uncertainty,
+    stated_value,
+    variable_attributes,
+)
+from xdynamics.evidence.gates import NOT_CHECKED, Gate, gate_variables
 from xdynamics.evidence.run_tasks import task_of_runs
-from xdynamics.evidence.runs import by_quantities
+from xdynamics.evidence.runs import prepare_record
 from xdynamics.evidence.stage_tasks import results_of
-from xdynamics.evidence.stages import Stage, counted_number, lazy, subject_of, task_of
+from xdynamics.evidence.stages import Stage, lazy_stage, requested_count, subject_of, task_of
 from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.record import check, check_kind, shapes_of, unfold
 from xdynamics.record.folding import fold, labelled, model_dimensions
-from xdynamics.record.named_elements import column
+from xdynamics.record.named_elements import get_column
 from xdynamics.record.partial_records import check_every_column, check_every_row
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
 from xdynamics.units import unit_suffix
@@ -158,7 +163,7 @@ def diagnose(
     if not isinstance(of, str | None):
         raise InputError(f"of is {of!r}, needs the name of a coordinate")
     request = DiagnosisRequest(
-        of, level, reference, exact, lyapunov, functions, counted_number(occurrences, "occurrences")
+        of, level, reference, exact, lyapunov, functions, requested_count(occurrences, "occurrences")
     )
     tighter = tighter_of(run, functions) if companion else None
     needs = [tighter.task] if tighter is not None else []
@@ -168,36 +173,36 @@ def diagnose(
     call = partial(_diagnosed, request, tighter)
     task = task_of_runs("diagnosis", call, (run,), *request.words, needs=tuple(needs))
     if compute:
-        return _labelled(results_of(task)[0], run)
+        return _with_run_labels(results_of(task)[0], run)
     if request.occurrences is None and with_roles(run, ("coordinate",)):
         raise InputError(
             "how many cycles a run has is known only once it is marched and read; give the number to list, like"
             " occurrences=10"
         )
-    rows = Unread(unfold(run), model_of(run, functions), request.occurrences or 0)
-    beside = None if tighter is None else tighter.beside(rows.run, rows.run, functions)
-    return _labelled(lazy(Stage(_dataset(request, rows, beside, None, ()), task)), run)
+    rows = Unread(unfold(run), model_of_record(run, functions), request.occurrences or 0)
+    blank_companion = None if tighter is None else tighter.to_companion(rows.run, rows.run, functions)
+    return _with_run_labels(lazy_stage(Stage(_diagnosis_dataset(request, rows, blank_companion, None, ()), task)), run)
 
 
-def foreseen(march: March, occurrences: int) -> xr.Dataset:
+def foreseen_diagnosis(march: March, occurrences: int) -> xr.Dataset:
     """Return what a diagnosis of a march's run will hold, before it begins: zeros, with names, dimensions and units."""
     run = record.foreseen(march)
     request = DiagnosisRequest(functions=march.model.functions, occurrences=occurrences)
     rows = Unread(unfold(run), march.model, occurrences)
-    beside = Companion(rows.run, rows.run, 1.0, "", march.model.functions)
-    return _labelled(_dataset(request, rows, beside, None, ()), run)
+    blank_companion = Companion(rows.run, rows.run, 1.0, "", march.model.functions)
+    return _with_run_labels(_diagnosis_dataset(request, rows, blank_companion, None, ()), run)
 
 
-def _labelled(found: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
+def _with_run_labels(diagnosis: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
     """Return a diagnosis with the labels of the run's dimensions."""
-    return labelled(fold(found, shapes_of(run))) if model_dimensions(run) else found
+    return labelled(fold(diagnosis, shapes_of(run))) if model_dimensions(run) else diagnosis
 
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
     """What is asked of a diagnosis; see `diagnose`."""
 
-    of: str | None = None
+    coordinate: str | None = None
     level: str | float | None = None
     reference: xr.Dataset | str | float | None = None
     exact: Mapping[str, str] | None = None
@@ -209,25 +214,27 @@ class DiagnosisRequest:
     def words(self) -> list[Any]:
         """All that a diagnosis depends on besides runs, to be compared as it is printed."""
         reference = self.reference
-        named = reference if isinstance(reference, str | float | int | None) else subject_of(reference)
-        return [self.of, self.level, named, self.exact, self.lyapunov, self.occurrences]
+        reference_name = reference if isinstance(reference, str | float | int | None) else subject_of(reference)
+        return [self.coordinate, self.level, reference_name, self.exact, self.lyapunov, self.occurrences]
 
 
 def _diagnosed(request: DiagnosisRequest, tighter: Tighter | None, run: xr.Dataset, *marched: xr.Dataset) -> xr.Dataset:
     """Diagnose a run beside a tighter and a nearly exact one, where they are marched."""
     functions = request.functions
-    model = model_of(run, functions)
-    run = by_quantities(run, functions)
+    model = model_of_record(run, functions)
+    run = prepare_record(run, functions)
     if request.exact or request.lyapunov is not False or not has_many_elements(run, model):
         run, marched = unfold(run), tuple(map(unfold, marched))
-    others = iter(marched)
-    beside = None if tighter is None else tighter.beside(run, next(others), functions)
-    digests = [archive.digest_of_run(entry) for entry in (run, *([] if beside is None else [beside.run]))]
+    further_runs = iter(marched)
+    tighter_companion = None if tighter is None else tighter.to_companion(run, next(further_runs), functions)
+    digests = [
+        archive.digest_of_run(entry) for entry in (run, *([] if tighter_companion is None else [tighter_companion.run]))
+    ]
     rows = Chunks(run, model)
-    return _dataset(request, rows, beside, next(others, None), digests)
+    return _diagnosis_dataset(request, rows, tighter_companion, next(further_runs, None), digests)
 
 
-def _dataset(
+def _diagnosis_dataset(
     request: DiagnosisRequest,
     rows: Chunks,
     tighter: Companion | None,
@@ -242,97 +249,108 @@ def _dataset(
     steps, remade = continuity(rows, functions)
     rule: dict[str, Any] = {"continuity_rule": remade}
     units = ""
-    of = request.of and rows.model.shapes.inside(request.of)
-    counted = counted_cycles(rows, of, request.level, functions)
-    variables |= dict(conserved(rows, counted, functions))
-    if counted is not None:
-        ideal, source = reference_times(rows, counted, request.reference, tighter, exact_run, functions)
-        turning = turns(rows, counted.name, functions)
-        variables |= along_cycles(rows, counted, ideal, turning, functions) | turning
-        units = str(column(run, counted.name).attrs["units"])
-        attributes |= {"coordinate": counted.name, "level_units": units}
-        rule |= {"level": counted.level, "level_rule": counted.rule, "maxima": counted.maxima, "reference": source}
-        rule |= {"cycle_doubt": counted.doubt}
+    coordinate_name = request.coordinate and rows.model.shapes.internal_name(request.coordinate)
+    coordinate_cycles = count_coordinate_cycles(rows, coordinate_name, request.level, functions)
+    variables |= dict(conservation_variables(rows, coordinate_cycles, functions))
+    if coordinate_cycles is not None:
+        ideal, source = reference_times(rows, coordinate_cycles, request.reference, tighter, exact_run, functions)
+        turning = turn_variables(rows, coordinate_cycles.name, functions)
+        variables |= cycle_variables(rows, coordinate_cycles, ideal, turning, functions) | turning
+        units = str(get_column(run, coordinate_cycles.name).attrs["units"])
+        attributes |= {"coordinate": coordinate_cycles.name, "level_units": units}
+        rule |= {
+            "level": coordinate_cycles.level,
+            "level_rule": coordinate_cycles.rule,
+            "maxima": coordinate_cycles.maxima,
+            "reference": source,
+        }
+        rule |= {"cycle_doubt": coordinate_cycles.doubt}
     attributes |= {name: value for name, value in rule.items() if value != ""}
     if isinstance(rows, Unread):  # attributes that are not known yet are variables
         variables |= {
-            name: ((), value, about(units if name == "level" else "1", SAID[name], "rule"))
+            name: ((), value, variable_attributes(units if name == "level" else "1", SAID[name], "rule"))
             for name, value in rule.items()
         }
-    variables = listed(variables, request.occurrences)
+    variables = limit_occurrences(variables, request.occurrences)
     if model_dimensions(run):
         variables |= extremes_by_quantities(rows, functions)
     else:
-        variables |= extremes_of(rows, sought(run, rows.model), functions)
+        variables |= extremes_of(rows, sought_names(run, rows.model), functions)
     variables |= steps
-    variables |= dict(residuals(rows, {} if request.exact is None else request.exact))
+    variables |= dict(closed_form_residuals(rows, {} if request.exact is None else request.exact))
     if request.exact:
-        variables["time"] = ((STEPS,), rows.at("time", np.arange(rows.size)), dict(run["time"].attrs))
+        variables["time"] = ((STEPS,), rows.values_at("time", np.arange(rows.size)), dict(run["time"].attrs))
     gates = [Gate(name, NOT_CHECKED, "") for name in gates_of(rows.model)]
     if gates and not isinstance(rows, Unread):
         audited = audited_columns(run, rows.model)
-        gates = audit(rows.whole(audited) if rows.is_stored else audited, functions)
+        gates = audit(rows.load_variables(audited) if rows.is_stored else audited, functions)
     if gates:
-        variables |= gates_as(gates, "what is asked of the record")
+        variables |= gate_variables(gates, "what is asked of the record")
     if tighter is not None:
-        variables |= believed(rows, tighter)
-        attributes["companion"] = tighter.said
+        variables |= belief_variables(rows, tighter)
+        attributes["companion"] = tighter.tightening
     if request.lyapunov is not False:
-        variables |= _lyapunov(rows, request)
-    return exhibit(
+        variables |= _lyapunov_variables(rows, request)
+    return evidence_dataset(
         "diagnosis", f"diagnosis of {run.attrs['title']}", digests, variables, attributes, shapes=rows.model.shapes
     )
 
 
-def _lyapunov(rows: Chunks, request: DiagnosisRequest) -> dict[str, Any]:
+def _lyapunov_variables(rows: Chunks, request: DiagnosisRequest) -> dict[str, Any]:
     """Return the exponents of a run; of one in chunks the columns that this needs are read, as a whole."""
-    run, wanted = rows.run, request.lyapunov
+    run, exponent_count = rows.run, request.lyapunov
     if isinstance(rows, Unread):
-        return chaos.described(str(run["time"].attrs["units"]), rows.model, wanted=wanted)
+        return chaos.describe_exponents(str(run["time"].attrs["units"]), rows.model, exponent_count=exponent_count)
     if rows.is_stored:
         run = run.drop_dims(SAMPLES, errors="ignore")
-        run = rows.whole(run.drop_vars([name for name in run if run[name].attrs.get("role") in NOT_FOLLOWED]))
-    return chaos.lyapunov(run, request.functions, wanted=wanted)
+        run = rows.load_variables(run.drop_vars([name for name in run if run[name].attrs.get("role") in NOT_FOLLOWED]))
+    return chaos.lyapunov(run, request.functions, exponent_count=exponent_count)
 
 
-def cycles_said(found: xr.Dataset) -> str:
+def cycles_text(diagnosis: xr.Dataset) -> str:
     """Describe which coordinate's cycles are counted, and through which level; older diagnoses name no rule."""
-    level, rule = float(stated(found, "level")), stated(found, "level_rule")
+    level, rule = float(stated_value(diagnosis, "level")), stated_value(diagnosis, "level_rule")
     why = f", {rule}" if rule is not None else ""
     return (
-        f"{found.attrs['coordinate']}, each from one rise through"
-        f" {level:.6g}{unit_suffix(str(found.attrs['level_units']))}{why}, to the next"
+        f"{diagnosis.attrs['coordinate']}, each from one rise through"
+        f" {level:.6g}{unit_suffix(str(diagnosis.attrs['level_units']))}{why}, to the next"
     )
 
 
-def cycles_counted(found: xr.Dataset) -> int:
+def cycle_count(diagnosis: xr.Dataset) -> int:
     """Return how many of the cycles that are listed there are."""
-    return int(found["period"].count()) if CYCLE in found.dims else 0
+    return int(diagnosis["period"].count()) if CYCLE in diagnosis.dims else 0
 
 
-def lines_of(found: xr.Dataset) -> Iterator[str]:
+def diagnosis_lines(diagnosis: xr.Dataset) -> Iterator[str]:
     """Describe a diagnosis, line by line."""
-    for name, variable in found.data_vars.items():
+    for name, variable in diagnosis.data_vars.items():
         if not variable.dims and variable.attrs["role"] in (ROLE, "residual") and name not in chaos.IN_WORDS:
             rule = f"{name}_rule"
-            shown = f", {str(found[rule].attrs['flag_meanings']).split()[int(found[rule])]}" if rule in found else ""
-            over = schema.scaled(str(name))
-            shown += (
-                f", scaled {float(found[over]):.3g} by {_scale_in_words(found, str(name))}" if over in found else ""
+            rule_text = (
+                f", {str(diagnosis[rule].attrs['flag_meanings']).split()[int(diagnosis[rule])]}"
+                if rule in diagnosis
+                else ""
             )
-            yield f"{name} = {diagnosed(found, str(name))}{shown}"
-    yield from continuity_said(found)
-    yield from gates_said(found)
-    yield from chaos.exponents_in_words(found)
-    if doubt := stated(found, "cycle_doubt"):
+            scaled_name = schema.scaled_name(str(name))
+            rule_text += (
+                f", scaled {float(diagnosis[scaled_name]):.3g} by {_scale_in_words(diagnosis, str(name))}"
+                if scaled_name in diagnosis
+                else ""
+            )
+            yield f"{name} = {diagnosed(diagnosis, str(name))}{rule_text}"
+    yield from continuity_lines(diagnosis)
+    yield from gate_lines(diagnosis)
+    yield from chaos.exponents_in_words(diagnosis)
+    if doubt := stated_value(diagnosis, "cycle_doubt"):
         yield f"attention: {doubt}"
-    if count := cycles_counted(found):
-        yield f"cycles of {cycles_said(found)}: {count}, phases beside {stated(found, 'reference')}"
+    if count := cycle_count(diagnosis):
+        yield f"cycles of {cycles_text(diagnosis)}: {count}, phases beside {stated_value(diagnosis, 'reference')}"
         for name in ("period", "phase_offset", "amplitude", "phase_space_area"):
-            if found[name][:count].isnull().all():
+            if diagnosis[name][:count].isnull().all():
                 yield f"{name} is unknown: the reference has fewer cycles, or none was marched"
                 continue
-            first, last = (diagnosed(found, name, k) for k in (0, count - 1))
+            first, last = (diagnosed(diagnosis, name, k) for k in (0, count - 1))
             yield f"{name} = {first} in the first cycle, {last} in the last"
 
 
@@ -346,10 +364,10 @@ def diagnosed(diagnosis: xr.Dataset, name: str, cycle: int | None = None) -> str
 def _digits_of(diagnosis: xr.Dataset, name: str, cycle: int | None = None) -> int:
     """Return the number of digits of a diagnosed number: six, or as many as its uncertainty justifies."""
     numbers = [name, f"{name}_uncertainty"] if f"{name}_uncertainty" in diagnosis else [name]
-    value, *found = (float(diagnosis[key] if cycle is None else diagnosis[key][cycle]) for key in numbers)
+    value, *uncertainties = (float(diagnosis[key] if cycle is None else diagnosis[key][cycle]) for key in numbers)
     doubt = float(diagnosis.attrs.get(RELATIVE, UNKNOWN)) * max(abs(value), _range_of(diagnosis, name))
-    shown = digits(value, uncertainty=max(doubt, *found) if found else doubt)
-    return min(shown, LONGEST if found else UNESTIMATED)
+    digit_count = digits(value, uncertainty=max(doubt, *uncertainties) if uncertainties else doubt)
+    return min(digit_count, LONGEST if uncertainties else UNESTIMATED)
 
 
 def _range_of(diagnosis: xr.Dataset, name: str) -> float:
@@ -363,8 +381,8 @@ def _range_of(diagnosis: xr.Dataset, name: str) -> float:
 
 def _scale_in_words(diagnosis: xr.Dataset, norm: str) -> str:
     """Write the scale of a residual's norm."""
-    scale = diagnosis[schema.scale("residual", norm.partition("_residual_")[2])]
+    scale = diagnosis[schema.scale_name("residual", norm.partition("_residual_")[2])]
     return f"{float(scale):.6g}{'' if scale.attrs['units'] == '1' else ' ' + scale.attrs['units']}"
 
 
-SUMMARIES = {"diagnosis": lines_of}
+SUMMARIES = {"diagnosis": diagnosis_lines}

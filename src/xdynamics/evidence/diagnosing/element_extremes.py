@@ -1,4 +1,4 @@
-"""The largest and the least value of every element of quantities over a run: as `extremes`, all elements side by side."""
+"""The largest and the least value of every element of quantities over a run: as `find_extremes`, all elements side by side."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.evidence.chunks import Chunks, with_roles
 from xdynamics.evidence.diagnosing.extremes import (
     MOST_NAMES,
@@ -20,7 +20,7 @@ from xdynamics.evidence.diagnosing.extremes import (
     takes_too_much,
 )
 from xdynamics.evidence.diagnosing.heights import INTERPOLATED, ElementExtremes, Heights
-from xdynamics.evidence.diagnosing.states_inside import column, parts_of
+from xdynamics.evidence.diagnosing.states_inside import consecutive_slices, variable_numbers
 from xdynamics.evidence.diagnosing.summits import Summits
 from xdynamics.evidence.observables import knows_state_rates, state_rates
 from xdynamics.methods.scheme import REINTEGRATE
@@ -50,76 +50,87 @@ def has_many_elements(run: xr.Dataset, model: Model) -> bool:
 def extremes_by_quantities(rows: Chunks, functions: Functions | None) -> dict[str, tuple[Any, ...]]:
     """Return the largest and the least value of all elements that steps integrate as variables of a Dataset."""
     run, variables = rows.run, dict[str, tuple[Any, ...]]()
-    wanted = [(name, sign) for name in with_roles(run, STATES) for sign in (1.0, -1.0)]
-    for (name, sign), result in zip(wanted, extremes_of_elements(rows, wanted, functions), strict=True):
+    signed_names = [(name, sign) for name in with_roles(run, STATES) for sign in (1.0, -1.0)]
+    for (name, sign), result in zip(signed_names, extremes_of_elements(rows, signed_names, functions), strict=True):
         variables |= extreme_variables(run, name, sign, result)
     return variables
 
 
 def extremes_of_elements(
-    rows: Chunks, wanted: Sequence[tuple[str, float]], functions: Functions | None
+    rows: Chunks, signed_names: Sequence[tuple[str, float]], functions: Functions | None
 ) -> list[ElementExtremes]:
     """Find the largest values of quantities that steps integrate, or with a sign of -1 the least.
 
     The rates of these have to be known from states alone; see `knows_state_rates`.
     """
-    found = [Heights.of(name, sign, int(np.prod(rows.run.variables[name].shape[1:]))) for name, sign in wanted]
-    for stretch in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in wanted)):
-        for heights in found:
+    all_heights = [
+        Heights.of(name, sign, int(np.prod(rows.run.variables[name].shape[1:]))) for name, sign in signed_names
+    ]
+    for stretch in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in signed_names)):
+        for heights in all_heights:
             heights.rise(stretch)
-    searches, inside = _begun(rows, found), None
-    near, _ = rows.near(np.concatenate([heights.rows.ravel() for heights in found]))
+    searches, interpolator = _begin_element_searches(rows, all_heights), None
+    near, _ = rows.nearby_record(np.concatenate([heights.rows.ravel() for heights in all_heights]))
     while True:
         times = [search.places() for search in searches]
-        asked = sum(item.size for item in times)
-        if not asked:
+        state_count = sum(item.size for item in times)
+        if not state_count:
             break
-        if inside is None and takes_too_much(asked, rows):
-            return [_accepted(*pair) for pair in zip(found, searches, strict=True)]
-        inside = inside or Inside.of(near, functions, REINTEGRATE)
-        states = inside.at(np.concatenate(times), after=False)
-        at = {block.name: column(states, block.name) for block in inside.layout.used.blocks}
-        where = column(states, schema.AT_TIME), column(states, "row")
-        rates, parts = _rates(rows, near, at, *where), parts_of([item.size for item in times])
-        for heights, search, part in zip(found, searches, parts, strict=True):
+        if interpolator is None and takes_too_much(state_count, rows):
+            return [_accepted_extremes(*pair) for pair in zip(all_heights, searches, strict=True)]
+        interpolator = interpolator or StepInterpolator.of_run(near, functions, REINTEGRATE)
+        states = interpolator.states_at(np.concatenate(times), after_event=False)
+        values_by_name = {block.name: variable_numbers(states, block.name) for block in interpolator.layout.used.blocks}
+        where = variable_numbers(states, schema.AT_TIME), variable_numbers(states, "row")
+        rates, parts = (
+            _quantity_rates(rows, near, values_by_name, *where),
+            consecutive_slices([item.size for item in times]),
+        )
+        for heights, search, part in zip(all_heights, searches, parts, strict=True):
             if part.start < part.stop:
-                members = search.asked
-                values = at[heights.name][part].reshape(members.size, search.best.size)[
+                members = search.place_members
+                values = values_by_name[heights.name][part].reshape(members.size, search.best.size)[
                     np.arange(members.size), members
                 ]
                 search.narrow(values, rates[heights.name][members, np.arange(part.start, part.stop)])
-    settled = [_settled(*pair) for pair in zip(found, searches, strict=True)]
-    return settled if inside is None else [*_with_errors(found, settled, inside)]
+    best_extremes = [_better_extremes(*pair) for pair in zip(all_heights, searches, strict=True)]
+    return (
+        best_extremes
+        if interpolator is None
+        else [*_with_interpolation_errors(all_heights, best_extremes, interpolator)]
+    )
 
 
-def _begun(rows: Chunks, found: Sequence[Heights]) -> list[Summits]:
+def _begin_element_searches(rows: Chunks, all_heights: Sequence[Heights]) -> list[Summits]:
     """Begin the searches of the steps around each hump of each element."""
-    near, places = rows.near(np.concatenate([heights.rows.ravel() for heights in found]))
+    near, places = rows.nearby_record(np.concatenate([heights.rows.ravel() for heights in all_heights]))
     distinct, inverse = np.unique(places, return_inverse=True)
-    at = {heights.name: column(near, heights.name)[distinct] for heights in found}
-    rates = _rates(rows, near, at, column(near, "time")[distinct], distinct)
-    parts = parts_of([heights.rows.size for heights in found])
+    values_by_name = {heights.name: variable_numbers(near, heights.name)[distinct] for heights in all_heights}
+    rates = _quantity_rates(rows, near, values_by_name, variable_numbers(near, "time")[distinct], distinct)
+    parts = consecutive_slices([heights.rows.size for heights in all_heights])
     return [
         heights.search(rates[heights.name][heights.members, inverse[part].reshape(3, -1)])
-        for heights, part in zip(found, parts, strict=True)
+        for heights, part in zip(all_heights, parts, strict=True)
     ]
 
 
-def _rates(rows: Chunks, near: object, at: dict[str, Floats], times: Floats, numbers: Rows) -> dict[str, Floats]:
+def _quantity_rates(
+    rows: Chunks, near: object, values_by_name: dict[str, Floats], times: Floats, numbers: Rows
+) -> dict[str, Floats]:
     """Return the rates of quantities at states, shape (elements, k), in recorded units."""
-    rates = state_rates(near, rows.model, at, times, numbers)  # type: ignore[arg-type]
+    rates = state_rates(near, rows.model, values_by_name, times, numbers)  # type: ignore[arg-type]
     assert rates is not None  # noqa: S101 - asked before
     units = {name: parse_unit(str(rows.run.variables[name].attrs["units"])) for name in rates}
-    return {name: own / float(units[name].factor) for name, own in rates.items()}
+    return {name: values / float(units[name].factor) for name, values in rates.items()}
 
 
-def _accepted(heights: Heights, search: Summits) -> ElementExtremes:
+def _accepted_extremes(heights: Heights, search: Summits) -> ElementExtremes:
     """Return the best accepted states, and how far parabolas and tangents exceed them."""
     best, above = heights.accepted(), search.open_heights
     return best._replace(uncertainties=np.where(above > best.uncertainties, above, best.uncertainties))
 
 
-def _settled(heights: Heights, search: Summits) -> ElementExtremes:
+def _better_extremes(heights: Heights, search: Summits) -> ElementExtremes:
     """Return the results of the search where they are better than the best accepted states, which are returned elsewhere."""
     best, sign = heights.accepted(), heights.sign
     better = sign * search.best > sign * best.values
@@ -131,17 +142,25 @@ def _settled(heights: Heights, search: Summits) -> ElementExtremes:
     )
 
 
-def _with_errors(
-    found: Sequence[Heights], settled: Sequence[ElementExtremes], inside: Inside
+def _with_interpolation_errors(
+    all_heights: Sequence[Heights], best_extremes: Sequence[ElementExtremes], interpolator: StepInterpolator
 ) -> Iterator[ElementExtremes]:
     """Yield extremes with the errors of those that are between accepted states by interpolation."""
-    members = [np.flatnonzero(result.rules == INTERPOLATED) for result in settled]
-    times = np.concatenate([result.times[own] for result, own in zip(settled, members, strict=True)])
-    states = inside.at(times, after=False) if times.size else None
-    for heights, result, own, part in zip(
-        found, settled, members, parts_of([own.size for own in members]), strict=True
+    members = [np.flatnonzero(result.rules == INTERPOLATED) for result in best_extremes]
+    times = np.concatenate(
+        [result.times[interpolated] for result, interpolated in zip(best_extremes, members, strict=True)]
+    )
+    states = interpolator.states_at(times, after_event=False) if times.size else None
+    for heights, result, interpolated, part in zip(
+        all_heights,
+        best_extremes,
+        members,
+        consecutive_slices([interpolated.size for interpolated in members]),
+        strict=True,
     ):
         if states is not None:
-            errors = column(states, schema.error(heights.name))[part].reshape(own.size, result.rules.size)
-            result.uncertainties[own] = np.abs(errors[np.arange(own.size), own])
+            errors = variable_numbers(states, schema.error(heights.name))[part].reshape(
+                interpolated.size, result.rules.size
+            )
+            result.uncertainties[interpolated] = np.abs(errors[np.arange(interpolated.size), interpolated])
         yield result

@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.dynamics.path import steps_over_impacts
-from xdynamics.dynamics.shortened_steps import Inside, sampled
+from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.diagnosing.heights import INTERPOLATED, RULES, Heights
-from xdynamics.evidence.diagnosing.states_inside import QuantitiesInside, StatesInside, column, parts_of
+from xdynamics.evidence.diagnosing.states_inside import (
+    QuantitiesInside,
+    StatesInside,
+    consecutive_slices,
+    variable_numbers,
+)
 from xdynamics.evidence.diagnosing.summits import Summits
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.evidence.observed_quantities import widest
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -57,13 +62,13 @@ class Extreme(NamedTuple):
     uncertainty: float
 
 
-def extreme(run: xr.Dataset | Chunks, name: str, sign: float, functions: Functions | None) -> Extreme:
-    """Find the largest value of a quantity, or with a sign of -1 the least; see `extremes`."""
-    return extremes(run, [(name, sign)], functions)[0]
+def find_extreme(run: xr.Dataset | Chunks, name: str, sign: float, functions: Functions | None) -> Extreme:
+    """Find the largest value of a quantity, or with a sign of -1 the least; see `find_extremes`."""
+    return find_extremes(run, [(name, sign)], functions)[0]
 
 
-def extremes(
-    run: xr.Dataset | Chunks, wanted: Sequence[tuple[str, float]], functions: Functions | None
+def find_extremes(
+    run: xr.Dataset | Chunks, signed_names: Sequence[tuple[str, float]], functions: Functions | None
 ) -> list[Extreme]:
     """Find the largest values of quantities, or with a sign of -1 the least.
 
@@ -77,39 +82,42 @@ def extremes(
     16 million numbers; the uncertainty is then no less than how far tangents at accepted states meet above them.
     """
     rows = Chunks.of(run, functions)
-    found = [Heights.of(name, sign) for name, sign in wanted]
-    for part in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in wanted)):
-        for heights in found:
+    all_heights = [Heights.of(name, sign) for name, sign in signed_names]
+    for part in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in signed_names)):
+        for heights in all_heights:
             heights.rise(part)
-    near, places = rows.near(np.concatenate([heights.rows.ravel() for heights in found]))
+    near, places = rows.nearby_record(np.concatenate([heights.rows.ravel() for heights in all_heights]))
     quantities = QuantitiesInside(
-        near, rows.model, [name for name, _ in wanted], [_factor(rows.run, name) for name, _ in wanted]
+        near, rows.model, [name for name, _ in signed_names], [_si_factor(rows.run, name) for name, _ in signed_names]
     )
-    searches = _begun(rows, quantities, found, places)
-    inside: Inside | None = None
+    searches = _begin_searches(rows, quantities, all_heights, places)
+    interpolator: StepInterpolator | None = None
     while True:
         times = [search.places() for _, search in searches]
-        asked = sum(item.size for item in times)
-        if not asked:
+        state_count = sum(item.size for item in times)
+        if not state_count:
             break
-        if inside is None and rows.model.shapes.dims and takes_too_much(asked, rows):
+        if interpolator is None and rows.model.shapes.dims and takes_too_much(state_count, rows):
             searches = [
-                (_accepted(heights, search), search) for heights, (_, search) in zip(found, searches, strict=True)
+                (_accepted_extreme(heights, search), search)
+                for heights, (_, search) in zip(all_heights, searches, strict=True)
             ]
             break
-        inside = inside or Inside.of(near, functions, REINTEGRATE)
-        states = StatesInside.inside(
-            rows.model, inside.at(np.concatenate(times), after=False), [item.size for item in times]
+        interpolator = interpolator or StepInterpolator.of_run(near, functions, REINTEGRATE)
+        states = StatesInside.from_dataset(
+            rows.model, interpolator.states_at(np.concatenate(times), after_event=False), [item.size for item in times]
         )
         values = quantities.values(states, states.variables)
         for (_, search), value, rate in zip(searches, values, quantities.rates(states, values), strict=True):
             if value.size:
                 search.narrow(value, rate)
-    results = [_settled(*item) for item in searches]
+    results = [_better_extreme(*item) for item in searches]
     between_rows = np.array([result.rule == INTERPOLATED for result in results])
-    if inside is not None and between_rows.any():
-        ends = inside.at(np.array([result.time for result in results if result.rule == INTERPOLATED]), after=False)
-        states = StatesInside.inside(rows.model, ends, [int(is_between) for is_between in between_rows])
+    if interpolator is not None and between_rows.any():
+        ends = interpolator.states_at(
+            np.array([result.time for result in results if result.rule == INTERPOLATED]), after_event=False
+        )
+        states = StatesInside.from_dataset(rows.model, ends, [int(is_between) for is_between in between_rows])
         errors = quantities.errors(states, quantities.values(states, states.variables))
         results = [
             result._replace(uncertainty=float(off[0])) if off.size else result
@@ -118,16 +126,16 @@ def extremes(
     return results
 
 
-def _begun(
-    rows: Chunks, quantities: QuantitiesInside, found: Sequence[Heights], places: Rows
+def _begin_searches(
+    rows: Chunks, quantities: QuantitiesInside, all_heights: Sequence[Heights], places: Rows
 ) -> list[tuple[Extreme, Summits]]:
     """Return the best accepted states, and the searches of the steps around each hump, whose rows are at these places."""
-    sizes = [heights.rows.size for heights in found]
-    states = {variable: column(quantities.run, variable)[places] for variable in rows.model.units}
-    times = np.concatenate([heights.times.ravel() for heights in found])
-    unknown = [np.zeros(0)] * len(found)
-    rates = quantities.rates(StatesInside(states, {}, times, places, parts_of(sizes)), unknown)
-    return [_search(rows, heights, rate) for heights, rate in zip(found, rates, strict=True)]
+    sizes = [heights.rows.size for heights in all_heights]
+    states = {variable: variable_numbers(quantities.run, variable)[places] for variable in rows.model.units}
+    times = np.concatenate([heights.times.ravel() for heights in all_heights])
+    unknown = [np.zeros(0)] * len(all_heights)
+    rates = quantities.rates(StatesInside(states, {}, times, places, consecutive_slices(sizes)), unknown)
+    return [_begin_search(rows, heights, rate) for heights, rate in zip(all_heights, rates, strict=True)]
 
 
 def takes_too_much(states: int, rows: Chunks) -> bool:
@@ -137,67 +145,67 @@ def takes_too_much(states: int, rows: Chunks) -> bool:
     return states * (2 * len(rows.model.units) + widest(rows.model)) > MOST_NUMBERS
 
 
-def _search(rows: Chunks, heights: Heights, rates: Floats) -> tuple[Extreme, Summits]:
+def _begin_search(rows: Chunks, heights: Heights, rates: Floats) -> tuple[Extreme, Summits]:
     """Return the best accepted state, and the search of the steps around each hump; without rates where none are known."""
     if rows.run.variables[heights.name].attrs["role"] not in STATES and (
         rows.model.python_functions or rows.model.delays
     ):
-        return _best(heights), heights.without_humps().search(None)
-    known = rates.reshape(heights.values.shape) if rates.size else None
-    return _best(heights)._replace(uncertainty=0.0), heights.search(known)
+        return _best_accepted(heights), heights.without_humps().search(None)
+    hump_rates = rates.reshape(heights.values.shape) if rates.size else None
+    return _best_accepted(heights)._replace(uncertainty=0.0), heights.search(hump_rates)
 
 
-def _best(heights: Heights) -> Extreme:
+def _best_accepted(heights: Heights) -> Extreme:
     """Return the best accepted state, which a parabola through its neighbours may exceed."""
     best = heights.accepted()
     return Extreme(float(best.values[0]), float(best.times[0]), int(best.rules[0]), float(best.uncertainties[0]))
 
 
-def _accepted(heights: Heights, search: Summits) -> Extreme:
+def _accepted_extreme(heights: Heights, search: Summits) -> Extreme:
     """Return the best accepted state, and how far parabola and tangents exceed it."""
-    best = _best(heights)
+    best = _best_accepted(heights)
     return best._replace(uncertainty=max(best.uncertainty, float(search.open_heights[0])))
 
 
-def _settled(best: Extreme, search: Summits) -> Extreme:
+def _better_extreme(best: Extreme, search: Summits) -> Extreme:
     """Return the result of the search if it is better than the best accepted state, which is returned otherwise."""
     value, time = float(search.best[0]), float(search.when[0])
     return Extreme(value, time, INTERPOLATED, 0.0) if search.sign * value > search.sign * best.value else best
 
 
-def _factor(run: xr.Dataset, name: str) -> float:
+def _si_factor(run: xr.Dataset, name: str) -> float:
     return float(parse_unit(str(run.variables[name].attrs["units"])).factor)
 
 
-def between(
+def values_between_rows(
     run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None
 ) -> tuple[Floats, Floats]:
     """Return a quantity at times inside steps, and its error by the interpolation of the state."""
-    states = StatesInside.inside(
-        model, sampled(run, times, after=False, rule=REINTEGRATE, functions=functions), [times.size]
+    states = StatesInside.from_dataset(
+        model, sample_in_steps(run, times, after_event=False, rule=REINTEGRATE, functions=functions), [times.size]
     )
-    quantity = QuantitiesInside(run, model, [name], [_factor(run, name)])
+    quantity = QuantitiesInside(run, model, [name], [_si_factor(run, name)])
     values = quantity.values(states, states.variables)
     return values[0], quantity.errors(states, values)[0]
 
 
-def sought(run: xr.Dataset, model: Model) -> list[str]:
+def sought_names(run: xr.Dataset, model: Model) -> list[str]:
     """Name the quantities whose extremes are sought; in large models only those that steps integrate, and no iterated forces."""
     by_iteration = tuple(name(contact) for contact in model.assemblies for name in (contact_force, friction_force))
-    along = {
+    roles_by_name = {
         str(name): variable.attrs.get("role")
         for name in run.data_vars
         if (variable := run.variables[name]).dims == (schema.STEPS,)
     }
-    names = [name for name, role in along.items() if role in SOUGHT and not name.startswith(by_iteration)]
-    return names if len(names) <= MOST_NAMES else [name for name in names if along[name] in STATES]
+    names = [name for name, role in roles_by_name.items() if role in SOUGHT and not name.startswith(by_iteration)]
+    return names if len(names) <= MOST_NAMES else [name for name in names if roles_by_name[name] in STATES]
 
 
 def extremes_of(rows: Chunks, names: Sequence[str], functions: Functions | None) -> dict[str, tuple[Any, ...]]:
     """Return the largest and the least value of quantities as variables of a Dataset."""
     variables: dict[str, tuple[Any, ...]] = {}
-    wanted = [(name, sign) for name in names for sign in (1.0, -1.0)]
-    for (name, sign), result in zip(wanted, extremes(rows, wanted, functions), strict=True):
+    signed_names = [(name, sign) for name in names for sign in (1.0, -1.0)]
+    for (name, sign), result in zip(signed_names, find_extremes(rows, signed_names, functions), strict=True):
         variables |= extreme_variables(rows.run, name, sign, result)
     return variables
 
@@ -206,21 +214,21 @@ def extreme_variables(
     run: xr.Dataset, name: str, sign: float, result: tuple[Any, Any, Any, Any]
 ) -> dict[str, tuple[Any, ...]]:
     """Return an extreme as variables of a Dataset; of a quantity with dimensions those of its elements, along these."""
-    own = run.variables[name]
-    dims, shape, units = own.dims[1:], own.shape[1:], str(own.attrs["units"])
+    variable = run.variables[name]
+    dims, shape, units = variable.dims[1:], variable.shape[1:], str(variable.attrs["units"])
     word, adjective = ("maximum", "largest") if sign > 0 else ("minimum", "least")
-    most, time_unit = f"{word}_{name}", str(run.variables["time"].attrs["units"])
+    extreme_name, time_unit = f"{word}_{name}", str(run.variables["time"].attrs["units"])
     numbers = [np.reshape(number, shape) for number in result]
-    of_rule = about("1", RULE_SAID, "flag") | schema.flags(dict(enumerate(RULES)))
+    of_rule = variable_attributes("1", RULE_SAID, "flag") | schema.flag_attributes(dict(enumerate(RULES)))
     described = {
-        "": about(units, f"{adjective} {name} of the run", "diagnostic"),
-        "_time": about(time_unit, f"when {name} was {adjective}", "diagnostic"),
+        "": variable_attributes(units, f"{adjective} {name} of the run", "diagnostic"),
+        "_time": variable_attributes(time_unit, f"when {name} was {adjective}", "diagnostic"),
         "_rule": of_rule,
-        "_uncertainty": about(units, DOUBT_SAID.format(most), "error"),
+        "_uncertainty": variable_attributes(units, DOUBT_SAID.format(extreme_name), "error"),
     }
-    patterns = {end: {schema.ELEMENT_NAME: f"{most}{{}}{end}"} if shape and end else {} for end in described}
+    patterns = {end: {schema.ELEMENT_NAME: f"{extreme_name}{{}}{end}"} if shape and end else {} for end in described}
     numbers[2] = numbers[2].astype(np.int8)
     return {
-        f"{most}{end}": (dims, number, attributes | patterns[end])
+        f"{extreme_name}{end}": (dims, number, attributes | patterns[end])
         for (end, attributes), number in zip(described.items(), numbers, strict=True)
     }

@@ -81,44 +81,48 @@ class Heights:
         """Take further rows."""
         time, count = part.columns["time"], len(part.columns["time"])
         values = np.ascontiguousarray(part.columns[self.name].reshape(count, -1).T)
-        signed, own = self.sign * values, slice(part.before, part.before + part.count)
-        self._raise(part, values, signed[:, own])
+        signed, part_slice = self.sign * values, slice(part.rows_before, part.rows_before + part.count)
+        self._raise(part, values, signed[:, part_slice])
         every = np.arange(self.best.size + 1) * count
         rows, members = crests(signed.ravel(), every)
-        inside = (rows - every[members] >= own.start) & (rows - every[members] < own.stop)
-        rows, members = humps(signed.ravel(), np.tile(time, self.best.size), every, rows[inside], members[inside])
+        in_part = (rows - every[members] >= part_slice.start) & (rows - every[members] < part_slice.stop)
+        rows, members = humps(signed.ravel(), np.tile(time, self.best.size), every, rows[in_part], members[in_part])
         rows = rows - every[members]
-        here = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, count - 1)])
-        self.rows = np.concatenate([self.rows, part.numbers[here]], axis=1)
-        self.values = np.concatenate([self.values, values[members, here]], axis=1)
-        self.times = np.concatenate([self.times, time[here]], axis=1)
+        hump_rows = np.stack([np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, count - 1)])
+        self.rows = np.concatenate([self.rows, part.row_numbers[hump_rows]], axis=1)
+        self.values = np.concatenate([self.values, values[members, hump_rows]], axis=1)
+        self.times = np.concatenate([self.times, time[hump_rows]], axis=1)
         self.members = np.concatenate([self.members, members])
         self._sort()
 
-    def _raise(self, part: RowRange, values: Floats, own: Floats) -> None:
-        """Take the best rows of a part where they are better; `own` has its signed values."""
+    def _raise(self, part: RowRange, values: Floats, signed_part: Floats) -> None:
+        """Take the best rows of a part where they are better; `signed_part` has its signed values."""
         time, elements = part.columns["time"], np.arange(self.best.size)
-        unknown = np.isnan(own)
-        tops = np.argmax(np.where(unknown, -np.inf, own), axis=1)
-        heights = own[elements, tops]
-        tops += part.before
+        unknown = np.isnan(signed_part)
+        tops = np.argmax(np.where(unknown, -np.inf, signed_part), axis=1)
+        heights = signed_part[elements, tops]
+        tops += part.rows_before
         for i in np.flatnonzero(~unknown.all(axis=1) & ~(heights <= self.best)).tolist():
-            self.above[i] = beyond(values[i], time, int(tops[i]))
+            self.above[i] = parabola_excess(values[i], time, int(tops[i]))
             self.best[i], self.when[i] = heights[i], time[tops[i]]
             self.kinds[i] = part.columns["row_kind"][tops[i]]
 
     def _sort(self) -> None:
         """Order humps by their elements, as rows go, and keep the highest of each where there are many."""
         counts = np.bincount(self.members, minlength=self.best.size)
-        kept = np.lexsort((self.rows[1], self.members))
+        kept_humps = np.lexsort((self.rows[1], self.members))
         if counts.max(initial=0) > MOST_HUMPS:
             order = np.lexsort((self.rows[1], self.sign * self.values[1], self.members))
             from_end = np.repeat(np.cumsum(counts), counts) - np.arange(order.size)
             highest = np.zeros(order.size, bool)
             highest[order[from_end <= MOST_HUMPS]] = True
-            kept = kept[highest[kept]]
-        self.members = self.members[kept]
-        self.rows, self.values, self.times = self.rows[:, kept], self.values[:, kept], self.times[:, kept]
+            kept_humps = kept_humps[highest[kept_humps]]
+        self.members = self.members[kept_humps]
+        self.rows, self.values, self.times = (
+            self.rows[:, kept_humps],
+            self.values[:, kept_humps],
+            self.times[:, kept_humps],
+        )
 
     def without_humps(self) -> Heights:
         """Return the same, between whose rows nothing is sought."""
@@ -141,13 +145,16 @@ class Heights:
         )
 
 
-def beyond(values: Floats, time: Floats, row: int) -> float:
+def parabola_excess(values: Floats, time: Floats, row: int) -> float:
     """Return how far the parabola through an extreme row and its neighbours exceeds it; 0 at either end."""
     if not 0 < row < len(values) - 1:
         return 0.0
-    before, after = time[row] - time[row - 1], time[row + 1] - time[row]
-    if not (before > 0.0 and after > 0.0):
+    step_before, step_after = time[row] - time[row - 1], time[row + 1] - time[row]
+    if not (step_before > 0.0 and step_after > 0.0):
         return 0.0
-    left, right = (values[row] - values[row - 1]) / before, (values[row + 1] - values[row]) / after
-    bend, slope = (right - left) / (before + after), (left * after + right * before) / (before + after)
+    left, right = (values[row] - values[row - 1]) / step_before, (values[row + 1] - values[row]) / step_after
+    bend, slope = (
+        (right - left) / (step_before + step_after),
+        (left * step_after + right * step_before) / (step_before + step_after),
+    )
     return float(slope**2 / abs(4.0 * bend)) if bend else 0.0

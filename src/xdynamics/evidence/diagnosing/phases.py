@@ -10,22 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.recorded_models import model_of
-from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, check_whole, reached_only
 from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, check_coordinate, cycles
 from xdynamics.evidence.diagnosing.turns import TURNS
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.assemblies import SECOND, assemblies
 from xdynamics.record import check_kind
-from xdynamics.record.flag_words import time_unit
-from xdynamics.record.named_elements import column, find_column
+from xdynamics.record.flag_words import time_unit_of
+from xdynamics.record.named_elements import find_column, get_column
 from xdynamics.schema import CYCLE
 from xdynamics.units import parse_quantity, parse_unit, time_in, unit_suffix
 
@@ -43,7 +43,9 @@ COLLIDING = (
 PARTS = 64  # of a cycle, from which its area is computed
 
 
-def counted_cycles(rows: Chunks, of: str | None, level: Any, functions: Functions | None) -> Cycles | None:
+def count_coordinate_cycles(
+    rows: Chunks, coordinate: str | None, level: Any, functions: Functions | None
+) -> Cycles | None:
     """Count the cycles of one coordinate.
 
     Raises
@@ -53,25 +55,25 @@ def counted_cycles(rows: Chunks, of: str | None, level: Any, functions: Function
     """
     run = rows.run
     names = with_roles(run, ("coordinate",))
-    if of is None and not names:
+    if coordinate is None and not names:
         return None
-    name = of or next(iter(rows.model.statement.coordinates))
-    if level is not None and (counted := find_column(run, name)) is not None:
-        unit = parse_unit(str(counted.attrs["units"]))
+    name = coordinate or next(iter(rows.model.statement.coordinates))
+    if level is not None and (coordinate_variable := find_column(run, name)) is not None:
+        unit = parse_unit(str(coordinate_variable.attrs["units"]))
         quantity = parse_quantity(level)
         if isinstance(level, str) and quantity.unit.dimension != unit.dimension:
             raise InputError(f"level is {level!r}, needs the unit '{unit.text}' of '{name}'")
         level = quantity.si / float(unit.factor) if isinstance(level, str) else quantity.value
     if isinstance(rows, Unread):
         check_coordinate(run, name)
-        crossings = np.full(rows.listed + 1, np.nan)
+        crossings = np.full(rows.listed_count + 1, np.nan)
         return Cycles(name, np.nan if level is None else level, crossings, crossings, "", 0)
     return cycles(rows, name, level=level, functions=functions)
 
 
 def reference_times(
     rows: Chunks,
-    counted: Cycles,
+    coordinate_cycles: Cycles,
     reference: Any,
     tighter: Companion | None,
     exact: xr.Dataset | None,
@@ -86,28 +88,32 @@ def reference_times(
     InputError
         If the reference is no positive period.
     """
-    n, unit = len(counted.times), time_unit(rows.run)
+    n, unit = len(coordinate_cycles.times), time_unit_of(rows.run)
     if isinstance(reference, str | float | int):
         period = time_in(unit, reference, "reference")
         if not period > 0.0:
             raise InputError(f"reference is {reference!r}, needs a positive period")
-        return np.array([counted.times[0] + period * k for k in range(n)]), f"a period of {period!r}{unit_suffix(unit)}"
+        return np.array(
+            [coordinate_cycles.times[0] + period * k for k in range(n)]
+        ), f"a period of {period!r}{unit_suffix(unit)}"
     if isinstance(rows, Unread):
-        return counted.times, ""
+        return coordinate_cycles.times, ""
     if reference is not None:
         check_kind(reference)
         check_whole(reference)
-        crossings = cycles(reference, counted.name, level=counted.level, functions=functions).times
-        return _filled(crossings, n), f"the run {archive.digest_of_run(reference)}"
+        crossings = cycles(reference, coordinate_cycles.name, level=coordinate_cycles.level, functions=functions).times
+        return _padded_with_nan(crossings, n), f"the run {archive.digest_of_run(reference)}"
     if tighter is None:
         return np.full(n, np.nan), "none"
     end = float(tighter.run["time"][-1])
     if exact is None or float(exact["time"][-1]) < end - EXACT[1] * max(1.0, abs(end)):
-        exact, source = tighter.run, f"the run with {tighter.said}"
+        exact, source = tighter.run, f"the run with {tighter.tightening}"
         source += f" ({COLLIDING})" if _collide(rows.model) else ""
     else:
         source = f"{EXACT[0]} with rtol {EXACT[1]:g}"
-    return _filled(cycles(exact, counted.name, level=counted.level, functions=functions).times, n), source
+    return _padded_with_nan(
+        cycles(exact, coordinate_cycles.name, level=coordinate_cycles.level, functions=functions).times, n
+    ), source
 
 
 def exact_march(run: xr.Dataset, functions: Functions | None) -> Task | None:
@@ -116,7 +122,7 @@ def exact_march(run: xr.Dataset, functions: Functions | None) -> Task | None:
     The phase of a method may be of another order than its states, so it cannot be extrapolated. For bodies that strike each
     other there is none: every stage of every step would solve for all forces of contact, of a motion that is chaotic.
     """
-    model = model_of(run, functions)
+    model = model_of_record(run, functions)
     if _collide(model):
         return None
     try:
@@ -135,45 +141,49 @@ def exact_march(run: xr.Dataset, functions: Functions | None) -> Task | None:
 
 def _collide(model: Model) -> bool:
     """Whether a contact has links between moving bodies."""
-    return any(leaf.end == SECOND for whole in assemblies(model) for leaf in whole.leaves[: whole.coordinates])
+    return any(
+        leaf.end == SECOND for assembly in assemblies(model) for leaf in assembly.pattern_inputs[: assembly.coordinates]
+    )
 
 
-def _filled(values: Floats, size: int) -> Floats:
+def _padded_with_nan(values: Floats, size: int) -> Floats:
     return np.concatenate([values[:size], np.full(max(0, size - len(values)), np.nan)])
 
 
-def along_cycles(
-    rows: Chunks, counted: Cycles, reference: Floats, turning: Mapping[str, Any], functions: Functions | None
+def cycle_variables(
+    rows: Chunks, coordinate_cycles: Cycles, reference: Floats, turning: Mapping[str, Any], functions: Functions | None
 ) -> dict[str, Any]:
     """Return the variables along `cycle`."""
-    run, name, spans = rows.run, counted.name, counted.periods
-    positions, speeds = _parts_of_cycles(rows, counted, functions)
+    run, name, spans = rows.run, coordinate_cycles.name, coordinate_cycles.periods
+    positions, speeds = _parts_of_cycles(rows, coordinate_cycles, functions)
     area = spans * np.mean(speeds**2, axis=0) if spans.size else np.zeros(0)
-    amplitude = _amplitudes(positions, counted, turning) if spans.size else np.zeros(0)
+    amplitude = _amplitudes(positions, coordinate_cycles, turning) if spans.size else np.zeros(0)
     with np.errstate(invalid="ignore"):
-        offsets = TURN * (reference[1:] - counted.times[1:]) / np.diff(reference)
-    units, speed = (str(column(run, own).attrs["units"]) for own in (name, schema.velocity(name)))
-    uncertainties, seconds, dims = counted.uncertainties, time_unit(run).text, (CYCLE,)
+        offsets = TURN * (reference[1:] - coordinate_cycles.times[1:]) / np.diff(reference)
+    units, speed = (str(get_column(run, column_name).attrs["units"]) for column_name in (name, schema.velocity(name)))
+    uncertainties, seconds, dims = coordinate_cycles.uncertainties, time_unit_of(run).text, (CYCLE,)
     return {
         "cycle_time": (
             dims,
-            counted.times[1:],
-            about(seconds, f"end of the cycle, where {name} rises through {level_of(counted, units)}", ROLE),
+            coordinate_cycles.times[1:],
+            variable_attributes(
+                seconds, f"end of the cycle, where {name} rises through {level_text(coordinate_cycles, units)}", ROLE
+            ),
         ),
         "period": (
             dims,
-            counted.periods,
-            about(seconds, "time from one located crossing of the level to the next", ROLE),
+            coordinate_cycles.periods,
+            variable_attributes(seconds, "time from one located crossing of the level to the next", ROLE),
         ),
         "period_uncertainty": (
             dims,
             uncertainties[1:] + uncertainties[:-1],
-            about(seconds, "uncertainty of the period from locating its two crossings", "error"),
+            variable_attributes(seconds, "uncertainty of the period from locating its two crossings", "error"),
         ),
         "phase_offset": (
             dims,
             offsets,
-            about(
+            variable_attributes(
                 "rad",
                 "phase at the end of the cycle minus that of the reference; negative: the run lags",
                 ROLE,
@@ -182,12 +192,12 @@ def along_cycles(
         "amplitude": (
             dims,
             amplitude,
-            about(units, f"half the peak-to-peak range of {name} over the cycle", ROLE),
+            variable_attributes(units, f"half the peak-to-peak range of {name} over the cycle", ROLE),
         ),
         "phase_space_area": (
             dims,
             area,
-            about(
+            variable_attributes(
                 parse_unit(f"{units} {speed}").text,
                 f"area enclosed in the plane of {name} and its velocity: time integral of the velocity squared over the cycle",
                 ROLE,
@@ -196,41 +206,45 @@ def along_cycles(
     }
 
 
-def _amplitudes(positions: Floats, counted: Cycles, turning: Mapping[str, Any]) -> Floats:
+def _amplitudes(positions: Floats, coordinate_cycles: Cycles, turning: Mapping[str, Any]) -> Floats:
     """Return half the range of each cycle, by positions within it and its turning points."""
     amplitude: Floats = np.ptp(positions, axis=0) / 2.0
-    for k, (begin, end) in enumerate(pairwise(np.searchsorted(turning["turning_time"][1], counted.times).tolist())):
+    for k, (begin, end) in enumerate(
+        pairwise(np.searchsorted(turning["turning_time"][1], coordinate_cycles.times).tolist())
+    ):
         if end > begin:
             amplitude[k] = max(amplitude[k], float(np.ptp(turning["turning_point"][1][begin:end])) / 2.0)
     return amplitude
 
 
-def _parts_of_cycles(rows: Chunks, counted: Cycles, functions: Functions | None) -> Floats:
+def _parts_of_cycles(rows: Chunks, coordinate_cycles: Cycles, functions: Functions | None) -> Floats:
     """Return positions and velocities at the beginnings of equal parts of every cycle."""
     # the mean over equal parts of a whole period is as accurate as its samples: the area is the integral of v**2
-    parts = counted.times[:-1] + counted.periods * (np.arange(PARTS) / PARTS)[:, None]
+    parts = coordinate_cycles.times[:-1] + coordinate_cycles.periods * (np.arange(PARTS) / PARTS)[:, None]
     states_of_parts = np.zeros((2, *parts.shape))
-    for stretch, here in rows.stretches():
+    for stretch, stretch_rows in rows.stretches():
         time = np.asarray(stretch["time"])
-        inside = (parts >= time[here[0]]) & (parts < time[here[-1] + 1] if here[-1] + 1 < time.size else True)
-        if inside.any():
-            steps = Inside.of(stretch, functions, REINTEGRATE)
-            states = steps.at(parts[inside], after=True)
-            names = counted.name, schema.velocity(counted.name)
-            states_of_parts[:, inside] = [steps.taken(states, name) for name in names]
+        in_stretch = (parts >= time[stretch_rows[0]]) & (
+            parts < time[stretch_rows[-1] + 1] if stretch_rows[-1] + 1 < time.size else True
+        )
+        if in_stretch.any():
+            steps = StepInterpolator.of_run(stretch, functions, REINTEGRATE)
+            states = steps.states_at(parts[in_stretch], after_event=True)
+            names = coordinate_cycles.name, schema.velocity(coordinate_cycles.name)
+            states_of_parts[:, in_stretch] = [steps.values_of(states, name) for name in names]
     return states_of_parts
 
 
-def level_of(counted: Cycles, units: str) -> str:
+def level_text(coordinate_cycles: Cycles, units: str) -> str:
     """Write the level that cycles rise through; it may be known only later."""
-    return "its level" if np.isnan(counted.level) else f"{counted.level:.9g} {units}"
+    return "its level" if np.isnan(coordinate_cycles.level) else f"{coordinate_cycles.level:.9g} {units}"
 
 
-def listed(variables: Mapping[str, Any], count: int | None) -> dict[str, Any]:
+def limit_occurrences(variables: Mapping[str, Any], count: int | None) -> dict[str, Any]:
     """Return variables with as many cycles and turns as are to be listed: the first ones, or nan behind the last."""
     if count is None:
         return dict(variables)
     return {
-        name: (dims, _filled(values, count) if dims in ((CYCLE,), (TURNS,)) else values, attributes)
+        name: (dims, _padded_with_nan(values, count) if dims in ((CYCLE,), (TURNS,)) else values, attributes)
         for name, (dims, values, attributes) in variables.items()
     }

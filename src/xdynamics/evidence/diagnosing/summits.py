@@ -60,7 +60,7 @@ class Summits:
     _looks: Floats = field(default_factory=lambda: np.zeros((LOOKS, 0)))
 
     @property
-    def asked(self) -> Rows:
+    def place_members(self) -> Rows:
         """The member of each place."""
         return np.concatenate([self.members, np.tile(self.blind, LOOKS)])
 
@@ -68,15 +68,15 @@ class Summits:
     def open_heights(self) -> Floats:
         """How far tangents at the ends of a bracket meet above the best of each member; at least 0."""
         heights = np.zeros(self.best.size)
-        np.maximum.at(heights, self.members, self._meeting()[1] - self.sign * self.best[self.members])
+        np.maximum.at(heights, self.members, self._tangents_meeting()[1] - self.sign * self.best[self.members])
         return heights
 
     def places(self) -> Floats:
         """Return the times to evaluate next; none when the search is over."""
         low, high = self.ends
         middle, top = low + (high - low) / 2.0, self.values.max(axis=0, initial=-np.inf)
-        hope = top + WIDE * (self._meeting()[1] - top) >= self.sign * self.best[self.members]
-        self._keep(hope & (middle > low) & (middle < high) & (self._round < ROUNDS))
+        hope = top + WIDE * (self._tangents_meeting()[1] - top) >= self.sign * self.best[self.members]
+        self._keep_brackets(hope & (middle > low) & (middle < high) & (self._round < ROUNDS))
         open_ = (self.borders[1] > self.borders[0]) & (self._round < SWEEPS)
         self.blind, self.borders = self.blind[open_], self.borders[:, open_]
         self._places = self._aims()
@@ -101,7 +101,7 @@ class Summits:
         end = np.where(rising, 0, 1)
         self.ends[end, columns], self.values[end, columns], self.rates[end, columns] = aims, seen, rate
         gain = np.abs(rate * (self._summit() - aims))  # upper bound of what the cubic still promises
-        self._keep(gain > EPS * np.abs(seen))
+        self._keep_brackets(gain > EPS * np.abs(seen))
 
     def _aims(self) -> Floats:
         """Return the place to evaluate inside each bracket."""
@@ -110,7 +110,7 @@ class Summits:
         turn = self._round % 3 if self._round >= SMOOTH_ROUNDS else 2
         if turn == 1:
             return middle
-        aims = self._meeting()[0] if turn == 0 else self._summit()
+        aims = self._tangents_meeting()[0] if turn == 0 else self._summit()
         bracketed: Floats = np.where((aims > low) & (aims < high), aims, middle)
         return bracketed
 
@@ -121,20 +121,24 @@ class Summits:
         with np.errstate(all="ignore"):
             mean = 3.0 * (last - first) / width - rise - fall
             root = np.sqrt(mean * mean - rise * fall)
-            place: Floats = high - width * ((root - fall - mean) / (rise - fall + 2.0 * root))
-        return place
+            summit_times: Floats = high - width * ((root - fall - mean) / (rise - fall + 2.0 * root))
+        return summit_times
 
-    def _meeting(self) -> tuple[Floats, Floats]:
+    def _tangents_meeting(self) -> tuple[Floats, Floats]:
         """Return where the tangents at both ends meet, and how high: an upper bound where the curve bends down."""
         (low, high), (first, last), (rise, fall) = self.ends, self.values, self.rates
         with np.errstate(all="ignore"):
             time = (last - first - fall * (high - low)) / (rise - fall)
             return low + time, first + rise * time
 
-    def _keep(self, kept: NDArray[np.bool_]) -> None:
+    def _keep_brackets(self, kept_brackets: NDArray[np.bool_]) -> None:
         """Continue with some of the brackets."""
-        self.members, self.rows = self.members[kept], self.rows[kept]
-        self.ends, self.values, self.rates = self.ends[:, kept], self.values[:, kept], self.rates[:, kept]
+        self.members, self.rows = self.members[kept_brackets], self.rows[kept_brackets]
+        self.ends, self.values, self.rates = (
+            self.ends[:, kept_brackets],
+            self.values[:, kept_brackets],
+            self.rates[:, kept_brackets],
+        )
 
     def _improve(self, members: Rows, values: Floats, times: Floats) -> None:
         """Replace the best of each member by a better value, the first of equal ones."""
@@ -176,8 +180,8 @@ def humps(values: Floats, time: Floats, first: Rows, rows: Rows, members: Rows) 
     if counts.max(initial=0) > MOST_HUMPS:
         order = np.lexsort((np.arange(rows.size), values[rows], members))
         from_end = np.repeat(np.cumsum(counts), counts) - np.arange(rows.size)
-        chosen = np.sort(order[from_end <= MOST_HUMPS])
-        rows, members = rows[chosen], members[chosen]
+        highest = np.sort(order[from_end <= MOST_HUMPS])
+        rows, members = rows[highest], members[highest]
     return rows, members
 
 
@@ -221,12 +225,12 @@ def summits(
             members,
             time[np.stack([low, high])],
         )
-    before, at, after = sign * rates
-    begin, end = np.where(at > 0.0, rows, low), np.where(at > 0.0, high, rows)
-    rise, fall = np.where(at > 0.0, at, before), np.where(at > 0.0, after, at)
+    rate_before, rate_at, rate_after = sign * rates
+    begin, end = np.where(rate_at > 0.0, rows, low), np.where(rate_at > 0.0, high, rows)
+    rise, fall = np.where(rate_at > 0.0, rate_at, rate_before), np.where(rate_at > 0.0, rate_after, rate_at)
     wide = time[end] > time[begin]
     turns = wide & (rise > 0.0) & (fall < 0.0)
-    blind = wide & ~turns & (at != 0.0)
+    blind = wide & ~turns & (rate_at != 0.0)
     ends = np.stack([begin, end])[:, turns]
     return Summits(
         sign,

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.diagnosing.conservation import ROLE
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.methods.scheme import REINTEGRATE
-from xdynamics.record.flag_words import time_unit
-from xdynamics.record.named_elements import column
+from xdynamics.record.flag_words import time_unit_of
+from xdynamics.record.named_elements import get_column
 
 Floats = NDArray[np.float64]
 
@@ -24,36 +24,36 @@ HALVINGS = 60  # of a step
 DEEPEST, MOST_PLACES = 6, 500  # of the halvings whose places are evaluated at once, and of these places
 
 
-def turns(rows: Chunks, name: str, functions: Mapping[str, Callable[..., float]] | None) -> dict[str, Any]:
+def turn_variables(rows: Chunks, name: str, functions: Mapping[str, Callable[..., float]] | None) -> dict[str, Any]:
     """Return times and places of a coordinate's turns as variables of a Dataset."""
-    speed, turned, signs = schema.velocity(name), [np.zeros(0, np.int64)], [np.zeros(0)]
+    speed, turn_rows, signs = schema.velocity(name), [np.zeros(0, np.int64)], [np.zeros(0)]
     for part in rows.parts("time", speed):
-        time, v, numbers = part.columns["time"], part.columns[speed], part.numbers
+        time, v, numbers = part.columns["time"], part.columns[speed], part.row_numbers
         passed = np.flatnonzero((numbers[:-1] >= part.first) & (v[:-1] * v[1:] < 0.0) & (np.diff(time) > 0.0))
-        turned.append(numbers[passed])
+        turn_rows.append(numbers[passed])
         signs.append(np.sign(v[passed]))
-    before, sign = np.concatenate(turned), np.concatenate(signs)
-    low, high = rows.at("time", np.stack([before, before + 1]))
-    run, _ = rows.near(np.concatenate([before, before + 1]))
+    rows_before, sign = np.concatenate(turn_rows), np.concatenate(signs)
+    low, high = rows.values_at("time", np.stack([rows_before, rows_before + 1]))
+    run, _ = rows.nearby_record(np.concatenate([rows_before, rows_before + 1]))
     points = np.zeros(0)
-    if before.size:
-        inside = Inside.of(run, functions, REINTEGRATE)
+    if rows_before.size:
+        interpolator = StepInterpolator.of_run(run, functions, REINTEGRATE)
 
         def not_yet(times: Floats) -> NDArray[np.bool_]:
-            velocities: Floats = inside.taken(inside.at(times.ravel(), after=False), speed)
+            velocities: Floats = interpolator.values_of(interpolator.states_at(times.ravel(), after_event=False), speed)
             return sign * velocities.reshape(times.shape) > 0.0
 
-        high = _bisected(low, high, not_yet, 1 if rows.model.assemblies else DEEPEST)
-        points = inside.taken(inside.at(high, after=False), name)
-    units = str(column(rows.run, name).attrs["units"])
+        high = _bisect_turns(low, high, not_yet, 1 if rows.model.assemblies else DEEPEST)
+        points = interpolator.values_of(interpolator.states_at(high, after_event=False), name)
+    units = str(get_column(rows.run, name).attrs["units"])
     located = f"time at which {name} turns, located with steps of the run's own method"
     return {
-        "turning_time": ((TURNS,), high, about(time_unit(rows.run).text, located, ROLE)),
-        "turning_point": ((TURNS,), points, about(units, f"{name} at the turning point", ROLE)),
+        "turning_time": ((TURNS,), high, variable_attributes(time_unit_of(rows.run).text, located, ROLE)),
+        "turning_point": ((TURNS,), points, variable_attributes(units, f"{name} at the turning point", ROLE)),
     }
 
 
-def _bisected(low: Floats, high: Floats, not_yet: Callable[[Floats], NDArray[np.bool_]], deepest: int) -> Floats:
+def _bisect_turns(low: Floats, high: Floats, not_yet: Callable[[Floats], NDArray[np.bool_]], deepest: int) -> Floats:
     """Return the least known time behind each zero.
 
     The middles of several halvings are evaluated at once, whichever halves will be kept: asking takes longer than
@@ -68,8 +68,8 @@ def _bisected(low: Floats, high: Floats, not_yet: Callable[[Floats], NDArray[np.
             middles.append((lows + highs) / 2.0)
             halves = (lows, middles[-1]), (middles[-1], highs)
             lows, highs = (np.stack(half, axis=1).reshape(-1, low.size) for half in halves)
-        later, place = not_yet(np.concatenate(middles)), np.zeros(low.size, np.int64)
+        later, half_index = not_yet(np.concatenate(middles)), np.zeros(low.size, np.int64)
         for level in range(depth):
-            place = 2 * place + later[2**level - 1 + place, columns]
-        low, high = lows[place, columns], highs[place, columns]
+            half_index = 2 * half_index + later[2**level - 1 + half_index, columns]
+        low, high = lows[half_index, columns], highs[half_index, columns]
     return high

@@ -10,12 +10,12 @@ import numpy as np
 
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.enclosing.enclosure_dataset import MODEL, enclosure_dataset
-from xdynamics.evidence.enclosing.parts import joined, parted
-from xdynamics.evidence.enclosing.tube import proven, unproven
+from xdynamics.evidence.enclosing.parts import join_tubes, split_box
+from xdynamics.evidence.enclosing.tube import prove_tube, unproven
 from xdynamics.evidence.stage_tasks import Task
-from xdynamics.evidence.stages import Stage, counted_number, lazy
+from xdynamics.evidence.stages import Stage, lazy_stage, requested_count
 from xdynamics.faults import InputError
-from xdynamics.keywords import number
+from xdynamics.keywords import read_number
 from xdynamics.model import Model, check_model
 from xdynamics.schema import AT_TIME
 from xdynamics.tubes import Flow, interval_problem_of
@@ -113,7 +113,7 @@ def enclose(
     request = enclosure_request(
         model, until=until, at=at, rtol=rtol, order=order, max_steps=max_steps, parts=parts, occurrences=occurrences
     )
-    return request.computed(progress) if compute else lazy(request.stage())
+    return request.computed(progress) if compute else lazy_stage(request.stage())
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class EnclosureRequest:
     times : tuple of float, s, optional
     order : int
     tolerance : float
-    most : int
+    max_steps : int
         Steps.
     parts : int
         Of the set of starts.
@@ -139,7 +139,7 @@ class EnclosureRequest:
     times: tuple[float, ...] | None
     order: int
     tolerance: float
-    most: int
+    max_steps: int
     parts: int
     occurrences: int | None
 
@@ -147,15 +147,15 @@ class EnclosureRequest:
         """Prove."""
         flow = Flow(interval_problem_of(self.model), self.order, self.tolerance)
         tubes = [
-            proven(self.model, flow.of(start), self.end, self.times, self.most, progress)
-            for start in parted(flow.problem.start, self.parts)
+            prove_tube(self.model, flow.with_starts(start), self.end, self.times, self.max_steps, progress)
+            for start in split_box(flow.problem.start, self.parts)
         ]
-        return enclosure_dataset(self.model, joined(tubes), self.order, self.tolerance, self.occurrences)
+        return enclosure_dataset(self.model, join_tubes(tubes), self.order, self.tolerance, self.occurrences)
 
     def task(self) -> Task:
         """Return the task that proves."""
-        asked = (self.end, self.times, self.order, self.tolerance, self.most, self.parts, self.occurrences)
-        return Task.of("enclosure", self.computed, (), self.model.digest, asked)
+        request_words = (self.end, self.times, self.order, self.tolerance, self.max_steps, self.parts, self.occurrences)
+        return Task.of("enclosure", self.computed, (), self.model.digest, request_words)
 
     def stage(self) -> Stage:
         """Return the bounds before they are proven.
@@ -198,64 +198,74 @@ def enclosure_request(
         If one is wrong.
     """
     check_model(model)
-    tolerance = _tolerance(rtol)
-    degree, most = _order(order, tolerance), _most(max_steps)
-    start, times = model.statement.initial["t"].si, None if at is None else _times(at, model)
-    end = _end(until, times, model)
+    tolerance = _checked_tolerance(rtol)
+    degree, step_limit = _taylor_order(order, tolerance), _max_steps(max_steps)
+    start, times = model.statement.initial["t"].si, None if at is None else _bound_times(at, model)
+    end = _proof_end(until, times, model)
     for time in times or ():
         if not start <= time <= end:
             suffix = unit_suffix(model.time_unit)
             raise InputError(
                 f"at has {time!r}{suffix}, and the enclosure goes from {start!r}{suffix} to {end!r}{suffix}"
             )
-    count = _parts(parts, wanted=times is not None)
-    listed = counted_number(occurrences, "occurrences")
-    return EnclosureRequest(model, end, None if times is None else tuple(times), degree, tolerance, most, count, listed)
+    count = _part_count(parts, has_times=times is not None)
+    listed_count = requested_count(occurrences, "occurrences")
+    return EnclosureRequest(
+        model, end, None if times is None else tuple(times), degree, tolerance, step_limit, count, listed_count
+    )
 
 
-def _tolerance(rtol: Any) -> float:
-    tolerance = DEFAULT_RTOL if rtol is None else number(rtol, "rtol")
+def _checked_tolerance(rtol: Any) -> float:
+    tolerance = DEFAULT_RTOL if rtol is None else read_number(rtol, "rtol")
     if not LEAST_RTOL <= tolerance <= LARGEST_RTOL:
         raise InputError(f"rtol is {rtol!r}, needs a number from {LEAST_RTOL:g} to {LARGEST_RTOL:g}")
     return tolerance
 
 
-def _order(order: Any, tolerance: float) -> int:
+def _taylor_order(order: Any, tolerance: float) -> int:
     if order is None:
         return int(np.ceil(1.0 - np.log(tolerance) / 2.0))
-    if isinstance(order, bool) or not number(order, "order").is_integer() or not LEAST_ORDER <= order <= MOST_ORDER:
+    if (
+        isinstance(order, bool)
+        or not read_number(order, "order").is_integer()
+        or not LEAST_ORDER <= order <= MOST_ORDER
+    ):
         raise InputError(f"order is {order!r}, needs a whole number from {LEAST_ORDER} to {MOST_ORDER}")
     return int(order)
 
 
-def _most(steps: Any) -> int:
+def _max_steps(steps: Any) -> int:
     if steps is None:
         return MOST_STEPS
-    if isinstance(steps, bool) or not number(steps, "max_steps").is_integer() or steps < 1:
+    if isinstance(steps, bool) or not read_number(steps, "max_steps").is_integer() or steps < 1:
         raise InputError(f"max_steps is {steps!r}, needs a positive whole number")
     return int(steps)
 
 
-def _parts(parts: Any, *, wanted: bool) -> int:
+def _part_count(parts: Any, *, has_times: bool) -> int:
     if parts is None:
         return 1
-    if isinstance(parts, bool) or not number(parts, "parts").is_integer() or not 1 <= parts <= MOST_PARTS:
+    if isinstance(parts, bool) or not read_number(parts, "parts").is_integer() or not 1 <= parts <= MOST_PARTS:
         raise InputError(f"parts is {parts!r}, needs a whole number from 1 to {MOST_PARTS}")
-    if parts > 1 and not wanted:
+    if parts > 1 and not has_times:
         raise InputError("parts are joined at times that all of them have; give them, like at=['1 s']")
     return int(parts)
 
 
-def _times(at: Any, model: Model) -> list[float]:
+def _bound_times(requested_times: Any, model: Model) -> list[float]:
     """Read times; each keeps the decimal digits that it was written with."""
-    if isinstance(at, str) and ":" not in at:
-        at = at.split(",")
-    if isinstance(at, list | tuple) and at and all(isinstance(time, str) for time in at):
-        return [time_in(model.time_unit, time, "at") for time in at]
-    return [float(time) for time in wanted_times(at, model.time_unit)]
+    if isinstance(requested_times, str) and ":" not in requested_times:
+        requested_times = requested_times.split(",")
+    if (
+        isinstance(requested_times, list | tuple)
+        and requested_times
+        and all(isinstance(time, str) for time in requested_times)
+    ):
+        return [time_in(model.time_unit, time, "at") for time in requested_times]
+    return [float(time) for time in wanted_times(requested_times, model.time_unit)]
 
 
-def _end(until: Any, times: list[float] | None, model: Model) -> float:
+def _proof_end(until: Any, times: list[float] | None, model: Model) -> float:
     """Return up to which time to prove."""
     start = model.statement.initial["t"].si
     if until is None and not times:

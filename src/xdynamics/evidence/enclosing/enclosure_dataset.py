@@ -10,14 +10,14 @@ import numpy as np
 
 from xdynamics.elementary import NAME
 from xdynamics.evidence.enclosing.tube import EventBounds, Tube
-from xdynamics.evidence.evidence_dataset import about, exhibit, stated
+from xdynamics.evidence.evidence_dataset import evidence_dataset, stated_value, variable_attributes
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record.column import About
-from xdynamics.record.flag_words import words_of
-from xdynamics.schema import AT, AT_TIME, ENCLOSURE, EVENT_DIRECTIONS, EVENTS, PROVEN, STEPS, bounds_of, flags
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.schema import AT, AT_TIME, ENCLOSURE, EVENT_DIRECTIONS, EVENTS, PROVEN, STEPS, bounds_of, flag_attributes
 from xdynamics.tubes.boxes import Box, enclosed, multiply
-from xdynamics.tubes.interval_problem import intervals, unbounded
+from xdynamics.tubes.interval_problem import interval_names, unbounded
 from xdynamics.units import UNSCALED, Unit, unit_suffix
 
 if TYPE_CHECKING:
@@ -31,14 +31,14 @@ def enclosure_dataset(
     model: Model, tube: Tube, order: int, tolerance: float, occurrences: int | None = None
 ) -> xr.Dataset:
     """Return the evidence, with as many zeros of events as are to be listed."""
-    along, unit = (AT, AT_TIME) if tube.at_times else (STEPS, "time"), model.time_unit.text
+    axis, unit = (AT, AT_TIME) if tube.at_times else (STEPS, "time"), model.time_unit.text
     long_name = "time at which bounds were asked for" if tube.at_times else "time after a step"
-    variables: dict[str, Any] = {along[1]: ((along[0],), tube.times, about(unit, long_name, "time"))}
-    variables |= dict(_bounds(model, tube, along[0]))
-    variables |= dict(_events(model, tube, occurrences))
-    later = _known_later(model, tube)
+    variables: dict[str, Any] = {axis[1]: ((axis[0],), tube.times, variable_attributes(unit, long_name, "time"))}
+    variables |= dict(_bound_variables(model, tube, axis[0]))
+    variables |= dict(_event_bound_variables(model, tube, occurrences))
+    later = _proof_statements(model, tube)
     variables |= {name: ((), np.array(value), attributes) for name, (value, attributes) in later.items()}
-    variables[MODEL] = ((), np.array(model.to_toml()), about("1", "the whole model as TOML", "model"))
+    variables[MODEL] = ((), np.array(model.to_toml()), variable_attributes("1", "the whole model as TOML", "model"))
     attributes = {name: value for name, (value, _) in later.items()} | {
         PROVEN: 1,
         "solver_method": "Taylor series in intervals, carried as Lohner's set",
@@ -48,42 +48,52 @@ def enclosure_dataset(
         "math_functions": NAME,
         "model_digest": model.digest,
     }
-    return exhibit(ENCLOSURE, f"Proven bounds of {model.name}", [], variables, attributes, shapes=model.shapes)
+    return evidence_dataset(ENCLOSURE, f"Proven bounds of {model.name}", [], variables, attributes, shapes=model.shapes)
 
 
-def _known_later(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any]]]:
+def _proof_statements(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Return what is known of a proof only once it is made: variables, and attributes too."""
     suffix = unit_suffix(model.time_unit)
     where = f"up to t = {tube.reached!r}{suffix}, before the first motion stops at '{tube.stopped}'"
     ended = (
         f"no bounds are proven after t = {tube.reached!r}{suffix}: {tube.reason}"
         if tube.reason
-        else f"proven {where if tube.stopped else f'to the end, t = {tube.reached!r}{suffix}'}, in {tube.steps} steps{_of_parts(tube)}"
+        else f"proven {where if tube.stopped else f'to the end, t = {tube.reached!r}{suffix}'}, in {tube.steps} steps{_parts_text(tube)}"
     )
-    found: dict[str, tuple[Any, dict[str, Any]]] = {
-        "summary": (proposition(model, tube), about("1", "what is proven", "rule")),
-        "proven_until": (tube.reached, about(model.time_unit.text, "time up to which it is proven", "time")),
-        "outcome": (NOT_PROVEN if tube.reason else COMPLETED, about("1", "outcome of the proof", "outcome")),
-        "outcome_text": (ended, about("1", "why it went no further", "outcome")),
-        "solver_steps": (tube.steps, about("1", "steps of the proof", "count")),
-        "solver_parts": (tube.parts, about("1", "parts that the set was cut into", "count")),
+    statements: dict[str, tuple[Any, dict[str, Any]]] = {
+        "summary": (proposition(model, tube), variable_attributes("1", "what is proven", "rule")),
+        "proven_until": (
+            tube.reached,
+            variable_attributes(model.time_unit.text, "time up to which it is proven", "time"),
+        ),
+        "outcome": (
+            NOT_PROVEN if tube.reason else COMPLETED,
+            variable_attributes("1", "outcome of the proof", "outcome"),
+        ),
+        "outcome_text": (ended, variable_attributes("1", "why it went no further", "outcome")),
+        "solver_steps": (tube.steps, variable_attributes("1", "steps of the proof", "count")),
+        "solver_parts": (tube.parts, variable_attributes("1", "parts that the set was cut into", "count")),
     }
     if tube.events:
         proven = tube.reached if tube.reason else np.inf
-        said = " ".join(_said(event, proven, suffix) for event in tube.events)
-        found["events_text"] = said, about("1", "what is known of zeros of events", "rule")
-    return found
+        event_text = " ".join(_event_sentence(event, proven, suffix) for event in tube.events)
+        statements["events_text"] = event_text, variable_attributes("1", "what is known of zeros of events", "rule")
+    return statements
 
 
-def _of_parts(tube: Tube) -> str:
+def _parts_text(tube: Tube) -> str:
     return f" of {tube.parts} parts of the set" if tube.parts > 1 else ""
 
 
 def proposition(model: Model, tube: Tube) -> str:
     """Say what is proven."""
     suffix, start = unit_suffix(model.time_unit), model.statement.initial["t"].si
-    named = intervals(model)
-    whose = f"For every {', '.join(named)} within its half_width, and all else as written" if named else "As written"
+    shown_intervals = interval_names(model)
+    whose = (
+        f"For every {', '.join(shown_intervals)} within its half_width, and all else as written"
+        if shown_intervals
+        else "As written"
+    )
     text = (
         f"{whose}, the motion exists and is unique from t = {start!r}{suffix} to {tube.reached!r}{suffix}, and at every"
         f" time told here each quantity y lies between {' and '.join(bounds_of('y'))}."
@@ -97,62 +107,71 @@ def proposition(model: Model, tube: Tube) -> str:
     return text
 
 
-def _units(model: Model) -> dict[str, Unit]:
+def _bounded_units(model: Model) -> dict[str, Unit]:
     """Return the unit of everything that is bounded, in its order."""
     layout = layout_of(model)
-    found = {name: model.units[name] for name in layout.used}
+    state_units = {name: model.units[name] for name in layout.used}
     units = About(layout, UNSCALED, None, samples=False).units
     derived = {name: units.derived(block) for block in layout.computed.blocks for name in block.elements()}
-    return found | {name: derived[name] for name in layout.derived}
+    return state_units | {name: derived[name] for name in layout.derived}
 
 
-def _bounds(model: Model, tube: Tube, along: str) -> Iterator[tuple[str, Any]]:
+def _bound_variables(model: Model, tube: Tube, dim: str) -> Iterator[tuple[str, Any]]:
     """Yield lower and upper bounds of every quantity, in its own unit."""
-    for i, (name, unit) in enumerate(_units(model).items()):
-        yield from _pair(name, along, _in_units(tube.bounds[:, :, i], unit), unit.text, name)
+    for i, (name, unit) in enumerate(_bounded_units(model).items()):
+        yield from _bound_pair(name, dim, _bounds_in_unit(tube.bounds[:, :, i], unit), unit.text, name)
 
 
-def _pair(name: str, along: str, bounds: Box, unit: str, what: str) -> Iterator[tuple[str, Any]]:
+def _bound_pair(name: str, dim: str, bounds: Box, unit: str, quantity_text: str) -> Iterator[tuple[str, Any]]:
     for key, side, values in zip(bounds_of(name), ("lower", "upper"), bounds, strict=True):
-        yield key, ((along,), values, about(unit, f"proven {side} bound of {what}", f"{side}_bound"))
+        yield (
+            key,
+            ((dim,), values, variable_attributes(unit, f"proven {side} bound of {quantity_text}", f"{side}_bound")),
+        )
 
 
-def _events(model: Model, tube: Tube, occurrences: int | None) -> Iterator[tuple[str, Any]]:
+def _event_bound_variables(model: Model, tube: Tube, occurrences: int | None) -> Iterator[tuple[str, Any]]:
     """Yield what is proven of events, in the order of their times; of those that are listed and not proven nan."""
     if not tube.events:
         return
-    met = [(k, found) for k, event in enumerate(tube.events) for found in event.counted]
+    met = [(k, crossing) for k, event in enumerate(tube.events) for crossing in event.counted_crossings]
     met.sort(key=lambda pair: (pair[1].time[0], pair[1].time[1]))
     met = met[:occurrences]
     missing = 0 if occurrences is None else occurrences - len(met)
     names = [event.name for event in tube.events]
-    times = _listed([found.time for _, found in met], missing)
-    yield from _pair("event_time", EVENTS, times, model.time_unit.text, "the time of the event")
+    times = _padded_intervals([crossing.time for _, crossing in met], missing)
+    yield from _bound_pair("event_time", EVENTS, times, model.time_unit.text, "the time of the event")
     detectors = np.array([k for k, _ in met] + [-1] * missing, np.int8)
     none = occurrences is not None  # proven, of those that are listed
     words = ({-1: "none"} if none else {}) | dict(enumerate(names))
     directions = ({0: "none"} if none else {}) | EVENT_DIRECTIONS
-    yield "event_detector", ((EVENTS,), detectors, about("1", "event", "flag") | flags(words))
-    rising = np.array([1 if found.rising else -1 for _, found in met] + [0] * missing, np.int8)
+    yield "event_detector", ((EVENTS,), detectors, variable_attributes("1", "event", "flag") | flag_attributes(words))
+    rising = np.array([1 if crossing.rising else -1 for _, crossing in met] + [0] * missing, np.int8)
     yield (
         "event_direction",
-        ((EVENTS,), rising, about("1", "direction of the crossing", "flag") | flags(directions)),
+        (
+            (EVENTS,),
+            rising,
+            variable_attributes("1", "direction of the crossing", "flag") | flag_attributes(directions),
+        ),
     )
     for i, name in enumerate(layout_of(model).used):
         unit = model.units[name]
-        states = _listed([found.state[:, i] for _, found in met], missing)
-        yield from _pair(f"event_{name}", EVENTS, _in_units(states, unit), unit.text, f"{name} at the event")
+        states = _padded_intervals([crossing.state[:, i] for _, crossing in met], missing)
+        yield from _bound_pair(
+            f"event_{name}", EVENTS, _bounds_in_unit(states, unit), unit.text, f"{name} at the event"
+        )
 
 
-def _listed(intervals: list[Box], missing: int) -> Box:
+def _padded_intervals(intervals: list[Box], missing: int) -> Box:
     """Return the ends of intervals, then of as many that are not known."""
     return np.array([*intervals, *[np.full(2, np.nan)] * missing]).reshape(-1, 2).T
 
 
-def _said(event: EventBounds, proven: float, suffix: str) -> str:
+def _event_sentence(event: EventBounds, proven: float, suffix: str) -> str:
     """Say what is known of the zeros of an event up to a time."""
     crossings = event.crossings
-    text = f"Every motion passes '{event.name}' {len(event.counted)} times in its direction"
+    text = f"Every motion passes '{event.name}' {len(event.counted_crossings)} times in its direction"
     if crossings.unknown_from < np.inf:
         text += f" before t = {crossings.unknown_from!r}{suffix}, after which a zero could not be told from none"
     elif proven < np.inf:
@@ -162,40 +181,40 @@ def _said(event: EventBounds, proven: float, suffix: str) -> str:
     return text + "."
 
 
-def _in_units(bounds: Box, unit: Unit) -> Box:
+def _bounds_in_unit(bounds: Box, unit: Unit) -> Box:
     """Return bounds in SI units in another unit, rounded outward."""
     return bounds if unit.factor == 1 else multiply(bounds, enclosed(1 / Fraction(unit.factor))[:, None])
 
 
-def lines_of(enclosure: xr.Dataset) -> list[str]:
+def enclosure_lines(enclosure: xr.Dataset) -> list[str]:
     """Say what is proven, the last bounds, and those of events."""
-    lines = [f"proven    {stated(enclosure, 'summary')}", f"ended     {stated(enclosure, 'outcome_text')}"]
-    along, time = (AT, AT_TIME) if AT_TIME in enclosure.variables else (STEPS, "time")
+    lines = [f"proven    {stated_value(enclosure, 'summary')}", f"ended     {stated_value(enclosure, 'outcome_text')}"]
+    dim, time = (AT, AT_TIME) if AT_TIME in enclosure.variables else (STEPS, "time")
     unit = unit_suffix(str(enclosure[time].attrs["units"]))
-    names = bounded(enclosure, along)
-    firsts = [enclosure[bounds_of(name)[0]].values.reshape(enclosure.sizes[along], -1)[:, 0] for name in names]
-    if (known := np.flatnonzero(~np.isnan(firsts).any(axis=0))).size:
-        last = enclosure.isel({along: int(known[-1])})
+    names = bounded_names(enclosure, dim)
+    firsts = [enclosure[bounds_of(name)[0]].values.reshape(enclosure.sizes[dim], -1)[:, 0] for name in names]
+    if (known_rows := np.flatnonzero(~np.isnan(firsts).any(axis=0))).size:
+        last = enclosure.isel({dim: int(known_rows[-1])})
         lines.append(f"bounds    at t = {float(last[time])!r}{unit}")
-        lines += [f"  {name:<8}  {_between(last, name)}" for name in names]
+        lines += [f"  {name:<8}  {_interval_text(last, name)}" for name in names]
     for k in range(enclosure.sizes.get(EVENTS, 0)):
         event = enclosure.isel({EVENTS: k})
-        if (word := words_of(event["event_detector"])[0]) != "none":
-            lines.append(f"event     {word}: t from {_between(event, 'event_time')}")
-    return [*lines, *(f"events    {text}" for text in (stated(enclosure, "events_text"),) if text)]
+        if (word := words_of_flag(event["event_detector"])[0]) != "none":
+            lines.append(f"event     {word}: t from {_interval_text(event, 'event_time')}")
+    return [*lines, *(f"events    {text}" for text in (stated_value(enclosure, "events_text"),) if text)]
 
 
-def bounded(enclosure: xr.Dataset, along: str) -> list[str]:
+def bounded_names(enclosure: xr.Dataset, dim: str) -> list[str]:
     """Name what has bounds along a dimension."""
     prefix, _ = bounds_of("")
     return [
         str(name).removeprefix(prefix)
         for name, variable in enclosure.data_vars.items()
-        if str(name).startswith(prefix) and along in variable.dims
+        if str(name).startswith(prefix) and dim in variable.dims
     ]
 
 
-def _between(row: xr.Dataset, name: str) -> str:
+def _interval_text(row: xr.Dataset, name: str) -> str:
     """Write two bounds and how far they are apart, or of many this alone."""
     low, high = (row[bound] for bound in bounds_of(name))
     width, unit = float((high - low).max()), unit_suffix(str(low.attrs["units"]))
@@ -204,4 +223,4 @@ def _between(row: xr.Dataset, name: str) -> str:
     return f"{float(low)!r} to {float(high)!r}{unit}, {width:.2g} wide"
 
 
-SUMMARIES = {ENCLOSURE: lines_of}
+SUMMARIES = {ENCLOSURE: enclosure_lines}

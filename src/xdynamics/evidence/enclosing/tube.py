@@ -14,11 +14,11 @@ from xdynamics.kernels.layout import Layout, layout_of
 from xdynamics.model import Model
 from xdynamics.model.detectors import OCCASION, Detector, function_rate
 from xdynamics.tubes import Flow, IntervalProblem, Proof, boxes, interval_problem_of
-from xdynamics.tubes.acting import Acting, first_passage, follow_past
+from xdynamics.tubes.acting import ActingEvent, first_passage, follow_past
 from xdynamics.tubes.boxes import Box
 from xdynamics.tubes.crossings import Crossing, Crossings
 from xdynamics.tubes.functions import Functions
-from xdynamics.tubes.passages import Passage, Reset, go_on
+from xdynamics.tubes.passages import Passage, Reset, land_after_passage
 from xdynamics.tubes.series import UndefinedError
 
 if TYPE_CHECKING:
@@ -42,12 +42,12 @@ class EventBounds:
     crossings: Crossings
 
     @property
-    def counted(self) -> list[Crossing]:
+    def counted_crossings(self) -> list[Crossing]:
         """The zeros in the event's direction."""
         return [
-            found
-            for found in self.crossings.found
-            if self.direction == "either" or found.rising == (self.direction == "rising")
+            crossing
+            for crossing in self.crossings.zeros
+            if self.direction == "either" or crossing.rising == (self.direction == "rising")
         ]
 
 
@@ -89,8 +89,8 @@ class Tube:
     changes: int = 0
 
 
-def proven(
-    model: Model, flow: Flow, end: float, times: Sequence[float] | None, most: int, progress: Progress | None
+def prove_tube(
+    model: Model, flow: Flow, end: float, times: Sequence[float] | None, max_steps: int, progress: Progress | None
 ) -> Tube:
     """March, and collect what is proven.
 
@@ -101,15 +101,16 @@ def proven(
     end : float, s
     times : sequence of float, s, optional
         When bounds are wanted; by default after every step.
-    most : int
+    max_steps : int
         Steps after which it ends.
     progress : callable, optional
     """
     layout, start = layout_of(model), float(model.statement.initial["t"].si)
     observed = Functions(flow.problem, layout, list(layout.derived.values()))
-    events = [_event(flow.problem, layout, detector) for detector in _occasions(layout)]
+    events = [_event_bounds(flow.problem, layout, detector) for detector in _occasion_detectors(layout)]
     acting = [
-        _acting(flow, layout, event, detector) for event, detector in zip(events, _occasions(layout), strict=True)
+        _acting_event(flow, layout, event, detector)
+        for event, detector in zip(events, _occasion_detectors(layout), strict=True)
     ]
     march = _March(flow, _Collected(flow, observed, (start, end), times), events, [event for event in acting if event])
     until, steps, reached = flow.problem.time_of(end), 0, start
@@ -118,16 +119,16 @@ def proven(
         reached = end if proof.end is until else float(proof.end[0])
         if progress is not None:
             progress((reached - start) / (end - start), reached, steps)
-        if steps >= most and reached < end and not march.stopped:
-            flow.reason = f"max_steps = {most} steps were taken"
+        if steps >= max_steps and reached < end and not march.stopped:
+            flow.reason = f"max_steps = {max_steps} steps were taken"
             break
     collected = march.collected
     bounds = np.stack(collected.rows, axis=1)
-    found, at_times = march.found(), times is not None
+    event_bounds, at_times = march.event_bounds(), times is not None
     return Tube(
         np.array(collected.times),
         bounds,
-        found,
+        event_bounds,
         steps,
         reached,
         flow.reason,
@@ -149,9 +150,9 @@ class _March:
         Those of them that act.
     """
 
-    def __init__(self, flow: Flow, collected: _Collected, events: list[EventBounds], acting: list[Acting]) -> None:
+    def __init__(self, flow: Flow, collected: _Collected, events: list[EventBounds], acting: list[ActingEvent]) -> None:
         self._flow, self.collected, self._events, self._acting = flow, collected, events, acting
-        self._named = {event.name: event for event in acting}
+        self._acting_by_name = {event.name: event for event in acting}
         self.stopped, self.changes = "", 0
 
     def steps(self, until: Box) -> Iterator[Proof]:
@@ -160,15 +161,15 @@ class _March:
             for event in self._acting:
                 event.begin(self._flow)
             for proof in self._flow.until([until]):
-                yield self._judged(proof)
+                yield self._take_step(proof)
                 if self.stopped:
                     return
         except UndefinedError as error:
             self._flow.reason = str(error)
 
-    def _judged(self, proof: Proof) -> Proof:
+    def _take_step(self, proof: Proof) -> Proof:
         """Take what a step proves; where an event acts, go on from there."""
-        recorded = [event.crossings for event in self._events if event.name not in self._named]
+        recorded = [event.crossings for event in self._events if event.name not in self._acting_by_name]
         passed = None
         if self._acting:
             proof, passed = first_passage(self._acting, self._flow, proof)
@@ -186,18 +187,20 @@ class _March:
             if begin > proof.begin[1]:  # else the first motion stops where the step begins
                 self.collected.add(part)
             return part
-        go_on(self._flow, passed)
+        land_after_passage(self._flow, passed)
         self.changes += 1
         self.collected.pass_over(passed)
         return proof.cut(end)
 
-    def found(self) -> list[EventBounds]:
+    def event_bounds(self) -> list[EventBounds]:
         """Return the events, each with what is known of its zeros."""
         for event in self._events:
-            if event.name not in self._named:
+            if event.name not in self._acting_by_name:
                 event.crossings.end()
         return [
-            replace(event, crossings=self._named[event.name].crossings) if event.name in self._named else event
+            replace(event, crossings=self._acting_by_name[event.name].crossings)
+            if event.name in self._acting_by_name
+            else event
             for event in self._events
         ]
 
@@ -206,21 +209,21 @@ def unproven(model: Model, times: Sequence[float]) -> Tube:
     """Return the tube at some times before anything is proven: its quantities, which are nan, and its events."""
     layout, problem = layout_of(model), interval_problem_of(model)
     bounds = np.full((2, len(times), problem.used + len(layout.derived)), np.nan)
-    events = [_event(problem, layout, detector) for detector in _occasions(layout)]
+    events = [_event_bounds(problem, layout, detector) for detector in _occasion_detectors(layout)]
     return Tube(np.array(times), bounds, events, 0, np.nan, "", at_times=True)
 
 
-def _occasions(layout: Layout) -> list[Detector]:
+def _occasion_detectors(layout: Layout) -> list[Detector]:
     return [detector for detector in layout.watched if detector.role == OCCASION]
 
 
-def _event(problem: IntervalProblem, layout: Layout, detector: Detector) -> EventBounds:
+def _event_bounds(problem: IntervalProblem, layout: Layout, detector: Detector) -> EventBounds:
     trees = [detector.looked_at, function_rate(layout.model, detector)]
     jumping = bool(problem.constants.tables) and Functions(problem, layout, trees[:1]).reads_tables
     return EventBounds(detector.name, detector.direction, Crossings(Functions(problem, layout, trees), jumping))
 
 
-def _acting(flow: Flow, layout: Layout, event: EventBounds, detector: Detector) -> Acting | None:
+def _acting_event(flow: Flow, layout: Layout, event: EventBounds, detector: Detector) -> ActingEvent | None:
     """Return an event that acts; None for one that records."""
     declared, model, problem = detector.event, layout.model, flow.problem
     if declared.action == "record":
@@ -228,9 +231,9 @@ def _acting(flow: Flow, layout: Layout, event: EventBounds, detector: Detector) 
     to = list(model.regimes).index(declared.to) if declared.action == "switch" else -1
     trees = {problem.names.index(target): model.expanded(tree) for target, tree in declared.reset.items()}
     reset = Reset(Functions(problem, layout, [*trees.values()]), tuple(trees)) if trees else None
-    moved = not model.reads(detector.function).isdisjoint(declared.reset)
+    resets_function = not model.reads(detector.function).isdisjoint(declared.reset)
     function, zeros, stops = text_of(detector.function), replace(event.crossings, fine=True), declared.action == "stop"
-    return Acting(event.name, event.direction, declared.count, to, stops, reset, function, moved, zeros)
+    return ActingEvent(event.name, event.direction, declared.count, to, stops, reset, function, resets_function, zeros)
 
 
 class _Collected:
@@ -241,54 +244,60 @@ class _Collected:
     ) -> None:
         (start, self._end), self._flow = span, flow
         self._observed, self._used, self._law = observed, flow.problem.used, flow.problem.constants
-        self._wanted = (
-            None if times is None else [(place, flow.problem.time_of(time)) for place, time in enumerate(times)]
+        self._rows_and_times = (
+            None if times is None else [(row_index, flow.problem.time_of(time)) for row_index, time in enumerate(times)]
         )
         unknown = np.full((2, self._used + observed.count), np.nan)
-        held = flow.problem.constants.at(flow.regime, float(flow.time[0]))
-        at_start = np.concatenate([flow.box[:, : self._used], observed.at_start(flow.time, flow.box, held)], axis=1)
+        initial_constants = flow.problem.constants.values_from(flow.regime, float(flow.time[0]))
+        at_start = np.concatenate(
+            [flow.box[:, : self._used], observed.at_start(flow.time, flow.box, initial_constants)], axis=1
+        )
         self.times = [start] if times is None else list(times)
         self.rows = [at_start] if times is None else [unknown] * len(times)
-        for place, time in self._wanted or ():
+        for row_index, time in self._rows_and_times or ():
             if time[0] <= flow.time[0]:
-                self.rows[place] = at_start
+                self.rows[row_index] = at_start
 
     def add(self, proof: Proof) -> None:
         """Take what a step proves."""
-        if self._wanted is None:
-            self._append(proof.end, self._row(proof, proof.end, proof.after))
+        if self._rows_and_times is None:
+            self._append(proof.end, self._bounds_row(proof, proof.end, proof.end_box))
             return
-        for place, time in self._wanted:
+        for row_index, time in self._rows_and_times:
             if proof.begin[0] < time[0] and time[1] <= proof.end[1]:
-                self.rows[place] = self._row(proof, time, proof.at(time))
+                self.rows[row_index] = self._bounds_row(proof, time, proof.box_at(time))
 
     def pass_over(self, passed: Passage) -> None:
         """Take what a step proves in which an event acts: before it, while motions pass, and when the last of them has."""
         proof, (begin, end) = passed.proof, passed.crossing.time
         flow = self._flow
-        after = self._observed.of_set(flow.time, flow.set.itself(), flow.box, passed.held)
-        last = np.concatenate([flow.box[:, : self._used], after], axis=1)
-        if self._wanted is None:
+        observed_after = self._observed.of_set(flow.time, flow.set.itself(), flow.box, passed.step_values)
+        last = np.concatenate([flow.box[:, : self._used], observed_after], axis=1)
+        if self._rows_and_times is None:
             self._append(flow.time, last)
             return
-        for place, time in self._wanted:
+        for row_index, time in self._rows_and_times:
             if not (proof.begin[0] < time[0] and time[1] <= end):
                 continue
-            self.rows[place] = self._row(proof, time, proof.at(time))
+            self.rows[row_index] = self._bounds_row(proof, time, proof.box_at(time))
             if time[0] == end:
-                self.rows[place] = last
+                self.rows[row_index] = last
             elif time[1] >= begin:
-                beyond = self._observed.at_start(time, passed.between, passed.held)
+                beyond = self._observed.at_start(time, passed.between, passed.step_values)
                 beyond = np.concatenate([passed.between[:, : self._used], beyond], axis=1)
-                self.rows[place] = boxes.hull(self.rows[place], beyond)
+                self.rows[row_index] = boxes.hull(self.rows[row_index], beyond)
 
     def _append(self, time: Box, row: Box) -> None:
         self.times.append(self._end if np.array_equal(time, self._flow.problem.time_of(self._end)) else float(time[0]))
         self.rows.append(row)
 
-    def _row(self, proof: Proof, time: Box, states: Box) -> Box:
-        found = self._observed.within(proof, time)
-        after = self._law.at(proof.held[0], float(time[1]))
-        if not (np.array_equal(after, proof.held) or self._law.lacking(after)):  # a piece ends there, another begins
-            found = boxes.hull(found, self._observed.within(replace(proof, held=after), time))
-        return np.concatenate([states[:, : self._used], found], axis=1)
+    def _bounds_row(self, proof: Proof, time: Box, states: Box) -> Box:
+        observed_bounds = self._observed.bounds_in_step(proof, time)
+        constants_after = self._law.values_from(proof.step_values[0], float(time[1]))
+        if not (
+            np.array_equal(constants_after, proof.step_values) or self._law.lacking(constants_after)
+        ):  # a piece ends there, another begins
+            observed_bounds = boxes.hull(
+                observed_bounds, self._observed.bounds_in_step(replace(proof, step_values=constants_after), time)
+            )
+        return np.concatenate([states[:, : self._used], observed_bounds], axis=1)

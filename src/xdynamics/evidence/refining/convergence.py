@@ -57,21 +57,21 @@ def observed_orders(values: Floats, steps: Floats) -> Floats:
     defined = np.isfinite(grown) & (grown != 0.0)
     coarse, fine = (np.broadcast_to(part, grown.shape)[defined] for part in (ratio[:-1], ratio[1:]))
     inner = np.full(grown.shape, np.nan)
-    inner[defined] = _solved(grown[defined], coarse, fine)
+    inner[defined] = _solve_orders(grown[defined], coarse, fine)
     orders[..., 1:-1] = inner
     return orders
 
 
-def _solved(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
+def _solve_orders(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
     """Solve Celik's equation ``abs(grown) = fine**p (coarse**p - s)/(fine**p - s)`` for p, in which it is monotonic."""
     orders = np.clip(log(np.abs(grown)) / log(fine), -STEEPEST, STEEPEST)  # where abs(grown) is a power of one ratio
     uneven = coarse != fine
     if uneven.any():
-        orders[uneven] = _bisected(grown[uneven], log(coarse[uneven]), log(fine[uneven]))
+        orders[uneven] = _bisect_orders(grown[uneven], log(coarse[uneven]), log(fine[uneven]))
     return orders
 
 
-def _bisected(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
+def _bisect_orders(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
     """Solve it by bisection for ratios that differ, from their logarithms: then order 0 is not 0/0."""
     size, sign = np.abs(grown), np.sign(grown)
     low, high = np.full(size.shape, -STEEPEST), np.full(size.shape, STEEPEST)
@@ -138,14 +138,14 @@ def fitted(values: Sequence[float], steps: Sequence[float], formal: float) -> Fi
     (10.0, -3.0, 2.0)
     """
     numbers, h = np.asarray(values, float), np.asarray(steps, float)
-    free = _best(_free(numbers, h, formal, weights) for weights in _weightings(h))
+    free = _best_fit(_fit_free_order(numbers, h, formal, weights) for weights in _weightings(h))
     order = free.orders[0]
     if LEAST_SHARE * formal <= order <= formal + BEYOND:
         return free
     if order > formal:
-        return _best(_fixed(numbers, h, (formal,), weights) for weights in _weightings(h))
+        return _best_fit(_fit_fixed_orders(numbers, h, (formal,), weights) for weights in _weightings(h))
     trials = ((formal,), (formal / 2.0,), (formal / 2.0, formal))
-    return _best(_fixed(numbers, h, orders, weights) for orders in trials for weights in _weightings(h))
+    return _best_fit(_fit_fixed_orders(numbers, h, orders, weights) for orders in trials for weights in _weightings(h))
 
 
 def fitted_uncertainty(values: Sequence[float], steps: Sequence[float], formal: float) -> tuple[float, Fit]:
@@ -164,25 +164,27 @@ def _weightings(h: Floats) -> tuple[Floats, Floats]:
     return np.ones(len(h)), len(h) * (1.0 / h) / np.sum(1.0 / h)
 
 
-def _best(fits: Iterable[Fit]) -> Fit:
+def _best_fit(fits: Iterable[Fit]) -> Fit:
     return min(fits, key=lambda fit: fit.spread)
 
 
-def _free(values: Floats, h: Floats, formal: float, weights: Floats) -> Fit:
+def _fit_free_order(values: Floats, h: Floats, formal: float, weights: Floats) -> Fit:
     """Fit with a free order: for each order the fit is linear, so the search is over one number."""
     from scipy.optimize import minimize_scalar
 
-    def spread(orders: Any) -> Floats:
+    def fit_spread(orders: Any) -> Floats:
         return _solution(values, power(h / h[0], np.asarray(orders)[..., None, None]), weights, free=True)[2]
 
     tried = np.linspace(LEAST_SHARE * formal / 8.0, 4.0 * formal, GRID)
-    best = int(np.argmin(spread(tried)))
+    best = int(np.argmin(fit_spread(tried)))
     bounds = tried[max(best - 1, 0)], tried[min(best + 1, GRID - 1)]
-    found = minimize_scalar(spread, bounds=bounds, method="bounded", options={"xatol": 1e-12})
-    return _fixed(values, h, (float(found.x),), weights, free=True)
+    optimum = minimize_scalar(fit_spread, bounds=bounds, method="bounded", options={"xatol": 1e-12})
+    return _fit_fixed_orders(values, h, (float(optimum.x),), weights, free=True)
 
 
-def _fixed(values: Floats, h: Floats, orders: tuple[float, ...], weights: Floats, *, free: bool = False) -> Fit:
+def _fit_fixed_orders(
+    values: Floats, h: Floats, orders: tuple[float, ...], weights: Floats, *, free: bool = False
+) -> Fit:
     """Fit with given orders; an order found by a search counts as a parameter too."""
     # steps are divided by the coarsest: powers of small numbers would differ too much in size
     powers = power(h / h[0], np.array(orders)[:, None])

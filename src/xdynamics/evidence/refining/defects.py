@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.shortened_steps import Inside
+from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 
@@ -27,7 +27,7 @@ def step_defects(
     names: Sequence[str] | None = None,
     *,
     functions: Mapping[str, Callable[..., float]] | None = None,
-    most: int = LOOKED_AT,
+    max_steps: int = LOOKED_AT,
 ) -> dict[str, Floats]:
     """Return the states reached by steps spread over a run, each less that of sixteen steps in its place.
 
@@ -39,7 +39,7 @@ def step_defects(
         Coordinates, velocities and states, or elements of these; by default all that the record has.
     functions : mapping of str to callable, optional
         The Python functions that the model's forces call.
-    most : int
+    max_steps : int
         Steps to look at.
 
     Returns
@@ -52,12 +52,12 @@ def step_defects(
     InputError
         If the method carries memory from one step to the next, so that no step can be repeated alone.
     """
-    inside = Inside.of(run, functions, REINTEGRATE)
-    if inside.settings.method.stepper.has_memory:
+    interpolator = StepInterpolator.of_run(run, functions, REINTEGRATE)
+    if interpolator.settings.method.stepper.has_memory:
         raise InputError(
-            f"steps of '{inside.settings.method.name}' depend on those before: none of them is repeated alone"
+            f"steps of '{interpolator.settings.method.name}' depend on those before: none of them is repeated alone"
         )
     rows = np.flatnonzero(np.diff(np.asarray(run["time"])) > 0.0)
-    chosen = rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(np.int64))]
-    defects, used = inside.defects(chosen, PARTS), inside.layout.used
-    return {name: used.taken(defects, name) for name in (defects if names is None else names)}
+    chosen_rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(max_steps, len(rows))).astype(np.int64))]
+    defects, used = interpolator.defects(chosen_rows, PARTS), interpolator.layout.used
+    return {name: used.values_of(defects, name) for name in (defects if names is None else names)}

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.evidence_dataset import about
+from xdynamics.evidence.evidence_dataset import variable_attributes
 from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.judgements import UNCERTAINTY_RULES, VERDICTS, Judged, judge
 from xdynamics.evidence.refining.levels import RTOLS, TIME_TOLERANCES, Levels
-from xdynamics.schema import LEVEL, flags, scale
+from xdynamics.schema import LEVEL, flag_attributes, scale_name
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ Subject = tuple[str, str, str, tuple[str, ...]]  # name, units, long name and di
 
 
 @dataclass(frozen=True)
-class Watched:
+class TrackedValue:
     """One quantity of every level, at several places: a number, or with dimensions those of all elements.
 
     Attributes
@@ -36,7 +36,7 @@ class Watched:
         Of the places, then of the quantity; none for one number per run.
     values, errors : ndarray, shape (places, ..., levels)
         The values, and their errors by interpolation or location.
-    rounding, moved : ndarray, shape (places, ...)
+    rounding, event_errors : ndarray, shape (places, ...)
         Errors of the finest values by rounding, and by the uncertain location of events before.
     kinks : ndarray, shape (places,) or (places, ...)
         The order left by switches that steps went over, inf where there are none.
@@ -51,19 +51,19 @@ class Watched:
     values: Floats
     errors: Floats
     rounding: Floats
-    moved: Floats
+    event_errors: Floats
     scale: Any
     kinks: Floats | None = None
 
     @classmethod
-    def blank(cls, subject: Subject, places: int, levels: int, shape: tuple[int, ...] = ()) -> Watched:
+    def blank(cls, subject: Subject, places: int, levels: int, shape: tuple[int, ...] = ()) -> TrackedValue:
         """Return what is known of a quantity before anything is marched: everything but its values."""
         nothing = np.full((places, *shape, levels), np.nan)
         return cls(*subject, nothing, nothing, nothing[..., 0], nothing[..., 0], np.full(shape, np.nan))
 
-    def at(self, name: str, place: tuple[int, ...]) -> Watched:
+    def element(self, name: str, element_index: tuple[int, ...]) -> TrackedValue:
         """Return one element of a quantity, as a number of its own."""
-        index: Any = (slice(None), *place)
+        index: Any = (slice(None), *element_index)
 
         return replace(
             self,
@@ -72,8 +72,8 @@ class Watched:
             values=self.values[index],
             errors=self.errors[index],
             rounding=self.rounding[index],
-            moved=self.moved[index],
-            scale=float(self.scale[place]),
+            event_errors=self.event_errors[index],
+            scale=float(self.scale[element_index]),
         )
 
     @property
@@ -84,7 +84,7 @@ class Watched:
         return differences
 
 
-def family(number: Watched, levels: Levels, accepted: int, estimated: float = 0.0) -> dict[str, Any]:
+def family(number: TrackedValue, levels: Levels, accepted: int, estimated: float = 0.0) -> dict[str, Any]:
     """Return every variable about one number, ready for a Dataset.
 
     `accepted` counts the finest level's steps, and `estimated` is what these estimate to be off together, as a part of
@@ -93,54 +93,54 @@ def family(number: Watched, levels: Levels, accepted: int, estimated: float = 0.
     name, units, changes = number.name, number.units, number.changes
     dims = (LEVEL, *number.dims)
 
-    def along(values: Floats) -> Floats:
+    def levels_first(values: Floats) -> Floats:
         """Return values with levels first; without places, levels only."""
         return np.moveaxis(values, -1, 0) if number.dims else values[0]
 
     # the finest level has no difference of its own: its gate uses the last one
     last = np.abs(np.concatenate([changes[..., :-1], changes[..., -2:-1]], axis=-1))
     gate = (~(number.errors <= last)).astype(np.int8)
-    size = scale("difference", name)
+    size = scale_name("difference", name)
     variables: dict[str, Any] = {
-        name: (dims, along(number.values), about(units, number.long_name, ROLE)),
+        name: (dims, levels_first(number.values), variable_attributes(units, number.long_name, ROLE)),
         f"difference_{name}": (
             dims,
-            along(changes),
-            about(units, f"{name} at the next finer level minus {name} at this level", ROLE),
+            levels_first(changes),
+            variable_attributes(units, f"{name} at the next finer level minus {name} at this level", ROLE),
         ),
         f"scaled_difference_{name}": (
             dims,
-            along(changes / np.asarray(number.scale)[..., np.newaxis]),
-            about("1", f"difference_{name} over {size}", ROLE),
+            levels_first(changes / np.asarray(number.scale)[..., np.newaxis]),
+            variable_attributes("1", f"difference_{name} over {size}", ROLE),
         ),
         size: (
             number.dims[1:],
             np.asarray(number.scale, float),
-            about(units, f"scale of difference_{name}, never zero", "scale"),
+            variable_attributes(units, f"scale of difference_{name}, never zero", "scale"),
         ),
         f"interpolation_error_{name}": (
             dims,
-            along(number.errors),
-            about(units, f"estimated error of {name} by interpolation, or by locating the event", ROLE),
+            levels_first(number.errors),
+            variable_attributes(units, f"estimated error of {name} by interpolation, or by locating the event", ROLE),
         ),
         f"gate_{name}": (
             dims,
-            along(gate),
-            about(
+            levels_first(gate),
+            variable_attributes(
                 "1",
                 f"passed where interpolation_error_{name} is at most the difference to the next finer level",
                 "flag",
             )
-            | flags(dict(enumerate(GATES))),
+            | flag_attributes(dict(enumerate(GATES))),
         ),
     }
-    return variables | (_judged(number, levels, accepted, estimated) if levels.ordered else {})
+    return variables | (_judgement_variables(number, levels, accepted, estimated) if levels.ordered else {})
 
 
-def _judged(number: Watched, levels: Levels, accepted: int, estimated: float) -> dict[str, Any]:
+def _judgement_variables(number: TrackedValue, levels: Levels, accepted: int, estimated: float) -> dict[str, Any]:
     """Return orders, verdicts, limits and uncertainties, where levels are numbers with which errors shrink."""
     name, units = number.name, number.units
-    orders, judged = observed_orders(number.values, levels.values), _judgement(number, levels, accepted, estimated)
+    orders, judgement = observed_orders(number.values, levels.values), _judgement(number, levels, accepted, estimated)
 
     def once(values: Any, dtype: Any) -> Any:
         return number.dims, np.asarray(values if number.dims else values[0], dtype)
@@ -149,33 +149,34 @@ def _judged(number: Watched, levels: Levels, accepted: int, estimated: float) ->
         f"order_{name}": (
             (LEVEL, *number.dims),
             np.moveaxis(orders, -1, 0) if number.dims else orders[0],
-            about(
+            variable_attributes(
                 "1",
                 f"observed order of {name}, from this level and its two neighbours; negative where differences grow",
                 ROLE,
             ),
         ),
         f"verdict_{name}": (
-            *once(judged.verdict, np.int8),
-            about("1", f"verdict on the convergence of {name}", "flag") | flags(dict(enumerate(VERDICTS))),
+            *once(judgement.verdict, np.int8),
+            variable_attributes("1", f"verdict on the convergence of {name}", "flag")
+            | flag_attributes(dict(enumerate(VERDICTS))),
         ),
         f"limit_{name}": (
-            *once(judged.limit, float),
-            about(units, f"limit of {name} as {levels.varied.name} tends to zero", ROLE),
+            *once(judgement.limit, float),
+            variable_attributes(units, f"limit of {name} as {levels.varied.name} tends to zero", ROLE),
         ),
         f"uncertainty_{name}": (
-            *once(judged.uncertainty, float),
-            about(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE),
+            *once(judgement.uncertainty, float),
+            variable_attributes(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE),
         ),
         f"uncertainty_rule_{name}": (
-            *once(RULE_NUMBERS[judged.rule], np.int8),
-            about("1", f"rule by which the uncertainty of {name} was found", "flag")
-            | flags(dict(enumerate(RULE_WORDS))),
+            *once(RULE_NUMBERS[judgement.rule], np.int8),
+            variable_attributes("1", f"rule by which the uncertainty of {name} was found", "flag")
+            | flag_attributes(dict(enumerate(RULE_WORDS))),
         ),
     }
 
 
-def _judgement(number: Watched, levels: Levels, accepted: int, estimated: float) -> Judged:
+def _judgement(number: TrackedValue, levels: Levels, accepted: int, estimated: float) -> Judged:
     """Judge the levels at every place of a quantity."""
     kinks = np.full(len(number.values), np.inf)
     if number.kinks is not None and levels.varied != TIME_TOLERANCES:
@@ -186,7 +187,7 @@ def _judgement(number: Watched, levels: Levels, accepted: int, estimated: float)
         levels.formal,
         number.rounding,
         number.errors[..., -2:].max(axis=-1),
-        number.moved,
+        number.event_errors,
         smooth=levels.varied != RTOLS,
         kink=kinks.reshape(*kinks.shape, *[1] * (number.values.ndim - 1 - kinks.ndim)),
         accepted=accepted,

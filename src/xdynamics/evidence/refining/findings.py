@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.evidence.refining.defects import DEFECT
-from xdynamics.evidence.refining.family import ROLE, Watched, family
+from xdynamics.evidence.refining.family import ROLE, TrackedValue, family
 from xdynamics.evidence.refining.judgements import FEW_STEPS
-from xdynamics.evidence.refining.readings import Common, Outline, Readings
+from xdynamics.evidence.refining.readings import ComparisonPoints, Readings, RunSummary
 from xdynamics.evidence.refining.study import Study
-from xdynamics.evidence.refining.subjects import Subjects, crossing_level
-from xdynamics.evidence.stage_tasks import AT_ONCE, Task, inputs_of
-from xdynamics.evidence.stages import Stage, lazy
+from xdynamics.evidence.refining.subjects import StudyQuantities, crossing_level
+from xdynamics.evidence.stage_tasks import AT_ONCE, Task, setting_words
+from xdynamics.evidence.stages import Stage, lazy_stage
 from xdynamics.faults import InputError
 from xdynamics.schema import AT, AT_TIME, LEVEL
 
@@ -38,7 +38,7 @@ DEFECT_SAID = (
 
 
 @dataclass(frozen=True)
-class Findings:
+class StudyResults:
     """What is known of a study once its levels are marched.
 
     Attributes
@@ -64,7 +64,7 @@ class Findings:
     """
 
     times: Floats
-    numbers: list[Watched]
+    numbers: list[TrackedValue]
     digests: NDArray[np.str_]
     outcomes: NDArray[np.str_]
     counts: Mapping[str, NDArray[np.int64]]
@@ -75,24 +75,24 @@ class Findings:
     left_out: str = ""
 
     @classmethod
-    def of(cls, study: Study) -> Findings:
+    def of(cls, study: Study) -> StudyResults:
         """Compare the levels of a study."""
         outlines, stepped = study.outlines, study.subjects.stepped if study.defects else ()
         return cls(
             study.times,
-            list(study.watched()),
+            list(study.tracked_values()),
             np.array([outline.digest for outline in outlines]),
             np.array([outline.outcome for outline in outlines]),
-            {name: np.array([len(level) for level in rows]) for name, rows in study.met().items()},
+            {name: np.array([len(level) for level in rows]) for name, rows in study.event_rows().items()},
             study.common.crossing_levels,
             {name: np.stack([level.defects[name] for level in study.readings]) for name in stepped},
             outlines[-1].accepted,
-            _estimated(study),
+            _finest_estimate(study),
             study.left_out,
         )
 
     @classmethod
-    def blank(cls, subjects: Subjects) -> Findings:
+    def blank(cls, subjects: StudyQuantities) -> StudyResults:
         """Return findings of the right sizes, before anything is marched."""
         levels = len(subjects.levels.values)
         return cls(
@@ -109,13 +109,13 @@ class Findings:
         )
 
 
-def _estimated(study: Study) -> float:
+def _finest_estimate(study: Study) -> float:
     """Return what the steps of the finest run estimate to be off together, where the tolerance did not set them."""
     restrained = study.levels.are_restrained([outline.accepted for outline in study.outlines])
     return study.outlines[-1].estimated if restrained else 0.0
 
 
-def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[str, Any]) -> xr.Dataset:
+def study_dataset(subjects: StudyQuantities, findings: StudyResults, attributes: Mapping[str, Any]) -> xr.Dataset:
     """Assemble the evidence.
 
     Raises
@@ -126,10 +126,14 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
     levels, unit = subjects.levels, subjects.levels.model.time_unit.text
     varied = levels.varied
     variables: dict[str, Any] = {
-        varied.name: ((LEVEL,), levels.values, about(varied.units or unit, varied.long_name, ROLE)),
-        "run_digest": ((LEVEL,), findings.digests, about("1", "content digest of the level's run", "digest")),
-        "run_outcome": ((LEVEL,), findings.outcomes, about("1", "outcome of the level's run", "outcome")),
-        AT_TIME: ((AT,), findings.times, about(unit, "time of comparison", "time")),
+        varied.name: ((LEVEL,), levels.values, variable_attributes(varied.units or unit, varied.long_name, ROLE)),
+        "run_digest": (
+            (LEVEL,),
+            findings.digests,
+            variable_attributes("1", "content digest of the level's run", "digest"),
+        ),
+        "run_outcome": ((LEVEL,), findings.outcomes, variable_attributes("1", "outcome of the level's run", "outcome")),
+        AT_TIME: ((AT,), findings.times, variable_attributes(unit, "time of comparison", "time")),
     }
     for number in findings.numbers:
         added = family(number, levels, findings.accepted, findings.estimated)
@@ -140,9 +144,13 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
             )
         variables |= added
     variables |= _of_runs(subjects, findings)
-    variables[MODEL] = ((), np.array(levels.model.to_toml()), about("1", "the whole model as TOML", "model"))
+    variables[MODEL] = (
+        (),
+        np.array(levels.model.to_toml()),
+        variable_attributes("1", "the whole model as TOML", "model"),
+    )
     method = subjects.march.settings.method.name
-    return exhibit(
+    return evidence_dataset(
         "refinement",
         f"refinement of {levels.model.name}, by {method}",
         findings.digests.tolist(),
@@ -150,7 +158,7 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
         {
             "solver_method": method,
             "varied": varied.name,
-            "asked": json.dumps(levels.asked, default=str, sort_keys=True),
+            "asked": json.dumps(levels.shared_settings, default=str, sort_keys=True),
             "formal_order": levels.formal,
             "model_digest": levels.model.digest,
             "norm": "absolute differences of neighbouring levels; scaled ones over the stated scale",
@@ -161,17 +169,17 @@ def study_dataset(subjects: Subjects, findings: Findings, attributes: Mapping[st
     )
 
 
-def _of_runs(subjects: Subjects, findings: Findings) -> dict[str, Any]:
+def _of_runs(subjects: StudyQuantities, findings: StudyResults) -> dict[str, Any]:
     """Return how often events were met, the levels that cycles begin at, and local errors, as variables."""
     variables: dict[str, Any] = {
-        f"event_count_{name}": ((LEVEL,), counts, about("1", f"how often {name} was met", ROLE))
+        f"event_count_{name}": ((LEVEL,), counts, variable_attributes("1", f"how often {name} was met", ROLE))
         for name, counts in findings.counts.items()
     }
     variables |= {
         crossing_level(name): (
             (),
             np.float64(level),
-            about(subjects.recorded(name).units, f"level of {name} that begins a cycle", ROLE),
+            variable_attributes(subjects.recorded(name).units, f"level of {name} that begins a cycle", ROLE),
         )
         for name, level in findings.crossed.items()
     }
@@ -179,13 +187,13 @@ def _of_runs(subjects: Subjects, findings: Findings) -> dict[str, Any]:
         f"{DEFECT}{name}": (
             (LEVEL, *subjects.dims(name)),
             defects,
-            about(subjects.recorded(name).units, DEFECT_SAID.format(name), ROLE),
+            variable_attributes(subjects.recorded(name).units, DEFECT_SAID.format(name), ROLE),
         )
         for name, defects in findings.defects.items()
     }
 
 
-def lazy_study(subjects: Subjects) -> xr.Dataset:
+def lazy_study(subjects: StudyQuantities) -> xr.Dataset:
     """Return a refinement with dask arrays, of which nothing is marched.
 
     A level is marched by one task, and read by another, which is cheap, begins at once, and is done where the run is, as
@@ -205,16 +213,27 @@ def lazy_study(subjects: Subjects) -> xr.Dataset:
     levels = subjects.levels
     count, keyword = len(levels.values), levels.varied.keyword
     runs = _ranked([levels.task(k) for k in range(count)])
-    inputs = (subjects.names, subjects.at, subjects.occurrences, subjects.defects, keyword, inputs_of(levels.asked))
-    given = replace(
-        Task.of("subjects", partial(_given, subjects), (), [run.name for run in runs], *inputs),
+    inputs = (
+        subjects.names,
+        subjects.requested_times,
+        subjects.occurrences,
+        subjects.defects,
+        keyword,
+        setting_words(levels.shared_settings),
+    )
+    quantities_task = replace(
+        Task.of("subjects", partial(_return_quantities, subjects), (), [run.name for run in runs], *inputs),
         lasting=False,
         steps=AT_ONCE,
     )
-    task = _study_at_once(given, runs) if subjects.foreseen else _study_by_outlines(subjects, given, runs)
-    template = study_dataset(subjects, Findings.blank(subjects), {})
-    known = [levels.varied.name, MODEL, *([AT_TIME] if subjects.times is not None else [])]
-    return lazy(Stage(template, task, known))
+    task = (
+        _study_at_once(quantities_task, runs)
+        if subjects.foreseen
+        else _study_by_outlines(subjects, quantities_task, runs)
+    )
+    template = study_dataset(subjects, StudyResults.blank(subjects), {})
+    known_names = [levels.varied.name, MODEL, *([AT_TIME] if subjects.times is not None else [])]
+    return lazy_stage(Stage(template, task, known_names))
 
 
 def _ranked(runs: Sequence[Task]) -> list[Task]:
@@ -224,44 +243,45 @@ def _ranked(runs: Sequence[Task]) -> list[Task]:
     were all finest levels first, all studies would wait for their coarse ones, hold their runs, and end at once.
     """
     digest = sha256("".join(run.name for run in runs).encode()).digest()
-    own = int.from_bytes(digest[:4]) / 2**32  # of two studies that are as long, either may be first
-    rank = max(run.steps for run in runs) * (1.0 + SPREAD * own)
+    tie_breaker = int.from_bytes(digest[:4]) / 2**32  # of two studies that are as long, either may be first
+    rank = max(run.steps for run in runs) * (1.0 + SPREAD * tie_breaker)
     return [replace(run, steps=rank * (1.0 + FINER * k)) for k, run in enumerate(runs)]
 
 
-def _study_at_once(given: Task, runs: Sequence[Task]) -> Task:
+def _study_at_once(quantities_task: Task, runs: Sequence[Task]) -> Task:
     """Return the task of a study whose levels can be read as soon as they are marched."""
     last = len(runs) - 1
     accounts = [
-        Task.of("account", partial(_account, k, finest=k == last), (run, given), k) for k, run in enumerate(runs)
+        Task.of("account", partial(_account, k, finest=k == last), (run, quantities_task), k)
+        for k, run in enumerate(runs)
     ]
-    return Task.of("refinement", _study_of_accounts, (given, *accounts))
+    return Task.of("refinement", _study_of_accounts, (quantities_task, *accounts))
 
 
-def _account(k: int, run: xr.Dataset, subjects: Subjects, *, finest: bool) -> tuple[Outline, Readings | None]:
+def _account(k: int, run: xr.Dataset, subjects: StudyQuantities, *, finest: bool) -> tuple[RunSummary, Readings | None]:
     """Outline the run of a level, and read it at the times of comparison, or at its end; not where it ended before."""
-    outline = Outline.of(run)
+    outline = RunSummary.of(run)
     times = np.array([outline.end]) if subjects.times is None else subjects.times
     if (times < outline.begin).any() or (times > outline.end).any():
         return outline, None
-    return outline, Readings.of(run, subjects, Common(times, {}, {}), k, finest=finest)
+    return outline, Readings.of(run, subjects, ComparisonPoints(times, {}, {}), k, finest=finest)
 
 
-def _study_of_accounts(subjects: Subjects, *accounts: tuple[Outline, Readings | None]) -> xr.Dataset:
+def _study_of_accounts(subjects: StudyQuantities, *accounts: tuple[RunSummary, Readings | None]) -> xr.Dataset:
     """Compare the levels, in a task; those that ended later than another are marched again, to be read where that ended."""
     outlines, last = [outline for outline, _ in accounts], len(accounts) - 1
     common = Study.of(subjects, outlines).common
-    apart = [subjects.times is None and outline.end != common.times[0] for outline in outlines]
+    ended_later = [subjects.times is None and outline.end != common.times[0] for outline in outlines]
     readings = [
         Readings.of(subjects.levels.marched(k), subjects, common, k, finest=k == last)
-        if reading is None or apart[k]
+        if reading is None or ended_later[k]
         else reading
         for k, (_, reading) in enumerate(accounts)
     ]
-    return study_dataset(subjects, Findings.of(Study.of(subjects, outlines, readings)), {})
+    return study_dataset(subjects, StudyResults.of(Study.of(subjects, outlines, readings)), {})
 
 
-def study_level_by_level(subjects: Subjects) -> xr.Dataset:
+def study_level_by_level(subjects: StudyQuantities) -> xr.Dataset:
     """Return a refinement at once, of levels that are read as soon as they are marched: no two records are held.
 
     Raises
@@ -275,37 +295,39 @@ def study_level_by_level(subjects: Subjects) -> xr.Dataset:
     )
 
 
-def _study_by_outlines(subjects: Subjects, given: Task, runs: Sequence[Task]) -> Task:
+def _study_by_outlines(subjects: StudyQuantities, quantities_task: Task, runs: Sequence[Task]) -> Task:
     """Return the task of a study whose levels are read once all are outlined: at common events, by the finest's cycles."""
     last = len(runs) - 1
     # a task whose only input is a run goes where that is; so what it is asked is no task
-    asked: list[dict[str, Any]] = [{}] * last + [
+    summary_settings: list[dict[str, Any]] = [{}] * last + [
         {"cyclic": subjects.cyclic, "functions": subjects.levels.model.functions} if subjects.cyclic else {}
     ]
     outlines = [
-        Task.of("outline", partial(Outline.of, **more), (run,), [*more.get("cyclic", ())])
-        for run, more in zip(runs, asked, strict=True)
+        Task.of("outline", partial(RunSummary.of, **more), (run,), [*more.get("cyclic", ())])
+        for run, more in zip(runs, summary_settings, strict=True)
     ]
-    common = Task.of("common", _common, (given, *outlines))
+    common = Task.of("common", _common_in_task, (quantities_task, *outlines))
     readings = [
-        Task.of("readings", partial(_read, k, finest=k == last), (run, common), k) for k, run in enumerate(runs)
+        Task.of("readings", partial(_read_level, k, finest=k == last), (run, common), k) for k, run in enumerate(runs)
     ]
-    return Task.of("refinement", _study, (given, *outlines, *readings))
+    return Task.of("refinement", _study, (quantities_task, *outlines, *readings))
 
 
-def _given(subjects: Subjects) -> Subjects:
+def _return_quantities(subjects: StudyQuantities) -> StudyQuantities:
     return subjects
 
 
-def _common(subjects: Subjects, *outlines: Outline) -> tuple[Subjects, Common]:
+def _common_in_task(subjects: StudyQuantities, *outlines: RunSummary) -> tuple[StudyQuantities, ComparisonPoints]:
     return subjects, Study.of(subjects, outlines).common
 
 
-def _read(k: int, run: xr.Dataset, asked: tuple[Subjects, Common], *, finest: bool) -> Readings:
-    return Readings.of(run, *asked, k, finest=finest)
+def _read_level(
+    k: int, run: xr.Dataset, quantities_and_points: tuple[StudyQuantities, ComparisonPoints], *, finest: bool
+) -> Readings:
+    return Readings.of(run, *quantities_and_points, k, finest=finest)
 
 
-def _study(subjects: Subjects, *accounts: Any) -> xr.Dataset:
+def _study(subjects: StudyQuantities, *accounts: Any) -> xr.Dataset:
     """Compare the levels, in a task: the outlines of all come first, then their readings."""
     count = len(accounts) // 2
-    return study_dataset(subjects, Findings.of(Study.of(subjects, accounts[:count], accounts[count:])), {})
+    return study_dataset(subjects, StudyResults.of(Study.of(subjects, accounts[:count], accounts[count:])), {})

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary.arrays import log, power
 from xdynamics.evidence.refining.judgements import STEADY
 from xdynamics.evidence.refining.levels import RTOLS, STEPS
-from xdynamics.evidence.refining.study import Study, numbers_named
+from xdynamics.evidence.refining.study import Study, numbers_by_name
 from xdynamics.runtime.free_memory import ROOM, free_memory, size_text
 from xdynamics.units import unit_suffix
 
@@ -46,28 +46,28 @@ class Bounds:
             free = float(shutil.disk_usage(keep).free)
             return f"and the disk of '{keep}' has {size_text(free)} free" if size > free else ""
         room = ROOM * free_memory() / COPIES if self.memory is None else self.memory
-        there = "can be had" if self.memory is None else "were allowed"
-        return f"and {size_text(room)} of memory {there}" if size > room else ""
+        allowance = "can be had" if self.memory is None else "were allowed"
+        return f"and {size_text(room)} of memory {allowance}" if size > room else ""
 
 
-def obstacle(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> str:
+def level_obstacle(study: Study, tolerances: Mapping[str, float], bounds: Bounds) -> str:
     """Return why no further level is marched: the size of the next one, or of the one that is needed; else empty."""
     rows = float(study.outlines[-1].rows)
-    growth = _growth(study)
+    growth = _row_growth(study)
     if why := bounds.exceeded(study, rows * growth):
-        return f"the next one would have {_extent(study, rows * growth)}, {why}; {_needed(study, wanted, bounds)[0]}"
-    said_of_all, beyond = _needed(study, wanted, bounds)
+        return f"the next one would have {_extent(study, rows * growth)}, {why}; {_needed_levels(study, tolerances, bounds)[0]}"
+    said_of_all, beyond = _needed_levels(study, tolerances, bounds)
     return said_of_all if beyond else ""
 
 
-def _needed(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> tuple[str, bool]:
+def _needed_levels(study: Study, tolerances: Mapping[str, float], bounds: Bounds) -> tuple[str, bool]:
     """Describe the level that each number would need, and return whether one is known to be out of reach."""
-    levels, rows, growth = study.levels, float(study.outlines[-1].rows), _growth(study)
+    levels, rows, growth = study.levels, float(study.outlines[-1].rows), _row_growth(study)
     sentences, beyond = [], False
-    for number in numbers_named(study, wanted) if len(study.outlines) > 1 else ():
+    for number in numbers_by_name(study, tolerances) if len(study.outlines) > 1 else ():
         every = number.changes.reshape(-1, number.changes.shape[-1])
-        tolerance, changes = wanted[number.name], np.nanmax(np.abs(every), axis=0, initial=0.0)
-        last, before = float(changes[-2]), float(changes[-3]) if len(changes) > 2 else np.nan
+        tolerance, changes = tolerances[number.name], np.nanmax(np.abs(every), axis=0, initial=0.0)
+        last, change_before = float(changes[-2]), float(changes[-3]) if len(changes) > 2 else np.nan
         if last <= tolerance:
             continue
         if tolerance < float(number.rounding.min()):
@@ -77,8 +77,8 @@ def _needed(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> tuple[
             )
             beyond = beyond or last <= float(number.rounding.max())
             continue
-        ratio = _ratio(study)
-        order = float(log(before / last) / log(ratio)) if before > 0.0 else levels.formal
+        ratio = _refinement_ratio(study)
+        order = float(log(change_before / last) / log(ratio)) if change_before > 0.0 else levels.formal
         if not order > LEAST_ORDER:
             sentences.append(f"changes of {number.name} do not fall")
             continue
@@ -94,16 +94,16 @@ def _needed(study: Study, wanted: Mapping[str, float], bounds: Bounds) -> tuple[
     return "; ".join(sentences), beyond
 
 
-def _ratio(study: Study) -> float:
+def _refinement_ratio(study: Study) -> float:
     """Return how much finer the next level is."""
     values = study.levels.values
     return float(values[-2] / values[-1]) if len(values) > 1 else study.levels.varied.ratio
 
 
-def _growth(study: Study) -> float:
+def _row_growth(study: Study) -> float:
     """Return the ratio of the next level's rows to the last one's."""
     if study.levels.varied == STEPS:
-        return _ratio(study)
+        return _refinement_ratio(study)
     if study.levels.varied == RTOLS and len(study.outlines) > 1:
         return max(1.0, float(study.outlines[-1].rows) / float(study.outlines[-2].rows))
     return 1.0

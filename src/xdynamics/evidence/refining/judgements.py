@@ -76,8 +76,8 @@ def are_restrained(accepted: Sequence[int], tolerances: Floats, order: float) ->
     (False, True)
     """
     coarse, fine = (max(int(accepted[level]), 1) for level in (0, -1))
-    asked = float(log(np.array(tolerances[0] / tolerances[-1]))) / order
-    return float(log(np.array(fine / coarse))) < FREE * asked
+    requested_growth = float(log(np.array(tolerances[0] / tolerances[-1]))) / order
+    return float(log(np.array(fine / coarse))) < FREE * requested_growth
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def judge(
         limit, uncertainty = float(judging.limit[0]), float(judging.uncertainty[0])
         return Judged(int(judging.verdict[0]), limit, uncertainty, UNCERTAINTY_RULES[judging.rule[0]])
     many = judging.verdict, judging.limit, judging.uncertainty, judging.rule
-    return Judged(*(found.reshape(shape) for found in many))
+    return Judged(*(judged_values.reshape(shape) for judged_values in many))
 
 
 class _Judging:
@@ -181,10 +181,10 @@ class _Judging:
 
     def settle(self, which: Any, verdict: Any, rule: str, uncertainty: Any, limit: Any = np.nan) -> None:
         """Judge those of the open numbers that something is true of."""
-        chosen = self.open & which
-        for found, given in ((self.verdict, verdict), (self.uncertainty, uncertainty), (self.limit, limit)):
-            found[chosen] = np.broadcast_to(given, chosen.shape)[chosen]
-        self.rule[chosen] = UNCERTAINTY_RULES.index(rule)
+        newly_settled = self.open & which
+        for results, value in ((self.verdict, verdict), (self.uncertainty, uncertainty), (self.limit, limit)):
+            results[newly_settled] = np.broadcast_to(value, newly_settled.shape)[newly_settled]
+        self.rule[newly_settled] = UNCERTAINTY_RULES.index(rule)
         self.open &= ~which
 
     def judge(self, erratic: float | None) -> None:
@@ -198,40 +198,44 @@ class _Judging:
         self.settle(last <= self.rounding, ROUNDOFF, ROUNDED, remainder + last)
         ratio, orders = float(steps[-2] / steps[-1]), observed_orders(values, steps)
         observed = orders[:, -2] if len(steps) > 2 else np.full(len(values), np.nan)
-        least = LEAST_SHARE * self.formal
+        least_order = LEAST_SHARE * self.formal
         with np.errstate(all="ignore"):
-            slowest = np.where(np.isfinite(observed), np.clip(observed, least, self.formal), least)
-            cautious = CAUTION * self.left(slowest)
+            slowest = np.where(np.isfinite(observed), np.clip(observed, least_order, self.formal), least_order)
+            cautious = CAUTION * self.distance_bound(slowest)
             wider = np.maximum(CAUTION * last, cautious) + remainder
             self.settle(self.interpolation >= last, INTERPOLATION_LIMITED, THRICE, wider)
             self.settle(self.events >= SHARE * last, EVENT_LIMITED, THRICE, wider)
             if erratic is not None:
                 self.in_tolerances(orders, erratic)
                 return
-            stepped_over = CAUTION * self.left(np.minimum(self.kink, ABRUPT)) + remainder
+            stepped_over = CAUTION * self.distance_bound(np.minimum(self.kink, ABRUPT)) + remainder
             self.settle(self.kink <= self.formal, EVENT_LIMITED, STEPPED_OVER, stepped_over)
             trusted = self.trusted(observed, orders)
             limit = extrapolated(values[:, -2], values[:, -1], ratio, observed)
-            error = SAFETY * self.left(np.minimum(observed, trusted)) + remainder
+            error = SAFETY * self.distance_bound(np.minimum(observed, trusted)) + remainder
             self.settle(np.isfinite(trusted), ASYMPTOTIC, INDEX, error, limit)
             self.unsteady(cautious)
 
     def unsteady(self, cautious: Floats) -> None:
         """Judge values whose observed order is not that of the method: by a fit, where there are levels enough for one."""
         values, steps = self.values, self.steps
-        before = np.abs(np.diff(values, axis=-1))[:, :-1]
-        falls = self.last < np.fmax.reduce(before, axis=-1) / 2.0 if before.size else np.ones(len(values), bool)
+        earlier_changes = np.abs(np.diff(values, axis=-1))[:, :-1]
+        falls = (
+            self.last < np.fmax.reduce(earlier_changes, axis=-1) / 2.0
+            if earlier_changes.size
+            else np.ones(len(values), bool)
+        )
         verdict = np.where(falls, PRE_ASYMPTOTIC, NOT_CONVERGING)
         if len(steps) >= FITTED:
             limits, errors = np.full((2, len(values)), np.nan)
-            known = self.open & np.isfinite(values[:, -FITTED:]).all(axis=-1)
-            for i in np.flatnonzero(known).tolist():
+            fittable = self.open & np.isfinite(values[:, -FITTED:]).all(axis=-1)
+            for i in np.flatnonzero(fittable).tolist():
                 numbers = values[i, -FITTED:].tolist()
                 errors[i], fit = fitted_uncertainty(numbers, steps[-FITTED:].tolist(), self.formal)
                 limits[i] = fit.limit if falls[i] else np.nan
             # one power of the step does not fit values that fall by thousands from the coarsest to the finest
             self.settle(errors <= cautious, verdict, SQUARES, errors + self.remainder, limits)
-            self.settle(known, verdict, RICHARDSON, cautious + self.remainder, limits)
+            self.settle(fittable, verdict, RICHARDSON, cautious + self.remainder, limits)
         self.settle(self.open, verdict, RICHARDSON, cautious + self.remainder)
 
     def in_tolerances(self, orders: Floats, erratic: float) -> None:
@@ -247,7 +251,7 @@ class _Judging:
         deviation = np.where(away >= 0.0, away * float(log(ratio)), 0.0)
         growth = expm1(np.minimum(np.maximum(deviation, erratic), STEEPEST))
         factor = SAFETY * np.minimum(MOST_ERRATIC, 1.0 + growth)
-        uncertainty = factor * self.left(np.ones(len(values))) + self.remainder
+        uncertainty = factor * self.distance_bound(np.ones(len(values))) + self.remainder
         self.settle(self.kink < inf, EVENT_LIMITED, STEPPED_OVER, CAUTION * uncertainty)
         if exponents.shape[-1] > 1:
             steady = (np.ptp(exponents, axis=-1) <= STEADY) & (away <= STEADY)
@@ -260,12 +264,12 @@ class _Judging:
 
     def trusted(self, order: Floats, orders: Floats) -> Floats:
         """Return orders that are trusted: the formal one, or a whole one above in which four levels agree; else nan."""
-        apart = np.abs(order - orders[:, -3]) if orders.shape[-1] >= FITTED else np.full(len(order), np.nan)
-        whole, near = np.round(order), np.abs(order - self.formal) <= CLOSE
-        higher = (apart <= STEADY) & (whole > self.formal) & (np.abs(order - whole) <= CLOSE)
-        return np.where(near & ~(apart > STEADY), self.formal, np.where(higher, whole, np.nan))
+        order_change = np.abs(order - orders[:, -3]) if orders.shape[-1] >= FITTED else np.full(len(order), np.nan)
+        whole_order, near = np.round(order), np.abs(order - self.formal) <= CLOSE
+        higher = (order_change <= STEADY) & (whole_order > self.formal) & (np.abs(order - whole_order) <= CLOSE)
+        return np.where(near & ~(order_change > STEADY), self.formal, np.where(higher, whole_order, np.nan))
 
-    def left(self, order: Floats) -> Floats:
+    def distance_bound(self, order: Floats) -> Floats:
         """Return how far finest values may be from their limits, by the worst of the last differences, scaled to its step.
 
         A single difference may be small by chance, where two terms of the error cancel.

@@ -18,7 +18,7 @@ from xdynamics.march.configuration import settings_for
 from xdynamics.methods.scheme import PRECISIONS, REINTEGRATE, RULES
 from xdynamics.model import Model
 from xdynamics.model.switches import smooth_switches
-from xdynamics.model.toml import tables_of
+from xdynamics.model.toml import section_tables
 from xdynamics.units import Quantity, Unit, time_in
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Levels:
         From coarse to fine.
     formal : float
         The order of errors in the values: the method's in its step, 1 in a tolerance, nan for rules.
-    asked : dict
+    shared_settings : dict
         Settings that all levels share.
     keep : Path, optional
         A folder to which the runs are streamed; without it they stay in memory.
@@ -94,13 +94,19 @@ class Levels:
     varied: Varied
     values: NDArray[Any]
     formal: float
-    asked: dict[str, Any] = field(default_factory=dict)
+    shared_settings: dict[str, Any] = field(default_factory=dict)
     keep: Path | None = None
     order: float = HIGHEST
 
     @classmethod
     def of(
-        cls, model: Model, choices: Mapping[str, Any], asked: dict[str, Any], *, fewest: int, keep: Path | None = None
+        cls,
+        model: Model,
+        choices: Mapping[str, Any],
+        shared_settings: dict[str, Any],
+        *,
+        fewest: int,
+        keep: Path | None = None,
     ) -> Levels:
         """Read the values of the levels.
 
@@ -109,16 +115,16 @@ class Levels:
         InputError
             If not exactly one quantity is varied, or its values do not get finer.
         """
-        chosen = [candidate for candidate in ALL if choices[candidate.keyword] is not None]
-        if len(chosen) != 1:
+        varied_candidates = [candidate for candidate in ALL if choices[candidate.keyword] is not None]
+        if len(varied_candidates) != 1:
             raise InputError(
                 f"refine needs {', '.join(f'{candidate.keyword}=[…]' for candidate in ALL[:-1])} or rules=[…], one of"
                 " them"
             )
-        varied, values = chosen[0], choices[chosen[0].keyword]
+        varied, values = varied_candidates[0], choices[varied_candidates[0].keyword]
         if isinstance(values, str | float | int):
             raise InputError(f"{varied.keyword} is {values!r}, needs a row of them, from coarse to fine")
-        level_values = np.array([_read(model, varied, candidate) for candidate in values])
+        level_values = np.array([_read_level_value(model, varied, candidate) for candidate in values])
         if varied in WORDS:
             if (
                 len(level_values) < FEWEST
@@ -130,9 +136,11 @@ class Levels:
             raise InputError(
                 f"{varied.keyword} are {[*map(str, values)]}, need {fewest} or more that get smaller, all positive"
             )
-        candidate = cls(model, varied, level_values, 1.0, asked, keep)
+        candidate = cls(model, varied, level_values, 1.0, shared_settings, keep)
         order = float(
-            settings_for(candidate.model_of(level_values[0]), **candidate.asked_of(level_values[0])).method.order
+            settings_for(
+                candidate.model_of(level_values[0]), **candidate.settings_of_level(level_values[0])
+            ).method.order
         )
         return replace(candidate, formal=({STEPS: order} | dict.fromkeys(WORDS, np.nan)).get(varied, 1.0), order=order)
 
@@ -165,17 +173,19 @@ class Levels:
     @property
     def settings(self) -> dict[str, Any]:
         """Settings of the march that all levels share, without the limit of memory."""
-        return {key: value for key, value in self.asked.items() if key != "memory"}
+        return {key: value for key, value in self.shared_settings.items() if key != "memory"}
 
     def model_of(self, value: Any) -> Model:
         """Return the model of a level: events are located as the level prescribes, not as the model does."""
         if self.varied == TIME_TOLERANCES:
-            return _located(self.model, LOCATED, {"time_tolerance": f"{float(value)!r} {self.model.time_unit.text}"})
+            return _with_location(
+                self.model, LOCATED, {"time_tolerance": f"{float(value)!r} {self.model.time_unit.text}"}
+            )
         if self.varied == CHOICES:
-            return _located(self.model, LOCATED[:1], {"root_state": str(value)})
+            return _with_location(self.model, LOCATED[:1], {"root_state": str(value)})
         return self.model
 
-    def asked_of(self, value: Any) -> dict[str, Any]:
+    def settings_of_level(self, value: Any) -> dict[str, Any]:
         """Return the settings of a level."""
         keys = {STEPS: "step", RTOLS: "rtol", TIME_TOLERANCES: "time_tolerance"}
         varied: dict[str, Any] = {keys[self.varied]: float(value)} if self.ordered else {}
@@ -189,15 +199,15 @@ class Levels:
 
     def located(self) -> Levels | None:
         """Return the levels with every switch located, even if declared smooth; None if a switch has no such entry."""
-        tables = tables_of(self.model.shaped)
+        tables = section_tables(self.model.shaped)
         changed = {
             part: {
                 name: {**entry, "smooth": False} for name, entry in tables.get(part, {}).items() if entry.get("smooth")
             }
             for part in ("forces", "states")
         }
-        written = {name for names in changed.values() for name in names}
-        if not {entry.owner for entry in smooth_switches(self.model)} <= written:
+        changed_names = {name for names in changed.values() for name in names}
+        if not {entry.owner for entry in smooth_switches(self.model)} <= changed_names:
             return None
         return replace(
             self, model=self.model.replace(**{part: entry for part, entry in changed.items() if entry}), keep=None
@@ -211,10 +221,12 @@ class Levels:
     def task(self, k: int) -> Task:
         """Return the task that marches a level."""
         value, path = self.values[k], None if self.keep is None else self.keep / f"level_{k}.nc"
-        return march_task(self.model_of(value), path, self.asked.get("memory"), **self.asked_of(value))
+        return march_task(
+            self.model_of(value), path, self.shared_settings.get("memory"), **self.settings_of_level(value)
+        )
 
 
-def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:
+def absolute_tolerances(model: Model, settings: dict[str, Any], ratio: float = 1.0) -> dict[str, Any]:
     """Return the absolute tolerances that were set, times a ratio, as quantities; a bare number has the march's unit.
 
     Raises
@@ -222,7 +234,7 @@ def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0)
     InputError
         If a setting is wrong.
     """
-    tolerances = settings_for(model, **asked).tolerances
+    tolerances = settings_for(model, **settings).tolerances
     if tolerances is None:
         return {}
     dims, scaled = model.shapes.dims, dict[str, Quantity]()
@@ -232,7 +244,7 @@ def absolute_tolerances(model: Model, asked: dict[str, Any], ratio: float = 1.0)
     return {"atol": scaled} if scaled else {}
 
 
-def _read(model: Model, varied: Varied, value: Any) -> Any:
+def _read_level_value(model: Model, varied: Varied, value: Any) -> Any:
     if varied in WORDS:
         return str(value)
     if varied == RTOLS:
@@ -243,9 +255,9 @@ def _read(model: Model, varied: Varied, value: Any) -> Any:
     return time_in(model.time_unit, value, varied.keyword)
 
 
-def _located(model: Model, sections: tuple[str, ...], change: dict[str, str]) -> Model:
+def _with_location(model: Model, sections: tuple[str, ...], change: dict[str, str]) -> Model:
     """Return a model in which the entries of some sections are located in another way."""
-    tables = tables_of(model.statement)
+    tables = section_tables(model.statement)
     unplaced = {
         part: {name: _without_place(entry) for name, entry in tables.get(part, {}).items()} for part in sections
     }

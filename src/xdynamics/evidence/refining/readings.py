@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from xdynamics import archive
 from xdynamics.archive.seals import slabs
 from xdynamics.evidence.diagnosing.cycles import Cycles, chosen_level, cycles
-from xdynamics.evidence.event_matching import Rows, met
+from xdynamics.evidence.event_matching import Rows, event_rows_by_name
 from xdynamics.evidence.observables import observe
 from xdynamics.evidence.refining.defects import step_defects
-from xdynamics.evidence.refining.subjects import ENERGY_RANGE, Subjects
-from xdynamics.faults import written
-from xdynamics.record.named_elements import column
+from xdynamics.evidence.refining.subjects import ENERGY_RANGE, StudyQuantities
+from xdynamics.faults import internal_text
+from xdynamics.record.named_elements import get_column
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.unfolding import whole_of
 from xdynamics.schema import FIRST_PASSED, PASSED, acceleration, rate, velocity
@@ -35,7 +35,7 @@ ENERGY = "total_energy"
 
 
 @dataclass(frozen=True)
-class Outline:
+class RunSummary:
     """What the run of a level tells whatever the other levels are.
 
     Attributes
@@ -49,7 +49,7 @@ class Outline:
     estimated : float
         What all steps estimate to be off together, as a part of the size of a number; 0 of steps without an estimate.
     event_times, event_uncertainties : ndarray, shape (events,), s
-    met : mapping of str to ndarray of int
+    event_rows : mapping of str to ndarray of int
         Which of the events are those of each name.
     passed : mapping of str to float, s
         The last row before each switch that a step went over, by its name.
@@ -68,16 +68,16 @@ class Outline:
     estimated: float
     event_times: Floats
     event_uncertainties: Floats
-    met: Mapping[str, Rows]
+    event_rows: Mapping[str, Rows]
     passed: Mapping[str, float]
     crossing_levels: Mapping[str, float]
 
     @classmethod
     def of(
         cls, run: xr.Dataset, cyclic: Sequence[str] = (), functions: Mapping[str, Callable[..., float]] | None = None
-    ) -> Outline:
+    ) -> RunSummary:
         """Outline the run of a level; of the finest with levels for cycles of coordinates."""
-        nothing, events = np.zeros(0), met(run)
+        nothing, events = np.zeros(0), event_rows_by_name(run)
         return cls(
             float(run.variables["time"][0]),
             float(run.variables["time"][-1]),
@@ -91,7 +91,7 @@ class Outline:
             run.variables["event_time"].values if "event_time" in run.variables else nothing,
             run.variables["event_time_uncertainty"].values if "event_time_uncertainty" in run.variables else nothing,
             events,
-            _passed(run),
+            _switch_times_passed(run),
             {name: chosen_level(run, name, functions) for name in cyclic},
         )
 
@@ -103,19 +103,19 @@ def estimated_error(run: xr.Dataset) -> float:
     return float(run.attrs["solver_rtol"]) * float(np.nansum(run.variables["error_norm"].values))
 
 
-def _passed(run: xr.Dataset) -> dict[str, float]:
+def _switch_times_passed(run: xr.Dataset) -> dict[str, float]:
     """Return the time of the last row before each switch that a step went over, of those after the start."""
     if PASSED.name not in run.variables:
         return {}
     times, rows = run.variables["time"].values, {}
-    names = written(str(run[PASSED.name].attrs["names"])).split()
+    names = internal_text(str(run[PASSED.name].attrs["names"])).split()
     for name, first in zip(names, run[FIRST_PASSED.name].values.tolist(), strict=True):
         rows[name] = int(np.searchsorted(times, first)) if first == first else 0
     return {name: float(times[row - 1]) for name, row in rows.items() if row}
 
 
 @dataclass(frozen=True)
-class Common:
+class ComparisonPoints:
     """Where the runs of all levels are read.
 
     Attributes
@@ -144,7 +144,7 @@ class Swings:
     ----------
     mean : float, s
         The period; nan if there is no whole cycle.
-    counted : int
+    cycle_count : int
         How many there are, 1 at least.
     uncertainty : float, s
         The largest of a crossing.
@@ -153,16 +153,21 @@ class Swings:
     """
 
     mean: float
-    counted: int
+    cycle_count: int
     uncertainty: float
     phases: Floats
 
     @classmethod
-    def of(cls, found: Cycles, times: Floats) -> Swings:
+    def of(cls, coordinate_cycles: Cycles, times: Floats) -> Swings:
         """Reduce the crossings to what is compared."""
-        periods = found.periods
+        periods = coordinate_cycles.periods
         mean = float(periods.mean()) if periods.size else np.nan
-        return cls(mean, max(1, periods.size), float(found.uncertainties.max(initial=0.0)), found.phase(times))
+        return cls(
+            mean,
+            max(1, periods.size),
+            float(coordinate_cycles.uncertainties.max(initial=0.0)),
+            coordinate_cycles.phase(times),
+        )
 
 
 @dataclass(frozen=True)
@@ -175,28 +180,30 @@ class Readings:
         Observables at the times of comparison, and their errors by interpolation; last the dimensions of quantities.
     swings : mapping of str to Swings
         By coordinate.
-    after : mapping of str to mapping of str to (ndarray, ndarray)
+    states_after : mapping of str to mapping of str to (ndarray, ndarray)
         States after the common occurrences of each event by the names of their numbers, and what the location has them
         off by.
     energy_range : float
         nan if it is not asked for.
     defects : mapping of str to ndarray, shape (...)
         Largest local errors, if they are asked for.
-    moved, largest : mapping of str to ndarray, shape (times, ...) and (...)
+    event_errors, largest : mapping of str to ndarray, shape (times, ...) and (...)
         Of the finest run alone: what the uncertain times of events before each time move an observable by, and the
         largest absolute value of each quantity.
     """
 
     observed: Mapping[str, tuple[Floats, Floats]]
     swings: Mapping[str, Swings]
-    after: Mapping[str, Mapping[str, tuple[Floats, Floats]]]
+    states_after: Mapping[str, Mapping[str, tuple[Floats, Floats]]]
     energy_range: float
     defects: Mapping[str, Floats]
-    moved: Mapping[str, Floats]
+    event_errors: Mapping[str, Floats]
     largest: Mapping[str, Floats]
 
     @classmethod
-    def of(cls, run: xr.Dataset, subjects: Subjects, common: Common, level: int, *, finest: bool) -> Readings:
+    def of(
+        cls, run: xr.Dataset, subjects: StudyQuantities, common: ComparisonPoints, level: int, *, finest: bool
+    ) -> Readings:
         """Read the run of a level.
 
         Raises
@@ -207,11 +214,11 @@ class Readings:
         model, names, times = subjects.levels.model, subjects.observed, common.times
         observed = observe(run, model, names, times, subjects.levels.rule(level))
         ranged, functions = ENERGY_RANGE in subjects.names, model.functions
-        counted = {
+        cycles_by_name = {
             name: Swings.of(cycles(run, name, level=crossing, functions=functions), times)
             for name, crossing in common.crossing_levels.items()
         }
-        after = {
+        states_by_event = {
             detector: _states_after(run, subjects, detector, places[level][0], common.occurrences)
             for detector, places in common.places.items()
         }
@@ -219,68 +226,71 @@ class Readings:
         sized = dict.fromkeys([*names, *subjects.after_events, *([ENERGY] if ranged else [])]) if finest else ()
         return cls(
             observed,
-            counted,
-            after,
-            _range(run, ENERGY) if ranged else np.nan,
+            cycles_by_name,
+            states_by_event,
+            _value_range(run, ENERGY) if ranged else np.nan,
             {name: np.max(np.abs(defects[name]), axis=0) for name in (subjects.stepped if defects else ())},
-            {name: _moved(run, name, times) for name in names} if finest else {},
-            {name: _largest(whole_of(run), name) for name in sized},
+            {name: _event_time_errors(run, name, times) for name in names} if finest else {},
+            {name: _largest_absolute(whole_of(run), name) for name in sized},
         )
 
 
 def _states_after(
-    run: xr.Dataset, subjects: Subjects, event: str, events: Rows, occurrences: int
+    run: xr.Dataset, subjects: StudyQuantities, event: str, events: Rows, occurrences: int
 ) -> dict[str, tuple[Floats, Floats]]:
     """Return states after events, and how far their location may have them off, by the names of the numbers compared."""
-    after, before = (rows_named(run, name)[events] for name in ("event_row_after", "event_row_before"))
+    rows_after, rows_before = (rows_named(run, name)[events] for name in ("event_row_after", "event_row_before"))
     uncertainty = run.variables["event_time_uncertainty"].values[events]
-    (detector, place), whole, values = subjects.event_place(event), whole_of(run), {}
+    (detector, event_index), full_record, values = subjects.event_place(event), whole_of(run), {}
     for state in subjects.compared_after(detector, occurrences):
-        if state.has_value_at(place):
-            selected = state.selection(place)
-            states = column(whole, state.state).isel(selected)[after].values
-            rate_name = _rate_of(whole, state.state)
+        if state.has_value_at(event_index):
+            selected = state.selection(event_index)
+            states = get_column(full_record, state.state).isel(selected)[rows_after].values
+            rate_name = _rate_name(full_record, state.state)
             rates = (
-                np.zeros_like(states) if rate_name is None else column(whole, rate_name).isel(selected)[before].values
+                np.zeros_like(states)
+                if rate_name is None
+                else get_column(full_record, rate_name).isel(selected)[rows_before].values
             )
             values[state.name] = states, (np.abs(rates).T * uncertainty).T
     return values
 
 
-def _moved(run: xr.Dataset, name: str, times: Floats) -> Floats:
+def _event_time_errors(run: xr.Dataset, name: str, times: Floats) -> Floats:
     """Return the error of an observable at each time by the uncertain times of events before it."""
-    own = column(run, name)
+    observable = get_column(run, name)
     if "event_time" not in run.variables or not run.sizes["event"]:
-        return np.zeros((len(times), *own.shape[1:]))
+        return np.zeros((len(times), *observable.shape[1:]))
     counts = [int((run.variables["event_time"].values < time).sum()) for time in times]
-    rates = _rates(run, own, rows_named(run, "event_row_before")[: max(counts, default=0)])
-    each = np.ascontiguousarray(np.abs(rates).T) * run.variables["event_time_uncertainty"].values[: rates.shape[0]]
-    return np.array([np.sum(each[..., :count], axis=-1).T for count in counts])
+    rates = _step_rates(run, observable, rows_named(run, "event_row_before")[: max(counts, default=0)])
+    shifts = np.ascontiguousarray(np.abs(rates).T) * run.variables["event_time_uncertainty"].values[: rates.shape[0]]
+    return np.array([np.sum(shifts[..., :count], axis=-1).T for count in counts])
 
 
-def _rates(run: xr.Dataset, own: xr.Variable, rows: NDArray[np.int64]) -> Floats:
+def _step_rates(run: xr.Dataset, observable: xr.Variable, rows: NDArray[np.int64]) -> Floats:
     """Return the rate of change of an observable in the step to each row; 0 where a time of an event is repeated."""
     span, change = (
-        variable[rows].values - variable[np.maximum(rows - 1, 0)].values for variable in (run.variables["time"], own)
+        variable[rows].values - variable[np.maximum(rows - 1, 0)].values
+        for variable in (run.variables["time"], observable)
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         rates: Floats = np.where(span > 0.0, change.T / span, 0.0).T
     return rates
 
 
-def _largest(run: xr.Dataset, name: str) -> Floats:
+def _largest_absolute(run: xr.Dataset, name: str) -> Floats:
     """Return the largest absolute value of a quantity, of every element its own, reading files slab by slab."""
-    largest: Floats = np.maximum.reduce([np.max(np.abs(part), axis=0) for part in slabs(column(run, name))])
+    largest: Floats = np.maximum.reduce([np.max(np.abs(part), axis=0) for part in slabs(get_column(run, name))])
     return largest
 
 
-def _range(run: xr.Dataset, name: str) -> float:
+def _value_range(run: xr.Dataset, name: str) -> float:
     """Return the largest less the least value of a quantity."""
     ends = [(float(np.max(part)), float(np.min(part))) for part in slabs(run.variables[name])]
     return max(high for high, _ in ends) - min(low for _, low in ends)
 
 
-def _rate_of(run: xr.Dataset, name: str) -> str | None:
+def _rate_name(run: xr.Dataset, name: str) -> str | None:
     """Return the name of the variable that is the rate of a coordinate, velocity or state; None of what is held."""
     rates = {"coordinate": velocity(name), "velocity": acceleration(name.removeprefix("v_")), "state": rate(name)}
-    return rates.get(column(run, name).attrs["role"])
+    return rates.get(get_column(run, name).attrs["role"])

@@ -12,25 +12,25 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.kept_results import folder_named
 from xdynamics.evidence.observables import is_observable, observables_of
-from xdynamics.evidence.refining.findings import Findings, lazy_study, study_dataset, study_level_by_level
-from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, obstacle
+from xdynamics.evidence.refining.findings import StudyResults, lazy_study, study_dataset, study_level_by_level
+from xdynamics.evidence.refining.forecast import MOST_ROWS, Bounds, level_obstacle
 from xdynamics.evidence.refining.levels import FEWEST, Levels
 from xdynamics.evidence.refining.states_after import AFTER
-from xdynamics.evidence.refining.study import Study, numbers_named
-from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, PHASE, Subjects
-from xdynamics.evidence.stages import counted_number
+from xdynamics.evidence.refining.study import Study, numbers_by_name
+from xdynamics.evidence.refining.subjects import ENERGY_RANGE, PERIOD, PHASE, StudyQuantities
+from xdynamics.evidence.stages import requested_count
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
-from xdynamics.model.whole import is_read_whole
-from xdynamics.record.element_attributes import of_wholes
-from xdynamics.record.element_names import expanded
-from xdynamics.record.flag_words import time_unit, words_of
+from xdynamics.model.whole import is_read_by_quantity
+from xdynamics.record.element_attributes import quantity_names
+from xdynamics.record.element_names import expand_quantities
+from xdynamics.record.flag_words import time_unit_of, words_of_flag
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.size import memory_asked
 from xdynamics.record.unfolding import unfold
 from xdynamics.schema import AT, AT_TIME, LEVEL, OCCURRENCE
-from xdynamics.shapes.naming import DOT, parted, spoken
+from xdynamics.shapes.naming import DOT, display_text, split_element_name
 from xdynamics.units import Quantity, parse_quantity, parse_unit, unit_suffix
 from xdynamics.units.digits import UNESTIMATED, digits, with_uncertainty
 
@@ -152,29 +152,33 @@ def refine(
     choices: dict[str, Any] = {"steps": steps, "rtols": rtols, "time_tolerances": time_tolerances}
     choices |= {"precisions": precisions, "rules": rules}
     shared = asked | ({"method": method} if method else {}) | ({"memory": memory} if memory is not None else {})
-    bounds, many = _bounds(most_rows, memory), counted_number(occurrences, "occurrences")
+    bounds, many = _level_limits(most_rows, memory), requested_count(occurrences, "occurrences")
     folder = None if keep is None else folder_named(keep)
     levels = Levels.of(model, choices, shared, fewest=1 if until_change else FEWEST, keep=folder)
-    names = _states(model) if observables is None else _known(model, observables)
+    names = _default_observables(model) if observables is None else _known_observables(model, observables)
     if not compute:
         if until_change:
             raise InputError(
                 "until_change adds levels until changes are small, and how many is known only once they are marched;"
                 " give all levels, or compute=True"
             )
-        return lazy_study(Subjects(levels, names, at, many, defects))
-    if not until_change and (subjects := Subjects(levels, names, at, many, defects)).foreseen:
+        return lazy_study(StudyQuantities(levels, names, at, many, defects))
+    if not until_change and (subjects := StudyQuantities(levels, names, at, many, defects)).foreseen:
         return study_level_by_level(subjects)
     study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at, many, defects)
     study, attributes = _refined(study, until_change or {}, bounds)
-    return study_dataset(study.subjects, Findings.of(study), attributes)
+    return study_dataset(study.subjects, StudyResults.of(study), attributes)
 
 
 def _refined(study: Study, until_change: Mapping[str, Any], bounds: Bounds) -> tuple[Study, dict[str, str]]:
     """Add finer levels until changes are small; return the study, and why no further level was added."""
-    wanted = _tolerances(until_change, study)
-    changing, limit = list(wanted), ""
-    while wanted and (changing := _changing(study, wanted)) and not (limit := obstacle(study, wanted, bounds)):
+    tolerances = _change_tolerances(until_change, study)
+    changing, limit = list(tolerances), ""
+    while (
+        tolerances
+        and (changing := _changing(study, tolerances))
+        and not (limit := level_obstacle(study, tolerances, bounds))
+    ):
         try:
             further = study.finer()
             further.check_reached(study.times)
@@ -184,65 +188,79 @@ def _refined(study: Study, until_change: Mapping[str, Any], bounds: Bounds) -> t
         study = further
     if len(study.outlines) < FEWEST:
         raise InputError(f"a study needs {FEWEST} levels, and there is no second one: {limit}")
-    return study, {"stopped": _stopped(changing, len(study.outlines), limit)} if wanted else {}
+    return study, {"stopped": _stopped(changing, len(study.outlines), limit)} if tolerances else {}
 
 
-def _bounds(most_rows: float | None, memory: str | float | None) -> Bounds:
+def _level_limits(most_rows: float | None, memory: str | float | None) -> Bounds:
     """Read the limits on a level that is added."""
     if most_rows is not None and not (isinstance(most_rows, int | float) and most_rows >= FEWEST):
         raise InputError(f"most_rows is {most_rows!r}, needs a number of rows")
     return Bounds(MOST_ROWS if most_rows is None else float(most_rows), memory_asked(memory))
 
 
-def _changing(study: Study, wanted: Mapping[str, float]) -> list[str]:
+def _changing(study: Study, tolerances: Mapping[str, float]) -> list[str]:
     """Name the numbers that changed by more than their tolerance between the last two levels."""
     if len(study.outlines) < FEWEST:
-        return list(wanted)
-    last = {number.name: np.abs(number.changes[..., -2]) for number in numbers_named(study, wanted)}
-    return [name for name, tolerance in wanted.items() if not (last.get(name, np.array([np.nan])) <= tolerance).all()]
+        return list(tolerances)
+    last = {number.name: np.abs(number.changes[..., -2]) for number in numbers_by_name(study, tolerances)}
+    return [
+        name for name, tolerance in tolerances.items() if not (last.get(name, np.array([np.nan])) <= tolerance).all()
+    ]
 
 
-def _states(model: Model) -> tuple[str, ...]:
+def _default_observables(model: Model) -> tuple[str, ...]:
     """Name coordinates, velocities and states: whole quantities, or elements of a model that is not read whole."""
-    return tuple(block.name for block in layout_of(model).used.blocks) if is_read_whole(model) else tuple(model.units)
+    return (
+        tuple(block.name for block in layout_of(model).used.blocks)
+        if is_read_by_quantity(model)
+        else tuple(model.units)
+    )
 
 
-def _known(model: Model, names: Sequence[str]) -> tuple[str, ...]:
+def _known_observables(model: Model, names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of observables, refusing those that the model does not have."""
-    asked = [model.shapes.inside(name) for name in ([names] if isinstance(names, str) else names)]
-    whole = {name for name in asked if is_observable(model, name)}
-    if whole >= {*asked}:  # elements whose quantity is asked for are in it
-        return tuple(name for name in dict.fromkeys(asked) if parted(name)[0] not in whole - {name})
+    requested_names = [model.shapes.internal_name(name) for name in ([names] if isinstance(names, str) else names)]
+    whole_names = {name for name in requested_names if is_observable(model, name)}
+    if whole_names >= {*requested_names}:  # elements whose quantity is asked for are in it
+        return tuple(
+            name for name in dict.fromkeys(requested_names) if split_element_name(name)[0] not in whole_names - {name}
+        )
     extra = [ENERGY_RANGE] if "total_energy" in layout_of(model).derived else []
     extra += [kind + name for name in model.statement.coordinates for kind in (PERIOD, PHASE)]
     available = dict.fromkeys((*observables_of(model), *extra))
-    found = [
-        one for name in asked for one in ((name,) if name in whole else expanded((name,), available, model.shapes))
+    observable_names = [
+        element_name
+        for name in requested_names
+        for element_name in ((name,) if name in whole_names else expand_quantities((name,), available, model.shapes))
     ]
-    for name in found:
-        if name not in available and name not in whole:
-            raise InputError(f"observable '{name}' is none of the model's; there are {', '.join(of_wholes(available))}")
-    return tuple(name for name in dict.fromkeys(found) if parted(name)[0] not in whole - {name})
+    for name in observable_names:
+        if name not in available and name not in whole_names:
+            raise InputError(
+                f"observable '{name}' is none of the model's; there are {', '.join(quantity_names(available))}"
+            )
+    return tuple(
+        name for name in dict.fromkeys(observable_names) if split_element_name(name)[0] not in whole_names - {name}
+    )
 
 
-def _tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, float]:
+def _change_tolerances(until_change: Mapping[str, Any], study: Study) -> dict[str, float]:
     """Read the tolerated change of each number, in its unit."""
     if until_change and not study.levels.ordered:
         raise InputError(f"until_change goes on with finer levels, and {study.levels.varied.keyword} have none")
-    names = study.subjects.shapes.all_inside(until_change, "until_change names")
+    names = study.subjects.shapes.with_internal_names(until_change, "until_change names")
     units = {quantity.name: quantity.units for quantity in study.numbers()} if until_change else {}
-    units |= {number.name: number.units for number in numbers_named(study, names)} if until_change else {}
+    units |= {number.name: number.units for number in numbers_by_name(study, names)} if until_change else {}
     tolerances = {}
-    for name, wanted in names.items():
+    for name, allowed_change in names.items():
         if name not in units:
-            raise InputError(f"until_change names '{name}'; there are {', '.join(of_wholes(units))}")
-        quantity, unit = parse_quantity(wanted), parse_unit(units[name])
-        bare = not isinstance(wanted, str | Quantity)
+            raise InputError(f"until_change names '{name}'; there are {', '.join(quantity_names(units))}")
+        quantity, unit = parse_quantity(allowed_change), parse_unit(units[name])
+        bare = not isinstance(allowed_change, str | Quantity)
         if not bare and quantity.unit.dimension != unit.dimension:
-            raise InputError(f"until_change of '{name}' is {wanted!r}, needs the unit '{units[name]}'")
+            raise InputError(f"until_change of '{name}' is {allowed_change!r}, needs the unit '{units[name]}'")
         tolerances[name] = quantity.value if bare else quantity.si / float(unit.factor)
         if not tolerances[name] > 0.0:
-            raise InputError(f"until_change of '{name}' is {wanted!r}, needs a positive one")
+            raise InputError(f"until_change of '{name}' is {allowed_change!r}, needs a positive one")
     return tolerances
 
 
@@ -256,7 +274,7 @@ def _stopped(changing: list[str], count: int, limit: str) -> str:
     return f"every change under its tolerance from level {count - 2} to level {count - 1}"
 
 
-def lines_of(study: xr.Dataset) -> list[str]:
+def refinement_lines(study: xr.Dataset) -> list[str]:
     """Describe a refinement, line by line."""
     study = unfold(study) if model_dimensions(study) else study
     varied = str(study.attrs["varied"])
@@ -267,16 +285,16 @@ def lines_of(study: xr.Dataset) -> list[str]:
     lines.append(f"outcomes  {', '.join(outcomes)}")
     lines.append("±         numerical, at about 95 %; what parameters and the start are uncertain by is not in it")
     names = [str(item) for item in study.data_vars if f"difference_{item}" in study and _is_met(study, str(item))]
-    counts = Counter(parted(name)[0] for name in names)
-    shown = Counter[str]()
+    counts = Counter(split_element_name(name)[0] for name in names)
+    shown_counts = Counter[str]()
     for name in sorted(names, key=lambda name: "." in name):  # switches hidden in forces, like 'drag.abs', last
-        quantity, labels = parted(name)
-        shown[quantity] += 1
-        if not labels or shown[quantity] <= _most(quantity, counts[quantity]):
-            lines += _of_number(study, name, spoken(name))
+        quantity, labels = split_element_name(name)
+        shown_counts[quantity] += 1
+        if not labels or shown_counts[quantity] <= _max_element_lines(quantity, counts[quantity]):
+            lines += _number_lines(study, name, display_text(name))
     further: dict[int, list[str]] = {}
     for quantity, count in counts.items():
-        further.setdefault(count - _most(quantity, count), []).append(quantity)
+        further.setdefault(count - _max_element_lines(quantity, count), []).append(quantity)
     lines += [
         f"{', '.join(quantities)}: {count} further elements{' of each' * (len(quantities) > 1)} are in the record"
         for count, quantities in further.items()
@@ -284,17 +302,17 @@ def lines_of(study: xr.Dataset) -> list[str]:
     ]
     return (
         lines
-        + _events_apart(study)
+        + _event_count_lines(study)
         + [f"{word:<9} {study.attrs[key]}" for key, word in SAID.items() if key in study.attrs]
     )
 
 
-def _most(quantity: str, count: int) -> int:
+def _max_element_lines(quantity: str, count: int) -> int:
     """Return how many elements of a quantity have lines of their own: fewer for states after the events of many."""
     return MOST_AFTER if quantity.startswith(AFTER) and count > FEW_AFTER else MOST_ELEMENTS
 
 
-def _events_apart(study: xr.Dataset) -> list[str]:
+def _event_count_lines(study: xr.Dataset) -> list[str]:
     """Say which events the two finest levels met unequally often, if that leaves states without an uncertainty."""
     unknown = any(
         str(name).startswith("uncertainty_") and AT in variable.dims and np.isinf(variable.values).any()
@@ -302,13 +320,14 @@ def _events_apart(study: xr.Dataset) -> list[str]:
     )
     counts = {
         name.removeprefix(COUNT): variable.values[-2:].tolist()
-        for name, variable in ((str(key), own) for key, own in study.variables.items())
+        for name, variable in ((str(key), count_variable) for key, count_variable in study.variables.items())
         if name.startswith(COUNT) and len(set(variable.values[-2:].tolist())) > 1
     }
     if not (unknown and counts):
         return []
     pairs = ", ".join(
-        f"{spoken(name)} {one} and {other}" for name, (one, other) in list(counts.items())[:MOST_ELEMENTS]
+        f"{display_text(name)} {first_count} and {second_count}"
+        for name, (first_count, second_count) in list(counts.items())[:MOST_ELEMENTS]
     )
     return [f"attention: the two finest levels did not meet the same events ({pairs} times). {DIFFERENT_MOTIONS}"]
 
@@ -318,7 +337,7 @@ def _is_met(study: xr.Dataset, name: str) -> bool:
     return DOT not in name or not name.startswith(AFTER) or not np.isnan(study.variables[name].values).all()
 
 
-def _of_number(study: xr.Dataset, name: str, called: str) -> Iterator[str]:
+def _number_lines(study: xr.Dataset, name: str, element_text: str) -> Iterator[str]:
     """Describe one number at each of its places, line by line."""
     variables = study.variables  # of many, arrays with coordinates are slow to make
     variable = variables[name]
@@ -326,38 +345,38 @@ def _of_number(study: xr.Dataset, name: str, called: str) -> Iterator[str]:
     units = "" if variable.attrs["units"] == "1" else f" {variable.attrs['units']}"
     count = study.sizes[places[0]] if places else 1
     for k in range(count if places != [OCCURRENCE] else min(count, MOST_SHOWN)):
-        place = {places[0]: k} if places else {}
-        value = float(variable.isel(place)[-1])
+        index = {places[0]: k} if places else {}
+        value = float(variable.isel(index)[-1])
         where = (
             ""
             if not places
             else (
-                f" at t = {float(variables[AT_TIME].values[k]):.9g}{unit_suffix(time_unit(study))}"
+                f" at t = {float(variables[AT_TIME].values[k]):.9g}{unit_suffix(time_unit_of(study))}"
                 if places[0] == AT
                 else f" [{k + 1}]"
             )
         )
         if np.isnan(value):
-            yield f"{called}{where} is not there in the finest level"
+            yield f"{element_text}{where} is not there in the finest level"
             continue
         if f"verdict_{name}" not in variables:
-            change = float(variables[f"difference_{name}"].isel(place)[-2])
+            change = float(variables[f"difference_{name}"].isel(index)[-2])
             yield (
-                f"{called}{where} = {value:.{digits(value, apart=abs(change) / 10.0)}g}{units}, changed by {change:.3g}{units}"
+                f"{element_text}{where} = {value:.{digits(value, spacing=abs(change) / 10.0)}g}{units}, changed by {change:.3g}{units}"
             )
             continue
-        order = float(variables[f"order_{name}"].isel(place)[-2]) if study.sizes[LEVEL] > FEWEST else np.nan
-        verdict = words_of(variables[f"verdict_{name}"].isel(place))[0]
-        uncertainty = float(variables[f"uncertainty_{name}"].isel(place))
+        order = float(variables[f"order_{name}"].isel(index)[-2]) if study.sizes[LEVEL] > FEWEST else np.nan
+        verdict = words_of_flag(variables[f"verdict_{name}"].isel(index))[0]
+        uncertainty = float(variables[f"uncertainty_{name}"].isel(index))
         if np.isinf(uncertainty):
-            yield f"{called}{where} = {value:.{UNESTIMATED}g}{units}, of unknown uncertainty, {verdict}"
+            yield f"{element_text}{where} = {value:.{UNESTIMATED}g}{units}, of unknown uncertainty, {verdict}"
             continue
-        shown = f", order {order:.3g}" if np.isfinite(order) else ""
-        yield (f"{called}{where} = {with_uncertainty(value, uncertainty)}{units}{shown}, {verdict}")
+        order_text = f", order {order:.3g}" if np.isfinite(order) else ""
+        yield (f"{element_text}{where} = {with_uncertainty(value, uncertainty)}{units}{order_text}, {verdict}")
     if places == [OCCURRENCE] and name.startswith("event_time_"):  # said once, not of every state after the event
         further = int(np.count_nonzero(~np.isnan(variable.isel({LEVEL: -1}).values))) - MOST_SHOWN
         more = "1 further occurrence is" if further == 1 else f"{further} further occurrences are"
-        yield from [f"{called}: {more} in the record"] if further > 0 else []
+        yield from [f"{element_text}: {more} in the record"] if further > 0 else []
 
 
-SUMMARIES = {"refinement": lines_of}
+SUMMARIES = {"refinement": refinement_lines}

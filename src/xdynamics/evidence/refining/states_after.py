@@ -22,7 +22,7 @@ class StateAfter:
     Attributes
     ----------
     detector, state : str
-    along, dims : tuple of str
+    detector_dims, dims : tuple of str
         Dimensions of the detector, and of the quantity; the state of a single element has none.
     element : mapping of str to int
         The place of a single element; empty for a quantity.
@@ -32,7 +32,7 @@ class StateAfter:
 
     detector: str
     state: str
-    along: tuple[str, ...]
+    detector_dims: tuple[str, ...]
     dims: tuple[str, ...]
     element: Mapping[str, int]
     every: bool = False
@@ -50,18 +50,18 @@ class StateAfter:
     @property
     def shared(self) -> tuple[str, ...]:
         """Dimensions that the detector has and the quantity too."""
-        return tuple(dim for dim in self.along if dim in self.dims or dim in self.element)
+        return tuple(dim for dim in self.detector_dims if dim in self.dims or dim in self.element)
 
     @property
     def of_events(self) -> tuple[str, ...]:
         """Dimensions of the detector that the number has too."""
-        return tuple(dim for dim in self.along if self.every or dim not in self.shared)
+        return tuple(dim for dim in self.detector_dims if self.every or dim not in self.shared)
 
     @property
     def places(self) -> tuple[str, ...]:
         """The dimensions of the number: a shared one of the event's has the name that a record has for it."""
-        named = (at_event(dim) if dim in self.shared else dim for dim in self.of_events)
-        return (OCCURRENCE, *named, *self.dims)
+        event_dims = (at_event(dim) if dim in self.shared else dim for dim in self.of_events)
+        return (OCCURRENCE, *event_dims, *self.dims)
 
     def has_value_at(self, event: Mapping[str, int]) -> bool:
         """Whether the number has a value at the event of an element."""
@@ -81,12 +81,14 @@ class StateAfter:
         return levels * occurrences * math.prod(shapes.shape(self.places[1:])) <= MOST_NUMBERS
 
 
-def with_events(shapes: Shapes, states: list[StateAfter]) -> Shapes:
+def with_event_dims(shapes: Shapes, states: list[StateAfter]) -> Shapes:
     """Return the shapes of a model with those of states after events: along a shared dimension events have their own."""
     shared = [dim for dim in shapes.extents if any(state.every and dim in state.shared for state in states)]
-    along = {at_event(dim): replace(shapes.extents[dim], name=at_event(dim)) for dim in shared}
+    event_extents = {at_event(dim): replace(shapes.extents[dim], name=at_event(dim)) for dim in shared}
     dims = {state.name: state.places[1:] for state in states if not state.element}
-    return replace(shapes, extents={**along, **shapes.extents}, dims={**shapes.dims, **dims}) if states else shapes
+    return (
+        replace(shapes, extents={**event_extents, **shapes.extents}, dims={**shapes.dims, **dims}) if states else shapes
+    )
 
 
 def words_of_left_out(left: list[StateAfter], shapes: Shapes, levels: int, occurrences: int) -> str:
@@ -97,13 +99,13 @@ def words_of_left_out(left: list[StateAfter], shapes: Shapes, levels: int, occur
     extents = [shapes.extent(dim) for dim in first.places[1:]]
     return (
         f"{', '.join(state.name for state in left)}: {levels} levels, {occurrences} of each event,"
-        f" {' x '.join(map(_size, extents))}: {levels * occurrences * math.prod(extent.size for extent in extents)}"
+        f" {' x '.join(map(_extent_text, extents))}: {levels * occurrences * math.prod(extent.size for extent in extents)}"
         f" numbers, more than {MOST_NUMBERS}; compare single elements, like observables=['{_example(first, shapes)}'],"
         " or fewer occurrences"
     )
 
 
-def _size(extent: Extent) -> str:
+def _extent_text(extent: Extent) -> str:
     return f"{extent.size} {extent.name}"
 
 

@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.diagnosing.cycles import TURN
-from xdynamics.evidence.event_matching import Rows, matched
-from xdynamics.evidence.refining.family import Watched
+from xdynamics.evidence.event_matching import Rows, match_times
+from xdynamics.evidence.refining.family import TrackedValue
 from xdynamics.evidence.refining.levels import Levels
-from xdynamics.evidence.refining.readings import ENERGY, Common, Outline, Readings
+from xdynamics.evidence.refining.readings import ENERGY, ComparisonPoints, Readings, RunSummary
 from xdynamics.evidence.refining.states_after import StateAfter
-from xdynamics.evidence.refining.subjects import ENERGY_RANGE, EVENT_TIME, PERIOD, Subjects
+from xdynamics.evidence.refining.subjects import ENERGY_RANGE, EVENT_TIME, PERIOD, StudyQuantities
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.switches import bent_and_smooth, smooth_switches
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT
 from xdynamics.shapes.blocks import Block
-from xdynamics.shapes.naming import parted
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import unit_suffix
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ SMOOTH_TABLE = 2  # order left by points of a table that steps went over
 
 @dataclass(frozen=True)
 class Study:
-    """The levels of a refinement, and every number that is compared between them; see `Subjects`.
+    """The levels of a refinement, and every number that is compared between them; see `StudyQuantities`.
 
     Attributes
     ----------
@@ -53,34 +53,40 @@ class Study:
     levels: Levels
     runs: list[xr.Dataset]
     names: tuple[str, ...]
-    at: Any = None
+    requested_times: Any = None
     occurrences: int | None = None
     defects: bool = False
-    outlined: Sequence[Outline] = ()
+    outlined: Sequence[RunSummary] = ()
     read: Sequence[Readings] = ()
 
     @classmethod
-    def of(cls, subjects: Subjects, outlines: Sequence[Outline], readings: Sequence[Readings] = ()) -> Study:
+    def of(cls, subjects: StudyQuantities, outlines: Sequence[RunSummary], readings: Sequence[Readings] = ()) -> Study:
         """Return a study of runs that are elsewhere."""
-        wanted = (subjects.names, subjects.at, subjects.occurrences, subjects.defects)
-        return cls(subjects.levels, [], *wanted, outlines, readings)
+        request = (subjects.names, subjects.requested_times, subjects.occurrences, subjects.defects)
+        return cls(subjects.levels, [], *request, outlines, readings)
 
     @cached_property
-    def subjects(self) -> Subjects:
+    def subjects(self) -> StudyQuantities:
         """What is compared."""
-        return Subjects(self.levels, self.names, self.at, self.occurrences, self.defects)
+        return StudyQuantities(self.levels, self.names, self.requested_times, self.occurrences, self.defects)
 
     @cached_property
-    def outlines(self) -> Sequence[Outline]:
+    def outlines(self) -> Sequence[RunSummary]:
         """What each level tells by itself."""
         further, functions = self.runs[len(self.outlined) :], self.levels.model.functions
-        coarser = [Outline.of(run) for run in further[:-1]]
-        return [*self.outlined, *coarser, *(Outline.of(run, self.subjects.cyclic, functions) for run in further[-1:])]
+        coarser = [RunSummary.of(run) for run in further[:-1]]
+        return [
+            *self.outlined,
+            *coarser,
+            *(RunSummary.of(run, self.subjects.cyclic, functions) for run in further[-1:]),
+        ]
 
     @cached_property
-    def common(self) -> Common:
+    def common(self) -> ComparisonPoints:
         """Where the levels are compared."""
-        return Common(self.times, self.outlines[-1].crossing_levels, self._places(), self.most)
+        return ComparisonPoints(
+            self.times, self.outlines[-1].crossing_levels, self._corresponding_events(), self.occurrence_count
+        )
 
     @cached_property
     def readings(self) -> Sequence[Readings]:
@@ -139,7 +145,7 @@ class Study:
                 " leave that level out, or change what ended it"
             )
 
-    def watched(self) -> Iterator[Watched]:
+    def tracked_values(self) -> Iterator[TrackedValue]:
         """Yield every number that is compared, with the error by switches that steps went over before it."""
         numbers = list(self.numbers())
         located = self._with_switches_located(numbers)
@@ -151,9 +157,9 @@ class Study:
                 continue
             # one of the two levels may by chance have the switch at the end of a step
             cost = np.max(np.abs(located[number.name] - number.values[..., -FINEST:]), axis=-1) if located else 0.0
-            yield replace(number, moved=number.moved + STEPPED_OVER * np.nan_to_num(cost, nan=np.inf))
+            yield replace(number, event_errors=number.event_errors + STEPPED_OVER * np.nan_to_num(cost, nan=np.inf))
 
-    def _with_switches_located(self, numbers: list[Watched]) -> dict[str, Floats] | None:
+    def _with_switches_located(self, numbers: list[TrackedValue]) -> dict[str, Floats] | None:
         """Return the numbers of the two finest levels with all switches located.
 
         Empty if no step went over one that is declared smooth; None if they cannot be located.
@@ -168,12 +174,12 @@ class Study:
         if any(float(run["time"][-1]) < self.times.max() for run in runs):
             return None
         finest = replace(levels, values=levels.values[-FINEST:])
-        again = Study(finest, runs, self.names, self.times.tolist(), self.occurrences)
-        located = {number.name: number.values for number in again.numbers()}
+        located_study = Study(finest, runs, self.names, self.times.tolist(), self.occurrences)
+        located = {number.name: number.values for number in located_study.numbers()}
         same = all(number.name in located and located[number.name].shape[0] == len(number.values) for number in numbers)
         return located if same else None
 
-    def _when(self, number: Watched) -> Floats:
+    def _when(self, number: TrackedValue) -> Floats:
         """Return the times of a number's places; for a number of the whole run, its end."""
         if number.dims[:1] == (AT,):
             return self.times
@@ -187,168 +193,182 @@ class Study:
             orders += [switches[name].flatness + 1.0 for name, last in outline.passed.items() if time > last]
         return min(orders, default=np.inf)
 
-    def _occurred(self, number: Watched) -> Floats:
+    def _occurred(self, number: TrackedValue) -> Floats:
         """Return when the occurrences of an event were met in the finest level; inf for those that it did not meet."""
 
         def when(event: str) -> Floats:
-            times, last = np.full(self.common.occurrences, np.inf), self.outlines[-1].event_times[self.met()[event][-1]]
+            times, last = (
+                np.full(self.common.occurrences, np.inf),
+                self.outlines[-1].event_times[self.event_rows()[event][-1]],
+            )
             times[: len(last)] = last[: len(times)]
             return times
 
         state = next((state for state in self.states_after if state.name == number.name), None)
         if state is None:
             return when(number.name.removeprefix(EVENT_TIME))
-        whole = np.full(number.values.shape[:-1], np.inf)
+        occurrence_times = np.full(number.values.shape[:-1], np.inf)
         for event in self._events_of(state):
-            place = (slice(None), *state.index(self.subjects.event_place(event)[1]))
-            whole[place] = when(event).reshape(-1, *[1] * (whole[place].ndim - 1))
-        return whole
+            index = (slice(None), *state.index(self.subjects.event_place(event)[1]))
+            occurrence_times[index] = when(event).reshape(-1, *[1] * (occurrence_times[index].ndim - 1))
+        return occurrence_times
 
-    def numbers(self) -> Iterator[Watched]:
+    def numbers(self) -> Iterator[TrackedValue]:
         """Yield every number that is compared."""
         yield from self._at_times()
         yield from self._energy_range()
-        for name in self.subjects.counted:
-            yield self._of_cycles(name)
-        for detector in self._detectors:
-            yield from (self._of_event(event) for event in self.met() if parted(event)[0] == detector)
-            yield from (self._of_state(state) for state in self.states_after if state.detector == detector)
+        for name in self.subjects.cycle_numbers:
+            yield self._cycle_values(name)
+        for detector in self._event_detectors:
+            yield from (
+                self._event_times(event) for event in self.event_rows() if split_element_name(event)[0] == detector
+            )
+            yield from (self._values_after_events(state) for state in self.states_after if state.detector == detector)
 
     @property
-    def most(self) -> int:
+    def occurrence_count(self) -> int:
         """How many occurrences of every event are compared: by default those of the finest level, or if it has none of any."""
         if self.occurrences is not None:
             return self.occurrences
-        return max((len(rows[-1]) or max(map(len, rows)) for rows in self.met().values()), default=0)
+        return max((len(rows[-1]) or max(map(len, rows)) for rows in self.event_rows().values()), default=0)
 
     @cached_property
     def states_after(self) -> list[StateAfter]:
         """What is compared after events."""
         subjects, occurrences = self.subjects, self.common.occurrences
-        return [state for detector in self._detectors for state in subjects.compared_after(detector, occurrences)]
+        return [state for detector in self._event_detectors for state in subjects.compared_after(detector, occurrences)]
 
     @property
     def left_out(self) -> str:
         """Which states after events are not compared, in words."""
-        return self.subjects.left_out(self._detectors, self.common.occurrences)
+        return self.subjects.left_out(self._event_detectors, self.common.occurrences)
 
     @property
-    def _detectors(self) -> list[str]:
-        return list(dict.fromkeys(parted(event)[0] for event in self.met()))
+    def _event_detectors(self) -> list[str]:
+        return list(dict.fromkeys(split_element_name(event)[0] for event in self.event_rows()))
 
-    def met(self) -> dict[str, list[Rows]]:
+    def event_rows(self) -> dict[str, list[Rows]]:
         """Return the events of each name in every run: of those that were met, or if their number is given of all."""
         if self.occurrences == 0:
             return {}
-        events_by_run = [outline.met for outline in self.outlines]
+        events_by_run = [outline.event_rows for outline in self.outlines]
         names = dict.fromkeys(name for events in events_by_run for name in events)
         names = names if self.occurrences is None else dict.fromkeys(self.subjects.detectors)
         return {name: [events.get(name, np.zeros(0, np.int64)) for events in events_by_run] for name in names}
 
-    def _places(self) -> dict[str, list[tuple[Rows, Rows]]]:
+    def _corresponding_events(self) -> dict[str, list[tuple[Rows, Rows]]]:
         """Return those events of every level that correspond to the finest's, of each name, and the numbers of these."""
         places = {}
-        for name, rows in self.met().items():
+        for name, rows in self.event_rows().items():
             times = [outline.event_times[mine] for outline, mine in zip(self.outlines, rows, strict=True)]
             # occurrences of the finest level, and the nearest ones of every other level
-            pairs = [matched(entry, times[-1]) if len(times[-1]) else matched(entry, entry) for entry in times]
-            wanted = [
+            pairs = [match_times(entry, times[-1]) if len(times[-1]) else match_times(entry, entry) for entry in times]
+            is_compared = [
                 theirs < (len(theirs) + 1 if self.occurrences is None else self.occurrences) for _, theirs in pairs
             ]
             places[name] = [
-                (mine[first[kept]], second[kept])
-                for mine, (first, second), kept in zip(rows, pairs, wanted, strict=True)
+                (mine[first[is_kept]], second[is_kept])
+                for mine, (first, second), is_kept in zip(rows, pairs, is_compared, strict=True)
             ]
         return places
 
-    def _at_times(self) -> Iterator[Watched]:
+    def _at_times(self) -> Iterator[TrackedValue]:
         """Yield observables at the times of comparison."""
         finest, uncertain = self.readings[-1], self._around_events()
         for name in self.subjects.observed:
             values, errors = (np.stack([level.observed[name][i] for level in self.readings], axis=-1) for i in (0, 1))
-            moved = np.where(uncertain, np.inf, finest.moved[name].T).T
+            event_errors = np.where(uncertain, np.inf, finest.event_errors[name].T).T
             scale = _never_zero(finest.largest[name])
-            yield Watched(*self.subjects.observable(name), values, errors, self._rounding(values), moved, scale)
+            yield TrackedValue(
+                *self.subjects.observable(name), values, errors, self._rounding(values), event_errors, scale
+            )
 
     def _around_events(self) -> NDArray[np.bool_]:
         """Return at which times the two finest levels differ in the number of events, or an event may be before or after."""
         located = [outline.event_times for outline in self.outlines[-FINEST:]]
         around = []
         for time in self.common.times:
-            apart = len({int((times < time).sum()) for times in located}) > 1
+            counts_differ = len({int((times < time).sum()) for times in located}) > 1
             paired = len(located) == FINEST and len(located[0]) == len(located[1])
             # it is not known on which side of the event it is
             around.append(
-                apart or (paired and bool((np.abs(time - located[1]) <= np.abs(located[1] - located[0])).any()))
+                counts_differ or (paired and bool((np.abs(time - located[1]) <= np.abs(located[1] - located[0])).any()))
             )
         return np.array(around, bool)
 
-    def _energy_range(self) -> Iterator[Watched]:
+    def _energy_range(self) -> Iterator[TrackedValue]:
         """Yield the range of the energy in each run, if it is asked for."""
         if ENERGY_RANGE in self.names:
             ranges = np.array([[level.energy_range for level in self.readings]])
             scale = float(self.readings[-1].largest[ENERGY]) or 1.0
             rounding = np.array([2.0 * EPS * scale])
-            yield Watched(*self.subjects.energy_range, ranges, 0.0 * ranges, rounding, np.zeros(1), scale)
+            yield TrackedValue(*self.subjects.energy_range, ranges, 0.0 * ranges, rounding, np.zeros(1), scale)
 
-    def _of_cycles(self, name: str) -> Watched:
+    def _cycle_values(self, name: str) -> TrackedValue:
         """Return the mean period of each run, or its phase at times.
 
         Cycles of all runs are counted through the level that the finest chose: one chosen by each would differ between
         runs, and with it the periods of decaying motion.
         """
-        counted = [level.swings[name.partition("_")[2]] for level in self.readings]
+        cycles_by_level = [level.swings[name.partition("_")[2]] for level in self.readings]
         uncertainties, means = (
-            np.array([getattr(swings, one) for swings in counted]) for one in ("uncertainty", "mean")
+            np.array([getattr(swings, statistic) for swings in cycles_by_level])
+            for statistic in ("uncertainty", "mean")
         )
         if name.startswith(PERIOD):
-            counts = np.array([swings.counted for swings in counted])
+            counts = np.array([swings.cycle_count for swings in cycles_by_level])
             values, errors = means[None, :], (2.0 * uncertainties / counts)[None, :]
         else:
-            values = np.stack([swings.phases for swings in counted], axis=-1)
+            values = np.stack([swings.phases for swings in cycles_by_level], axis=-1)
             errors = np.broadcast_to(uncertainties * (TURN / means), values.shape).copy()
         scale = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
         rounding = self._rounding(values)
-        return Watched(*self.subjects.cycles(name), values, errors, rounding, np.zeros(len(values)), scale)
+        return TrackedValue(*self.subjects.cycles(name), values, errors, rounding, np.zeros(len(values)), scale)
 
-    def _of_event(self, event: str) -> Watched:
+    def _event_times(self, event: str) -> TrackedValue:
         """Return the times at which one event function was met, occurrence by occurrence."""
         levels = [(outline, mine) for outline, (mine, _) in zip(self.outlines, self.common.places[event], strict=True)]
         times = self._aligned(event, [outline.event_times[mine] for outline, mine in levels])
         errors = self._aligned(event, [outline.event_uncertainties[mine] for outline, mine in levels])
         span = self.outlines[-1].end - self.outlines[-1].begin or 1.0
         rounding = 4 * EPS * np.abs(times[:, -1])
-        return Watched(*self.subjects.event_time(event), times, errors, rounding, np.zeros(len(times)), span)
+        return TrackedValue(*self.subjects.event_time(event), times, errors, rounding, np.zeros(len(times)), span)
 
-    def _of_state(self, state: StateAfter) -> Watched:
+    def _values_after_events(self, state: StateAfter) -> TrackedValue:
         """Return a state after the events of a detector, occurrence by occurrence."""
         values, errors = (
-            self._spread(
+            self._spread_over_elements(
                 state,
                 {
-                    event: [level.after[event][state.name][i] for level in self.readings]
+                    event: [level.states_after[event][state.name][i] for level in self.readings]
                     for event in self._events_of(state)
                 },
             )
             for i in (0, 1)
         )
         scale = np.broadcast_to(_never_zero(self.readings[-1].largest[state.state]), values.shape[1:-1])
-        moved = np.zeros(values.shape[:-1])
-        return Watched(*self.subjects.after_event(state), values, errors, self._rounding(values), moved, scale)
+        event_errors = np.zeros(values.shape[:-1])
+        return TrackedValue(
+            *self.subjects.after_event(state), values, errors, self._rounding(values), event_errors, scale
+        )
 
     def _events_of(self, state: StateAfter) -> list[str]:
         """Return the events after which a state is compared: those of all elements, or of the one that is asked for."""
-        events = {event: self.subjects.event_place(event) for event in self.met()}
-        return [event for event, (own, place) in events.items() if own == state.detector and state.has_value_at(place)]
+        events = {event: self.subjects.event_place(event) for event in self.event_rows()}
+        return [
+            event
+            for event, (detector, element_index) in events.items()
+            if detector == state.detector and state.has_value_at(element_index)
+        ]
 
-    def _spread(self, state: StateAfter, by_event: Mapping[str, list[Floats]]) -> Floats:
+    def _spread_over_elements(self, state: StateAfter, by_event: Mapping[str, list[Floats]]) -> Floats:
         """Return numbers of every level at the events of elements as one array: occurrences first, levels last."""
         shape = self.subjects.shapes.shape(state.places[1:])
-        whole = np.full((self.common.occurrences, *shape, len(self.outlines)), np.nan)
+        spread_values = np.full((self.common.occurrences, *shape, len(self.outlines)), np.nan)
         for event, by_run in by_event.items():
             index = state.index(self.subjects.event_place(event)[1])
-            whole[(slice(None), *index)] = self._aligned(event, by_run)
-        return whole
+            spread_values[(slice(None), *index)] = self._aligned(event, by_run)
+        return spread_values
 
     def _aligned(self, event: str, by_run: list[Floats]) -> Floats:
         """Return numbers of every level at the events of one name by occurrence, levels last; nan where there is none."""
@@ -364,17 +384,17 @@ class Study:
         return bound
 
 
-def numbers_named(study: Study, names: Iterable[str]) -> list[Watched]:
+def numbers_by_name(study: Study, names: Iterable[str]) -> list[TrackedValue]:
     """Return what is compared by its name; an element is taken out of its quantity."""
-    numbers, found = {number.name: number for number in study.numbers()}, []
+    numbers, selected = {number.name: number for number in study.numbers()}, []
     for name in names:
-        whole = parted(name)[0]
+        quantity_name = split_element_name(name)[0]
         if name in numbers:
-            found.append(numbers[name])
-        elif whole in numbers:
-            place = Block.of(whole, "", study.subjects.shapes).places(name)
-            found.append(numbers[whole].at(name, tuple(place.values())))
-    return found
+            selected.append(numbers[name])
+        elif quantity_name in numbers:
+            element_index = Block.from_shapes(quantity_name, "", study.subjects.shapes).indices_of(name)
+            selected.append(numbers[quantity_name].element(name, tuple(element_index.values())))
+    return selected
 
 
 def _never_zero(size: Floats) -> Floats:

@@ -16,12 +16,12 @@ IN_WORDS = (
 MEANINGS = dict(zip(VERDICTS, IN_WORDS, strict=True))
 
 
-def in_words(verdict: str) -> str:
+def verdict_text(verdict: str) -> str:
     """Return a verdict with its meaning.
 
     Examples
     --------
-    >>> in_words("roundoff")
+    >>> verdict_text("roundoff")
     'roundoff: levels differ by no more than rounding: finer ones would tell nothing more'
     """
     return f"{in_prose(verdict)}: {MEANINGS[verdict]}"

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from xdynamics import archive
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.event_matching import met
+from xdynamics.evidence.event_matching import event_rows_by_name
 from xdynamics.evidence.observables import is_observable, observe
-from xdynamics.evidence.observed_quantities import given_to
-from xdynamics.evidence.runs import march
+from xdynamics.evidence.observed_quantities import parameters_read_by
+from xdynamics.evidence.runs import march_model
 from xdynamics.evidence.scaling import scale_of
 from xdynamics.evidence.validating.ledger_rows import LedgerRow
 from xdynamics.evidence.validating.rounded_expressions import MAGNIFIED, rounding_of_form, start_without_rounding
@@ -26,19 +26,19 @@ from xdynamics.methods import METHODS
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Model
 from xdynamics.model.closed_forms import BAND, ORDER, UNSCALED, exact_from
-from xdynamics.model.motion import constants, evaluated_many
+from xdynamics.model.motion import constants, evaluate_over_states
 from xdynamics.model.parts import Validation
-from xdynamics.model.whole import written_out
-from xdynamics.record.flag_words import time_unit
-from xdynamics.record.named_elements import column, find_column
+from xdynamics.model.whole import expanded_tree
+from xdynamics.record.flag_words import time_unit_of
+from xdynamics.record.named_elements import find_column, get_column
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.unfolding import whole_of
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import AT, STEPS, acceleration, velocity
-from xdynamics.shapes import Extent, at
+from xdynamics.shapes import Extent, at_element
 from xdynamics.shapes.blocks import Block
 from xdynamics.shapes.evaluation import evaluate_elements
-from xdynamics.shapes.naming import element, parted
+from xdynamics.shapes.naming import join_element_name, split_element_name
 from xdynamics.units import Quantity, parse_unit, time_in, unit_suffix
 
 if TYPE_CHECKING:
@@ -57,16 +57,20 @@ WIDER = 1.5  # times its first part, the most that a band may be in its last one
 class CaseRuns:
     """The runs of one model by one method, each marched when first needed."""
 
-    def __init__(self, model: Model, method: str, *, own: bool, marched: Callable[..., xr.Dataset] = march) -> None:
+    def __init__(
+        self, model: Model, method: str, *, is_ledger_case: bool, marched: Callable[..., xr.Dataset] = march_model
+    ) -> None:
         self.model, self.method, self._march = model, METHODS[method], marched
         refused, by_differences = (self.method.refusals(model, by_differences=allowed) for allowed in (False, True))
         self.refused = by_differences
-        self.asked: dict[str, Any] = {"method": method}
+        self.march_settings: dict[str, Any] = {"method": method}
         if refused and not by_differences:
-            self.asked["jacobian"] = DIFFERENCES
+            self.march_settings["jacobian"] = DIFFERENCES
         self._observations: list[tuple[xr.Dataset, tuple[float, ...], dict[str, Floats]]] = []
-        if own:  # the ledger's cases: with steps so small that a low order is accurate too
-            self.asked["step"] = time_in(model.time_unit, model.run["step"], "step") * FINER.get(self.method.order, 1.0)
+        if is_ledger_case:  # the ledger's cases: with steps so small that a low order is accurate too
+            self.march_settings["step"] = time_in(model.time_unit, model.run["step"], "step") * FINER.get(
+                self.method.order, 1.0
+            )
 
     def refusal(self, case: Validation) -> str:
         """Return why a case does not apply to the method; empty if it does."""
@@ -78,14 +82,14 @@ class CaseRuns:
             return "the method locates no events"
         return ""
 
-    def marched(self, **asked: Any) -> xr.Dataset:
+    def marched(self, **settings: Any) -> xr.Dataset:
         """March the model; a quantity with dimensions is one variable."""
-        return whole_of(self._march(self.model, **asked))
+        return whole_of(self._march(self.model, **settings))
 
     @cached_property
     def run(self) -> xr.Dataset:
         """The run with the steps of the model's `[run]`."""
-        return self.marched(**self.asked)
+        return self.marched(**self.march_settings)
 
     @cached_property
     def digest(self) -> str:
@@ -115,24 +119,24 @@ class CaseRuns:
             raise InputError(
                 f"a bound by '{ORDER}' needs a fixed step in [run]; model '{self.model.name}' has chosen ones"
             )
-        return self.marched(**self.asked | {"step": 2.0 * float(self.run.attrs["solver_step"])})
+        return self.marched(**self.march_settings | {"step": 2.0 * float(self.run.attrs["solver_step"])})
 
     @cached_property
     def unscaled(self) -> xr.Dataset:
         """The run without scales."""
         settings = {key: value for key, value in self.model.run.items() if key != "scales"}
-        return self.marched(**settings | self.asked | {"scales": {}})
+        return self.marched(**settings | self.march_settings | {"scales": {}})
 
     @cached_property
-    def moved(self) -> xr.Dataset | None:
+    def moved_start_run(self) -> xr.Dataset | None:
         """The run from a start without rounding, by `MAGNIFIED` times as much; None where that is none, or is refused."""
         try:
             model = start_without_rounding(self.model)
-            return None if model is None else whole_of(self._march(model, **self.asked))
+            return None if model is None else whole_of(self._march(model, **self.march_settings))
         except InputError:  # a body at rest on a floor may be inside it by then
             return None
 
-    def filled(self, row: LedgerRow, case: Validation) -> LedgerRow:
+    def complete_row(self, row: LedgerRow, case: Validation) -> LedgerRow:
         """Return a line with its residual, bound and scale: of a quantity with dimensions those of its worst element.
 
         Raises
@@ -141,7 +145,7 @@ class CaseRuns:
             If the closed form or the run does not fit the case.
         """
         run = self.run
-        row = replace(row, units=_units(run, case), run=self.digest)
+        row = replace(row, units=_quantity_unit(run, case), run=self.digest)
         self.check_dimension(case, row.units)
         end = float(run.variables["time"][-1])
         if run.attrs["run_outcome"] not in GOOD or max(case.times, default=end) > end:
@@ -152,15 +156,15 @@ class CaseRuns:
                 row,
                 where=(
                     f"{'the last tenth of ' * (case.bound == BAND)}accepted states up to"
-                    f" {end:.9g}{unit_suffix(time_unit(run))}"
+                    f" {end:.9g}{unit_suffix(time_unit_of(run))}"
                 ),
             )
         try:
             residual, expected = self.residual(run, case), self.expected(run, case)
             if case.bound == BAND:
                 part = max(1, len(residual) // TENTH)
-                most = BAND_AT_MOST * _largest(column(run, case.quantity).values)
-                bound = np.minimum(WIDER * np.max(residual[:part], axis=0), most) + self.rounding(case)
+                band_limit = BAND_AT_MOST * _largest_by_element(get_column(run, case.quantity).values)
+                bound = np.minimum(WIDER * np.max(residual[:part], axis=0), band_limit) + self.rounding(case)
                 residual, expected = residual[-part:], expected[-part:]
             else:
                 bound = self.bound(case)
@@ -168,17 +172,24 @@ class CaseRuns:
         except LookupError as error:
             return replace(row, residual=np.inf, bound=0.0, note=str(error.args[0]))
         if case.bound == UNSCALED:
-            here, there = (column(record, case.quantity).values for record in (run, self.unscaled))
-            if here.shape != there.shape:
-                return replace(row, residual=np.inf, bound=bound, note=f"{len(here)} rows, unscaled {len(there)}")
-            residual, expected = np.abs(here - there), there
+            scaled_values, unscaled_values = (
+                get_column(record, case.quantity).values for record in (run, self.unscaled)
+            )
+            if scaled_values.shape != unscaled_values.shape:
+                return replace(
+                    row,
+                    residual=np.inf,
+                    bound=bound,
+                    note=f"{len(scaled_values)} rows, unscaled {len(unscaled_values)}",
+                )
+            residual, expected = np.abs(scaled_values - unscaled_values), unscaled_values
         scale = scale_of(expected, residual)  # where 0 is expected, the residual is the computed value
         bound = bound + of_form + of_start
-        return of_worst(row, self._block(case), np.max(residual, axis=0), bound, scale, of_form, of_start)
+        return of_worst(row, self._element_block(case), np.max(residual, axis=0), bound, scale, of_form, of_start)
 
-    def _block(self, case: Validation) -> Block:
+    def _element_block(self, case: Validation) -> Block:
         """Return the elements that are compared together: of one element, or without dimensions, that alone."""
-        return Block.of(case.quantity, "", self.model.shapes)
+        return Block.from_shapes(case.quantity, "", self.model.shapes)
 
     def check_dimension(self, case: Validation, units: str) -> None:
         """Refuse a closed form in another unit than the quantity it is compared with.
@@ -188,8 +199,10 @@ class CaseRuns:
         InputError
             Naming both.
         """
-        one = at(case.expression, dict.fromkeys(self._block(case).dims, 0), self.model.shapes)
-        dimension = dimension_of(self.model.expanded(one), self.model.dimensions)
+        first_expression = at_element(
+            case.expression, dict.fromkeys(self._element_block(case).dims, 0), self.model.shapes
+        )
+        dimension = dimension_of(self.model.expanded(first_expression), self.model.dimensions)
         if dimension != parse_unit(units).dimension:
             raise InputError(
                 f"closed form {text_of(case.expression)!r} has units '{dimension}', needs '{units}' of"
@@ -199,36 +212,36 @@ class CaseRuns:
     def bound(self, case: Validation) -> Any:
         """Return the most that a residual may be, of each element, in the record's unit."""
         if isinstance(case.bound, Quantity):
-            return float(case.bound.si / parse_unit(_units(self.run, case)).factor)
+            return float(case.bound.si / parse_unit(_quantity_unit(self.run, case)).factor)
         if case.bound == UNSCALED:
             return 2.0 * self.rounding(case)
         by_order = case.bound == ORDER or exact_from(case.bound) > self.method.order
         if not by_order:
             return self.rounding(case)
-        most = ORDER_AT_MOST * _largest(self.true(self.run, case))
+        order_limit = ORDER_AT_MOST * _largest_by_element(self.true(self.run, case))
         halved = np.max(self.residual(self.coarse, case), axis=0) / self.by_order
-        return np.minimum(halved, most) + self.rounding(case)
+        return np.minimum(halved, order_limit) + self.rounding(case)
 
     def rounding_of(self, name: str) -> Any:
         """Return a bound of the rounding error of a quantity, of each element."""
         run = self.run
         steps, span = run.sizes[STEPS], float(run.variables["time"][-1] - run.variables["time"][0])
-        size = _largest(column(run, "time" if name == "t" else name).values)
-        if parted(name)[0] in self.model.shaped.coordinates:
-            size = size + span * _largest(column(run, velocity(name)).values)
+        size = _largest_by_element(get_column(run, "time" if name == "t" else name).values)
+        if split_element_name(name)[0] in self.model.shaped.coordinates:
+            size = size + span * _largest_by_element(get_column(run, velocity(name)).values)
         return (self.method.evaluations + 2) * steps * EPS * size
 
     def rounding(self, case: Validation) -> Any:
         """Return a bound of the rounding error of each element, plus the uncertainty of location at an event."""
         run, name, error = self.run, case.quantity, self.rounding_of(case.quantity)
         if case.event:
-            k, row = _met(run, case)
+            k, row = _event_index_and_row(run, case)
             uncertainty = float(run.variables["event_time_uncertainty"][k])
             rate = self._rate_of(name)
             if name == "t":
                 error = error + uncertainty
             elif rate:
-                error = error + uncertainty * np.abs(column(run, rate).values[row - 1])
+                error = error + uncertainty * np.abs(get_column(run, rate).values[row - 1])
         return error
 
     def rounding_of_expressions(self, case: Validation) -> tuple[Any, Any]:
@@ -239,28 +252,34 @@ class CaseRuns:
         """
         if isinstance(case.bound, Quantity) or case.bound == UNSCALED:
             return 0.0, 0.0
-        run, factor = self.run, float(parse_unit(_units(self.run, case)).factor)
-        times = self._times(run, case)
-        size = factor * float(np.max(_largest(column(run, "time" if case.quantity == "t" else case.quantity).values)))
-        exact = self._exact(case, times)
-        of_form = rounding_of_form(self.model, case, self._block(case), times, exact, size) / factor
-        if self.moved is None or self.moved.attrs["run_outcome"] not in GOOD:
+        run, factor = self.run, float(parse_unit(_quantity_unit(self.run, case)).factor)
+        times = self._comparison_times(run, case)
+        size = factor * float(
+            np.max(_largest_by_element(get_column(run, "time" if case.quantity == "t" else case.quantity).values))
+        )
+        exact = self._closed_form_values(case, times)
+        of_form = rounding_of_form(self.model, case, self._element_block(case), times, exact, size) / factor
+        if self.moved_start_run is None or self.moved_start_run.attrs["run_outcome"] not in GOOD:
             return of_form, 0.0
-        kinds, others = (record.variables["row_kind"].values for record in (run, self.moved))
-        if not np.array_equal(kinds, others):
+        kinds, moved_kinds = (record.variables["row_kind"].values for record in (run, self.moved_start_run))
+        if not np.array_equal(kinds, moved_kinds):
             return of_form, 0.0
         try:
-            here, there = (self._deviation(record, case) for record in (run, self.moved))
+            deviation, moved_deviation = (self._deviation(record, case) for record in (run, self.moved_start_run))
         except LookupError:
             return of_form, 0.0
-        return of_form, _largest(there - here) / MAGNIFIED if here.shape == there.shape else 0.0
+        return of_form, _largest_by_element(
+            moved_deviation - deviation
+        ) / MAGNIFIED if deviation.shape == moved_deviation.shape else 0.0
 
     def _rate_of(self, name: str) -> str:
         """Return the recorded rate of a coordinate or velocity, or of an element of one; of others nothing."""
-        whole, labels = parted(name)
+        quantity_name, labels = split_element_name(name)
         coordinates = self.model.shaped.coordinates
-        rates = {own: velocity(own) for own in coordinates} | {velocity(own): acceleration(own) for own in coordinates}
-        return element(rates[whole], labels) if whole in rates else ""
+        rates = {coordinate: velocity(coordinate) for coordinate in coordinates} | {
+            velocity(coordinate): acceleration(coordinate) for coordinate in coordinates
+        }
+        return join_element_name(rates[quantity_name], labels) if quantity_name in rates else ""
 
     def residual(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return absolute differences from the closed form, in the record's unit.
@@ -274,101 +293,115 @@ class CaseRuns:
 
     def _deviation(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return differences from the closed form, in the record's unit."""
-        name, times = case.quantity, self._times(run, case)
+        name, times = case.quantity, self._comparison_times(run, case)
         if case.event:
-            values = times if name == "t" else column(run, name).values[_met(run, case)[1] :][:1]
+            values = times if name == "t" else get_column(run, name).values[_event_index_and_row(run, case)[1] :][:1]
         elif case.times:
-            values = self._at(run, name, times)
+            values = self._values_at(run, name, times)
         else:
-            values = column(run, name).values
-        return np.asarray(values - self._exact(case, times) / float(parse_unit(_units(run, case)).factor))
+            values = get_column(run, name).values
+        return np.asarray(
+            values - self._closed_form_values(case, times) / float(parse_unit(_quantity_unit(run, case)).factor)
+        )
 
-    def _times(self, run: xr.Dataset, case: Validation) -> Floats:
+    def _comparison_times(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return the times at which a closed form is compared."""
         if case.event:
-            return np.asarray(run.variables["event_time"].values[_met(run, case)[0] :][:1])
+            return np.asarray(run.variables["event_time"].values[_event_index_and_row(run, case)[0] :][:1])
         return np.array(case.times) if case.times else np.asarray(run.variables["time"].values)
 
     def true(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return the closed form at the times of a case, or all along the run, in the record's unit."""
         times = np.array(case.times) if case.times else run.variables["time"].values
-        return self._exact(case, times) / float(parse_unit(_units(run, case)).factor)
+        return self._closed_form_values(case, times) / float(parse_unit(_quantity_unit(run, case)).factor)
 
     def expected(self, run: xr.Dataset, case: Validation) -> Floats:
         """Return the closed form where it is compared, in the record's unit; a time counts from the start."""
         origin = float(run.variables["time"][0]) if case.quantity == "t" else 0.0
-        return self._exact(case, self._times(run, case)) / float(parse_unit(_units(run, case)).factor) - origin
+        return (
+            self._closed_form_values(case, self._comparison_times(run, case))
+            / float(parse_unit(_quantity_unit(run, case)).factor)
+            - origin
+        )
 
-    def _exact(self, case: Validation, times: Floats) -> Floats:
+    def _closed_form_values(self, case: Validation, times: Floats) -> Floats:
         """Evaluate a closed form at times: shape (times, ...), SI."""
-        block, given = self._block(case), constants(self.model)
+        block, constant_values = self._element_block(case), constants(self.model)
         if not block.dims:
             tree = self.model.expanded(case.expression)
-            return np.broadcast_to(evaluated_many(self.model, [tree], {"t": times}, given, ())[0], times.shape)
-        tree, shapes = written_out(self.model, case.expression), self.model.shapes
+            return np.broadcast_to(
+                evaluate_over_states(self.model, [tree], {"t": times}, constant_values, ())[0], times.shape
+            )
+        tree, shapes = expanded_tree(self.model, case.expression), self.model.shapes
         dims, extents = {**shapes.dims, "t": (AT,)}, {**shapes.extents, AT: Extent(AT, len(times))}
-        known = {"t": times, **(given_to(self.model, [tree]) or given)}
-        found = evaluate_elements(tree, (*block.dims, AT), known, replace(shapes, dims=dims, extents=extents), AT)
-        return np.moveaxis(found, -1, 0)
+        input_values = {"t": times, **(parameters_read_by(self.model, [tree]) or constant_values)}
+        element_values = evaluate_elements(
+            tree, (*block.dims, AT), input_values, replace(shapes, dims=dims, extents=extents), AT
+        )
+        return np.moveaxis(element_values, -1, 0)
 
-    def _observed(self, run: xr.Dataset, name: str, times: tuple[float, ...]) -> Floats:
+    def _observed_values(self, run: xr.Dataset, name: str, times: tuple[float, ...]) -> Floats:
         """Return a quantity at times; what all closed forms at these times are of is found at once."""
-        for known, asked, values in self._observations:
-            if known is run and asked == times and name in values:
+        for observed_run, observed_times, values in self._observations:
+            if observed_run is run and observed_times == times and name in values:
                 return values[name]
         cases = self.model.shaped.validation.values()
-        beside = [one for case in cases if case.times == times for one in self._observed_together(case)]
-        names = dict.fromkeys([name, *(word for word in beside if is_observable(self.model, word))])
-        found = observe(run, self.model, [*names], np.array(times))
-        self._observations.append((run, times, {observed: values for observed, (values, _) in found.items()}))
-        return found[name][0]
+        case_names = [
+            element_name for case in cases if case.times == times for element_name in self._observed_together(case)
+        ]
+        names = dict.fromkeys([name, *(word for word in case_names if is_observable(self.model, word))])
+        observations = observe(run, self.model, [*names], np.array(times))
+        self._observations.append((run, times, {observed: values for observed, (values, _) in observations.items()}))
+        return observations[name][0]
 
     def _observed_together(self, case: Validation) -> Iterable[str]:
         """Return the names that values of a closed form are asked for by: its quantity, or elements."""
-        block = Block.of(self.model.shapes.inside(case.quantity), "", self.model.shapes)
+        block = Block.from_shapes(self.model.shapes.internal_name(case.quantity), "", self.model.shapes)
         return [block.name] if block.size > MOST_ALONE and is_observable(self.model, block.name) else block.elements()
 
-    def _at(self, run: xr.Dataset, name: str, times: Floats) -> Floats:
+    def _values_at(self, run: xr.Dataset, name: str, times: Floats) -> Floats:
         """Return a quantity at times; quantities that are not observables are known at accepted times only."""
         if is_observable(self.model, name):
-            return self._observed(run, name, tuple(times.tolist()))
-        block = Block.of(name, "", self.model.shapes)
+            return self._observed_values(run, name, tuple(times.tolist()))
+        block = Block.from_shapes(name, "", self.model.shapes)
         if block.dims and is_observable(self.model, block.first):
-            of_elements = [self._observed(run, one, tuple(times.tolist())) for one in block.elements()]
+            of_elements = [
+                self._observed_values(run, element_name, tuple(times.tolist())) for element_name in block.elements()
+            ]
             return np.stack(of_elements, axis=-1).reshape(-1, *block.shape)
         accepted = run.variables["time"].values
         rows = np.searchsorted(accepted, times + NEAR * (accepted[-1] - accepted[0]), side="right") - 1
         if (np.abs(accepted[rows] - times) > NEAR * (accepted[-1] - accepted[0])).any():
             raise InputError(f"'{name}' is known at accepted states alone; give times that are, or leave them out")
-        values: Floats = column(run, name).values[rows]
+        values: Floats = get_column(run, name).values[rows]
         return values
 
 
-def _largest(values: Floats) -> Any:
+def _largest_by_element(values: Floats) -> Any:
     """Return the largest size of each element along the first axis."""
     return np.max(np.abs(values), axis=0)
 
 
-def _met(run: xr.Dataset, case: Validation) -> tuple[int, int]:
+def _event_index_and_row(run: xr.Dataset, case: Validation) -> tuple[int, int]:
     """Return the index of an event, and the row of the state after it."""
-    occurrences = met(run).get(case.event, ())
+    occurrences = event_rows_by_name(run).get(case.event, ())
     if len(occurrences) < case.occurrence:
         raise LookupError(f"{case.event} was met {len(occurrences)} times")
     k = int(occurrences[case.occurrence - 1])
     return k, int(rows_named(run, "event_row_after")[k])
 
 
-def _units(run: xr.Dataset, case: Validation) -> str:
+def _quantity_unit(run: xr.Dataset, case: Validation) -> str:
     """Return the unit of a quantity in a record."""
     if case.quantity == "t":
-        return time_unit(run).text
-    found = find_column(run, case.quantity)
-    if found is None or found.dims[:1] != (STEPS,):
+        return time_unit_of(run).text
+    variable = find_column(run, case.quantity)
+    if variable is None or variable.dims[:1] != (STEPS,):
         raise InputError(
             f"quantity '{case.quantity}' is not recorded along '{STEPS}'; name one by quantity = …; without"
             " that key the name of the table is taken for it"
         )
-    return str(found.attrs["units"])
+    return str(variable.attrs["units"])
 
 
 def times_in_words(case: Validation, model: Model) -> str:

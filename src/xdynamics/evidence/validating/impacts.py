@@ -18,10 +18,10 @@ from xdynamics.expressions import Node
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.model import Model
 from xdynamics.model.linearisation import mass_matrices
-from xdynamics.model.motion import constants, evaluated_many, tables_of
+from xdynamics.model.motion import constants, drive_pieces, evaluate_over_states
 from xdynamics.model.reactions import DRY, Reaction, rate_dimension, reactions
 from xdynamics.reaction_names import contact_gap
-from xdynamics.record.flag_words import time_unit
+from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.named_rows import rows_named
 from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.schema import IMPACT, RESET_KIND, acceleration, velocity
@@ -74,13 +74,13 @@ class Impacts:
         labels = run["event_detector"].attrs["flag_meanings"].split()
         self.owners = [labels[i] for i in run["event_detector"].values[self.events].tolist()]
         self.impulses = np.stack(
-            [self._events(f"event_impulse_{name}") for name in model.statement.coordinates], axis=1
+            [self._event_column(f"event_impulse_{name}") for name in model.statement.coordinates], axis=1
         )
-        self.speeds = [self._columns(velocity, rows) for rows in self.rows]
-        self.accelerations = [self._columns(acceleration, rows) for rows in self.rows]
-        self.lost = self._events("event_energy_lost")
+        self.speeds = [self._coordinate_columns(velocity, rows) for rows in self.rows]
+        self.accelerations = [self._coordinate_columns(acceleration, rows) for rows in self.rows]
+        self.lost = self._event_column("event_energy_lost")
 
-    def _events(self, name: str) -> Floats:
+    def _event_column(self, name: str) -> Floats:
         values: Floats = self.run[name].values[self.events] * float(parse_unit(self.run[name].attrs["units"]).factor)
         return values
 
@@ -89,8 +89,8 @@ class Impacts:
         values: Floats = self.run[name].values[rows] * float(parse_unit(self.run[name].attrs["units"]).factor)
         return values
 
-    def _columns(self, named: Any, rows: Any) -> Floats:
-        return np.stack([self.column(named(name), rows) for name in self.model.statement.coordinates], axis=1)
+    def _coordinate_columns(self, name_rule: Any, rows: Any) -> Floats:
+        return np.stack([self.column(name_rule(name), rows) for name in self.model.statement.coordinates], axis=1)
 
     def state(self, rows: Any) -> dict[str, Floats]:
         """Return time, coordinates, velocities and first-order states in rows of the run."""
@@ -106,8 +106,8 @@ class Impacts:
     @cached_property
     def masses(self) -> Floats:
         """Mass matrix at every impact."""
-        before = self.state(self.rows[0])
-        states = ({name: float(values[i]) for name, values in before.items()} for i in range(len(self.events)))
+        states_before = self.state(self.rows[0])
+        states = ({name: float(values[i]) for name, values in states_before.items()} for i in range(len(self.events)))
         return np.array(list(mass_matrices(self.model, states)))
 
     @cached_property
@@ -124,17 +124,17 @@ class Impacts:
 
     def values(self, tree: Node, side: int) -> Floats:
         """Evaluate an expression of the model before (0) or after (1) every impact."""
-        numbers = evaluated_many(
-            self.model, [tree], self.state(self.rows[side]), constants(self.model), tables_of(self.model)
+        numbers = evaluate_over_states(
+            self.model, [tree], self.state(self.rows[side]), constants(self.model), drive_pieces(self.model)
         )[0]
         return np.broadcast_to(np.asarray(numbers, float), (len(self.events),))
 
-    def row_of(self, one: Reaction) -> Floats:
+    def row_of(self, reaction: Reaction) -> Floats:
         """Return the derivative of a reaction's rate by the velocities at every impact."""
-        trees = [one.row.get(name, ZERO) for name in self.model.statement.coordinates]
+        trees = [reaction.row.get(name, ZERO) for name in self.model.statement.coordinates]
         return np.stack([self.values(tree, 0) for tree in trees], axis=1)
 
-    def of(self, name: str) -> NDArray[np.int64]:
+    def members_of(self, name: str) -> NDArray[np.int64]:
         """Return the indices of the impacts of a contact."""
         return np.array([i for i, owner in enumerate(self.owners) if owner == name], np.int64)
 
@@ -146,11 +146,11 @@ def checks_of(run: xr.Dataset, model: Model) -> Iterator[Check]:
     impacts = Impacts(run, model)
     yield from _of_impulses(impacts)
     for name in model.contacts:
-        if impacts.of(name).size:
+        if impacts.members_of(name).size:
             yield from _of_contact(impacts, name)
 
 
-def _settled(impacts: Impacts) -> Floats:
+def _impulse_tolerances(impacts: Impacts) -> Floats:
     """Return how much impulses may differ because events are located to within the time tolerance.
 
     A contact that comes to rest loses the rate that it may have gained within that time.
@@ -166,18 +166,18 @@ def _settled(impacts: Impacts) -> Floats:
 
 def _of_impulses(impacts: Impacts) -> Iterator[Check]:
     """Check impulses against the jump of velocities in the metric of the mass, and energies against impulses."""
-    run, (before, after) = impacts.run, impacts.speeds
+    run, (speeds_before, speeds_after) = impacts.run, impacts.speeds
     first = np.unique(impacts.group, return_index=True)[1]
-    jump = (impacts.masses @ (after - before)[:, :, None])[first, :, 0]
-    size = (np.abs(impacts.masses) @ (np.abs(after) + np.abs(before))[:, :, None])[first, :, 0]
-    total = np.zeros((len(first), before.shape[1]))
+    jump = (impacts.masses @ (speeds_after - speeds_before)[:, :, None])[first, :, 0]
+    size = (np.abs(impacts.masses) @ (np.abs(speeds_after) + np.abs(speeds_before))[:, :, None])[first, :, 0]
+    total = np.zeros((len(first), speeds_before.shape[1]))
     np.add.at(total, impacts.group, impacts.impulses)
-    settled, rounding = _settled(impacts)[first], impacts.rounding[first, None]
+    impulse_tolerances, rounding = _impulse_tolerances(impacts)[first], impacts.rounding[first, None]
     for i, name in enumerate(impacts.model.statement.coordinates):
         units = str(run[f"event_impulse_{name}"].attrs["units"])
         relation = f"sum of event_impulse_{name} = row {name} of M (v after - v before)"
-        bound = (rounding * (size + np.abs(total)) + settled)[:, i]
-        yield _worst(
+        bound = (rounding * (size + np.abs(total)) + impulse_tolerances)[:, i]
+        yield _worst_impact(
             impacts,
             f"impulse_{name}",
             relation,
@@ -190,19 +190,19 @@ def _of_impulses(impacts: Impacts) -> Iterator[Check]:
     if "kinetic_energy" not in run:
         return
     kinetic = [impacts.column("kinetic_energy", rows)[first] for rows in impacts.rows]
-    work = np.sum(total * (before + after)[first], axis=1) / 2.0
-    scale = np.sum((size + np.abs(total)) * (np.abs(before) + np.abs(after))[first], axis=1)
-    slack = np.sum(settled * (np.abs(before) + np.abs(after))[first], axis=1)
+    work = np.sum(total * (speeds_before + speeds_after)[first], axis=1) / 2.0
+    scale = np.sum((size + np.abs(total)) * (np.abs(speeds_before) + np.abs(speeds_after))[first], axis=1)
+    slack = np.sum(impulse_tolerances * (np.abs(speeds_before) + np.abs(speeds_after))[first], axis=1)
     units = str(run["event_energy_lost"].attrs["units"])
     relation = "kinetic energy after - before = sum of impulses times (v before + v after)/2"
     residual = np.abs(kinetic[1] - kinetic[0] - work)
-    yield _worst(
+    yield _worst_impact(
         impacts, "kinetic_energy", relation, "kinetic_energy", units, residual, rounding[:, 0] * scale + slack, first
     )
 
 
 @dataclass(frozen=True)
-class _Struck:
+class _ContactImpacts:
     """The impacts of one contact: its rates before and after, its impulses, and what rounding does to them.
 
     Attributes
@@ -217,7 +217,7 @@ class _Struck:
     impulse : ndarray, shape (k, coordinates)
     strength : ndarray, shape (k, n)
         Of each part, by least squares.
-    before, after, noise : ndarray, shape (k, n)
+    rates_before, rates_after, noise : ndarray, shape (k, n)
         Rates of the parts at both sides, and their roundoff.
     rounding : ndarray, shape (k, 1)
     """
@@ -228,47 +228,47 @@ class _Struck:
     rows: Floats
     impulse: Floats
     strength: Floats
-    before: Floats
-    after: Floats
+    rates_before: Floats
+    rates_after: Floats
     noise: Floats
     rounding: Floats
 
     @classmethod
-    def of(cls, impacts: Impacts, name: str) -> _Struck:
+    def of(cls, impacts: Impacts, name: str) -> _ContactImpacts:
         """Collect the impacts of a contact."""
-        members = impacts.of(name)
+        members = impacts.members_of(name)
         parts = [reaction for reaction in reactions(impacts.model) if reaction.owner == name and reaction.sort != DRY]
         rows = np.stack([impacts.row_of(reaction)[members] for reaction in parts], axis=2)
         impulse, rounding = impacts.impulses[members], impacts.rounding[members]
         strength = np.stack(
             [np.linalg.lstsq(row, reaction, rcond=None)[0] for row, reaction in zip(rows, impulse, strict=True)]
         )
-        before, after = (
+        rates_before, rates_after = (
             np.stack([impacts.values(reaction.rate, side)[members] for reaction in parts], axis=1) for side in (0, 1)
         )
         speeds = np.abs(impacts.speeds[0][members]) + np.abs(impacts.speeds[1][members])
-        size = np.sum(np.abs(rows) * speeds[:, :, None], axis=1) + np.abs(before) + np.abs(after)
-        noise = rounding[:, None] * size + _slack(impacts, parts)[members]
-        return cls(name, parts, members, rows, impulse, strength, before, after, noise, rounding)
+        size = np.sum(np.abs(rows) * speeds[:, :, None], axis=1) + np.abs(rates_before) + np.abs(rates_after)
+        noise = rounding[:, None] * size + _rate_tolerances(impacts, parts)[members]
+        return cls(name, parts, members, rows, impulse, strength, rates_before, rates_after, noise, rounding)
 
 
 def _of_contact(impacts: Impacts, name: str) -> Iterator[Check]:
     """Check the impulses of one contact against its directions and friction, its rates and energy against its law."""
-    struck = _Struck.of(impacts, name)
+    struck = _ContactImpacts.of(impacts, name)
     deviation = np.linalg.norm(
         struck.impulse - np.einsum("kij,kj->ki", struck.rows, struck.strength), axis=1
     ) / np.linalg.norm(struck.impulse, axis=1)
     relation = "impulse is along the gradient of the gap, and the slip's"
-    yield _worst(
+    yield _worst_impact(
         impacts, f"{name}.direction", relation, "event_impulse", "1", deviation, struck.rounding, struck.members
     )
-    yield _restitution(impacts, struck)
+    yield _restitution_check(impacts, struck)
     if len(struck.parts) > 1:
-        yield _friction(impacts, struck)
-    yield _energy_lost(impacts, struck)
+        yield _friction_check(impacts, struck)
+    yield _energy_check(impacts, struck)
 
 
-def _restitution(impacts: Impacts, struck: _Struck) -> Check:
+def _restitution_check(impacts: Impacts, struck: _ContactImpacts) -> Check:
     """Check the rate after an impact against the law of restitution."""
     name, members, normal = struck.name, struck.members, struck.parts[0]
     law = impacts.model.contacts[name].law
@@ -279,46 +279,56 @@ def _restitution(impacts: Impacts, struck: _Struck) -> Check:
     if len(struck.parts) > 1 and law not in OF_RATES:
         why = f"law = '{law}' with friction relates impulses, or work, within an impact, and not the rates at its ends"
         return Check(f"{name}.restitution", relation, observable, unit, note=why)
-    mismatch = struck.after[:, 0] + impacts.values(normal.size, 0)[members] * np.minimum(struck.before[:, 0], 0.0)
-    least = mismatch if law == "newton" else struck.after[:, 0]
-    residual = np.where(_alone(impacts)[members], np.abs(mismatch), np.maximum(0.0, -least))
-    return _worst(impacts, f"{name}.restitution", relation, observable, unit, residual, struck.noise[:, 0], members)
+    mismatch = struck.rates_after[:, 0] + impacts.values(normal.size, 0)[members] * np.minimum(
+        struck.rates_before[:, 0], 0.0
+    )
+    checked_rates = mismatch if law == "newton" else struck.rates_after[:, 0]
+    residual = np.where(_single_contact_impacts(impacts)[members], np.abs(mismatch), np.maximum(0.0, -checked_rates))
+    return _worst_impact(
+        impacts, f"{name}.restitution", relation, observable, unit, residual, struck.noise[:, 0], members
+    )
 
 
-def _friction(impacts: Impacts, struck: _Struck) -> Check:
+def _friction_check(impacts: Impacts, struck: _ContactImpacts) -> Check:
     """Check the tangential impulse against Coulomb's law."""
     friction = impacts.values(struck.parts[1].size, 0)[struck.members]
     excess = np.maximum(0.0, np.abs(struck.strength[:, 1]) / np.abs(struck.strength[:, 0]) - friction)
     relation = "|tangential impulse| <= friction times normal impulse"
     bound = struck.rounding * (1.0 + friction) * np.linalg.cond(struck.rows)
-    return _worst(impacts, f"{struck.name}.friction", relation, "event_impulse", "1", excess, bound, struck.members)
+    return _worst_impact(
+        impacts, f"{struck.name}.friction", relation, "event_impulse", "1", excess, bound, struck.members
+    )
 
 
-def _energy_lost(impacts: Impacts, struck: _Struck) -> Check:
+def _energy_check(impacts: Impacts, struck: _ContactImpacts) -> Check:
     """Check the energy that an impact took against the work of its impulses."""
     members, law = struck.members, impacts.model.contacts[struck.name].law
-    loss = -np.sum(struck.strength * (struck.before + struck.after), axis=1) / 2.0
+    loss = -np.sum(struck.strength * (struck.rates_before + struck.rates_after), axis=1) / 2.0
     relation = "energy lost = -(impulses times (rates before + after)/2)"
     number, unit = f"{struck.name}.energy_lost", str(impacts.run["event_energy_lost"].attrs["units"])
     bound = np.sum(np.abs(struck.strength) * struck.noise, axis=1)
     deviation = np.abs(impacts.lost[members] - loss)
-    ends = _alone(impacts)[members] | (law != "sequential")  # strikes one contact after the other, at rates in between
+    ends = _single_contact_impacts(impacts)[members] | (
+        law != "sequential"
+    )  # strikes one contact after the other, at rates in between
     if not ends.any():
         why = (
             "law = 'sequential' takes energy strike by strike, where others are struck too, and not by the rates at the"
             " ends"
         )
         return Check(number, relation, "event_energy_lost", unit, note=why)
-    return _worst(impacts, number, relation, "event_energy_lost", unit, deviation[ends], bound[ends], members[ends])
+    return _worst_impact(
+        impacts, number, relation, "event_energy_lost", unit, deviation[ends], bound[ends], members[ends]
+    )
 
 
-def _alone(impacts: Impacts) -> NDArray[np.bool_]:
+def _single_contact_impacts(impacts: Impacts) -> NDArray[np.bool_]:
     """Tell which impacts are of a single contact, with no other one near enough to take part."""
-    alone: NDArray[np.bool_] = np.bincount(impacts.group)[impacts.group] == 1
+    is_single: NDArray[np.bool_] = np.bincount(impacts.group)[impacts.group] == 1
     for name, contact in impacts.model.contacts.items():
         near = np.abs(impacts.values(impacts.model.expanded(contact.gap), 0)) <= NEAR * _largest_gap(impacts, name)
-        alone &= ~near | np.array([owner == name for owner in impacts.owners])
-    return alone
+        is_single &= ~near | np.array([owner == name for owner in impacts.owners])
+    return is_single
 
 
 def _largest_gap(impacts: Impacts, name: str) -> float:
@@ -326,7 +336,7 @@ def _largest_gap(impacts: Impacts, name: str) -> float:
     return float(np.max(np.abs(gap.values))) * float(parse_unit(gap.attrs["units"]).factor)
 
 
-def _slack(impacts: Impacts, parts: list[Reaction]) -> Floats:
+def _rate_tolerances(impacts: Impacts, parts: list[Reaction]) -> Floats:
     """Return by how much the rates of a contact may change within the time tolerance."""
     tolerance, changes = float(impacts.run.attrs["solver_time_tolerance"]), []
     tolerances = [part.time_tolerance.si for part in impacts.model.contacts.values() if part.time_tolerance is not None]
@@ -336,7 +346,7 @@ def _slack(impacts: Impacts, parts: list[Reaction]) -> Floats:
     return max([tolerance, *tolerances]) * np.stack(changes, axis=1)
 
 
-def _worst(
+def _worst_impact(
     impacts: Impacts,
     name: str,
     relation: str,
@@ -350,5 +360,5 @@ def _worst(
     k = int(np.argmax(residual / np.maximum(bound, np.finfo(float).tiny)))
     event = int(impacts.events[members[k]])
     where = f"{len(residual)} impacts, worst at event {event}, t = {float(impacts.run['event_time'][event]):.6g}"
-    where += unit_suffix(time_unit(impacts.run))
+    where += unit_suffix(time_unit_of(impacts.run))
     return Check(name, relation, observable, units, float(residual[k]), float(bound[k]), where)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.evidence.kept_results import Keep
-from xdynamics.evidence.runs import march
-from xdynamics.evidence.stage_tasks import Task, inputs_of, march_task, remembered, results_of
-from xdynamics.evidence.stages import Stage, lazy
+from xdynamics.evidence.runs import march_model
+from xdynamics.evidence.stage_tasks import Task, march_task, remembered, results_of, setting_words
+from xdynamics.evidence.stages import Stage, lazy_stage
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.evidence.validating.ledger_rows import ROWS, LedgerRow, ledger_dataset
@@ -101,31 +101,34 @@ def validate(
 
     Examples
     --------
-    >>> from xdynamics.record.flag_words import words_of
+    >>> from xdynamics.record.flag_words import words_of_flag
     >>> found = validate(["velocity_verlet"])
-    >>> sorted({*words_of(found.verdict)})
+    >>> sorted({*words_of_flag(found.verdict)})
     ['passed', 'refused']
     """
     if isinstance(methods, Model) and model is None:
         methods, model = None, methods
-    names = _names(methods, model, occurrences)
+    names = _method_names(methods, model, occurrences)
     marched = {"step": step, "until": until, "rtol": rtol}
     if model is not None:
         model = rerun(model, **marched)
-    elif given := [name for name, value in marched.items() if value is not None]:
+    elif supplied_names := [name for name, value in marched.items() if value is not None]:
         raise InputError(
-            f"{' and '.join(given)} {'is' if len(given) == 1 else 'are'} for a model, and none is given: the ledger's own cases have their own"
+            f"{' and '.join(supplied_names)} {'is' if len(supplied_names) == 1 else 'are'} for a model, and none is given: the ledger's own cases have their own"
         )
-    cases = _own(names) if model is None else _of_model(model, names, occurrences, proven=proven is True)
+    cases = _ledger_cases(names) if model is None else _model_cases(model, names, occurrences, proven=proven is True)
     title = EXACT_CASES if model is None else f"validation of {model.name}"
-    kept = Keep.of(keep)
+    keep_folder = Keep.of(keep)
     if not compute:
-        return lazy(ledger_stage(cases, title, kept))
-    found = (case.rows() if kept is None else results_of(kept.task(case.named(), ROWS))[0] for case in cases)
-    return ledger_dataset([row for rows in found for row in rows], title)
+        return lazy_stage(ledger_stage(cases, title, keep_folder))
+    rows_by_case = (
+        case.rows() if keep_folder is None else results_of(keep_folder.task(case.marching_task(), ROWS))[0]
+        for case in cases
+    )
+    return ledger_dataset([row for rows in rows_by_case for row in rows], title)
 
 
-def _names(methods: Any, model: Any, occurrences: Any) -> list[str] | None:
+def _method_names(methods: Any, model: Any, occurrences: Any) -> list[str] | None:
     """Check the arguments of `validate`, and return the names of methods, if there are any."""
     if methods is not None and not isinstance(methods, str | Sequence):
         raise InputError(f"methods is {str(methods)[:40]!r}, needs names of methods")
@@ -134,10 +137,10 @@ def _names(methods: Any, model: Any, occurrences: Any) -> list[str] | None:
     if occurrences is not None and (type(occurrences) is not int or occurrences < 0):
         raise InputError(f"occurrences is {occurrences!r}, needs a non-negative whole number")
     names = [methods] if isinstance(methods, str) else None if methods is None else list(methods)
-    return None if names is None else _known(names)
+    return None if names is None else _known_methods(names)
 
 
-def _known(names: list[str]) -> list[str]:
+def _known_methods(names: list[str]) -> list[str]:
     """Return names of methods, all of which there are."""
     for name in names:
         if name not in METHODS:
@@ -145,7 +148,7 @@ def _known(names: list[str]) -> list[str]:
     return names
 
 
-def _own(methods: Sequence[str] | None) -> list[Case]:
+def _ledger_cases(methods: Sequence[str] | None) -> list[Case]:
     """Return the ledger's own cases by methods."""
     return [
         Case(model, method, stage, f"{name}.", OF_IMPACTS.get(name, 0), proven=name in OF_BOUNDS)
@@ -154,7 +157,7 @@ def _own(methods: Sequence[str] | None) -> list[Case]:
     ]
 
 
-def _of_model(model: Model, methods: Sequence[str] | None, occurrences: int | None, *, proven: bool) -> list[Case]:
+def _model_cases(model: Model, methods: Sequence[str] | None, occurrences: int | None, *, proven: bool) -> list[Case]:
     """Return the cases of a model by methods.
 
     Raises
@@ -167,10 +170,10 @@ def _of_model(model: Model, methods: Sequence[str] | None, occurrences: int | No
             f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with"
             " expression, bound, or compare it with proven bounds: proven=True (--proven)"
         )
-    chosen = methods or (_known([str(model.run["method"])]) if "method" in model.run else [])
-    if not chosen:
+    chosen_methods = methods or (_known_methods([str(model.run["method"])]) if "method" in model.run else [])
+    if not chosen_methods:
         raise InputError(f"model '{model.name}' has no method in its [run]; give methods=[…]")
-    return [Case(model, method, occurrences=occurrences, proven=proven) for method in chosen]
+    return [Case(model, method, occurrences=occurrences, proven=proven) for method in chosen_methods]
 
 
 def ledger_stage(cases: Sequence[Case], title: str, keep: Keep | None = None) -> Stage:
@@ -182,7 +185,7 @@ def ledger_stage(cases: Sequence[Case], title: str, keep: Keep | None = None) ->
 
 def own_ledger(methods: Sequence[str], keep: Keep | None = None) -> Stage:
     """Return the ledger of exact cases by methods, before it is computed."""
-    return ledger_stage(_own(methods), EXACT_CASES, keep)
+    return ledger_stage(_ledger_cases(methods), EXACT_CASES, keep)
 
 
 def _of_tasks(title: str, *rows: Sequence[LedgerRow]) -> xr.Dataset:
@@ -233,11 +236,11 @@ class Case:
                 f"how many relations of impacts a run of '{self.model.name}' has is not known before marching; give the"
                 " number to list, like occurrences=10 (refused where there are fewer), or 0 for none"
             )
-        return self.named()
+        return self.marching_task()
 
-    def named(self) -> Task:
+    def marching_task(self) -> Task:
         """Return the task that marches it, with as many lines as there will be."""
-        asked = CaseRuns(self.model, self.method, own=self.stage > 0).asked
+        march_settings = CaseRuns(self.model, self.method, is_ledger_case=self.stage > 0).march_settings
         words = (
             self.stage,
             self.prefix,
@@ -245,23 +248,25 @@ class Case:
             self.proven,
             self.method,
             self.model.digest,
-            inputs_of(asked),
+            setting_words(march_settings),
             xdynamics_version(),
             *(function.digest for function in self.model.python_functions),
         )
-        return Task.of("case", partial(_rows_of, self), (), *words)
+        return Task.of("case", partial(_case_rows, self), (), *words)
 
-    def rows(self, marched: Callable[..., xr.Dataset] = march) -> Iterator[LedgerRow]:
+    def rows(self, marched: Callable[..., xr.Dataset] = march_model) -> Iterator[LedgerRow]:
         """Yield the lines of the ledger, of runs that are marched when they are first needed."""
-        runs = CaseRuns(self.model, self.method, own=self.stage > 0, marched=marched)
+        runs = CaseRuns(self.model, self.method, is_ledger_case=self.stage > 0, marched=marched)
         for row, case in self._forms():
             why = runs.refusal(case)
-            yield replace(row, note=why) if why else runs.filled(row, case)
+            yield replace(row, note=why) if why else runs.complete_row(row, case)
         if self.proven:
             yield from beside_bounds(runs, self.prefix, self.stage)
         if self.model.contacts and (self.occurrences != 0 or self.stage):
-            lines = [*_of_impacts(runs, self.prefix, self.stage)]
-            missing = [] if self.occurrences is None or self.stage else self._missing(self.occurrences - len(lines))
+            lines = [*_impact_rows(runs, self.prefix, self.stage)]
+            missing = (
+                [] if self.occurrences is None or self.stage else self._missing_rows(self.occurrences - len(lines))
+            )
             yield from [*lines, *missing][: None if self.stage else self.occurrences]
 
     def blank(self) -> Iterator[LedgerRow]:
@@ -270,11 +275,11 @@ class Case:
         if self.proven:
             yield from rows_of_bounds(self.model, self.method, self.prefix, self.stage)
         if self.model.contacts:
-            runs = CaseRuns(self.model, self.method, own=self.stage > 0)
+            runs = CaseRuns(self.model, self.method, is_ledger_case=self.stage > 0)
             located = not runs.refused and runs.method.stepper.locates
-            yield from self._missing(self.occurrences or 0 if located or not self.stage else 1)
+            yield from self._missing_rows(self.occurrences or 0 if located or not self.stage else 1)
 
-    def _missing(self, count: int) -> list[LedgerRow]:
+    def _missing_rows(self, count: int) -> list[LedgerRow]:
         """Return lines in the place of relations that a run does not have."""
         law = next(iter(self.model.contacts.values())).law
         relation, note = f"law of impacts '{law}'", "the run has no further relation of impacts"
@@ -285,26 +290,26 @@ class Case:
 
     def _forms(self) -> Iterator[tuple[LedgerRow, Validation]]:
         """Yield every closed form, with its line as far as it is known."""
-        for name, case, elements in self._closed_forms():
+        for name, case, elements in self._closed_forms_by_name():
             where = f"at {case.event} {case.occurrence}" if case.event else times_in_words(case, self.model)
             rule = str(case.bound) if isinstance(case.bound, str) else "given"
             relation = text_of(case.expression)
             row = LedgerRow(f"{self.prefix}{name}", self.method, self.stage, relation, case.quantity, where, rule)
             yield replace(row, elements=elements), case
 
-    def _closed_forms(self) -> Iterator[tuple[str, Validation, int]]:
+    def _closed_forms_by_name(self) -> Iterator[tuple[str, Validation, int]]:
         """Yield closed forms by their names, and for how many elements each is: of many together, of few one by one."""
         for name, form in self.model.shaped.validation.items():
-            quantity, event = map(self.model.shapes.inside, (form.quantity, form.event))
-            block = Block.of(quantity, "", self.model.shapes)
+            quantity, event = map(self.model.shapes.internal_name, (form.quantity, form.event))
+            block = Block.from_shapes(quantity, "", self.model.shapes)
             if block.size > MOST_ALONE:
                 yield name, replace(form, quantity=quantity, event=event), block.size
             else:
                 names = block._replace(name=name).elements()
-                yield from ((one, self.model.validation[one], 1) for one in names)
+                yield from ((element_name, self.model.validation[element_name], 1) for element_name in names)
 
 
-def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRow]:
+def _impact_rows(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRow]:
     """Yield the lines of the impacts of a model's own run, checked against the law of its contacts."""
     law, method = next(iter(marched.model.contacts.values())).law, marched.method
     row = LedgerRow(
@@ -333,6 +338,6 @@ def _of_impacts(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRo
         )
 
 
-def _rows_of(case: Case) -> list[LedgerRow]:
+def _case_rows(case: Case) -> list[LedgerRow]:
     """Return the lines of a case, in a task; runs that other stages need too are marched once."""
-    return [*case.rows(lambda model, **asked: remembered(march_task(model, **asked)))]
+    return [*case.rows(lambda model, **settings: remembered(march_task(model, **settings)))]

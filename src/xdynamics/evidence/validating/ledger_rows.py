@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.scaling import ROLE as SCALED
-from xdynamics.evidence.scaling import over
-from xdynamics.faults import few
-from xdynamics.record.flag_words import words_of
-from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, flags
-from xdynamics.shapes import spoken
+from xdynamics.evidence.scaling import divide_by_scale
+from xdynamics.faults import first_names
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.schema import CASE, RESIDUAL_SCALE, SCALED_RESIDUAL, flag_attributes
+from xdynamics.shapes import display_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -83,15 +83,19 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
         "case_worst_element": ("worst", "element of the largest residual, where several are judged as one case"),
     }
     variables: dict[str, Any] = {
-        name: ((CASE,), np.array([spoken(getattr(row, key)) for row in rows]), about("1", long_name, ROLE))
+        name: (
+            (CASE,),
+            np.array([display_text(getattr(row, key)) for row in rows]),
+            variable_attributes("1", long_name, ROLE),
+        )
         for name, (key, long_name) in words.items()
     }
-    numbers = about("1", "", ROLE) | IN_UNITS
+    numbers = variable_attributes("1", "", ROLE) | IN_UNITS
     variables |= {
         "case_stage": (
             (CASE,),
             np.array([row.stage for row in rows]),
-            about("1", "stage of the ledger; 0 of a model's own closed forms", ROLE),
+            variable_attributes("1", "stage of the ledger; 0 of a model's own closed forms", ROLE),
         ),
         "residual": (
             (CASE,),
@@ -106,19 +110,19 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
         RESIDUAL_SCALE: ((CASE,), np.array([row.scale for row in rows]), numbers | {"long_name": SCALE_RULE}),
         SCALED_RESIDUAL: (
             (CASE,),
-            over(*np.array([(row.residual, row.scale) for row in rows]).reshape(-1, 2).T),
-            about("1", "residual over residual_scale", SCALED) | {"scale_rule": SCALE_RULE},
+            divide_by_scale(*np.array([(row.residual, row.scale) for row in rows]).reshape(-1, 2).T),
+            variable_attributes("1", "residual over residual_scale", SCALED) | {"scale_rule": SCALE_RULE},
         ),
         "verdict": (
             (CASE,),
             np.array([row.verdict for row in rows], np.int8),
-            about("1", "result of the case", "flag") | flags(dict(enumerate(VERDICTS))),
+            variable_attributes("1", "result of the case", "flag") | flag_attributes(dict(enumerate(VERDICTS))),
         ),
     }
     variables |= _parts_of_bounds(rows)
-    variables |= _counts(rows)
+    variables |= _element_counts(rows)
     runs = [digest for digest in dict.fromkeys(row.run for row in rows) if digest]
-    return exhibit("ledger", title, runs, variables, {})
+    return evidence_dataset("ledger", title, runs, variables, {})
 
 
 def _parts_of_bounds(rows: Sequence[LedgerRow]) -> dict[str, Any]:
@@ -128,26 +132,30 @@ def _parts_of_bounds(rows: Sequence[LedgerRow]) -> dict[str, Any]:
         "bound_start": ("of_start", "part of bound: rounding of the start's expressions, carried by another march"),
     }
     return {
-        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", long_name, ROLE) | IN_UNITS)
+        name: (
+            (CASE,),
+            np.array([getattr(row, key) for row in rows]),
+            variable_attributes("1", long_name, ROLE) | IN_UNITS,
+        )
         for name, (key, long_name) in parts.items()
     }
 
 
-def _counts(rows: Sequence[LedgerRow]) -> dict[str, Any]:
+def _element_counts(rows: Sequence[LedgerRow]) -> dict[str, Any]:
     """Return how many elements each line is of, and how many of them have failed."""
     counts = {
         "case_elements": ("elements", "how many elements of the quantity are judged as one case"),
         "case_elements_failed": ("failed_elements", "how many of these have a residual above their bound"),
     }
     return {
-        name: ((CASE,), np.array([getattr(row, key) for row in rows]), about("1", long_name, ROLE))
+        name: ((CASE,), np.array([getattr(row, key) for row in rows]), variable_attributes("1", long_name, ROLE))
         for name, (key, long_name) in counts.items()
     }
 
 
-def lines_of(ledger: xr.Dataset) -> Iterator[str]:
+def ledger_lines(ledger: xr.Dataset) -> Iterator[str]:
     """Describe a ledger line by line: each failed case, what was refused and why, and how many passed."""
-    words = words_of(ledger["verdict"])
+    words = words_of_flag(ledger["verdict"])
     refused: dict[tuple[str, str], list[str]] = {}
     for k, word in enumerate(words):
         entry = {
@@ -173,10 +181,10 @@ def lines_of(ledger: xr.Dataset) -> Iterator[str]:
         elif word == "refused":
             refused.setdefault((entry["method"], entry["note"]), []).append(entry["name"])
     for (method, note), names in refused.items():
-        yield f"refused   {few(names)} by {method}: {note}"
+        yield f"refused   {first_names(names)} by {method}: {note}"
     counts = ", ".join(f"{words.count(word)} {word}" for word in VERDICTS)
     methods = dict.fromkeys(str(entry) for entry in ledger["case_method"].values)
     yield f"ledger    {len(words)} cases of {len(methods)} method{'s' * (len(methods) > 1)}: {counts}"
 
 
-SUMMARIES = {"ledger": lines_of}
+SUMMARIES = {"ledger": ledger_lines}

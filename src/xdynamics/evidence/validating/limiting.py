@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from xdynamics import archive
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.elementary.arrays import log
-from xdynamics.evidence.evidence_dataset import about, exhibit
+from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
 from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.stage_tasks import Task, march_task, results_of
-from xdynamics.evidence.stages import Stage, blank_run, lazy
+from xdynamics.evidence.stages import Stage, blank_run, lazy_stage
 from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
-from xdynamics.record.element_attributes import of_wholes
-from xdynamics.record.element_names import expanded
-from xdynamics.record.flag_words import time_unit
-from xdynamics.record.named_elements import column
+from xdynamics.record.element_attributes import quantity_names
+from xdynamics.record.element_names import expand_quantities
+from xdynamics.record.flag_words import time_unit_of
+from xdynamics.record.named_elements import get_column
 from xdynamics.schema import AT, AT_TIME, LEVEL
 from xdynamics.units import Quantity, Unit, parse_quantity, time_in, unit_suffix
 
@@ -127,8 +127,8 @@ def limiting(
     >>> found.approached_x1.values.tolist(), round(float(found.order_x1[-1, 0]), 2)
     ([1], 1.0)
     """
-    parameter = model.shapes.inside(parameter)
-    unit, numbers, end = _values(model, parameter, values, limit)
+    parameter = model.shapes.internal_name(parameter)
+    unit, numbers, end = _parameter_values(model, parameter, values, limit)
     times = wanted_times(
         [time_in(model.time_unit, item, "at") for item in ([at] if isinstance(at, str | float | int) else at)]
     )
@@ -137,28 +137,28 @@ def limiting(
     names = (
         tuple(model.units)
         if requested is None
-        else expanded(map(model.shapes.inside, requested), available, model.shapes)
+        else expand_quantities(map(model.shapes.internal_name, requested), available, model.shapes)
     )
     approach = Approach(model, parameter, unit, numbers, end, times, names)
     settings = {"force_samples": "none"} | asked
     marches = tuple(march_task(item, **settings) for item in approach.models)
-    task = Task.of("limiting", partial(_compared, approach), marches, parameter, times.tolist(), names)
+    task = Task.of("limiting", partial(_limiting_in_task, approach), marches, parameter, times.tolist(), names)
     if compute:
         study: xr.Dataset = results_of(task)[0]
         return study
     run = blank_run(March(model, unthinned_settings_for(model, **settings)))
     if unknown := [name for name in names if name not in run]:
         raise InputError(
-            f"observable '{unknown[0]}' is none of the model's; there are {', '.join(of_wholes(available))}"
+            f"observable '{unknown[0]}' is none of the model's; there are {', '.join(quantity_names(available))}"
         )
     blank = np.full((len(numbers) + 1, times.size), np.nan)
     words = [""] * len(numbers)
     units = {name: str(run[name].attrs["units"]) for name in names}
-    template = _dataset(approach, words, words, dict.fromkeys(names, blank), units, ())
-    return lazy(Stage(template, task, ("parameter_value", AT_TIME)))
+    template = _limiting_dataset(approach, words, words, dict.fromkeys(names, blank), units, ())
+    return lazy_stage(Stage(template, task, ("parameter_value", AT_TIME)))
 
 
-def _compared(approach: Approach, *runs: xr.Dataset) -> xr.Dataset:
+def _limiting_in_task(approach: Approach, *runs: xr.Dataset) -> xr.Dataset:
     """Compare the runs of all numbers.
 
     Raises
@@ -176,13 +176,13 @@ def _compared(approach: Approach, *runs: xr.Dataset) -> xr.Dataset:
         observe(run, model, approach.names, approach.times) for run, model in zip(runs, approach.models, strict=True)
     ]
     values = {name: np.stack([sample[name][0] for sample in samples]) for name in approach.names}
-    units = {name: str(column(runs[0], name).attrs["units"]) for name in approach.names}
+    units = {name: str(get_column(runs[0], name).attrs["units"]) for name in approach.names}
     digests = [archive.digest_of_run(run) for run in runs]
     outcomes = [str(run.attrs["run_outcome"]) for run in runs[:-1]]
-    return _dataset(approach, digests[:-1], outcomes, values, units, digests)
+    return _limiting_dataset(approach, digests[:-1], outcomes, values, units, digests)
 
 
-def _dataset(
+def _limiting_dataset(
     approach: Approach,
     level_digests: Sequence[str],
     outcomes: Sequence[str],
@@ -193,12 +193,20 @@ def _dataset(
     """Return how each observable, given with the limit's last, comes closer to it."""
     model, parameter, unit, end = approach.model, approach.parameter, approach.unit.text, approach.limit
     variables: dict[str, Any] = {
-        "parameter_value": ((LEVEL,), approach.values, about(unit, f"{parameter} of the level", ROLE)),
-        "run_digest": ((LEVEL,), np.array(level_digests), about("1", "content digest of the level's run", "digest")),
-        "run_outcome": ((LEVEL,), np.array(outcomes), about("1", "outcome of the level's run", "outcome")),
-        AT_TIME: ((AT,), approach.times, about(model.time_unit.text, "time of comparison", "time")),
+        "parameter_value": ((LEVEL,), approach.values, variable_attributes(unit, f"{parameter} of the level", ROLE)),
+        "run_digest": (
+            (LEVEL,),
+            np.array(level_digests),
+            variable_attributes("1", "content digest of the level's run", "digest"),
+        ),
+        "run_outcome": (
+            (LEVEL,),
+            np.array(outcomes),
+            variable_attributes("1", "outcome of the level's run", "outcome"),
+        ),
+        AT_TIME: ((AT,), approach.times, variable_attributes(model.time_unit.text, "time of comparison", "time")),
     }
-    distances, order_in = _distance(parameter, approach.values, end)
+    distances, order_in = _limit_distances(parameter, approach.values, end)
     for name, numbers in values.items():
         variables |= _approach(name, units[name], numbers[:-1], numbers[-1], distances)
     attributes = {
@@ -208,7 +216,7 @@ def _dataset(
         "limit_units": unit,
         "model_digest": model.digest,
     }
-    return exhibit(
+    return evidence_dataset(
         "limiting case",
         f"{model.name}: {parameter} to {end!r} {unit}",
         digests,
@@ -218,18 +226,18 @@ def _dataset(
     )
 
 
-def _values(
+def _parameter_values(
     model: Model, parameter: str, values: Sequence[str | float], limit: str | float
 ) -> tuple[Unit, Floats, float]:
     """Read the values of a parameter and its limit, in its own unit."""
     if parameter not in model.statement.parameters:
         raise InputError(
-            f"'{parameter}' is no parameter; there are {', '.join(of_wholes(model.statement.parameters)) or 'none'}"
+            f"'{parameter}' is no parameter; there are {', '.join(quantity_names(model.statement.parameters)) or 'none'}"
         )
     declared = model.statement.parameters[parameter].quantity
     unit = declared.unit
 
-    def read(value: Any) -> float:
+    def to_own_unit(value: Any) -> float:
         if not isinstance(value, str):
             return declared.scale_of_numbers.value(float(value))
         quantity = parse_quantity(value)
@@ -237,7 +245,7 @@ def _values(
             raise InputError(f"{parameter} {value!r} has units '{quantity.unit.dimension}', needs '{unit.text}'")
         return quantity.si / float(unit.factor)
 
-    end, numbers = read(limit), np.array([read(number) for number in values])
+    end, numbers = to_own_unit(limit), np.array([to_own_unit(number) for number in values])
     distances = np.abs(numbers - end)
     if len(numbers) < FEWEST or not (np.diff(distances) < 0.0).all() or not distances[-1] > 0.0:
         texts = [*map(str, values)]
@@ -245,7 +253,7 @@ def _values(
     return unit, numbers, end
 
 
-def _distance(parameter: str, values: Floats, limit: float) -> tuple[Floats, str]:
+def _limit_distances(parameter: str, values: Floats, limit: float) -> tuple[Floats, str]:
     """Return the distances of values from their limit, by inverses if it stands for infinity, and what they are in."""
     distances = np.abs(values - limit)
     far = bool((log(distances[:-1] / distances[1:]) <= LEAST_NEARER).any())
@@ -266,33 +274,35 @@ def _approach(name: str, units: str, values: Floats, limit: Floats, parameter_di
     closer = ((np.diff(sizes, axis=0) < 0.0) | (sizes[1:] == 0.0)).all(axis=0)
     dims = (LEVEL, AT)
     return {
-        name: (dims, values, about(units, name, ROLE)),
-        f"distance_{name}": (dims, distance, about(units, f"{name} less that of the limit", ROLE)),
+        name: (dims, values, variable_attributes(units, name, ROLE)),
+        f"distance_{name}": (dims, distance, variable_attributes(units, f"{name} less that of the limit", ROLE)),
         f"order_{name}": (
             dims,
             np.vstack([np.full(len(limit), np.nan)[None], orders]),
-            about("1", f"order of the distance of {name} in that of the parameter, from the level before", ROLE),
+            variable_attributes(
+                "1", f"order of the distance of {name} in that of the parameter, from the level before", ROLE
+            ),
         ),
-        f"limit_{name}": ((AT,), limit, about(units, f"{name} with the parameter at its limit", ROLE)),
+        f"limit_{name}": ((AT,), limit, variable_attributes(units, f"{name} with the parameter at its limit", ROLE)),
         f"approached_{name}": (
             (AT,),
             closer.astype(np.int8),
-            about("1", "1 where every distance is less than the one before", ROLE),
+            variable_attributes("1", "1 where every distance is less than the one before", ROLE),
         ),
     }
 
 
-def lines_of(study: xr.Dataset) -> Iterator[str]:
+def limiting_lines(study: xr.Dataset) -> Iterator[str]:
     """Describe the approach of each quantity to its limit, line by line."""
     for name in [str(key).removeprefix("distance_") for key in study.data_vars if str(key).startswith("distance_")]:
         units = study[name].attrs["units"]
         for k, time in enumerate(study[AT_TIME].values.tolist()):
             last, order = float(study[f"distance_{name}"][-1, k]), float(study[f"order_{name}"][-1, k])
             word = "approached" if int(study[f"approached_{name}"][k]) else "not approached"
-            shown = f"order {order:.3g}, " if np.isfinite(order) else ""
+            order_text = f"order {order:.3g}, " if np.isfinite(order) else ""
             yield (
-                f"{name} at t = {time:.9g}{unit_suffix(time_unit(study))}: {last:.3g} {units} from its limit, {shown}{word}"
+                f"{name} at t = {time:.9g}{unit_suffix(time_unit_of(study))}: {last:.3g} {units} from its limit, {order_text}{word}"
             )
 
 
-SUMMARIES = {"limiting case": lines_of}
+SUMMARIES = {"limiting case": limiting_lines}

@@ -29,11 +29,11 @@ from xdynamics.model.closed_forms import ORDER
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import Function
-from xdynamics.model.whole import acting, has_wholes, varying, written_out
+from xdynamics.model.whole import expanded_tree, forces_by_coordinate, prints_quantities, state_quantities
 from xdynamics.schema import velocity
-from xdynamics.shapes import at, dims_of, prepared, spoken
+from xdynamics.shapes import at_element, dims_of, display_text, resolve_min_max
 from xdynamics.shapes.gradient import derivative as derivative_of_wholes
-from xdynamics.shapes.trees import expanded
+from xdynamics.shapes.trees import expand_definitions
 
 TERM = "manufactured"
 MOST_WRITTEN_OUT = 300  # elements of a quantity that have an expression each
@@ -78,60 +78,76 @@ def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
     >>> found.verdict.values.tolist()
     [0, 0]
     """
-    _check(model, trajectory)
-    wanted = _trajectory(model, trajectory)
-    along = wanted | {velocity(name): _rate(wanted[name], model) for name in model.shaped.coordinates}
+    _check_manufacturable(model, trajectory)
+    trajectory_trees = _read_trajectory(model, trajectory)
+    motion_trees = trajectory_trees | {
+        velocity(name): _time_rate(trajectory_trees[name], model) for name in model.shaped.coordinates
+    }
     document = tomllib.loads(model.to_toml())
-    forces = {name: _written(model, name, force) for name, force in _missing(model, along).items()}
+    forces = {
+        name: _expression_text(model, name, force) for name, force in _missing_forces(model, motion_trees).items()
+    }
     if forces:
         document.setdefault("forces", {})[TERM] = forces | {"description": "makes the wanted trajectory exact"}
     for name, state in model.shaped.states.items():
-        correction = _less(_rate(wanted[name], model), _along(model, state.rate, along))
+        correction = _difference_tree(
+            _time_rate(trajectory_trees[name], model), _on_trajectory(model, state.rate, motion_trees)
+        )
         document["states"][name]["rate"] = text_of(add(state.rate, correction))
     begin = dict(constants(model)) | {"t": model.statement.initial["t"].si}
-    for name, tree in along.items():
-        document["initial"][name] = _start(model, name, tree, begin)
-    document["validation"] = {name: {"expression": text_of(tree), "bound": ORDER} for name, tree in along.items()}
-    return Model.from_text(_text_of(document))
+    for name, tree in motion_trees.items():
+        document["initial"][name] = _start_value(model, name, tree, begin)
+    document["validation"] = {
+        name: {"expression": text_of(tree), "bound": ORDER} for name, tree in motion_trees.items()
+    }
+    return Model.from_text(_statement_text(document))
 
 
-def _trajectory(model: Model, trajectory: Mapping[str, str]) -> dict[str, Node]:
+def _read_trajectory(model: Model, trajectory: Mapping[str, str]) -> dict[str, Node]:
     """Read the wanted trajectory; note every fault of units and dimensions, and what is not known in advance."""
     ledger, shapes = Ledger("manufactured solution"), model.shapes
-    moving = {*model.units, *model.drives, *varying(model), *model.shaped.drives}
-    wanted: dict[str, Node] = {}
+    moving = {*model.units, *model.drives, *state_quantities(model), *model.shaped.drives}
+    trajectory_trees: dict[str, Node] = {}
     for name, text in trajectory.items():
         with ledger.entry(f"'{name}'"):
-            tree = written_out(model, prepared(parse(text), shapes)) if shapes.dims else model.expanded(parse(text))
-            dims, own = dims_of(tree, shapes), shapes.dims.get(name, ())
-            if {*dims} != {*own}:
+            tree = (
+                expanded_tree(model, resolve_min_max(parse(text), shapes))
+                if shapes.dims
+                else model.expanded(parse(text))
+            )
+            dims, quantity_dims = dims_of(tree, shapes), shapes.dims.get(name, ())
+            if {*dims} != {*quantity_dims}:
                 raise InputError(
-                    f"{text!r} has the dimensions ({', '.join(dims)}), needs those of '{name}', ({', '.join(own)}); index"
+                    f"{text!r} has the dimensions ({', '.join(dims)}), needs those of '{name}', ({', '.join(quantity_dims)}); index"
                     " of a dimension is the number of an element along it"
                 )
             first = shapes.elements(name)[0]
-            dimension = dimension_of(_elements(model, name, tree)[0], model.dimensions)
+            dimension = dimension_of(_element_trees(model, name, tree)[0], model.dimensions)
             needed = model.units[first].dimension
             if dimension != needed:
                 raise InputError(f"{text!r} has units '{dimension}', needs '{needed}'")
-            if known := sorted(free_names(tree) & moving):
-                raise InputError(f"{text!r} reads '{known[0]}'; a trajectory is of t and parameters")
-            wanted[name] = tree
+            if known_names := sorted(free_names(tree) & moving):
+                raise InputError(f"{text!r} reads '{known_names[0]}'; a trajectory is of t and parameters")
+            trajectory_trees[name] = tree
     ledger.raise_faults()
-    return wanted
+    return trajectory_trees
 
 
-def _elements(model: Model, name: str, tree: Node) -> list[Node]:
+def _element_trees(model: Model, name: str, tree: Node) -> list[Node]:
     """Return what an expression is at every element of a quantity."""
     dims = model.shapes.dims.get(name, ())
-    return [at(tree, place, model.shapes) for place in model.shapes.places(dims)] if dims else [tree]
+    return (
+        [at_element(tree, element_index, model.shapes) for element_index in model.shapes.index_combinations(dims)]
+        if dims
+        else [tree]
+    )
 
 
-def _written(model: Model, name: str, tree: Node) -> str:
+def _expression_text(model: Model, name: str, tree: Node) -> str:
     """Print an expression; where it gathers what many links give, which has no text, element by element."""
     if not any(isinstance(node, Along) and node.function == "onto" for node in every(tree)):
         return text_of(tree)
-    parts = _elements(model, name, tree)
+    parts = _element_trees(model, name, tree)
     number: Node = ZERO
     if len(parts) > MOST_WRITTEN_OUT:
         raise InputError(
@@ -141,29 +157,32 @@ def _written(model: Model, name: str, tree: Node) -> str:
     for dim in model.shapes.dims[name]:
         number = add(multiply(number, Along("size", (), (dim,))), Along("index", (), (dim,)))
 
-    def among(first: int, last: int) -> Node:
+    def select_element(first: int, last: int) -> Node:
         if last - first == 1:
             return parts[first]
         middle = (first + last) // 2
-        return Call("where", (Compare("<", number, Number(float(middle))), among(first, middle), among(middle, last)))
+        return Call(
+            "where",
+            (Compare("<", number, Number(float(middle))), select_element(first, middle), select_element(middle, last)),
+        )
 
-    return spoken(text_of(among(0, len(parts))))
+    return display_text(text_of(select_element(0, len(parts))))
 
 
-def _start(model: Model, name: str, tree: Node, known: Mapping[str, float]) -> Any:
+def _start_value(model: Model, name: str, tree: Node, start_values: Mapping[str, float]) -> Any:
     """Return the values of a quantity at the start, in its own unit."""
     unit, dims = model.units[model.shapes.elements(name)[0]], model.shapes.dims.get(name, ())
-    numbers = [evaluate(part, known) / float(unit.factor) for part in _elements(model, name, tree)]
+    numbers = [evaluate(part, start_values) / float(unit.factor) for part in _element_trees(model, name, tree)]
     if not dims:
         return f"{numbers[0]!r} {unit.text}"
     return {"value": np.reshape(numbers, model.shapes.shape(dims)).tolist(), "unit": unit.text}
 
 
-def _check(model: Model, trajectory: Mapping[str, str]) -> None:
+def _check_manufacturable(model: Model, trajectory: Mapping[str, str]) -> None:
     """Refuse models and trajectories that no force of time alone can make exact."""
     check_model(model)
     kinds: dict[str, Any] = {
-        "a full mass matrix over dimensions": model.shapes.dims and not has_wholes(model),
+        "a full mass matrix over dimensions": model.shapes.dims and not prints_quantities(model),
         "contacts": [*model.contacts, *model.assemblies],
         "frictions": model.frictions,
         "controllers": model.controllers,
@@ -193,7 +212,7 @@ def _check(model: Model, trajectory: Mapping[str, str]) -> None:
         raise InputError(f"manufactured solution: {'; '.join(faults)}", tuple(faults))
 
 
-def _missing(model: Model, along: Mapping[str, Node]) -> dict[str, Node]:
+def _missing_forces(model: Model, motion_trees: Mapping[str, Node]) -> dict[str, Node]:
     """Return M a less all forces, on the trajectory, by coordinate."""
     places = list(model.shaped.coordinates)
     forces: dict[str, Node] = dict.fromkeys(places, ZERO)
@@ -203,31 +222,33 @@ def _missing(model: Model, along: Mapping[str, Node]) -> dict[str, Node]:
         else model.statement.mass_entries
     )
     for (i, j), entry in entries.items():
-        inertia = multiply(_along(model, entry, along), _rate(along[velocity(places[j])], model))
+        inertia = multiply(
+            _on_trajectory(model, entry, motion_trees), _time_rate(motion_trees[velocity(places[j])], model)
+        )
         forces[places[i]] = add(forces[places[i]], inertia)
-    for components in (acting(model) if model.shapes.dims else model.force_components).values():
+    for components in (forces_by_coordinate(model) if model.shapes.dims else model.force_components).values():
         for name, component in components.items():
             assert not isinstance(component, Function)  # noqa: S101 - refused above
-            forces[name] = _less(forces[name], _along(model, component, along))
+            forces[name] = _difference_tree(forces[name], _on_trajectory(model, component, motion_trees))
     return forces
 
 
-def _along(model: Model, tree: Node, along: Mapping[str, Node]) -> Node:
+def _on_trajectory(model: Model, tree: Node, motion_trees: Mapping[str, Node]) -> Node:
     """Return an expression on the trajectory."""
     if model.shapes.dims:
-        return expanded(written_out(model, tree), along, model.shapes)
-    return expand(model.expanded(tree), along)
+        return expand_definitions(expanded_tree(model, tree), motion_trees, model.shapes)
+    return expand(model.expanded(tree), motion_trees)
 
 
-def _rate(tree: Node, model: Model) -> Node:
+def _time_rate(tree: Node, model: Model) -> Node:
     rates = {"t": ONE}
     return derivative_of_wholes(tree, rates, model.shapes) if model.shapes.dims else derivative(tree, rates)
 
 
-def _less(left: Node, right: Node) -> Node:
+def _difference_tree(left: Node, right: Node) -> Node:
     return left if right == ZERO else Binary("-", left, right)
 
 
-def _text_of(statement: Mapping[str, object]) -> str:
+def _statement_text(statement: Mapping[str, object]) -> str:
     """Print a statement as TOML."""
     return Model(**statement).to_toml()

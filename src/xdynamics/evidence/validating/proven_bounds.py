@@ -19,7 +19,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
 from xdynamics.model.closed_forms import ORDER
-from xdynamics.record.named_elements import column
+from xdynamics.record.named_elements import get_column
 from xdynamics.schema import AT_TIME, bounds_of
 from xdynamics.shapes.blocks import Block
 
@@ -58,23 +58,23 @@ def beside_bounds(runs: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRow
     if tube.attrs["outcome"] != COMPLETED:
         yield from (replace(row, note=str(tube.attrs["outcome_text"])) for row in rows)
         return
-    yield from (_filled(row, runs, tube) for row in rows)
+    yield from (_bounded_row(row, runs, tube) for row in rows)
 
 
-def _filled(row: LedgerRow, runs: CaseRuns, tube: xr.Dataset) -> LedgerRow:
+def _bounded_row(row: LedgerRow, runs: CaseRuns, tube: xr.Dataset) -> LedgerRow:
     """Return a line with its residual, bound and scale."""
     run, name = runs.run, row.observable
-    row = replace(row, units=str(column(run, name).attrs["units"]), run=runs.digest)
+    row = replace(row, units=str(get_column(run, name).attrs["units"]), run=runs.digest)
     if run.attrs["run_outcome"] not in GOOD or float(run["time"][-1]) != runs.end:
         why = f"the run ended before: {run.attrs['run_outcome_text']}"
         return replace(row, residual=np.inf, bound=0.0, note=why)
     common = np.flatnonzero((_rows_at(run, tube) >= 0) & (_rows_at(runs.coarse, tube) >= 0))
-    values, high = column(run, name).values, column(tube, bounds_of(name)[1]).values
-    most, scale = (np.max(np.abs(numbers), axis=0) for numbers in (values, high))
-    halved = _outside(runs.coarse, name, tube, common) / runs.by_order
-    bound = np.minimum(halved, ORDER_AT_MOST * most) + runs.rounding_of(name)
-    block = Block.of(name, "", runs.model.shapes)
-    return of_worst(row, block, _outside(run, name, tube, common), bound, scale)
+    values, high = get_column(run, name).values, get_column(tube, bounds_of(name)[1]).values
+    largest_value, scale = (np.max(np.abs(numbers), axis=0) for numbers in (values, high))
+    halved = _distance_outside(runs.coarse, name, tube, common) / runs.by_order
+    bound = np.minimum(halved, ORDER_AT_MOST * largest_value) + runs.rounding_of(name)
+    block = Block.from_shapes(name, "", runs.model.shapes)
+    return of_worst(row, block, _distance_outside(run, name, tube, common), bound, scale)
 
 
 def _rows_at(run: xr.Dataset, tube: xr.Dataset) -> Rows:
@@ -85,9 +85,9 @@ def _rows_at(run: xr.Dataset, tube: xr.Dataset) -> Rows:
     return np.where(np.abs(accepted[rows] - times) <= near, rows, -1)
 
 
-def _outside(run: xr.Dataset, name: str, tube: xr.Dataset, common: Rows) -> Floats:
+def _distance_outside(run: xr.Dataset, name: str, tube: xr.Dataset, common: Rows) -> Floats:
     """Return the largest distance of each element of a run from the bounds, at some of their times; 0 within."""
-    values = column(run, name).values[_rows_at(run, tube)[common]]
-    low, high = (column(tube, bound).values[common] for bound in bounds_of(name))
+    values = get_column(run, name).values[_rows_at(run, tube)[common]]
+    low, high = (get_column(tube, bound).values[common] for bound in bounds_of(name))
     distances: Floats = np.max(np.maximum(np.maximum(low - values, values - high), 0.0), axis=0)
     return distances

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.observed_quantities import given_to
+from xdynamics.evidence.observed_quantities import parameters_read_by
 from xdynamics.expressions import Call, Node, free_names
 from xdynamics.expressions.tree import every
 from xdynamics.model import Model
@@ -17,7 +17,7 @@ from xdynamics.model.elementwise import in_si
 from xdynamics.model.kinks import JUMPING
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import Validation
-from xdynamics.model.whole import written_out
+from xdynamics.model.whole import expanded_tree
 from xdynamics.schema import AT
 from xdynamics.shapes import Extent
 from xdynamics.shapes.blocks import Block, Blocks
@@ -26,7 +26,7 @@ from xdynamics.shapes.precise_evaluation import rounding_errors
 Floats = NDArray[np.float64]
 
 MAGNIFIED = 2.0**20  # times its rounding, by which a start is moved: what a march makes of it stands out of its own
-NEAR = 2.0**-26  # of the largest value: what is further off by rounding is on another side of a jump
+NEAR_JUMP = 2.0**-26  # of the largest value: what is further off by rounding is on another side of a jump
 _APART = frozenset((*JUMPING, "atan2"))  # functions of which rounding may take another side
 PIECE = 1 << 18  # numbers of a closed form that are evaluated together: each has dozens of intermediate results
 
@@ -42,15 +42,19 @@ def start_without_rounding(model: Model) -> Model | None:
         model.statement.parameters, model.statement.initial
     )
     initial = {}
-    for name, found in errors.items():
-        block = Blocks.of("", [name], model.shapes)
-        start = in_si(model.statement.initial, block).reshape(found.shape)
+    for name, rounding_error in errors.items():
+        block = Blocks.from_names("", [name], model.shapes)
+        start = in_si(model.statement.initial, block).reshape(rounding_error.shape)
         tree = model.shaped.starting[name].tree
-        error = found if tree is None else without_jumps(tree, found, float(np.max(np.abs(start), initial=0.0)))
+        error = (
+            rounding_error
+            if tree is None
+            else without_jumps(tree, rounding_error, float(np.max(np.abs(start), initial=0.0)))
+        )
         if error.any():
-            moved = start - MAGNIFIED * error
+            moved_start = start - MAGNIFIED * error
             unit = model.statement.initial[block.blocks[0].first].unit
-            initial[name] = {"unit": unit.text, "value": (moved / float(unit.factor)).tolist()}
+            initial[name] = {"unit": unit.text, "value": (moved_start / float(unit.factor)).tolist()}
     return model.replace(initial=initial) if initial else None
 
 
@@ -65,10 +69,12 @@ def without_jumps(tree: Node, errors: Any, size: float) -> Any:
         The largest value that is expected.
     """
     jumps = any(isinstance(part, Call) and part.function in _APART for part in every(tree))
-    return np.where(np.abs(errors) <= (NEAR if jumps else 2.0) * size, errors, 0.0)
+    return np.where(np.abs(errors) <= (NEAR_JUMP if jumps else 2.0) * size, errors, 0.0)
 
 
-def rounding_of_form(model: Model, case: Validation, block: Block, times: Floats, found: Floats, size: float) -> Any:
+def rounding_of_form(
+    model: Model, case: Validation, block: Block, times: Floats, exact_values: Floats, size: float
+) -> Any:
     """Return the most that rounding did to a closed form at some times, of each element, in SI units.
 
     Parameters
@@ -78,29 +84,29 @@ def rounding_of_form(model: Model, case: Validation, block: Block, times: Floats
     block : Block
         The elements; without dimensions there is one number.
     times : ndarray, shape (k,), s
-    found : ndarray, shape (k, ...)
+    exact_values : ndarray, shape (k, ...)
         The closed form in floats.
     size : float
         The largest value of the quantity along the run.
     """
     if block.dims:
-        tree = written_out(model, case.expression)
-        known = given_to(model, [tree]) or constants(model)
+        tree = expanded_tree(model, case.expression)
+        input_values = parameters_read_by(model, [tree]) or constants(model)
     else:
-        tree, known = model.expanded(case.expression), constants(model)
-        known = {name: known[name] for name in free_names(tree) & known.keys()}
-    if free_names(tree) - known.keys() - {"t"}:
+        tree, input_values = model.expanded(case.expression), constants(model)
+        input_values = {name: input_values[name] for name in free_names(tree) & input_values.keys()}
+    if free_names(tree) - input_values.keys() - {"t"}:
         return 0.0
     shapes, count = model.shapes, max(1, PIECE // block.size)
-    most: Any = 0.0
+    largest_error: Any = 0.0
     for first in range(0, len(times), count):
         part = slice(first, first + count)
-        here = times[part]
-        inside = replace(
-            shapes, dims={**shapes.dims, "t": (AT,)}, extents={**shapes.extents, AT: Extent(AT, len(here))}
+        part_times = times[part]
+        part_shapes = replace(
+            shapes, dims={**shapes.dims, "t": (AT,)}, extents={**shapes.extents, AT: Extent(AT, len(part_times))}
         )
-        values = np.moveaxis(found[part], 0, -1)
-        errors = rounding_errors(tree, (*block.dims, AT), {**known, "t": here}, inside, values, AT)
+        values = np.moveaxis(exact_values[part], 0, -1)
+        errors = rounding_errors(tree, (*block.dims, AT), {**input_values, "t": part_times}, part_shapes, values, AT)
         errors = without_jumps(tree, errors, size)
-        most = np.maximum(most, np.max(np.abs(errors), axis=-1))
-    return most
+        largest_error = np.maximum(largest_error, np.max(np.abs(errors), axis=-1))
+    return largest_error

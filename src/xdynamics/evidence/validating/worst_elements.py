@@ -29,8 +29,8 @@ def of_worst(
     of_form, of_start : float or ndarray, shape of the block or ()
         The parts of the bound that are for the rounding of expressions.
     """
-    given = (residual, bound, scale, of_form, of_start)
-    residuals, bounds, scales, forms, starts = (np.broadcast_to(found, block.shape).ravel() for found in given)
+    row_numbers = (residual, bound, scale, of_form, of_start)
+    residuals, bounds, scales, forms, starts = (np.broadcast_to(number, block.shape).ravel() for number in row_numbers)
     failed = ~(residuals <= bounds)
     parts = np.divide(residuals, bounds, out=np.where(residuals > 0.0, np.inf, 0.0), where=bounds > 0.0)
     parts = np.where(np.isnan(parts) | np.isnan(residuals), np.inf, parts)

@@ -9,7 +9,7 @@ from xdynamics.kernels.jets.motion import Motion, UnexpandedError
 from xdynamics.kernels.jets.recurrences import CONSTANT, OTHER, RULES
 from xdynamics.kernels.jets.series import Order, Series
 from xdynamics.kernels.operations import COMPARISONS
-from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place, Program
+from xdynamics.kernels.program import AT, Compute, Line, Load, Location, Operand, Program
 
 Env = dict[str, Series]
 
@@ -37,7 +37,7 @@ class Coefficients(ABC):
         self.tables: dict[str, tuple[int, ...]] = {}
 
     @abstractmethod
-    def state(self, place: Place) -> Series:
+    def state(self, location: Location) -> Series:
         """Return the series of a number of the state."""
 
     def value(self, env: Env, operand: Operand) -> Series:
@@ -48,29 +48,29 @@ class Coefficients(ABC):
         """Begin the series of a number that is read."""
         if line.target in env:
             return
-        place = line.place
-        if place.array == "y":
-            env[line.target] = self.state(place)
-        elif place.array == "at" and place.offset == AT.index("t"):
+        location = line.location
+        if location.array == "y":
+            env[line.target] = self.state(location)
+        elif location.array == "at" and location.offset == AT.index("t"):
             env[line.target] = self.time
         else:
             env[line.target] = series = Series(constant=True)
-            order.keep(series, order.read(place))
+            order.keep(series, order.read(location))
 
     def compute(self, order: Order, env: Env, line: Compute) -> None:
         """Write the coefficient of a value."""
         name = line.operation
         tables = name in ("value_at", "slope_at", "find_piece", "piece_of")
-        given = [*line.arguments[:-1]] if tables else [*line.arguments]
-        series = [self.value(env, operand) for operand in given]
+        operands = [*line.arguments[:-1]] if tables else [*line.arguments]
+        series = [self.value(env, operand) for operand in operands]
         numbers = [*line.arguments[-1:]] if tables else []
-        known = line.target in env
-        if not known:
+        is_begun = line.target in env
+        if not is_begun:
             self.begin(order, env, line, series, numbers)
-        own = env[line.target]
-        if own.constant or not known or order.knows(own):
+        target = env[line.target]
+        if target.constant or not is_begun or order.knows(target):
             return
-        order.keep(own, RULES[name].following(order, own, *series, *numbers))
+        order.keep(target, RULES[name].following(order, target, *series, *numbers))
 
     def begin(
         self, order: Order, env: Env, line: Compute, series: Sequence[Series], numbers: Sequence[Operand]
@@ -90,8 +90,8 @@ class Coefficients(ABC):
         if partner is not None and not still:
             env[line.target] = order.part(partner, name)
             return
-        env[line.target] = own = Series(still, name in COMPARISONS)
-        order.keep(own, order.compute(name, *map(order.first, series), *numbers))
+        env[line.target] = target = Series(still, name in COMPARISONS)
+        order.keep(target, order.compute(name, *map(order.first, series), *numbers))
         if not still:
-            RULES[name].beginning(order, own, *series, *numbers)
-            env[f"{name} {line.arguments[0]}"] = own
+            RULES[name].beginning(order, target, *series, *numbers)
+            env[f"{name} {line.arguments[0]}"] = target

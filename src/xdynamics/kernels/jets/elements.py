@@ -17,7 +17,7 @@ from xdynamics.kernels.jets.looped_order import Looped
 from xdynamics.kernels.jets.motion import Motion
 from xdynamics.kernels.jets.paired_order import Paired
 from xdynamics.kernels.jets.powers import powers_of
-from xdynamics.kernels.jets.quotients import begin_quotient, divided, or_nothing
+from xdynamics.kernels.jets.quotients import begin_quotient, divide_coefficient, or_nothing
 from xdynamics.kernels.jets.series import HALF, MEMORY, MIDDLE, ODD, ORDER, TERM, Order, Series
 from xdynamics.kernels.machine import LINE
 from xdynamics.kernels.program import (
@@ -25,13 +25,13 @@ from xdynamics.kernels.program import (
     Gather,
     Line,
     Load,
+    Location,
     Loop,
     Ordinal,
-    Place,
     Program,
     Reduction,
     StoreTo,
-    nested,
+    nested_lines,
 )
 
 
@@ -55,18 +55,18 @@ class InElements(InLoops):
     ) -> None:
         self._own: dict[int, set[str]] = {}  # of every loop: arrays whose elements are those of its passes
         self._counts: dict[str, int] = {}
-        self._copies: dict[tuple[int, int, int], Place] = {}
-        self._weights: dict[Fraction, tuple[Place, Place]] = {}
+        self._copies: dict[tuple[int, int, int], Location] = {}
+        self._weights: dict[Fraction, tuple[Location, Location]] = {}
         self._powers = powers_of(body)
         self._sizes: dict[str, int] = {}
         super().__init__(forces, motion, degree, first, moving, fused=True)
         self.raised = frozenset((MEMORY,))
 
-    def _room_for(self, elements: int, orders: int) -> tuple[Place, int]:
-        apart = -(-elements // LINE) * LINE
-        return Place(self._view(apart * orders)), apart
+    def _allocate_array(self, elements: int, orders: int) -> tuple[Location, int]:
+        row_stride = -(-elements // LINE) * LINE
+        return Location(self._new_view(row_stride * orders)), row_stride
 
-    def _view(self, numbers: int) -> str:
+    def _new_view(self, numbers: int) -> str:
         """Return the name of a part of `w`."""
         name = f"series{len(self._sizes)}_"
         self._sizes[name] = numbers
@@ -75,65 +75,67 @@ class InElements(InLoops):
     def finish(self, lines: Sequence[Line]) -> None:
         """Take lines as the program, and give parts of `w` that are left a place, where a line of the cache may begin."""
         super().finish(lines)
-        used = {line.place.array for line in nested(self.lines) if isinstance(line, Load | StoreTo)}
+        used = {line.location.array for line in nested_lines(self.lines) if isinstance(line, Load | StoreTo)}
         for name, numbers in self._sizes.items():
             if name in used:
                 self.memory = -(-self.memory // LINE) * LINE
                 self.views[name] = MEMORY, self._reserve(numbers), numbers
 
-    def state(self, place: Place) -> Series:
+    def state(self, location: Location) -> Series:
         """Return the series of a number of the state: of every third number, for one, those of a copy without the others."""
-        indices = dict(place.strides)
-        (index, stride), *others = (*indices.items(), ("", 1))
-        if len(others) != 1 or stride == 1 or index not in self._counts:
-            return super().state(place)
+        indices = dict(location.strides)
+        (index, stride), *other_strides = (*indices.items(), ("", 1))
+        if len(other_strides) != 1 or stride == 1 or index not in self._counts:
+            return super().state(location)
         number = self._counts[index]
-        key = place.offset, stride, number
+        key = location.offset, stride, number
         if key not in self._copies:
-            self._copies[key] = Place(self._view(_line_of(number) * (self.degree + 1)), _first_of(number))
-        return Series(place=replace(self._copies[key], strides=((index, 1),)), apart=_line_of(number))
+            self._copies[key] = Location(
+                self._new_view(_row_stride(number) * (self.degree + 1)), _first_element_offset(number)
+            )
+        return Series(location=replace(self._copies[key], strides=((index, 1),)), stride=_row_stride(number))
 
     def order(self, lines: Assignments, around: Sequence[Loop | Reduction], *, started: bool) -> Looped:
         """Return what writes an order inside some loops."""
         if not around:
             return super().order(lines, around, started=started)
-        outer, *others = around
+        outer, *inner_loops = around
 
-        def room(numbers: int) -> tuple[Place, int]:
-            apart = _line_of(outer.count)
-            strides, size = [(outer.index, 1)], numbers * apart
-            for loop in others:
+        def allocate(numbers: int) -> tuple[Location, int]:
+            row_stride = _row_stride(outer.count)
+            strides, size = [(outer.index, 1)], numbers * row_stride
+            for loop in inner_loops:
                 strides.append((loop.index, size))
                 size *= loop.count
-            name = self._view(size)
+            name = self._new_view(size)
             for loop in around:
                 self._own.setdefault(id(loop), set()).add(name)
-            return Place(name, _first_of(outer.count), tuple(strides)), apart
+            return Location(name, _first_element_offset(outer.count), tuple(strides)), row_stride
 
         return Paired(
             lines,
             self.degree + 1,
-            room,
+            allocate,
             self._serial,
             started=started,
-            inside=True,
+            in_element_loops=True,
             stores=self._stores,
             fused=True,
             weights=self._weights_for,
             depth=len(around),
         )
 
-    def _weights_for(self, exponent: Fraction) -> tuple[Place, Place]:
+    def _weights_for(self, exponent: Fraction) -> tuple[Location, Location]:
         """Return where the weights of sums of a power are."""
         if exponent not in self._weights:
-            name, most = self._view(2 * self.degree), self.degree
-            self._weights[exponent] = Place(name, 0, ((TERM, 1),)), Place(name, most, ((TERM, 1),))
+            name, offset = self._new_view(2 * self.degree), self.degree
+            self._weights[exponent] = Location(name, 0, ((TERM, 1),)), Location(name, offset, ((TERM, 1),))
         return self._weights[exponent]
 
-    def _looped(self, line: Loop, body: tuple[Line, ...]) -> Loop:
-        return replace(line, body=body, own=frozenset(self._own.get(id(line), ())))
+    def _rebuild_loop(self, line: Loop, body: tuple[Line, ...]) -> Loop:
+        return replace(line, body=body, exclusive_arrays=frozenset(self._own.get(id(line), ())))
 
-    def _pass(
+    def _write_pass(
         self,
         order: Looped,
         line: Loop | Reduction,
@@ -142,7 +144,7 @@ class InElements(InLoops):
         totals: Mapping[str, str] | None = None,
     ) -> tuple[Looped, Env]:
         self._counts[line.index] = line.count
-        return super()._pass(order, line, env, around, totals)
+        return super()._write_pass(order, line, env, around, totals)
 
     def load(self, order: Order, env: Env, line: Load) -> None:
         """Begin the series of a number that is read; of what changes, read it outside of loops inside."""
@@ -155,38 +157,44 @@ class InElements(InLoops):
         if not isinstance(order, Paired) or all(self.value(env, operand).constant for operand in line.arguments):
             super().compute(order, env, line)
             return
-        given = [self.value(env, operand) for operand in line.arguments]
+        operands = [self.value(env, operand) for operand in line.arguments]
         if line.target in self._powers.passed_over:
             if not order.started:
-                value = order.compute(line.operation, *map(order.first, given))
+                value = order.compute(line.operation, *map(order.first, operands))
                 order.pass_on(env.setdefault(line.target, Series()), value)
         elif line.target in self._powers.made:
-            self._raise(order, env, line, given)
+            self._raise_power(order, env, line, operands)
         else:
-            if line.target not in env and line.operation in ("add", "subtract") and self._are_near(given, order.depth):
-                env[line.target] = Series(made=(line.operation, tuple(given)))
+            if (
+                line.target not in env
+                and line.operation in ("add", "subtract")
+                and self._are_near(operands, order.depth)
+            ):
+                env[line.target] = Series(made=(line.operation, tuple(operands)))
             super().compute(order, env, line)
 
-    def _are_near(self, given: Iterable[Series], depth: int) -> bool:
+    def _are_near(self, operands: Iterable[Series], depth: int) -> bool:
         """Whether series are all of the state, of elements of fewer loops than are around."""
-        names = {MEMORY, *(place.array for place in self._copies.values())}
-        places = [series.place for series in given]
-        return all(place is not None and place.array in names and len(place.strides) < depth for place in places)
+        names = {MEMORY, *(location.array for location in self._copies.values())}
+        places = [series.location for series in operands]
+        return all(
+            location is not None and location.array in names and len(location.strides) < depth for location in places
+        )
 
-    def _raise(self, order: Paired, env: Env, line: Compute, given: Sequence[Series]) -> None:
+    def _raise_power(self, order: Paired, env: Env, line: Compute, operands: Sequence[Series]) -> None:
         """Write the coefficient of a power."""
         base, exponent = self._powers.made[line.target]
-        of = self.value(env, base)
+        base_series = self.value(env, base)
         if not order.started:
-            own = env[line.target] = Series()
-            order.keep(own, order.compute(line.operation, *map(order.first, given)))
-            begin_quotient(order, own, order.first(of))
+            target = env[line.target] = Series()
+            order.keep(target, order.compute(line.operation, *map(order.first, operands)))
+            begin_quotient(order, target, order.first(base_series))
         else:
-            own, divisor = env[line.target], order.first(of)
-            weighted = divided(order, own, order.weighted(of, own, exponent), divisor)
-            order.keep(own, or_nothing(order, divisor, weighted))
+            target, divisor = env[line.target], order.first(base_series)
+            weighted = divide_coefficient(order, target, order.weighted(base_series, target, exponent), divisor)
+            order.keep(target, or_nothing(order, divisor, weighted))
 
-    def prepared(self, *, started: bool) -> list[Line]:
+    def prologue_lines(self, *, started: bool) -> list[Line]:
         """Return lines before those of an order: which terms its sums have, copies of the state, weights."""
         lines: list[Line] = []
         if started:
@@ -194,23 +202,23 @@ class InElements(InLoops):
             self.tables = {"halves_": tuple(n // 2 for n in numbers), "odds_": tuple(n % 2 for n in numbers)}
             self.tables["middles_"] = tuple((n + 1) // 2 for n in numbers)
             lines += [
-                Gather(index, Place(name, 0, ((ORDER, 1),)))
+                Gather(index, Location(name, 0, ((ORDER, 1),)))
                 for index, name in zip((HALF, ODD, MIDDLE), self.tables, strict=True)
             ]
-        for (offset, stride, number), place in self._copies.items():
-            ahead, used, apart = int(started), self.motion.used, _line_of(number)
-            source, target = ((ORDER, used),) * ahead, ((ORDER, apart),) * ahead
+        for (offset, stride, number), location in self._copies.items():
+            ahead, used, row_stride = int(started), self.motion.used, _row_stride(number)
+            source, target = ((ORDER, used),) * ahead, ((ORDER, row_stride),) * ahead
             copied = (
-                Load("_copied", Place(MEMORY, self.first + offset + ahead * used, (("i", stride), *source))),
-                StoreTo(Place(place.array, place.offset + ahead * apart, (("i", 1), *target)), "_copied"),
+                Load("_copied", Location(MEMORY, self.first + offset + ahead * used, (("i", stride), *source))),
+                StoreTo(Location(location.array, location.offset + ahead * row_stride, (("i", 1), *target)), "_copied"),
             )
-            lines.append(Loop("i", number, copied, frozenset((place.array,))))
+            lines.append(Loop("i", number, copied, frozenset((location.array,))))
         if started and self._weights:
             lines += [Ordinal("_before", ORDER), Compute("_k", "add", ("_before", 1.0))]
             lines += [self._weighted(exponent, *places) for exponent, places in self._weights.items()]
         return lines
 
-    def _weighted(self, exponent: Fraction, low: Place, high: Place) -> Loop:
+    def _weighted(self, exponent: Fraction, low: Location, high: Location) -> Loop:
         """Write r - (r + 1) j/k and (r + 1) j/k - 1, for an exponent r."""
         lines = (
             Ordinal("_index", TERM),
@@ -225,13 +233,13 @@ class InElements(InLoops):
         return Loop(TERM, max(1, (self.degree - 2) // 2), lines)
 
 
-def _line_of(number: int) -> int:
+def _row_stride(number: int) -> int:
     """Return how far rows of elements are apart: where vectors pay, an odd number of lines of the cache."""
     lines = -(-number // LINE)
     return number if lines < 2 else LINE * (lines + (lines + 1) % 2)
 
 
-def _first_of(number: int) -> int:
+def _first_element_offset(number: int) -> int:
     """Return where the first element is: so that the last ones fill a line, as rows side by side are the last ones."""
     return 0 if number <= LINE else -number % LINE
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from xdynamics.kernels.jets.elements import looped_lines
-from xdynamics.kernels.jets.motion import Motion, is_small, needed
+from xdynamics.kernels.jets.motion import Motion, is_small, needed_lines
 from xdynamics.kernels.jets.written_out import written_lines
 from xdynamics.kernels.program import Program
 
@@ -63,7 +63,7 @@ def expansion(
     UnexpandedError
         If the program calls what has no series.
     """
-    body = needed(forces.body, motion)
+    body = needed_lines(forces.body, motion)
     if written_out is None:
         written_out = is_small(body, degree, fused=fused)
     lines = (written_lines if written_out else looped_lines)(forces, body, motion, degree, first, fused=fused)

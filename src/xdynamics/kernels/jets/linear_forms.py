@@ -36,55 +36,59 @@ class LinearForms:
         self._written: dict[Operand, Operand] = {}
         self._ages: dict[Operand, int] = {}
 
-    def computed(self, operation: str, *arguments: Operand) -> Operand | None:
+    def linear_form(self, operation: str, *arguments: Operand) -> Operand | None:
         """Name what an operation gives, without a line of it; None of one that is not linear."""
         match operation, arguments:
             case "negative", (value,):
-                return self.scaled(value, -1.0)
+                return self.scale_form(value, -1.0)
             case (("add" | "subtract"), (first, second)):
-                return self._joined(first, second, 1.0 if operation == "add" else -1.0)
+                return self._add_forms(first, second, 1.0 if operation == "add" else -1.0)
             case "multiply", (still, value) if self._stays(still):
-                return self.scaled(value, still)
+                return self.scale_form(value, still)
             case "multiply", (value, still) if self._stays(still):
-                return self.scaled(value, still)
+                return self.scale_form(value, still)
         return None
 
-    def scaled(self, value: Operand, factor: Operand) -> Operand:
+    def scale_form(self, value: Operand, factor: Operand) -> Operand:
         """Name the product of a value and what stays the same."""
-        form = self._form(value)
-        if not all(self.takes(own, factor) for own in form.values()) or (len(form) > 1 and not self.takes(0.0, factor)):
-            value = self.written(value)
-        return self._named({term: self.product(own, factor) for term, own in self._form(value).items()})
+        form = self._form_of(value)
+        if not all(self.can_multiply(term_factor, factor) for term_factor in form.values()) or (
+            len(form) > 1 and not self.can_multiply(0.0, factor)
+        ):
+            value = self.write_value(value)
+        return self._name_form(
+            {term: self.multiply_factors(term_factor, factor) for term, term_factor in self._form_of(value).items()}
+        )
 
-    def takes(self, first: Operand, second: Operand) -> bool:
+    def can_multiply(self, first: Operand, second: Operand) -> bool:
         """Whether factors may be multiplied."""
         return not self.exact or not {1.0, -1.0, 2.0, 0.5}.isdisjoint((first, second))
 
-    def product(self, first: Operand, second: Operand) -> Operand:
+    def multiply_factors(self, first: Operand, second: Operand) -> Operand:
         """Multiply factors."""
-        for one, other in ((first, second), (second, first)):
-            if one == 1.0:
-                return other
-            if one == -1.0:
-                return self._keep("negative", other)
-        return self._keep("multiply", first, second)
+        for left, right in ((first, second), (second, first)):
+            if left == 1.0:
+                return right
+            if left == -1.0:
+                return self._constant_product("negative", right)
+        return self._constant_product("multiply", first, second)
 
-    def written(self, value: Operand) -> Operand:
+    def write_value(self, value: Operand) -> Operand:
         """Return a value itself, whose sum is written if none was before: what is newest comes last."""
         if value not in self._forms:
             return value
         if value not in self._written:
             total: Operand = 0.0
             for term, factor in sorted(self._forms[value].items(), key=lambda item: self._ages.get(item[0], -1)):
-                total = self._added(term, factor, total)
-            self._written[value] = self.note(total)
+                total = self._add_term(term, factor, total)
+            self._written[value] = self.note_age(total)
         return self._written[value]
 
-    def brief(self, value: Operand) -> Operand:
+    def write_if_long(self, value: Operand) -> Operand:
         """Return a value that several others are multiples of: a sum is written once for all of them."""
-        return self.written(value) if len(self._form(value)) > 1 else value
+        return self.write_value(value) if len(self._form_of(value)) > 1 else value
 
-    def note(self, value: Operand) -> Operand:
+    def note_age(self, value: Operand) -> Operand:
         """Remember when a value was written."""
         self._ages.setdefault(value, len(self._ages))
         return value
@@ -92,37 +96,37 @@ class LinearForms:
     def _stays(self, value: Operand) -> bool:
         return not isinstance(value, str) or value in self.still
 
-    def _keep(self, operation: str, *factors: Operand) -> Operand:
+    def _constant_product(self, operation: str, *factors: Operand) -> Operand:
         value = self.lines.compute(operation, *factors)
         self.still.add(value)
         return value
 
-    def _form(self, value: Operand) -> Form:
+    def _form_of(self, value: Operand) -> Form:
         if value in self._written:
             return {self._written[value]: 1.0}
         return self._forms.get(value) or ({} if value == 0.0 else {value: 1.0})
 
-    def _named(self, form: Form) -> Operand:
+    def _name_form(self, form: Form) -> Operand:
         if not form:
             return 0.0
-        (value, factor), *rest = form.items()
-        if not rest and factor == 1.0:
+        (value, factor), *further_terms = form.items()
+        if not further_terms and factor == 1.0:
             return value
         name = f"form {len(self._forms)}"
         self._forms[name] = form
         return name
 
-    def _joined(self, first: Operand, second: Operand, sign: float) -> Operand:
-        terms = *self._form(first), *self._form(second)
+    def _add_forms(self, first: Operand, second: Operand, sign: float) -> Operand:
+        terms = *self._form_of(first), *self._form_of(second)
         if len({*terms}) > MOST_TERMS or (self.exact and len({*terms}) < len(terms)):
-            first, second = self.written(first), self.written(second)
-        form = dict(self._form(first))
-        for value, factor in self._form(second).items():
-            own = self.product(factor, sign)
-            form[value] = self._keep("add", form[value], own) if value in form else own
-        return self._named({value: factor for value, factor in form.items() if factor != 0.0})
+            first, second = self.write_value(first), self.write_value(second)
+        form = dict(self._form_of(first))
+        for value, factor in self._form_of(second).items():
+            signed_factor = self.multiply_factors(factor, sign)
+            form[value] = self._constant_product("add", form[value], signed_factor) if value in form else signed_factor
+        return self._name_form({value: factor for value, factor in form.items() if factor != 0.0})
 
-    def _added(self, value: Operand, factor: Operand, total: Operand) -> Operand:
+    def _add_term(self, value: Operand, factor: Operand, total: Operand) -> Operand:
         compute = self.lines.compute
         if total == 0.0:
             return (

@@ -17,13 +17,13 @@ from xdynamics.kernels.program import (
     Gather,
     Line,
     Load,
+    Location,
     Loop,
     Ordinal,
-    Place,
     Program,
     Reduction,
     StoreTo,
-    element,
+    loop_element,
 )
 
 
@@ -49,24 +49,26 @@ class InLoops(Coefficients):
         self._serial = count(1)
         self._envs: dict[int, Env] = {}
         self._stores: dict[Series, list[Line]] = {}
-        self._slopes, _ = self._room_for(motion.coordinates + motion.states, 1)
-        self._arrays: dict[str, tuple[Place, int, Series]] = {}
-        self.time = Series(place=Place(MEMORY, self._reserve(degree + 1)))
+        self._slopes, _ = self._allocate_array(motion.coordinates + motion.states, 1)
+        self._arrays: dict[str, tuple[Location, int, Series]] = {}
+        self.time = Series(location=Location(MEMORY, self._reserve(degree + 1)))
 
     def _reserve(self, numbers: int) -> int:
         begin, self.memory = self.memory, self.memory + numbers
         return begin
 
-    def _room_for(self, elements: int, orders: int) -> tuple[Place, int]:
+    def _allocate_array(self, elements: int, orders: int) -> tuple[Location, int]:
         """Return the place of the first coefficient of an array's first element, and how far coefficients are apart.
 
         With several of them, elements are as far from one another as there are.
         """
-        return Place(MEMORY, self._reserve(elements * orders)), 1
+        return Location(MEMORY, self._reserve(elements * orders)), 1
 
-    def state(self, place: Place) -> Series:
+    def state(self, location: Location) -> Series:
         """Return the series of a number of the state."""
-        return Series(place=Place(MEMORY, self.first + place.offset, place.strides), apart=self.motion.used)
+        return Series(
+            location=Location(MEMORY, self.first + location.offset, location.strides), stride=self.motion.used
+        )
 
     def assignments(self) -> Assignments:
         """Begin lines with names of their own."""
@@ -75,53 +77,64 @@ class InLoops(Coefficients):
     def order(self, lines: Assignments, around: Sequence[Loop | Reduction], *, started: bool) -> Looped:
         """Return what writes an order inside some loops."""
 
-        def room(numbers: int) -> tuple[Place, int]:
+        def allocate(numbers: int) -> tuple[Location, int]:
             strides, size = [], numbers
             for loop in reversed(around):
                 strides.append((loop.index, size))
                 size *= loop.count
-            return Place(MEMORY, self._reserve(size), tuple(reversed(strides))), 1
+            return Location(MEMORY, self._reserve(size), tuple(reversed(strides))), 1
 
-        inside, stores = bool(around), self._stores
+        in_element_loops, stores = bool(around), self._stores
         orders, fused = self.degree + 1, self.fused
-        return Looped(lines, orders, room, self._serial, started=started, inside=inside, stores=stores, fused=fused)
+        return Looped(
+            lines,
+            orders,
+            allocate,
+            self._serial,
+            started=started,
+            in_element_loops=in_element_loops,
+            stores=stores,
+            fused=fused,
+        )
 
-    def prepared(self, *, started: bool) -> list[Line]:  # noqa: ARG002 - of elements in loops
+    def prologue_lines(self, *, started: bool) -> list[Line]:  # noqa: ARG002 - of elements in loops
         """Return lines before those of order 0, or of any order after it."""
         return []
 
     def finish(self, lines: Sequence[Line]) -> None:
         """Take lines as the program, without what stores coefficients that nothing reads."""
         unread = {id(line) for series, stores in self._stores.items() if not series.read for line in stores}
-        self.lines = list(_without(lines, unread))
+        self.lines = list(_lines_without(lines, unread))
 
     def body(self, order: Looped, body: Iterable[Line], env: Env, around: tuple[Loop | Reduction, ...]) -> None:
         """Write the coefficients of the values of some lines."""
         for line in body:
             match line:
-                case Load() if line.place.array in self.local:
-                    order.now(env.setdefault(line.target, self._element(line.place)))  # before it is written again
+                case Load() if line.location.array in self.local:
+                    order.now(
+                        env.setdefault(line.target, self._element_series(line.location))
+                    )  # before it is written again
                 case Load():
                     self.load(order, env, line)
                 case Ordinal():
-                    self._ordinal(order, env, line)
+                    self._write_ordinal(order, env, line)
                 case Compute():
                     self.compute(order, env, line)
                 case StoreTo():
-                    self._store(order, line.place, self.value(env, line.value))
+                    self._store_coefficient(order, line.location, self.value(env, line.value))
                 case Gather():
                     order.lines.lines.append(line)
                 case Loop():
-                    inner, _ = self._pass(order, line, env, around)
-                    order.lines.lines.append(self._looped(line, tuple(inner.lines.lines)))
+                    inner, _ = self._write_pass(order, line, env, around)
+                    order.lines.lines.append(self._rebuild_loop(line, tuple(inner.lines.lines)))
                 case Reduction():
-                    self._reduce(order, line, env, around)
+                    self._write_reduction(order, line, env, around)
 
-    def _looped(self, line: Loop, body: tuple[Line, ...]) -> Loop:
+    def _rebuild_loop(self, line: Loop, body: tuple[Line, ...]) -> Loop:
         """Return a loop with other lines."""
         return replace(line, body=body)
 
-    def _pass(
+    def _write_pass(
         self,
         order: Looped,
         line: Loop | Reduction,
@@ -130,88 +143,92 @@ class InLoops(Coefficients):
         totals: Mapping[str, str] | None = None,
     ) -> tuple[Looped, Env]:
         """Write one pass of a loop, in which totals so far have names."""
-        inside = self._envs.setdefault(id(line), {})
-        own = dict(env) | inside
+        inner_env = self._envs.setdefault(id(line), {})
+        pass_env = dict(env) | inner_env
         inner = self.order(self.assignments(), (*around, line), started=order.started)
         inner.remember(order)
         for total, name in (totals or {}).items():
-            inner.pass_on(own.setdefault(total, Series()), name)
-        self.body(inner, line.body, own, (*around, line))
+            inner.pass_on(pass_env.setdefault(total, Series()), name)
+        self.body(inner, line.body, pass_env, (*around, line))
         inner.sum_up()
-        self._envs[id(line)] = {name: series for name, series in own.items() if env.get(name) is not series}
-        return inner, own
+        self._envs[id(line)] = {name: series for name, series in pass_env.items() if env.get(name) is not series}
+        return inner, pass_env
 
-    def _reduce(self, order: Looped, line: Reduction, env: Env, around: tuple[Loop | Reduction, ...]) -> None:
+    def _write_reduction(self, order: Looped, line: Reduction, env: Env, around: tuple[Loop | Reduction, ...]) -> None:
         """Write sums of coefficients, which are the coefficients of sums, also where a pass makes each from that before."""
         if line.operation not in ("add", "newest"):
             raise UnexpandedError(line.operation)
         names = [f"_r{next(self._serial)}_" for _ in line.totals]
         so_far = dict(zip(line.totals, names, strict=True)) if line.operation == "newest" else {}
-        inner, own = self._pass(
+        inner, pass_env = self._write_pass(
             order, line, {name: series for name, series in env.items() if name not in so_far}, around, so_far
         )
-        terms = [self.value(own, term) for term in line.terms]
+        terms = [self.value(pass_env, term) for term in line.terms]
         starts = [self.value(env, start) for start in line.starts]
         still = all(series.constant for series in (*terms, *starts))
         if order.started and still:
             return
-        where = None if line.where is None else str(inner.first(own[line.where]))
-        given = tuple(inner.now(term) for term in terms)
+        where = None if line.where is None else str(inner.first(pass_env[line.where]))
+        pass_terms = tuple(inner.now(term) for term in terms)
         begin = tuple(order.now(start) for start in starts)
         order.lines.lines.append(
-            replace(line, body=tuple(inner.lines.lines), terms=given, totals=tuple(names), start=begin, where=where)
+            replace(
+                line, body=tuple(inner.lines.lines), terms=pass_terms, totals=tuple(names), start=begin, where=where
+            )
         )
         for total, name in zip(line.totals, names, strict=True):
             order.keep(env.setdefault(total, Series(constant=still)), name)
 
-    def _ordinal(self, order: Looped, env: Env, line: Ordinal) -> None:
+    def _write_ordinal(self, order: Looped, env: Env, line: Ordinal) -> None:
         if line.target not in env:
             env[line.target] = series = Series(constant=True)
             name = f"_o{next(self._serial)}_"
             order.lines.lines.append(Ordinal(name, line.index))
             order.keep(series, name)
 
-    def _element(self, place: Place) -> Series:
+    def _element_series(self, location: Location) -> Series:
         """Return the series of an element of an array of the program."""
-        first, apart, kind = self._array(place.array, Series())  # in a loop, passes read what those before have written
-        each = self.degree + 1 if apart == 1 else 1
-        strides = tuple((index, stride * each) for index, stride in place.strides)
-        where = Place(first.array, first.offset + place.offset * each, strides)
-        return Series(kind.constant, kind.truth, place=where, apart=apart)
+        first, row_stride, kind = self._array_series(
+            location.array, Series()
+        )  # in a loop, passes read what those before have written
+        element_step = self.degree + 1 if row_stride == 1 else 1
+        strides = tuple((index, stride * element_step) for index, stride in location.strides)
+        where = Location(first.array, first.offset + location.offset * element_step, strides)
+        return Series(kind.constant, kind.truth, location=where, stride=row_stride)
 
-    def _store(self, order: Looped, place: Place, series: Series) -> None:
+    def _store_coefficient(self, order: Looped, location: Location, series: Series) -> None:
         """Keep a coefficient where the program keeps the value."""
-        if place.array == "z":
-            if self.motion.has_slope(place):
+        if location.array == "z":
+            if self.motion.has_slope(location):
                 order.lines.store(
                     replace(
                         self._slopes,
-                        offset=self._slopes.offset + place.offset - self.motion.used,
-                        strides=place.strides,
+                        offset=self._slopes.offset + location.offset - self.motion.used,
+                        strides=location.strides,
                     ),
                     order.now(series),
                 )
             return
-        *_, kind = self._array(place.array, series)
+        *_, kind = self._array_series(location.array, series)
         if kind.constant and not series.constant:
-            raise MovingArrayError(place.array)
+            raise MovingArrayError(location.array)
         if not (order.started and kind.constant):
-            order.keep(self._element(place), order.now(series))
+            order.keep(self._element_series(location), order.now(series))
 
-    def _array(self, name: str, series: Series) -> tuple[Place, int, Series]:
+    def _array_series(self, name: str, series: Series) -> tuple[Location, int, Series]:
         """Return where the series of an array of the program are, and what those that it was first seen with are like."""
         if name not in self._arrays:
             still = series.constant and name not in self._moving
             kind = Series(still, series.truth)
-            self._arrays[name] = (*self._room_for(self.local[name], self.degree + 1), kind)
+            self._arrays[name] = (*self._allocate_array(self.local[name], self.degree + 1), kind)
         return self._arrays[name]
 
     def raise_state(self, order: Looped) -> None:
         """Write what coordinates, velocities and states have one order on."""
         n, used = self.motion.coordinates, self.motion.used
         following = order.compute("add", order.number, 1.0)
-        ahead, moved = (2, ((ORDER, used),)) if order.started else (1, ())
-        of_velocities = Place(MEMORY, self.first + (ahead - 1) * used + n, (*moved, ("i", 1)))
+        ahead, order_strides = (2, ((ORDER, used),)) if order.started else (1, ())
+        of_velocities = Location(MEMORY, self.first + (ahead - 1) * used + n, (*order_strides, ("i", 1)))
         for source, target, numbers in (
             (of_velocities, 0, n),
             (replace(self._slopes, strides=(("i", 1),)), n, n + self.motion.states),
@@ -220,7 +237,9 @@ class InLoops(Coefficients):
                 divided = (
                     Load("_slope", source),
                     Compute("_raised", "divide", ("_slope", following)),
-                    StoreTo(Place(MEMORY, self.first + ahead * used + target, (*moved, ("i", 1))), "_raised"),
+                    StoreTo(
+                        Location(MEMORY, self.first + ahead * used + target, (*order_strides, ("i", 1))), "_raised"
+                    ),
                 )
                 order.lines.lines.append(Loop("i", numbers, divided, self.raised))
 
@@ -235,31 +254,31 @@ def expanded_by(write: InLoops, body: Sequence[Line], motion: Motion, degree: in
     """
     env = Env()
     lines = write.assignments()
-    copied = Load("_copied", element("y")), StoreTo(element(MEMORY, first), "_copied")
+    copied = Load("_copied", loop_element("y")), StoreTo(loop_element(MEMORY, first), "_copied")
     lines.lines.append(Loop("i", motion.used, copied))
     begin = write.order(lines, (), started=False)
-    assert write.time.place is not None  # noqa: S101 - it has one from the start
-    where = write.time.place
-    begin.keep(write.time, lines.load(Place("at", AT.index("t"))))
-    rest = (StoreTo(element(where.array, where.offset + 1), 0.0),)
-    lines.lines += [Loop("i", degree, rest), StoreTo(replace(where, offset=where.offset + 1), 1.0)]
-    before = len(lines.lines)
+    assert write.time.location is not None  # noqa: S101 - it has one from the start
+    where = write.time.location
+    begin.keep(write.time, lines.load(Location("at", AT.index("t"))))
+    zero_store = (StoreTo(loop_element(where.array, where.offset + 1), 0.0),)
+    lines.lines += [Loop("i", degree, zero_store), StoreTo(replace(where, offset=where.offset + 1), 1.0)]
+    prologue_end = len(lines.lines)
     write.body(begin, body, env, ())
-    lines.lines[before:before] = write.prepared(started=False)
+    lines.lines[prologue_end:prologue_end] = write.prologue_lines(started=False)
     write.raise_state(begin)
     inner = write.assignments()
     order = write.order(inner, (), started=True)
     write.body(order, body, env, ())
     order.sum_up()
     write.raise_state(order)
-    write.finish([*lines.lines, Loop(ORDER, degree - 1, (*write.prepared(started=True), *inner.lines))])
+    write.finish([*lines.lines, Loop(ORDER, degree - 1, (*write.prologue_lines(started=True), *inner.lines))])
     return write
 
 
-def _without(lines: Iterable[Line], left_out: set[int]) -> Iterator[Line]:
+def _lines_without(lines: Iterable[Line], left_out: set[int]) -> Iterator[Line]:
     """Yield lines but some of them, known by their identities, also in loops."""
     for line in lines:
         if isinstance(line, Loop | Reduction):
-            yield replace(line, body=tuple(_without(line.body, left_out)))
+            yield replace(line, body=tuple(_lines_without(line.body, left_out)))
         elif id(line) not in left_out:
             yield line

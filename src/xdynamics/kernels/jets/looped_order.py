@@ -8,7 +8,7 @@ from itertools import count
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets.motion import UnexpandedError
 from xdynamics.kernels.jets.series import ORDER, TERM, Series
-from xdynamics.kernels.program import Gather, Line, Load, Operand, Ordinal, Place, Reduction
+from xdynamics.kernels.program import Gather, Line, Load, Location, Operand, Ordinal, Reduction
 
 Sum = tuple[Series, Series, str]  # of a[j]*b[k - j]: both series, and its name
 AT_ONCE = 10  # sums by one loop: as many as a processor has registers for, with what they are of
@@ -43,16 +43,16 @@ class Looped:
         self,
         lines: Assignments,
         orders: int,
-        room: Callable[[int], tuple[Place, int]],
+        allocate: Callable[[int], tuple[Location, int]],
         serial: count[int],
         *,
         started: bool,
-        inside: bool,
+        in_element_loops: bool,
         stores: dict[Series, list[Line]],
         fused: bool,
     ) -> None:
         self.lines, self.started, self._stores, self.fused = lines, started, stores, fused
-        self._orders, self._room, self._serial, self._inside = orders, room, serial, inside
+        self._orders, self._allocate, self._serial, self._inside = orders, allocate, serial, in_element_loops
         self._now: dict[Series, Operand] = {}
         self._first: dict[Series, Operand] = {}
         self._number: Operand | None = None
@@ -64,12 +64,12 @@ class Looped:
         if not self.started:
             return 0.0
         if self._number is None:
-            before = f"_k{next(self._serial)}_"
-            self.lines.lines.append(Ordinal(before, ORDER))
-            self._number = self.lines.compute("add", before, 1.0)
+            index_name = f"_k{next(self._serial)}_"
+            self.lines.lines.append(Ordinal(index_name, ORDER))
+            self._number = self.lines.compute("add", index_name, 1.0)
         return self._number
 
-    def over(self, value: Operand) -> Operand:
+    def divide_by_order(self, value: Operand) -> Operand:
         """Divide by the order."""
         return self.compute("divide", value, self.number)
 
@@ -93,12 +93,12 @@ class Looped:
         """
         if not self.started:
             return self.now(series)
-        if series.place is None and 0 not in series.terms:
+        if series.location is None and 0 not in series.terms:
             raise UnexpandedError("a total so far")
-        if series.place is None:
+        if series.location is None:
             return series.terms[0]
         if series not in self._first:
-            loaded = self._read(series, series.place)
+            loaded = self._read_coefficient(series, series.location)
             self._first[series] = self.compute("unequal", loaded, 0.0) if series.truth else loaded
         return self._first[series]
 
@@ -106,18 +106,20 @@ class Looped:
         """Return the coefficient of order 1, which in the loop's first pass is that of this order."""
         if series.constant or not self.started:
             return 0.0
-        assert series.place is not None  # noqa: S101 - series that change are in memory
-        place = series.place
-        return self._read(series, Place(place.array, place.offset + series.apart, place.strides))
+        assert series.location is not None  # noqa: S101 - series that change are in memory
+        location = series.location
+        return self._read_coefficient(
+            series, Location(location.array, location.offset + series.stride, location.strides)
+        )
 
     def now(self, series: Series) -> Operand:
         """Return the coefficient of this order."""
         if self.started and series.constant:
             return 0.0
-        if series not in self._now and series.place is None:
+        if series not in self._now and series.location is None:
             return series.terms[0]
         if series not in self._now:
-            self._now[series] = self._read(series, self._at(series, int(self.started)))
+            self._now[series] = self._read_coefficient(series, self._coefficient_location(series, int(self.started)))
         return self._now[series]
 
     def convolution(self, a: Series, b: Series, *, skip: int = 0) -> Operand:
@@ -128,14 +130,14 @@ class Looped:
             moving, still = (b, a) if a.constant else (a, b)
             none = moving.constant or (skip == 1 and a.constant) or skip == 2
             return 0.0 if none else self.compute("multiply", self.now(moving), self.first(still))
-        total = self._inner(a, b)
+        total = self._inner_sum(a, b)
         if skip == 0:
             total = self.product_added(self.first(a), self.now(b), total)
         if skip < 2:
             total = self.product_added(self.now(a), self.first(b), total)
         return total
 
-    def _inner(self, a: Series, b: Series) -> Operand:
+    def _inner_sum(self, a: Series, b: Series) -> Operand:
         """Sum a[j]*b[k - j] over j from 1 to k - 1, by `sum_up`."""
         total = f"_s{next(self._serial)}_"
         self._sums.append((a, b, total))
@@ -144,27 +146,29 @@ class Looped:
     def sum_up(self) -> None:
         """Write all inner sums, which read earlier orders alone, before the other lines: some at once wait less."""
         lines = self.lines.lines
-        found: list[Line] = [line for line in lines if isinstance(line, Gather)]
-        given = range(0, len(self._sums), AT_ONCE)
+        new_lines: list[Line] = [line for line in lines if isinstance(line, Gather)]
+        group_starts = range(0, len(self._sums), AT_ONCE)
         # without fma operations take longer than reading: sums stay as archives of 31 digits have them
-        groups = _together(self._sums) if self.fused else (self._sums[i : i + AT_ONCE] for i in given)
-        found += map(self._summed, groups)
-        lines[:] = [*found, *(line for line in lines if not isinstance(line, Gather))]
+        groups = _group_sums(self._sums) if self.fused else (self._sums[i : i + AT_ONCE] for i in group_starts)
+        new_lines += map(self._sum_loop, groups)
+        lines[:] = [*new_lines, *(line for line in lines if not isinstance(line, Gather))]
         self._sums.clear()
 
-    def _summed(self, sums: Sequence[Sum]) -> Reduction:
+    def _sum_loop(self, sums: Sequence[Sum]) -> Reduction:
         """Write some sums by one loop over their terms."""
         inner = Assignments(lambda _lines, name: name, f"_c{next(self._serial)}_")
-        loaded: dict[Place, Operand] = {}
+        loaded: dict[Location, Operand] = {}
         pairs: list[tuple[Operand, Operand]] = []
         for a, b, _ in sums:
-            assert a.place is not None  # noqa: S101 - series that change are in memory
-            assert b.place is not None  # noqa: S101
+            assert a.location is not None  # noqa: S101 - series that change are in memory
+            assert b.location is not None  # noqa: S101
             a.read = b.read = True
-            ahead = Place(a.place.array, a.place.offset + a.apart, (*a.place.strides, (TERM, a.apart)))
-            back = Place(b.place.array, b.place.offset, (*b.place.strides, (ORDER, b.apart), (TERM, -b.apart)))
-            loaded |= {place: inner.load(place) for place in (ahead, back) if place not in loaded}
-            pairs.append((loaded[ahead], loaded[back]))
+            ahead = Location(a.location.array, a.location.offset + a.stride, (*a.location.strides, (TERM, a.stride)))
+            backward = Location(
+                b.location.array, b.location.offset, (*b.location.strides, (ORDER, b.stride), (TERM, -b.stride))
+            )
+            loaded |= {location: inner.load(location) for location in (ahead, backward) if location not in loaded}
+            pairs.append((loaded[ahead], loaded[backward]))
         totals = tuple(total for *_, total in sums)
         operation = "newest" if self.fused else "add"
         terms = tuple(
@@ -185,13 +189,13 @@ class Looped:
         if series.constant and not self._inside:
             series.terms[0] = value
             return
-        if series.place is None:
-            series.place, series.apart = self._room(1 if series.constant else self._orders)
+        if series.location is None:
+            series.location, series.stride = self._allocate(1 if series.constant else self._orders)
             self._stores[series] = []
         self._now[series] = value
         if series.truth:
             value = self.compute("choose", value, 1.0, 0.0)
-        self.lines.store(self._at(series, int(self.started)), value)
+        self.lines.store(self._coefficient_location(series, int(self.started)), value)
         if series in self._stores:
             self._stores[series].append(self.lines.lines[-1])
 
@@ -199,13 +203,13 @@ class Looped:
         """Whether the coefficient of this order is written here."""
         return series in self._now or (series.constant and bool(series.terms))
 
-    def read(self, place: Place) -> Operand:
+    def read(self, location: Location) -> Operand:
         """Read a number that does not change."""
-        return self._load(place)
+        return self._load_location(location)
 
-    def _read(self, series: Series, place: Place) -> Operand:
+    def _read_coefficient(self, series: Series, location: Location) -> Operand:
         series.read = True
-        return self._load(place)
+        return self._load_location(location)
 
     def remember(self, around: Looped) -> None:
         """Know what the lines around these know."""
@@ -216,20 +220,20 @@ class Looped:
         """Let a value be the coefficient of this order, of a series whose coefficients are never read again."""
         self._now[series] = value
 
-    def _at(self, series: Series, ahead: int) -> Place:
+    def _coefficient_location(self, series: Series, ahead: int) -> Location:
         """Return the place of a coefficient: of order 0, or of the loop's."""
-        assert series.place is not None  # noqa: S101 - those of others are values
-        place = series.place
-        moved = ((ORDER, series.apart),) if self.started else ()
-        return Place(place.array, place.offset + ahead * series.apart, (*place.strides, *moved))
+        assert series.location is not None  # noqa: S101 - those of others are values
+        location = series.location
+        order_strides = ((ORDER, series.stride),) if self.started else ()
+        return Location(location.array, location.offset + ahead * series.stride, (*location.strides, *order_strides))
 
-    def _load(self, place: Place) -> Operand:
+    def _load_location(self, location: Location) -> Operand:
         name = f"_a{next(self._serial)}_"
-        self.lines.lines.append(Load(name, place))
+        self.lines.lines.append(Load(name, location))
         return name
 
 
-def _together(sums: Sequence[Sum]) -> Iterator[list[Sum]]:
+def _group_sums(sums: Sequence[Sum]) -> Iterator[list[Sum]]:
     """Yield groups of sums for a loop each, in which many read the same coefficients: reading is what takes time."""
     waiting = list(sums)
     while waiting:
@@ -237,12 +241,12 @@ def _together(sums: Sequence[Sum]) -> Iterator[list[Sum]]:
         read: set[tuple[Series, bool]] = set()
         while waiting and len(group) < AT_ONCE:
             near = range(min(NEAR, len(waiting)))
-            group.append(waiting.pop(min(near, key=lambda i: len(_sides(waiting[i]) - read))))
-            read |= _sides(group[-1])
+            group.append(waiting.pop(min(near, key=lambda i: len(_series_read(waiting[i]) - read))))
+            read |= _series_read(group[-1])
         yield group
 
 
-def _sides(entry: Sum) -> set[tuple[Series, bool]]:
+def _series_read(entry: Sum) -> set[tuple[Series, bool]]:
     """Return the series that a sum reads, and whether from its beginning."""
-    ahead, back, _ = entry
-    return {(ahead, True), (back, False)}
+    ahead, backward, _ = entry
+    return {(ahead, True), (backward, False)}

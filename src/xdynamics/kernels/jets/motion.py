@@ -13,10 +13,10 @@ from xdynamics.kernels.program import (
     Instruction,
     Line,
     Load,
+    Location,
     Loop,
     Operand,
     Ordinal,
-    Place,
     Reduction,
     StoreTo,
 )
@@ -57,16 +57,16 @@ class Motion:
         """Places in `z` of accelerations and rates."""
         return range(self.used, self.used + self.coordinates + self.states)
 
-    def has_slope(self, place: Place) -> bool:
+    def has_slope(self, location: Location) -> bool:
         """Whether a place is that of accelerations or rates, in a loop of all of them."""
-        return place.array == "z" and place.offset in self.slopes
+        return location.array == "z" and location.offset in self.slopes
 
-    def raised_by(self, place: int) -> int:
+    def raised_by(self, slope_index: int) -> int:
         """Return which number of the state rises by the slope at a place of `z`."""
-        return place - self.used + self.coordinates
+        return slope_index - self.used + self.coordinates
 
 
-def needed(body: Iterable[Instruction], motion: Motion) -> tuple[Line, ...]:
+def needed_lines(body: Iterable[Instruction], motion: Motion) -> tuple[Line, ...]:
     """Return the lines that accelerations and rates follow from.
 
     Raises
@@ -79,39 +79,39 @@ def needed(body: Iterable[Instruction], motion: Motion) -> tuple[Line, ...]:
         if not isinstance(line, Line):
             raise UnexpandedError(type(line).__name__)
         lines.append(line)
-    return _filtered(lines, motion, set(), set())
+    return _lines_leading_to(lines, motion, set(), set())
 
 
-def _filtered(body: Sequence[Line], motion: Motion, names: set[str], arrays: set[str]) -> tuple[Line, ...]:
+def _lines_leading_to(body: Sequence[Line], motion: Motion, names: set[str], arrays: set[str]) -> tuple[Line, ...]:
     """Return the lines that some names, and some arrays, follow from; both are added to."""
-    kept: list[Line] = []
+    kept_lines: list[Line] = []
     for line in reversed(body):
-        found: Line = line
+        kept_line: Line = line
         match line:
             case Load() | Ordinal() | Compute():
-                wanted = line.target in names
+                is_needed = line.target in names
             case StoreTo():
-                wanted = line.place.array in arrays or motion.has_slope(line.place)
+                is_needed = line.location.array in arrays or motion.has_slope(line.location)
             case Gather():
-                wanted = True
+                is_needed = True
             case Loop():
-                inner = _filtered(line.body, motion, names, arrays)
-                wanted, found = any(not isinstance(part, Gather) for part in inner), replace(line, body=inner)
+                inner = _lines_leading_to(line.body, motion, names, arrays)
+                is_needed, kept_line = any(not isinstance(part, Gather) for part in inner), replace(line, body=inner)
             case Reduction():
-                wanted = not names.isdisjoint(line.totals)
-                if wanted:
+                is_needed = not names.isdisjoint(line.totals)
+                if is_needed:
                     names |= {name for name in (*line.terms, *line.starts, line.where) if isinstance(name, str)}
-                    found = replace(line, body=_filtered(line.body, motion, names, arrays))
-        if not wanted:
+                    kept_line = replace(line, body=_lines_leading_to(line.body, motion, names, arrays))
+        if not is_needed:
             continue
-        kept.append(found)
+        kept_lines.append(kept_line)
         if isinstance(line, Compute):
             names |= {name for name in line.arguments if isinstance(name, str)}
         elif isinstance(line, StoreTo) and isinstance(line.value, str):
             names.add(line.value)
         elif isinstance(line, Load):
-            arrays.add(line.place.array)
-    return tuple(kept[::-1])
+            arrays.add(line.location.array)
+    return tuple(kept_lines[::-1])
 
 
 def is_small(body: Sequence[Line], degree: int, *, fused: bool) -> bool:
@@ -119,13 +119,13 @@ def is_small(body: Sequence[Line], degree: int, *, fused: bool) -> bool:
     if any(isinstance(line, Loop | Reduction) for line in body):
         return False
     if not fused:
-        counted = Counter(line.operation for line in body if isinstance(line, Compute))
-        plain = sum(counted[name] for name in ("add", "subtract", "negative", *CONSTANT))
-        return plain * degree + (counted.total() - plain) * degree * degree <= PLAIN_WRITTEN_OUT
+        operation_counts = Counter(line.operation for line in body if isinstance(line, Compute))
+        plain = sum(operation_counts[name] for name in ("add", "subtract", "negative", *CONSTANT))
+        return plain * degree + (operation_counts.total() - plain) * degree * degree <= PLAIN_WRITTEN_OUT
     convolution, operations, still = (degree * degree / 2 + degree), 0.0, set[Operand]()
     for line in body:
         match line:
-            case Load() if line.place.array == "p":
+            case Load() if line.location.array == "p":
                 still.add(line.target)
             case Compute():
                 changing = [entry for entry in line.arguments if isinstance(entry, str) and entry not in still]

@@ -14,7 +14,7 @@ from typing import Any
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets.looped_order import Looped
 from xdynamics.kernels.jets.series import HALF, MIDDLE, ODD, ORDER, TERM, Series
-from xdynamics.kernels.program import Compute, Gather, Line, Operand, Place, Reduction
+from xdynamics.kernels.program import Compute, Gather, Line, Location, Operand, Reduction
 
 AT_ONCE = 12  # sums by one loop: as many as a processor has registers for, with what they are of
 Distance = tuple[int, tuple[tuple[str, int], ...]]  # from the first coefficient: a number, and multiples of indices
@@ -62,9 +62,13 @@ class Paired(Looped):
     """
 
     def __init__(
-        self, *given: Any, weights: Callable[[Fraction], tuple[Place, Place]], depth: int, **further: Any
+        self,
+        *looped_arguments: Any,
+        weights: Callable[[Fraction], tuple[Location, Location]],
+        depth: int,
+        **further: Any,
     ) -> None:
-        super().__init__(*given, **further)
+        super().__init__(*looped_arguments, **further)
         self._weights, self.depth = weights, depth
         self._pairs: list[Pairs] = []
 
@@ -73,19 +77,19 @@ class Paired(Looped):
         if series.made is None or not self.started:
             return super().first(series)
         if series not in self._first:
-            self._first[series] = self._again(series, self.first)
+            self._first[series] = self._recompute(series, self.first)
         return self._first[series]
 
     def second(self, series: Series) -> Operand:
         """Return the coefficient of order 1."""
         if series.made is None or not self.started:
             return super().second(series)
-        return self._again(series, self.second)
+        return self._recompute(series, self.second)
 
     def now(self, series: Series) -> Operand:
         """Return the coefficient of this order."""
         if series.made is not None and series not in self._now:
-            self._now[series] = self._again(series, self.now)
+            self._now[series] = self._recompute(series, self.now)
         return super().now(series)
 
     def keep(self, series: Series, value: Operand) -> None:
@@ -95,16 +99,16 @@ class Paired(Looped):
         else:
             super().keep(series, value)
 
-    def _again(self, series: Series, of: Callable[[Series], Operand]) -> Operand:
+    def _recompute(self, series: Series, coefficient_of: Callable[[Series], Operand]) -> Operand:
         assert series.made is not None  # noqa: S101 - callers know
-        operation, given = series.made
-        return self.compute(operation, *map(of, given))
+        operation, operands = series.made
+        return self.compute(operation, *map(coefficient_of, operands))
 
     def convolution(self, a: Series, b: Series, *, skip: int = 0) -> Operand:
         """Sum the products: those of inner orders by pairs, then those of an end with the other's beginning."""
         if not self.started or a.constant or b.constant:
             return super().convolution(a, b, skip=skip)
-        total = self._inner(a, b)
+        total = self._inner_sum(a, b)
         if skip == 0 and a is b:
             return self.product_added(self.compute("add", self.first(a), self.first(a)), self.now(a), total)
         if skip == 0:
@@ -113,12 +117,12 @@ class Paired(Looped):
             total = self.product_added(self.now(a), self.first(b), total)
         return total
 
-    def weighted(self, base: Series, own: Series, exponent: Fraction) -> Operand:
+    def weighted(self, base: Series, power_series: Series, exponent: Fraction) -> Operand:
         """Sum (r (k - j) - j)/k of the products of base[k - j] and own[j] over j from 0 to k - 1, where r is an exponent."""
         rising = self.compute("multiply", float(exponent), self.now(base))
-        return self.product_added(rising, self.first(own), self._inner(base, own, exponent))
+        return self.product_added(rising, self.first(power_series), self._inner_sum(base, power_series, exponent))
 
-    def _inner(self, a: Series, b: Series, exponent: Fraction | None = None) -> Operand:
+    def _inner_sum(self, a: Series, b: Series, exponent: Fraction | None = None) -> Operand:
         number = next(self._serial)
         self._pairs.append(Pairs(a, b, exponent, f"_s{number}_", f"_s{number}_l", f"_s{number}_h"))
         return f"_s{number}_"
@@ -126,39 +130,39 @@ class Paired(Looped):
     def sum_up(self) -> None:
         """Write all inner sums, which read earlier orders alone, before the other lines."""
         lines = self.lines.lines
-        found: list[Line] = [line for line in lines if isinstance(line, Gather)]
+        new_lines: list[Line] = [line for line in lines if isinstance(line, Gather)]
         group: list[Pairs] = []
         for pairs in self._pairs:
-            if sum(len(one.parts) for one in (*group, pairs)) > AT_ONCE:
-                found += self._summed_up(group)
+            if sum(len(group_pairs.parts) for group_pairs in (*group, pairs)) > AT_ONCE:
+                new_lines += self._pair_loops(group)
                 group = []
             group.append(pairs)
-        found += self._summed_up(group)
-        lines[:] = [*found, *(line for line in lines if not isinstance(line, Gather))]
+        new_lines += self._pair_loops(group)
+        lines[:] = [*new_lines, *(line for line in lines if not isinstance(line, Gather))]
         self._pairs.clear()
 
-    def _summed_up(self, group: Sequence[Pairs]) -> list[Line]:
+    def _pair_loops(self, group: Sequence[Pairs]) -> list[Line]:
         """Write some sums by one loop over their pairs of terms, and what is between the pairs."""
         if not group:
             return []
         inner, parts, terms = self._of_terms(), list[str](), list[Operand]()
         for pairs in group:
-            for part, (one, other), weight in zip(
+            for part, (left, right), weight in zip(
                 pairs.parts, ((BACK, AHEAD), (AHEAD, BACK)), self._weights_of(pairs), strict=False
             ):
                 parts.append(part)
-                terms.append(self._product(inner, pairs, (one, other), weight, part))
-        most = max(1, (self._orders - 3) // 2)  # orders below the last, of which the loop has no pass
-        found: list[Line] = [
-            Reduction(TERM, most, tuple(inner.lines), tuple(terms), tuple(parts), "newest", 0.0, below=HALF)
+                terms.append(self._add_product(inner, pairs, (left, right), weight, part))
+        max_passes = max(1, (self._orders - 3) // 2)  # orders below the last, of which the loop has no pass
+        loop_lines: list[Line] = [
+            Reduction(TERM, max_passes, tuple(inner.lines), tuple(terms), tuple(parts), "newest", 0.0, below=HALF)
         ]
         starts = tuple(f"{pairs.total}t" for pairs in group)
         for pairs, start in zip(group, starts, strict=True):
-            found.append(Compute(start, "add", (pairs.low, pairs.parts[-1])))
+            loop_lines.append(Compute(start, "add", (pairs.low, pairs.parts[-1])))
         inner = self._of_terms()
         totals = tuple(pairs.total for pairs in group)
         middles = tuple(
-            self._product(
+            self._add_product(
                 inner,
                 pairs,
                 (HALFWAY, HALFWAY),
@@ -167,37 +171,37 @@ class Paired(Looped):
             )
             for pairs in group
         )
-        found.append(Reduction("_once", 1, tuple(inner.lines), middles, totals, "newest", starts, below=ODD))
-        return found
+        loop_lines.append(Reduction("_once", 1, tuple(inner.lines), middles, totals, "newest", starts, below=ODD))
+        return loop_lines
 
     def _of_terms(self) -> Assignments:
         return Assignments(lambda _lines, name: name, f"_c{next(self._serial)}_")
 
-    def _weights_of(self, pairs: Pairs) -> tuple[Place | None, Place | None]:
+    def _weights_of(self, pairs: Pairs) -> tuple[Location | None, Location | None]:
         return (None, None) if pairs.exponent is None else self._weights(pairs.exponent)
 
-    def _product(
+    def _add_product(
         self,
         inner: Assignments,
         pairs: Pairs,
-        at: tuple[Distance, Distance],
-        weight: Place | float | None,
+        distances: tuple[Distance, Distance],
+        weight: Location | float | None,
         total: str,
     ) -> Operand:
         """Write a term added to a total."""
-        a, b = (_coefficient(inner, *each) for each in zip((pairs.a, pairs.b), at, strict=True))
+        a, b = (_load_coefficient(inner, *factor) for factor in zip((pairs.a, pairs.b), distances, strict=True))
         if weight is not None:
-            a = inner.compute("multiply", inner.load(weight) if isinstance(weight, Place) else weight, a)
+            a = inner.compute("multiply", inner.load(weight) if isinstance(weight, Location) else weight, a)
         return inner.compute("fma", a, b, total)
 
 
-def _coefficient(lines: Assignments, series: Series, at: Distance) -> Operand:
+def _load_coefficient(lines: Assignments, series: Series, distance: Distance) -> Operand:
     """Read a coefficient at a distance from the first, or compute it from those of others."""
     if series.made is not None:
-        operation, given = series.made
-        return lines.compute(operation, *(_coefficient(lines, one, at) for one in given))
-    assert series.place is not None  # noqa: S101 - series that change are in memory
+        operation, operands = series.made
+        return lines.compute(operation, *(_load_coefficient(lines, operand, distance) for operand in operands))
+    assert series.location is not None  # noqa: S101 - series that change are in memory
     series.read = True
-    place, (ahead, moved) = series.place, at
-    strides = tuple((index, times * series.apart) for index, times in moved)
-    return lines.load(Place(place.array, place.offset + ahead * series.apart, (*place.strides, *strides)))
+    location, (ahead, index_multiples) = series.location, distance
+    strides = tuple((index, times * series.stride) for index, times in index_multiples)
+    return lines.load(Location(location.array, location.offset + ahead * series.stride, (*location.strides, *strides)))

@@ -34,52 +34,52 @@ class Powers:
 
 def powers_of(body: Sequence[Line]) -> Powers:
     """Find the powers in loops of a program; those outside of loops stay as they are."""
-    found, known = Powers(), set[str]()
+    powers, still_values = Powers(), set[str]()
     for line in body:
         if isinstance(line, Loop | Reduction):
-            _search(line, known, found)
-        elif _is_still(line, known):
-            known.add(line.target)
-    return found
+            _find_powers(line, still_values, powers)
+        elif _is_still(line, still_values):
+            still_values.add(line.target)
+    return powers
 
 
-def _search(line: Loop | Reduction, constants: set[str], found: Powers) -> None:
+def _find_powers(line: Loop | Reduction, constants: set[str], powers: Powers) -> None:
     """Find the powers among the lines of a loop, and in those inside it."""
-    known, forms = set(constants), dict[str, Form]()
+    still_values, forms = set(constants), dict[str, Form]()
     computed: dict[str, Compute] = {}
     for inner in line.body:
         if isinstance(inner, Loop | Reduction):
-            _search(inner, known, found)
-        elif _is_still(inner, known):
-            known.add(inner.target)
-        elif isinstance(inner, Compute) and (form := _form(inner, forms, known)):
+            _find_powers(inner, still_values, powers)
+        elif _is_still(inner, still_values):
+            still_values.add(inner.target)
+        elif isinstance(inner, Compute) and (form := _power_form(inner, forms, still_values)):
             forms[inner.target], computed[inner.target] = form, inner
-    wanted = {str(operand) for operand in _operands(line, forms) if operand in forms}
+    needed_names = {str(operand) for operand in _series_operands(line, forms) if operand in forms}
     made: dict[str, Form] = {}
-    waiting = sorted(wanted)
+    waiting = sorted(needed_names)
     while waiting:
         name = waiting.pop()
         operands = [str(operand) for operand in computed[name].arguments if operand in forms]
         exponent = forms[name][1]
         # a root, a multiple and an inverse of what has a series take no more than a power; whole powers go through zero
-        if operands and (exponent < 0 or exponent.denominator > 1) and not wanted.issuperset(operands):
+        if operands and (exponent < 0 or exponent.denominator > 1) and not needed_names.issuperset(operands):
             made[name] = forms[name]
             continue
-        waiting += sorted(set(operands) - wanted)
-        wanted |= set(operands)
-    found.made |= made
-    found.passed_over |= forms.keys() - wanted
+        waiting += sorted(set(operands) - needed_names)
+        needed_names |= set(operands)
+    powers.made |= made
+    powers.passed_over |= forms.keys() - needed_names
 
 
-def _form(line: Compute, forms: dict[str, Form], known: set[str]) -> Form | None:
+def _power_form(line: Compute, forms: dict[str, Form], still_values: set[str]) -> Form | None:
     """Return what a value is a power of, but for a factor; None of one that is none."""
 
-    def of(operand: Operand) -> Form | None:
-        return None if _is_constant(operand, known) else forms.get(str(operand), (str(operand), Fraction(1)))
+    def form_of(operand: Operand) -> Form | None:
+        return None if _is_constant(operand, still_values) else forms.get(str(operand), (str(operand), Fraction(1)))
 
     arguments = line.arguments
-    given = [of(operand) for operand in arguments]
-    match line.operation, given:
+    operand_forms = [form_of(operand) for operand in arguments]
+    match line.operation, operand_forms:
         case "sqrt", [(base, exponent)]:
             return base, exponent / 2
         case "negative", [(base, exponent)] if arguments[0] in forms:
@@ -102,18 +102,18 @@ def _bases(line: Compute, forms: dict[str, Form]) -> set[str]:
     return {forms[str(operand)][0] for operand in line.arguments if operand in forms}
 
 
-def _is_still(line: Line, known: set[str]) -> TypeGuard[Load | Compute]:
+def _is_still(line: Line, still_values: set[str]) -> TypeGuard[Load | Compute]:
     """Whether a line gives what does not change with time."""
     if isinstance(line, Load):
-        return line.place.array == "p"
-    return isinstance(line, Compute) and all(_is_constant(operand, known) for operand in line.arguments)
+        return line.location.array == "p"
+    return isinstance(line, Compute) and all(_is_constant(operand, still_values) for operand in line.arguments)
 
 
-def _is_constant(operand: Operand, known: set[str]) -> bool:
-    return not isinstance(operand, str) or operand in known
+def _is_constant(operand: Operand, still_values: set[str]) -> bool:
+    return not isinstance(operand, str) or operand in still_values
 
 
-def _operands(line: Loop | Reduction, forms: dict[str, Form]) -> Iterable[Operand]:
+def _series_operands(line: Loop | Reduction, forms: dict[str, Form]) -> Iterable[Operand]:
     """Yield what lines read that are no powers themselves, also in loops inside."""
     if isinstance(line, Reduction):
         yield from (*line.terms, *line.starts)
@@ -126,4 +126,4 @@ def _operands(line: Loop | Reduction, forms: dict[str, Form]) -> Iterable[Operan
             case StoreTo():
                 yield inner.value
             case Loop() | Reduction():
-                yield from _operands(inner, {})
+                yield from _series_operands(inner, {})

@@ -17,8 +17,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from xdynamics.kernels.jets.quotients import begin_quotient, divided, or_nothing
-from xdynamics.kernels.jets.series import Order, Series, slope
+from xdynamics.kernels.jets.quotients import begin_quotient, divide_coefficient, or_nothing
+from xdynamics.kernels.jets.series import Order, Series, slope_series
 from xdynamics.kernels.program import Operand
 
 Recurrence = Callable[..., Operand]  # of an order, the function's series and those of its arguments
@@ -31,110 +31,114 @@ class Rule(NamedTuple):
     beginning: Callable[..., None] = lambda *_: None
 
 
-def _turned(order: Order, value: Operand) -> Operand:
+def _negated(order: Order, value: Operand) -> Operand:
     return order.compute("negative", value)
 
 
 # ---------------------------------------------------------------------------------------------------------- arithmetic
 
 
-def _slope_before(order: Order, own: Series) -> Series:
+def _slope_before(order: Order, target: Series) -> Series:
     """Return the series of k times the coefficients, of which that of this order is not known yet."""
-    return order.part(own, "slope")
+    return order.part(target, "slope")
 
 
-def _each(operation: str) -> Rule:
-    def following(order: Order, _own: Series, *given: Series) -> Operand:
-        return order.compute(operation, *map(order.now, given))
+def _termwise(operation: str) -> Rule:
+    def following(order: Order, _target: Series, *operands: Series) -> Operand:
+        return order.compute(operation, *map(order.now, operands))
 
     return Rule(following)
 
 
-def _product(order: Order, _own: Series, a: Series, b: Series) -> Operand:
+def _product_coefficient(order: Order, _target: Series, a: Series, b: Series) -> Operand:
     if a is b and a.square is not None:
         return order.now(a.square)
     return order.convolution(a, b)
 
 
-def _quotient_begun(order: Order, own: Series, _a: Series, b: Series) -> None:
-    begin_quotient(order, own, order.first(b))
+def _begin_quotient_rule(order: Order, target: Series, _a: Series, b: Series) -> None:
+    begin_quotient(order, target, order.first(b))
 
 
-def _quotient(order: Order, own: Series, a: Series, b: Series) -> Operand:
-    rest = order.now(a) if b.constant else order.compute("subtract", order.now(a), order.convolution(b, own, skip=1))
-    return divided(order, own, rest, order.first(b))
+def _quotient_coefficient(order: Order, target: Series, a: Series, b: Series) -> Operand:
+    numerator = (
+        order.now(a) if b.constant else order.compute("subtract", order.now(a), order.convolution(b, target, skip=1))
+    )
+    return divide_coefficient(order, target, numerator, order.first(b))
 
 
-def _root_begun(order: Order, own: Series, *given: Series) -> None:
-    begin_quotient(order, own, _twice(order, own))
-    if len(given) == 1:
-        own.square = given[0]
+def _begin_root(order: Order, target: Series, *operands: Series) -> None:
+    begin_quotient(order, target, _doubled_first(order, target))
+    if len(operands) == 1:
+        target.square = operands[0]
 
 
-def _twice(order: Order, own: Series) -> Operand:
-    return order.compute("add", order.first(own), order.first(own))
+def _doubled_first(order: Order, target: Series) -> Operand:
+    return order.compute("add", order.first(target), order.first(target))
 
 
-def _root(order: Order, own: Series, a: Series) -> Operand:
-    return _root_of(order, own, order.now(a))
+def _root_coefficient(order: Order, target: Series, a: Series) -> Operand:
+    return _root_of_series(order, target, order.now(a))
 
 
-def _root_of(order: Order, own: Series, now: Operand) -> Operand:
+def _root_of_series(order: Order, target: Series, now: Operand) -> Operand:
     """The next coefficient of the root of a series, by that of the series."""
-    rest = order.compute("subtract", now, order.convolution(own, own, skip=2))
-    twice = _twice(order, own)
-    return or_nothing(order, twice, divided(order, own, rest, twice))
+    numerator = order.compute("subtract", now, order.convolution(target, target, skip=2))
+    twice = _doubled_first(order, target)
+    return or_nothing(order, twice, divide_coefficient(order, target, numerator, twice))
 
 
-def _power_begun(order: Order, own: Series, a: Series, _exponent: Series) -> None:
-    begin_quotient(order, own, order.first(a))
+def _begin_power(order: Order, target: Series, a: Series, _exponent: Series) -> None:
+    begin_quotient(order, target, order.first(a))
 
 
-def _power(order: Order, own: Series, a: Series, exponent: Series) -> Operand:
-    rising = order.convolution(slope(order, a), own, skip=1)
-    rest = order.convolution(_slope_before(order, own), a, skip=2)
-    top = order.compute("subtract", order.compute("multiply", order.first(exponent), rising), rest)
-    return or_nothing(order, order.first(a), order.over(divided(order, own, top, order.first(a))))
+def _power_coefficient(order: Order, target: Series, a: Series, exponent: Series) -> Operand:
+    rising = order.convolution(slope_series(order, a), target, skip=1)
+    older_terms = order.convolution(_slope_before(order, target), a, skip=2)
+    top = order.compute("subtract", order.compute("multiply", order.first(exponent), rising), older_terms)
+    return or_nothing(
+        order, order.first(a), order.divide_by_order(divide_coefficient(order, target, top, order.first(a)))
+    )
 
 
 # ------------------------------------------------------------------------------------------------------- transcendental
 
 
-def _with_slope(order: Order, _own: Series, a: Series) -> None:
-    slope(order, a)
+def _with_slope(order: Order, _target: Series, a: Series) -> None:
+    slope_series(order, a)
 
 
-def _exp(order: Order, own: Series, a: Series) -> Operand:
-    return order.over(order.convolution(slope(order, a), own, skip=1))
+def _exp_coefficient(order: Order, target: Series, a: Series) -> Operand:
+    return order.divide_by_order(order.convolution(slope_series(order, a), target, skip=1))
 
 
-def _quotient_of_slopes(order: Order, own: Series, rising: Operand, divisor: Series) -> Operand:
+def _quotient_of_slopes(order: Order, target: Series, rising: Operand, divisor: Series) -> Operand:
     """The next coefficient of y where y' d is known: k times that of y' is what is left of it, over d[0]."""
-    rest = order.compute("subtract", rising, order.convolution(_slope_before(order, own), divisor, skip=2))
-    return order.over(divided(order, own, rest, order.first(divisor)))
+    numerator = order.compute("subtract", rising, order.convolution(_slope_before(order, target), divisor, skip=2))
+    return order.divide_by_order(divide_coefficient(order, target, numerator, order.first(divisor)))
 
 
-def _log_begun(order: Order, own: Series, a: Series) -> None:
-    begin_quotient(order, own, order.first(a))
+def _begin_log(order: Order, target: Series, a: Series) -> None:
+    begin_quotient(order, target, order.first(a))
 
 
-def _log(order: Order, own: Series, a: Series) -> Operand:
-    return _quotient_of_slopes(order, own, order.now(slope(order, a)), a)
+def _log_coefficient(order: Order, target: Series, a: Series) -> Operand:
+    return _quotient_of_slopes(order, target, order.now(slope_series(order, a)), a)
 
 
-def _pair(other: str, sign: str, other_sign: str) -> Rule:
+def _coupled_pair(partner_name: str, sign: str, other_sign: str) -> Rule:
     """Of two functions, each the slope of the other but for signs: the other is a part of the one."""
 
-    def beginning(order: Order, own: Series, a: Series) -> None:
-        order.keep(order.part(own, other), order.compute(other, order.first(a)))
-        slope(order, a)
+    def beginning(order: Order, target: Series, a: Series) -> None:
+        order.keep(order.part(target, partner_name), order.compute(partner_name, order.first(a)))
+        slope_series(order, a)
 
-    def following(order: Order, own: Series, a: Series) -> Operand:
-        rising, partner = slope(order, a), order.part(own, other)
-        first = order.over(order.convolution(rising, partner, skip=1))
-        second = order.over(order.convolution(rising, own, skip=1))
-        order.keep(partner, second if other_sign == "+" else _turned(order, second))
-        return first if sign == "+" else _turned(order, first)
+    def following(order: Order, target: Series, a: Series) -> Operand:
+        rising, partner = slope_series(order, a), order.part(target, partner_name)
+        first = order.divide_by_order(order.convolution(rising, partner, skip=1))
+        second = order.divide_by_order(order.convolution(rising, target, skip=1))
+        order.keep(partner, second if other_sign == "+" else _negated(order, second))
+        return first if sign == "+" else _negated(order, first)
 
     return Rule(following, beginning)
 
@@ -142,159 +146,162 @@ def _pair(other: str, sign: str, other_sign: str) -> Rule:
 def _by_square(sign: str) -> Rule:
     """Of a function whose slope is 1 plus or minus its square."""
 
-    def square(order: Order, own: Series) -> Operand:
-        return order.convolution(own, own)
+    def square(order: Order, target: Series) -> Operand:
+        return order.convolution(target, target)
 
-    def beginning(order: Order, own: Series, a: Series) -> None:
+    def beginning(order: Order, target: Series, a: Series) -> None:
         operation = "add" if sign == "+" else "subtract"
-        order.keep(order.part(own, "square"), order.compute(operation, 1.0, square(order, own)))
-        slope(order, a)
+        order.keep(order.part(target, "square"), order.compute(operation, 1.0, square(order, target)))
+        slope_series(order, a)
 
-    def following(order: Order, own: Series, a: Series) -> Operand:
-        part = order.part(own, "square")
-        found = order.over(order.convolution(slope(order, a), part, skip=1))
-        order.keep(own, found)
-        value = square(order, own)
-        order.keep(part, value if sign == "+" else _turned(order, value))
-        return found
+    def following(order: Order, target: Series, a: Series) -> Operand:
+        part = order.part(target, "square")
+        coefficient = order.divide_by_order(order.convolution(slope_series(order, a), part, skip=1))
+        order.keep(target, coefficient)
+        value = square(order, target)
+        order.keep(part, value if sign == "+" else _negated(order, value))
+        return coefficient
 
     return Rule(following, beginning)
 
 
-def _with_slopes(rule: Recurrence, begun: Callable[..., None] = lambda *_: None) -> Rule:
+def _with_slopes(rule: Recurrence, begin: Callable[..., None] = lambda *_: None) -> Rule:
     """Of functions whose recurrence reads k times their own coefficients."""
 
-    def beginning(order: Order, own: Series, *given: Series) -> None:
-        order.keep(_slope_before(order, own), 0.0)
-        for series in given:
-            slope(order, series)
-        begun(order, own, *given)
+    def beginning(order: Order, target: Series, *operands: Series) -> None:
+        order.keep(_slope_before(order, target), 0.0)
+        for series in operands:
+            slope_series(order, series)
+        begin(order, target, *operands)
 
-    def following(order: Order, own: Series, *given: Series) -> Operand:
-        found = rule(order, own, *given)
-        order.keep(_slope_before(order, own), order.compute("multiply", order.number, found))
-        return found
+    def following(order: Order, target: Series, *operands: Series) -> Operand:
+        coefficient = rule(order, target, *operands)
+        order.keep(_slope_before(order, target), order.compute("multiply", order.number, coefficient))
+        return coefficient
 
     return Rule(following, beginning)
 
 
-def _one_more_than_square(order: Order, own: Series, a: Series) -> None:
-    order.keep(order.part(own, "squares"), order.compute("add", 1.0, order.convolution(a, a)))
-    begin_quotient(order, own, order.now(order.part(own, "squares")))
+def _one_more_than_square(order: Order, target: Series, a: Series) -> None:
+    order.keep(order.part(target, "squares"), order.compute("add", 1.0, order.convolution(a, a)))
+    begin_quotient(order, target, order.now(order.part(target, "squares")))
 
 
-def _sum_of_squares(order: Order, own: Series, y: Series, x: Series) -> None:
+def _sum_of_squares(order: Order, target: Series, y: Series, x: Series) -> None:
     total = order.compute("add", order.convolution(y, y), order.convolution(x, x))
-    order.keep(order.part(own, "squares"), total)
-    begin_quotient(order, own, total)
+    order.keep(order.part(target, "squares"), total)
+    begin_quotient(order, target, total)
 
 
-def _atan(order: Order, own: Series, a: Series) -> Operand:
-    squares = order.part(own, "squares")
+def _atan_coefficient(order: Order, target: Series, a: Series) -> Operand:
+    squares = order.part(target, "squares")
     order.keep(squares, order.convolution(a, a))
-    return _quotient_of_slopes(order, own, order.now(slope(order, a)), squares)
+    return _quotient_of_slopes(order, target, order.now(slope_series(order, a)), squares)
 
 
-def _atan2(order: Order, own: Series, y: Series, x: Series) -> Operand:
-    squares = order.part(own, "squares")
+def _atan2_coefficient(order: Order, target: Series, y: Series, x: Series) -> Operand:
+    squares = order.part(target, "squares")
     order.keep(squares, order.compute("add", order.convolution(y, y), order.convolution(x, x)))
-    turning = order.convolution(slope(order, y), x, skip=1), order.convolution(slope(order, x), y, skip=1)
-    return _quotient_of_slopes(order, own, order.compute("subtract", *turning), squares)
+    turning = order.convolution(slope_series(order, y), x, skip=1), order.convolution(slope_series(order, x), y, skip=1)
+    return _quotient_of_slopes(order, target, order.compute("subtract", *turning), squares)
 
 
-def _hypot(order: Order, own: Series, a: Series, b: Series) -> Operand:
-    return _root_of(order, own, order.compute("add", order.convolution(a, a), order.convolution(b, b)))
+def _hypot_coefficient(order: Order, target: Series, a: Series, b: Series) -> Operand:
+    return _root_of_series(order, target, order.compute("add", order.convolution(a, a), order.convolution(b, b)))
 
 
-def _arc(*, turned: bool) -> Rule:
+def _arc_rule(*, negated: bool) -> Rule:
     """Of asin and acos: their slopes over those of the argument are plus and minus 1/sqrt(1 - a**2)."""
 
-    def begun(order: Order, own: Series, a: Series) -> None:
+    def begin_root(order: Order, target: Series, a: Series) -> None:
         # (1 - a)*(1 + a) keeps the digits that 1 - a**2 loses near 1
         value = order.first(a)
         product = order.compute("multiply", order.compute("subtract", 1.0, value), order.compute("add", 1.0, value))
-        root = order.part(own, "root")
+        root = order.part(target, "root")
         order.keep(root, order.compute("sqrt", product))
-        _root_begun(order, root)
-        begin_quotient(order, own, order.now(root))
+        _begin_root(order, root)
+        begin_quotient(order, target, order.now(root))
 
-    def rule(order: Order, own: Series, a: Series) -> Operand:
-        root, rising = order.part(own, "root"), order.now(slope(order, a))
-        order.keep(root, _root_of(order, root, _turned(order, order.convolution(a, a))))
-        found = _quotient_of_slopes(order, own, _turned(order, rising) if turned else rising, root)
-        return or_nothing(order, order.first(root), found)
+    def rule(order: Order, target: Series, a: Series) -> Operand:
+        root, rising = order.part(target, "root"), order.now(slope_series(order, a))
+        order.keep(root, _root_of_series(order, root, _negated(order, order.convolution(a, a))))
+        coefficient = _quotient_of_slopes(order, target, _negated(order, rising) if negated else rising, root)
+        return or_nothing(order, order.first(root), coefficient)
 
-    return _with_slopes(rule, begun)
+    return _with_slopes(rule, begin_root)
 
 
 # ------------------------------------------------------------------------------------------------------------- corners
 
 
-def _still(_order: Order, _own: Series, *_given: Series) -> Operand:
+def _zero_coefficient(_order: Order, _target: Series, *_operands: Series) -> Operand:
     return 0.0
 
 
-def _same(order: Order, _own: Series, a: Series) -> Operand:
+def _argument_coefficient(order: Order, _target: Series, a: Series) -> Operand:
     return order.now(a)
 
 
-def _side(order: Order, first: Operand, second: Operand) -> Operand:
+def _is_negative_ahead(order: Order, first: Operand, second: Operand) -> Operand:
     """Return whether a value is negative, or at zero about to be."""
     going = order.compute("choose", order.compute("equal", first, 0.0), second, first)
     return order.compute("less", going, 0.0)
 
 
-def _abs(order: Order, _own: Series, a: Series) -> Operand:
-    negative, now = _side(order, order.first(a), order.second(a)), order.now(a)
-    return order.compute("choose", negative, _turned(order, now), now)
+def _abs_coefficient(order: Order, _target: Series, a: Series) -> Operand:
+    negative, now = _is_negative_ahead(order, order.first(a), order.second(a)), order.now(a)
+    return order.compute("choose", negative, _negated(order, now), now)
 
 
-def _extreme(*, least: bool) -> Rule:
-    def following(order: Order, _own: Series, a: Series, b: Series) -> Operand:
-        ahead = (order.compute("subtract", at(a), at(b)) for at in (order.first, order.second))
-        lower, pair = _side(order, *ahead), (order.now(a), order.now(b))
-        return order.compute("choose", lower, *(pair if least else pair[::-1]))
+def _extreme_rule(*, is_least: bool) -> Rule:
+    def following(order: Order, _target: Series, a: Series, b: Series) -> Operand:
+        ahead = (
+            order.compute("subtract", coefficient_of(a), coefficient_of(b))
+            for coefficient_of in (order.first, order.second)
+        )
+        lower, pair = _is_negative_ahead(order, *ahead), (order.now(a), order.now(b))
+        return order.compute("choose", lower, *(pair if is_least else pair[::-1]))
 
     return Rule(following)
 
 
-def _choice(order: Order, _own: Series, truth: Series, a: Series, b: Series) -> Operand:
+def _choice_coefficient(order: Order, _target: Series, truth: Series, a: Series, b: Series) -> Operand:
     return order.compute("choose", order.first(truth), order.now(a), order.now(b))
 
 
-def _rest(order: Order, own: Series, a: Series, b: Series) -> Operand:
+def _remainder_coefficient(order: Order, target: Series, a: Series, b: Series) -> Operand:
     """The next coefficient of what is left of a after whole turns of b."""
     if b.constant:
         return order.now(a)
-    taken = order.compute("subtract", order.first(a), order.first(own))
-    turns = order.compute("round", order.compute("divide", taken, order.first(b)))
+    whole_turns = order.compute("subtract", order.first(a), order.first(target))
+    turns = order.compute("round", order.compute("divide", whole_turns, order.first(b)))
     return order.compute("subtract", order.now(a), order.compute("multiply", turns, order.now(b)))
 
 
 # -------------------------------------------------------------------------------------------------------------- tables
 
 
-def _cubic(*names: str, factors: tuple[float, ...]) -> Rule:
+def _cubic_rule(*names: str, factors: tuple[float, ...]) -> Rule:
     """Of a piece of a table, by what its derivatives over factorials are where the argument is, and powers of its way."""
 
-    def beginning(order: Order, own: Series, a: Series, piece: Series, drive: int) -> None:
+    def beginning(order: Order, target: Series, a: Series, piece: Series, drive: int) -> None:
         for name, factor in zip(names, factors, strict=True):
-            part = order.part(own, name)
+            part = order.part(target, name)
             part.constant = True
-            found = order.compute(name, order.first(a), order.first(piece), drive)
-            order.keep(part, order.compute("multiply", factor, found))
+            derivative = order.compute(name, order.first(a), order.first(piece), drive)
+            order.keep(part, order.compute("multiply", factor, derivative))
         for power in ("way", "square", "cube"):
-            order.keep(order.part(own, power), 0.0)
+            order.keep(order.part(target, power), 0.0)
 
-    def following(order: Order, own: Series, a: Series, _piece: Series, _drive: int) -> Operand:
-        way, square, cube = (order.part(own, power) for power in ("way", "square", "cube"))
-        order.keep(way, order.now(a))
-        order.keep(square, order.convolution(way, way, skip=2))
-        order.keep(cube, order.convolution(way, square, skip=2))
+    def following(order: Order, target: Series, a: Series, _piece: Series, _drive: int) -> Operand:
+        displacement, square, cube = (order.part(target, power) for power in ("way", "square", "cube"))
+        order.keep(displacement, order.now(a))
+        order.keep(square, order.convolution(displacement, displacement, skip=2))
+        order.keep(cube, order.convolution(displacement, square, skip=2))
         total: Operand = 0.0
-        for name, power in zip(names, (way, square, cube), strict=False):
+        for name, power in zip(names, (displacement, square, cube), strict=False):
             total = order.compute(
-                "add", total, order.compute("multiply", order.first(order.part(own, name)), order.now(power))
+                "add", total, order.compute("multiply", order.first(order.part(target, name)), order.now(power))
             )
         return total
 
@@ -302,34 +309,34 @@ def _cubic(*names: str, factors: tuple[float, ...]) -> Rule:
 
 
 RULES: Mapping[str, Rule] = {
-    "add": _each("add"),
-    "subtract": _each("subtract"),
-    "negative": _each("negative"),
-    "multiply": Rule(_product),
-    "divide": Rule(_quotient, _quotient_begun),
-    "sqrt": Rule(_root, _root_begun),
-    "power": _with_slopes(_power, _power_begun),
-    "exp": Rule(_exp, _with_slope),
-    "log": _with_slopes(_log, _log_begun),
-    "sin": _pair("cos", "+", "-"),
-    "cos": _pair("sin", "-", "+"),
-    "sinh": _pair("cosh", "+", "+"),
-    "cosh": _pair("sinh", "+", "+"),
+    "add": _termwise("add"),
+    "subtract": _termwise("subtract"),
+    "negative": _termwise("negative"),
+    "multiply": Rule(_product_coefficient),
+    "divide": Rule(_quotient_coefficient, _begin_quotient_rule),
+    "sqrt": Rule(_root_coefficient, _begin_root),
+    "power": _with_slopes(_power_coefficient, _begin_power),
+    "exp": Rule(_exp_coefficient, _with_slope),
+    "log": _with_slopes(_log_coefficient, _begin_log),
+    "sin": _coupled_pair("cos", "+", "-"),
+    "cos": _coupled_pair("sin", "-", "+"),
+    "sinh": _coupled_pair("cosh", "+", "+"),
+    "cosh": _coupled_pair("sinh", "+", "+"),
     "tan": _by_square("+"),
     "tanh": _by_square("-"),
-    "asin": _arc(turned=False),
-    "acos": _arc(turned=True),
-    "atan": _with_slopes(_atan, _one_more_than_square),
-    "atan2": _with_slopes(_atan2, _sum_of_squares),
-    "hypot": Rule(_hypot, _root_begun),
-    "abs": Rule(_abs),
-    "least": _extreme(least=True),
-    "greatest": _extreme(least=False),
-    "choose": Rule(_choice),
-    "mod": Rule(_rest),
-    "positive": Rule(_same),
-    "value_at": _cubic("slope_at", "bend_at", "cube_at", factors=(1.0, 1.0, 1.0)),
-    "slope_at": _cubic("bend_at", "cube_at", factors=(2.0, 3.0)),
+    "asin": _arc_rule(negated=False),
+    "acos": _arc_rule(negated=True),
+    "atan": _with_slopes(_atan_coefficient, _one_more_than_square),
+    "atan2": _with_slopes(_atan2_coefficient, _sum_of_squares),
+    "hypot": Rule(_hypot_coefficient, _begin_root),
+    "abs": Rule(_abs_coefficient),
+    "least": _extreme_rule(is_least=True),
+    "greatest": _extreme_rule(is_least=False),
+    "choose": Rule(_choice_coefficient),
+    "mod": Rule(_remainder_coefficient),
+    "positive": Rule(_argument_coefficient),
+    "value_at": _cubic_rule("slope_at", "bend_at", "cube_at", factors=(1.0, 1.0, 1.0)),
+    "slope_at": _cubic_rule("bend_at", "cube_at", factors=(2.0, 3.0)),
 }
 # steps in value, which stay as they are until the march lands on where they change
 CONSTANT = frozenset(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Protocol
 
-from xdynamics.kernels.program import Operand, Place
+from xdynamics.kernels.program import Location, Operand
 
 MEMORY, ORDER, TERM = "w", "_order", "_term"  # array of the coefficients; indices of loops over orders and over terms
 # of the order k: (k - 1)//2, as many pairs of terms; whether there is a term in their middle, and k/2, which it is
@@ -30,9 +30,9 @@ class Series:
         Whether it is a comparison, which is in memory as 1 or 0.
     terms : dict of int to operand
         Coefficients that are values of the text: all of them, or the first alone.
-    place : Place, optional
+    location : Place, optional
         Where the first coefficient is, of series in memory.
-    apart : int
+    stride : int
         How far a coefficient is from the one before.
     read : bool
         Whether a coefficient is read from memory.
@@ -48,8 +48,8 @@ class Series:
     constant: bool = False
     truth: bool = False
     terms: dict[int, Operand] = field(default_factory=dict)
-    place: Place | None = None
-    apart: int = 1
+    location: Location | None = None
+    stride: int = 1
     read: bool = False
     square: Series | None = None
     scaled: tuple[Series, Operand] | None = None
@@ -67,7 +67,7 @@ class Order(Protocol):
     def number(self) -> Operand:
         """The order as a number."""
 
-    def over(self, value: Operand) -> Operand:
+    def divide_by_order(self, value: Operand) -> Operand:
         """Divide by the order."""
 
     def compute(self, operation: str, *arguments: Operand) -> Operand:
@@ -97,7 +97,7 @@ class Order(Protocol):
     def knows(self, series: Series) -> bool:
         """Whether the coefficient of this order is written."""
 
-    def read(self, place: Place) -> Operand:
+    def read(self, location: Location) -> Operand:
         """Read a number that does not change."""
 
 
@@ -118,7 +118,7 @@ def reciprocal(number: float) -> tuple[float, float]:
     return nearest, float(1 / Fraction(number) - Fraction(nearest))
 
 
-def slope(order: Order, series: Series) -> Series:
+def slope_series(order: Order, series: Series) -> Series:
     """Return the series whose coefficients are k times those of another: that of its derivative times the time."""
     rising = order.part(series, "slope")
     if order.knows(rising):

@@ -10,7 +10,7 @@ from xdynamics.kernels.jets.linear_forms import LinearForms
 from xdynamics.kernels.jets.motion import Motion
 from xdynamics.kernels.jets.quotients import multiple_of
 from xdynamics.kernels.jets.series import MEMORY, Order, Series, reciprocal
-from xdynamics.kernels.program import AT, Compute, Line, Load, Operand, Place, Program, StoreTo
+from xdynamics.kernels.program import AT, Compute, Line, Load, Location, Operand, Program, StoreTo
 
 FEW = 3  # orders below which the products of a convolution are summed at once
 
@@ -46,7 +46,7 @@ class Written:
         """The order as a number."""
         return float(self._k)
 
-    def over(self, value: Operand) -> Operand:
+    def divide_by_order(self, value: Operand) -> Operand:
         """Divide by the order."""
         return self.divided_by(value, self._k)
 
@@ -54,10 +54,10 @@ class Written:
         """Divide by a whole number: by its reciprocal to 106 bits, of which the result has 53, rounded to nearest."""
         if not self.fused:
             return self.compute("divide", value, float(number))
-        nearest, rest = reciprocal(number)
+        nearest, low_part = reciprocal(number)
         if self.high:
             return self.compute("multiply", value, nearest)
-        return self.product_added(value, nearest, self.compute("multiply", value, rest))
+        return self.product_added(value, nearest, self.compute("multiply", value, low_part))
 
     def product_added(self, a: Operand, b: Operand, total: Operand) -> Operand:
         """Write a*b + total, rounded once where that is asked for."""
@@ -78,10 +78,10 @@ class Written:
                 return 0.0
             case ("subtract", (0.0, other)):
                 return self.compute("negative", other)
-        form = self.forms.computed(operation, *arguments) if self._forming else None
+        form = self.forms.linear_form(operation, *arguments) if self._forming else None
         if form is not None:
             return form
-        return self.forms.note(self.lines.compute(operation, *map(self.forms.written, arguments)))
+        return self.forms.note_age(self.lines.compute(operation, *map(self.forms.write_value, arguments)))
 
     def first(self, series: Series) -> Operand:
         """Return the coefficient of order 0."""
@@ -89,13 +89,13 @@ class Written:
 
     def second(self, series: Series) -> Operand:
         """Return the coefficient of order 1."""
-        return self._term(series, 1)
+        return self._coefficient_at(series, 1)
 
     def now(self, series: Series) -> Operand:
         """Return the coefficient of this order."""
-        return self._term(series, self._k)
+        return self._coefficient_at(series, self._k)
 
-    def _term(self, series: Series, k: int) -> Operand:
+    def _coefficient_at(self, series: Series, k: int) -> Operand:
         return series.terms.get(k, 0.0) if series.constant else series.terms[k]
 
     def convolution(self, a: Series, b: Series, *, skip: int = 0) -> Operand:
@@ -103,45 +103,48 @@ class Written:
 
         Those with newer coefficients of the one series are summed apart from those with newer ones of the other.
         """
-        (a, factor), (b, other) = self._unscaled(a), self._unscaled(b)
+        (a, factor), (b, second_factor) = self._unscaled(a), self._unscaled(b)
         k = self._k
         first, last = min(skip, 1), k - (skip == 2)
         if a is b and first == k - last:
-            total = self._square(a, first)
+            total = self._sum_of_square(a, first)
         else:
             outward = sorted(range(first, last + 1), key=lambda j: (max(j, k - j), j))
             newer = [j for j in outward if 2 * j > k] if self.fused and k >= FEW else []
-            parts = [self._sum(a, b, [j for j in outward if j not in newer]), self._sum(a, b, newer)]
+            parts = [
+                self._sum_of_products(a, b, [j for j in outward if j not in newer]),
+                self._sum_of_products(a, b, newer),
+            ]
             total = self.compute("add", *parts)
-            total = total if 0.0 in parts else self.forms.written(total)
-        return self.forms.scaled(self.forms.scaled(total, factor), other) if self._forming else total
+            total = total if 0.0 in parts else self.forms.write_value(total)
+        return self.forms.scale_form(self.forms.scale_form(total, factor), second_factor) if self._forming else total
 
     def _unscaled(self, series: Series) -> tuple[Series, Operand]:
         """Return what a series is a multiple of, and its factor."""
         factor: Operand = 1.0
-        while self._forming and series.scaled is not None and self.forms.takes(factor, series.scaled[1]):
-            series, own = series.scaled
-            factor = self.forms.product(factor, own)
+        while self._forming and series.scaled is not None and self.forms.can_multiply(factor, series.scaled[1]):
+            series, inner_factor = series.scaled
+            factor = self.forms.multiply_factors(factor, inner_factor)
         return series, factor
 
-    def _sum(self, a: Series, b: Series, terms: Sequence[int]) -> Operand:
+    def _sum_of_products(self, a: Series, b: Series, terms: Sequence[int]) -> Operand:
         total: Operand = 0.0
         for j in terms:
-            total = self.product_added(self._term(a, j), self._term(b, self._k - j), total)
+            total = self.product_added(self._coefficient_at(a, j), self._coefficient_at(b, self._k - j), total)
         return total
 
-    def _square(self, a: Series, first: int) -> Operand:
+    def _sum_of_square(self, a: Series, first: int) -> Operand:
         """Sum what a series has with itself: the square in the middle, twice the products from there outward."""
         k = self._k
         total: Operand = 0.0
         if k % 2 == 0 and k // 2 >= first:
-            middle = self._term(a, k // 2)
+            middle = self._coefficient_at(a, k // 2)
             half = middle if self.fused else self.compute("multiply", 0.5, middle)
             total = self.compute("multiply", half, middle)
         for j in range((k - 1) // 2, first - 1, -1):
-            older = self.forms.written(self._term(a, j))
+            older = self.forms.write_value(self._coefficient_at(a, j))
             twice = self.lines.compute("add", older, older) if self.fused and older != 0.0 else older
-            total = self.product_added(twice, self._term(a, k - j), total)
+            total = self.product_added(twice, self._coefficient_at(a, k - j), total)
         return total if self.fused else self.compute("add", total, total)
 
     def part(self, owner: Series, name: str) -> Series:
@@ -158,9 +161,9 @@ class Written:
         """Whether the coefficient of this order is written."""
         return self._k in series.terms
 
-    def read(self, place: Place) -> Operand:
+    def read(self, location: Location) -> Operand:
         """Read a number that does not change."""
-        return self.lines.load(place)
+        return self.lines.load(location)
 
     def rise(self, slopes: Mapping[int, Series], states: Sequence[Series], coordinates: int, degree: int) -> None:
         """Write the next coefficients of a state by those of its slopes; of coordinates by accelerations, at once."""
@@ -170,10 +173,10 @@ class Written:
             if not self.fused or k == 0:
                 states[i].terms[k + 1] = self.divided_by(self.now(velocity), k + 1)
             if self.fused and k + 2 <= degree:
-                slope = self.forms.brief(self.now(slopes[coordinates + i]))
+                slope = self.forms.write_if_long(self.now(slopes[coordinates + i]))
                 states[i].terms[k + 2] = self.divided_by(slope, (k + 1) * (k + 2))
         for i, series in sorted(slopes.items()):
-            states[i].terms[k + 1] = self.divided_by(self.forms.brief(self.now(series)), k + 1)
+            states[i].terms[k + 1] = self.divided_by(self.forms.write_if_long(self.now(series)), k + 1)
 
 
 class WrittenOut(Coefficients):
@@ -183,33 +186,33 @@ class WrittenOut(Coefficients):
         super().__init__(forces, motion, degree, first, fused=fused)
         self.write = Assignments(lambda _lines, name: name, "_")
         self.lines = self.write.lines
-        self.time = Series(terms={0: self.write.load(Place("at", AT.index("t"))), 1: 1.0})
+        self.time = Series(terms={0: self.write.load(Location("at", AT.index("t"))), 1: 1.0})
         self.time.terms |= dict.fromkeys(range(2, degree + 1), 0.0)
-        self.states = [Series(terms={0: self.write.load(Place("y", i))}) for i in range(motion.used)]
-        self._elements: dict[Place, Series] = {}
+        self.states = [Series(terms={0: self.write.load(Location("y", i))}) for i in range(motion.used)]
+        self._elements: dict[Location, Series] = {}
 
-    def state(self, place: Place) -> Series:
+    def state(self, location: Location) -> Series:
         """Return the series of a number of the state."""
-        return self.states[place.offset]
+        return self.states[location.offset]
 
     def load(self, order: Order, env: Env, line: Load) -> None:
         """Begin the series of a number that is read, which may be one that was stored."""
-        if line.place in self._elements:
-            env.setdefault(line.target, self._elements[line.place])
+        if line.location in self._elements:
+            env.setdefault(line.target, self._elements[line.location])
         super().load(order, env, line)
 
-    def store(self, place: Place, series: Series) -> None:
+    def store(self, location: Location, series: Series) -> None:
         """Keep a series for those lines that read it from an array."""
-        self._elements[place] = series
+        self._elements[location] = series
 
     def begin(
         self, order: Order, env: Env, line: Compute, series: Sequence[Series], numbers: Sequence[Operand]
     ) -> None:
         """Write the value itself, and note what it is a multiple of."""
         super().begin(order, env, line, series, numbers)
-        own = env[line.target]
-        if not own.constant:
-            own.scaled = multiple_of(order, line.operation, own, series)
+        target = env[line.target]
+        if not target.constant:
+            target.scaled = multiple_of(order, line.operation, target, series)
 
 
 def written_lines(
@@ -236,5 +239,5 @@ def written_lines(
         order.rise(raised, write.states, n, degree)
     for k in range(degree + 1):
         for i, series in enumerate(write.states):
-            write.write.store(Place(MEMORY, first + k * motion.used + i), forms.written(series.terms[k]))
+            write.write.store(Location(MEMORY, first + k * motion.used + i), forms.write_value(series.terms[k]))
     return write

@@ -8,7 +8,7 @@ added to the factors as they are (Sherman, Morrison, Ann. Math. Stat. 21, 1950, 
 
 from __future__ import annotations
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.closed_links import SCALE
 from xdynamics.march.run import Run
 
@@ -24,7 +24,7 @@ CHANGE = 4
 LEAST_SHARE = 1e-10  # of a pivot that is left by a product: below, too few digits are
 
 
-@shared
+@jit_separate
 def order_coordinates(run: Run, first: int, rows: int) -> int:
     """Give coordinates that links read their places; return how many there are, 0 where the band would be too wide."""
     for coordinate in range(run.ordering.shape[1]):
@@ -32,74 +32,77 @@ def order_coordinates(run: Run, first: int, rows: int) -> int:
     chain_links(run, first, rows)
     n = 0
     for row in range(first, first + rows, 2):
-        for i in range(run.reads.shape[1]):
-            coordinate = run.reads[row, i]
+        for i in range(run.coordinate_indices.shape[1]):
+            coordinate = run.coordinate_indices[row, i]
             if reads_it(run, row, i) and run.ordering[PLACE, coordinate] == UNMET:
                 end = follow_links(run, first, coordinate, n, UNMET)
                 n = follow_links(run, first, run.ordering[COORDINATE, end - 1], n, MET)
     for k in range(n // 2):
-        other = run.ordering[COORDINATE, n - 1 - k]
-        run.ordering[COORDINATE, n - 1 - k], run.ordering[COORDINATE, k] = run.ordering[COORDINATE, k], other
+        later_coordinate = run.ordering[COORDINATE, n - 1 - k]
+        run.ordering[COORDINATE, n - 1 - k], run.ordering[COORDINATE, k] = run.ordering[COORDINATE, k], later_coordinate
     for k in range(n):
         run.ordering[PLACE, run.ordering[COORDINATE, k]] = k
         run.ordering[LOWEST, k], run.ordering[HIGHEST, k] = k, k
     return n if is_narrow(run, first, rows, n) else 0
 
 
-@shared
+@jit_separate
 def reads_it(run: Run, row: int, i: int) -> bool:
     """Whether a link's rate, or its slip, depends on a coordinate that it reads."""
     presses = run.vectors[SCALE, row] > 0.0 and run.normals[row, i] != 0.0
     return bool(presses or (run.vectors[SCALE, row + 1] > 0.0 and run.normals[row + 1, i] != 0.0))
 
 
-@shared
+@jit_separate
 def chain_links(run: Run, first: int, rows: int) -> None:
     """Chain the links that read the same coordinate: `chains` has the place of its first entry, and of each the next."""
-    width, offset = run.reads.shape[1], run.swing.shape[0]
+    width, offset = run.coordinate_indices.shape[1], run.swing.shape[0]
     for coordinate in range(offset):
         run.chains[coordinate] = 0
     for row in range(first, first + rows, 2):
         for i in range(width):
             if reads_it(run, row, i):
-                coordinate, place = run.reads[row, i], offset + (row - first) // 2 * width + i
-                run.chains[place], run.chains[coordinate] = run.chains[coordinate], place
+                coordinate, entry_index = run.coordinate_indices[row, i], offset + (row - first) // 2 * width + i
+                run.chains[entry_index], run.chains[coordinate] = run.chains[coordinate], entry_index
 
 
-@shared
-def follow_links(run: Run, first: int, start: int, n: int, before: int) -> int:
-    """List coordinates that were `before`, from one on, nearest first, from place n on; return where the list ends.
+@jit_separate
+def follow_links(run: Run, first: int, start: int, n: int, mark_before: int) -> int:
+    """List coordinates that were `mark_before`, from one on, nearest first, from place n on; return where the list ends.
 
     Those that were unmet are met then: the last of them is at a far end, from which on those that were met are placed.
     """
-    width, offset, done, end = run.reads.shape[1], run.swing.shape[0], n, n + 1
-    run.ordering[COORDINATE, n], run.ordering[PLACE, start] = start, MET if before == UNMET else n
+    width, offset, done, end = run.coordinate_indices.shape[1], run.swing.shape[0], n, n + 1
+    run.ordering[COORDINATE, n], run.ordering[PLACE, start] = start, MET if mark_before == UNMET else n
     while done < end:
-        place = run.chains[run.ordering[COORDINATE, done]]
+        entry_index = run.chains[run.ordering[COORDINATE, done]]
         done += 1
-        while place > 0:
-            row = first + 2 * ((place - offset) // width)
+        while entry_index > 0:
+            row = first + 2 * ((entry_index - offset) // width)
             for i in range(width):
-                coordinate = run.reads[row, i]
-                if run.ordering[PLACE, coordinate] == before and reads_it(run, row, i):
+                coordinate = run.coordinate_indices[row, i]
+                if run.ordering[PLACE, coordinate] == mark_before and reads_it(run, row, i):
                     run.ordering[COORDINATE, end] = coordinate
-                    run.ordering[PLACE, coordinate] = MET if before == UNMET else end
+                    run.ordering[PLACE, coordinate] = MET if mark_before == UNMET else end
                     end += 1
-            place = run.chains[place]
+            entry_index = run.chains[entry_index]
     return end
 
 
-@shared
+@jit_separate
 def is_narrow(run: Run, first: int, rows: int, n: int) -> bool:
     """Find where rows of the matrix begin and columns end; whether there is room for all."""
     widest = 0
     for row in range(first, first + rows, 2):
-        for i in range(run.reads.shape[1]):
-            for j in range(run.reads.shape[1] if reads_it(run, row, i) else 0):
+        for i in range(run.coordinate_indices.shape[1]):
+            for j in range(run.coordinate_indices.shape[1] if reads_it(run, row, i) else 0):
                 if reads_it(run, row, j):
-                    one, other = run.ordering[PLACE, run.reads[row, i]], run.ordering[PLACE, run.reads[row, j]]
-                    run.ordering[LOWEST, one] = min(run.ordering[LOWEST, one], other)
-                    widest = max(widest, one - other)
+                    row_position, column_position = (
+                        run.ordering[PLACE, run.coordinate_indices[row, i]],
+                        run.ordering[PLACE, run.coordinate_indices[row, j]],
+                    )
+                    run.ordering[LOWEST, row_position] = min(run.ordering[LOWEST, row_position], column_position)
+                    widest = max(widest, row_position - column_position)
     for k in range(n):
         lowest = run.ordering[LOWEST, k]
         run.ordering[HIGHEST, lowest] = max(run.ordering[HIGHEST, lowest], k)
@@ -108,13 +111,13 @@ def is_narrow(run: Run, first: int, rows: int, n: int) -> bool:
     return bool(widest <= middle_of(run))
 
 
-@shared
+@jit_separate
 def middle_of(run: Run) -> int:
     """The place of the diagonal in a row of the band."""
     return int((run.stiffened.shape[1] - 1) // 2)
 
 
-@shared
+@jit_separate
 def pose_masses(run: Run, first: int, rows: int, n: int) -> None:
     """Write down the matrix of n coordinates without links."""
     middle = middle_of(run)
@@ -122,27 +125,30 @@ def pose_masses(run: Run, first: int, rows: int, n: int) -> None:
         for j in range(run.ordering[LOWEST, k], run.ordering[HIGHEST, k] + 1):
             run.stiffened[k, middle - k + j] = 0.0
     for row in range(first, first + rows):
-        for i in range(run.reads.shape[1] if run.vectors[SCALE, row] > 0.0 else 0):
+        for i in range(run.coordinate_indices.shape[1] if run.vectors[SCALE, row] > 0.0 else 0):
             if run.normals[row, i] != 0.0:
-                mass = run.normals[row, i] / run.replies[row, i]
-                run.stiffened[run.ordering[PLACE, run.reads[row, i]], middle] = mass
+                mass = run.normals[row, i] / run.unit_responses[row, i]
+                run.stiffened[run.ordering[PLACE, run.coordinate_indices[row, i]], middle] = mass
 
 
-@shared
+@jit_separate
 def add_product(run: Run, row: int, left: float, left_slip: float, right: float, right_slip: float) -> None:
     """Add to the matrix a product of two sums of a link's directions, each along its normal and along its slip."""
     middle = middle_of(run)
-    for i in range(run.reads.shape[1]):
+    for i in range(run.coordinate_indices.shape[1]):
         share = left * run.normals[row, i] + left_slip * run.normals[row + 1, i]
-        for j in range(run.reads.shape[1] if share != 0.0 else 0):
+        for j in range(run.coordinate_indices.shape[1] if share != 0.0 else 0):
             if reads_it(run, row, j):
-                k, m = run.ordering[PLACE, run.reads[row, i]], run.ordering[PLACE, run.reads[row, j]]
+                k, m = (
+                    run.ordering[PLACE, run.coordinate_indices[row, i]],
+                    run.ordering[PLACE, run.coordinate_indices[row, j]],
+                )
                 entry = right * run.normals[row, j] + right_slip * run.normals[row + 1, j]
                 run.stiffened[k, middle - k + m] += share * entry
 
 
-@shared
-def factor(run: Run, n: int) -> None:
+@jit_separate
+def factor_band(run: Run, n: int) -> None:
     """Factor the matrix as L U, in its place, with pivots as they come; `swing` has a row of U."""
     middle = middle_of(run)
     for k in range(n):
@@ -157,15 +163,15 @@ def factor(run: Run, n: int) -> None:
                 run.stiffened[i, middle - i + k] = share
 
 
-@shared
+@jit_separate
 def change_factors(
     run: Run, row: int, n: int, changes: int, left: float, left_slip: float, right: float, right_slip: float
 ) -> int:
     """Note such a product beside the factors; return how many there are, `MOST_CHANGES` where too few digits are left."""
     for k in range(n):
         run.swing[run.ordering[COORDINATE, k]] = 0.0
-    for i in range(run.reads.shape[1]):
-        run.swing[run.reads[row, i]] += left * run.normals[row, i] + left_slip * run.normals[row + 1, i]
+    for i in range(run.coordinate_indices.shape[1]):
+        run.swing[run.coordinate_indices[row, i]] += left * run.normals[row, i] + left_slip * run.normals[row + 1, i]
     solve_factors(run, n, changes)
     run.changes[changes, CHANGED_LINK] = row
     run.changes[changes, ALONG_NORMAL], run.changes[changes, ALONG_SLIP] = right, right_slip
@@ -178,19 +184,19 @@ def change_factors(
     return changes + 1
 
 
-@shared
+@jit_separate
 def along_change(run: Run, change: int) -> float:
     """Return the solution along the right side of a product."""
     row, total = int(run.changes[change, CHANGED_LINK]), 0.0
-    along, beside = run.changes[change, ALONG_NORMAL], run.changes[change, ALONG_SLIP]
-    for i in range(run.reads.shape[1]):
+    normal_part, slip_part = run.changes[change, ALONG_NORMAL], run.changes[change, ALONG_SLIP]
+    for i in range(run.coordinate_indices.shape[1]):
         if reads_it(run, row, i):
-            own = along * run.normals[row, i] + beside * run.normals[row + 1, i]
-            total += own * run.solution[run.ordering[PLACE, run.reads[row, i]]]
+            direction = normal_part * run.normals[row, i] + slip_part * run.normals[row + 1, i]
+            total += direction * run.solution[run.ordering[PLACE, run.coordinate_indices[row, i]]]
     return float(total)
 
 
-@shared
+@jit_separate
 def solve_factors(run: Run, n: int, changes: int) -> None:
     """Solve for changes of coordinates' rates, of momenta that are in `swing`; these are there and in `solution`."""
     middle = middle_of(run)

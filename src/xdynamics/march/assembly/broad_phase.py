@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import inf
 
 from xdynamics.elementary.rounding_margins import EPS, SMOOTH
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.interval_program import VARIABLE
 from xdynamics.march.assembly.links import (
     BASE,
@@ -23,13 +23,13 @@ from xdynamics.march.assembly.links import (
     WIDE,
     bound_leaf,
     is_apart,
-    member,
+    leaf_member,
     pattern_at,
 )
 from xdynamics.march.calls import row_by
 from xdynamics.march.run import Run
 
-# of `tallies`: candidates, those that are close, whether there are boxes, elements with new boxes since they were last
+# of `counters`: candidates, those that are close, whether there are boxes, elements with new boxes since they were last
 # arranged; whether links meet, how many touch; what was wrong, with which assembly and link; slots of impulses, where the
 # trial was to land
 # whether patterns have the parameters of the run; rows of a link in systems of equations: two where there is friction;
@@ -58,13 +58,13 @@ UNSURE = 256.0 * EPS  # of the ends of a box
 LEAST_SHARE = 1e-3  # of that, below which smaller boxes leave no fewer candidates
 
 
-@shared
+@jit_separate
 def blame(run: Run, fault: int, c: int, link: int) -> None:
     """Note what was wrong with which link."""
-    run.tallies[FAULT], run.tallies[CULPRIT], run.tallies[CULPRIT_LINK] = fault, c, link
+    run.counters[FAULT], run.counters[CULPRIT], run.counters[CULPRIT_LINK] = fault, c, link
 
 
-@shared
+@jit_separate
 def keep_boxes(run: Run) -> bool:
     """Let every box contain its coordinate over the trial, and list the candidates anew where one did not.
 
@@ -75,28 +75,35 @@ def keep_boxes(run: Run) -> bool:
     """
     while fit_boxes(run):
         if list_candidates(run):
-            run.tallies[BEGUN] = 1
+            run.counters[BEGUN] = 1
             break
         if run.spans[SHARE] < LEAST_SHARE:
             return False
         run.spans[SHARE] /= 2.0  # smaller boxes, fewer candidates
-        run.tallies[BEGUN] = 0
+        run.counters[BEGUN] = 0
     mark_near(run)
     return True
 
 
-@shared
+@jit_separate
 def fit_boxes(run: Run) -> bool:
     """Make new boxes of coordinates that leave theirs in the trial; whether any left its wide one."""
     n, any_renewed = run.plan[0].coordinates, False
     pattern, first = pattern_at(run.patterns[0]), run.assemblies[0]
-    own, piece = pattern.piece[0], run.piece[0]
-    own.start, own.end, own.width, own.wide, own.part, own.rough = piece.start, piece.end, piece.width, 0.0, 0, 0
+    pattern_piece, piece = pattern.piece[0], run.piece[0]
+    (
+        pattern_piece.start,
+        pattern_piece.end,
+        pattern_piece.width,
+        pattern_piece.wide,
+        pattern_piece.part,
+        pattern_piece.rough,
+    ) = piece.start, piece.end, piece.width, 0.0, 0, 0
     row, leaf, count, accelerations = first.row, first.row_leaf, first.leaves, run.plan[0].used
-    target = run.leafs[first.first_leaf + leaf, TARGET]
+    target = run.pattern_inputs[first.first_leaf + leaf, TARGET]
     for i in range(n):
         run.renewed[i] = SAME
-        if run.tallies[BEGUN] == 1 and stays_inside(run, i, piece.width):
+        if run.counters[BEGUN] == 1 and stays_in_narrow_box(run, i, piece.width):
             continue
         pattern.y[leaf], pattern.z[leaf] = run.y[i], run.z[i]
         pattern.y[count + leaf], pattern.z[count + leaf] = run.y[n + i], run.z[n + i]
@@ -104,23 +111,23 @@ def fit_boxes(run: Run) -> bool:
         row_by(pattern.functions[VARIABLE], pattern, pattern.y, pattern.z, row)
         low, high = pattern.under[target], pattern.over[target]
         run.renewed[i] = NARROW_ONE
-        if run.tallies[BEGUN] == 0 or not (run.boxes[WIDE, i] <= low and high <= run.boxes[WIDE + 1, i]):
+        if run.counters[BEGUN] == 0 or not (run.boxes[WIDE, i] <= low and high <= run.boxes[WIDE + 1, i]):
             far = AHEAD * (high - low) * run.spans[SHARE]
             run.boxes[WIDE, i], run.boxes[WIDE + 1, i], run.renewed[i], any_renewed = low - far, high + far, BOTH, True
-        narrow(run, i, low, high)
+        fit_narrow_box(run, i, low, high)
     return any_renewed
 
 
-@shared
-def narrow(run: Run, i: int, low: float, high: float) -> None:
+@jit_separate
+def fit_narrow_box(run: Run, i: int, low: float, high: float) -> None:
     """Make the narrow box of a coordinate, about its bounds in the trial and within its wide box."""
-    least, most = run.boxes[WIDE, i], run.boxes[WIDE + 1, i]
-    far = NARROWER * (most - least)
-    run.boxes[NARROW, i], run.boxes[NARROW + 1, i] = max(least, low - far), min(most, high + far)
+    wide_low, wide_high = run.boxes[WIDE, i], run.boxes[WIDE + 1, i]
+    far = NARROWER * (wide_high - wide_low)
+    run.boxes[NARROW, i], run.boxes[NARROW + 1, i] = max(wide_low, low - far), min(wide_high, high + far)
 
 
-@shared
-def stays_inside(run: Run, i: int, w: float) -> bool:
+@jit_separate
+def stays_in_narrow_box(run: Run, i: int, w: float) -> bool:
     """Whether a coordinate is proven to stay in its narrow box by less arithmetic than its pattern's, whose bounds these are.
 
     They are the Bernstein coefficients of Hermite's quintic, widened by its distance from cubics; see
@@ -136,72 +143,72 @@ def stays_inside(run: Run, i: int, w: float) -> bool:
     b4, b3 = q1 - w * v1 / 5.0, q1 - 2.0 * w * v1 / 5.0 + w * w * a1 / 20.0
     off = odd + w * even / 128.0 + UNSURE * max(abs(run.boxes[NARROW, i]), abs(run.boxes[NARROW + 1, i]))
     low, high = run.boxes[NARROW, i] + off, run.boxes[NARROW + 1, i] - off
-    inside = low <= q0 <= high and low <= b1 <= high and low <= b2 <= high
-    return bool(inside and low <= b3 <= high and low <= b4 <= high and low <= q1 <= high)
+    first_half_inside = low <= q0 <= high and low <= b1 <= high and low <= b2 <= high
+    return bool(first_half_inside and low <= b3 <= high and low <= b4 <= high and low <= q1 <= high)
 
 
-@shared
+@jit_separate
 def list_candidates(run: Run) -> bool:
     """List the links that boxes which are new do not prove to be apart; whether there is room for them."""
     drop_renewed(run)
     for c in range(run.assemblies.shape[0]):
-        listed = list_pairs(run, c) if run.assemblies[c].paired else list_links(run, c)
-        if not listed:
+        all_listed = list_pairs(run, c) if run.assemblies[c].paired else list_links(run, c)
+        if not all_listed:
             return False
     return True
 
 
-@shared
+@jit_separate
 def drop_renewed(run: Run) -> None:
     """Leave out candidates of boxes that are new."""
-    kept = 0
-    if run.tallies[BEGUN] == 0:
-        run.tallies[COUNT] = 0
-    for k in range(run.tallies[COUNT]):
+    kept_count = 0
+    if run.counters[BEGUN] == 0:
+        run.counters[COUNT] = 0
+    for k in range(run.counters[COUNT]):
         c, link, first, second = run.candidates[k, 0], run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3]
         if not is_renewed(run, c, link, first, second, BOTH):
             for j in range(run.candidates.shape[1]):
-                run.candidates[kept, j] = run.candidates[k, j]
-            kept += 1
-    run.tallies[COUNT] = kept
+                run.candidates[kept_count, j] = run.candidates[k, j]
+            kept_count += 1
+    run.counters[COUNT] = kept_count
 
 
-@shared
+@jit_separate
 def is_renewed(run: Run, c: int, link: int, first: int, second: int, which: int) -> bool:
     """Whether a coordinate that a link reads has a new narrow box, or both boxes are new."""
     assembly, new = run.assemblies[c], False
     for k in range(assembly.leaves):
         leaf = assembly.first_leaf + k
-        if run.leafs[leaf, MOVES] and run.renewed[member(run, leaf, link, first, second)] >= which:
+        if run.pattern_inputs[leaf, MOVES] and run.renewed[leaf_member(run, leaf, link, first, second)] >= which:
             new = True
     return new
 
 
-@shared
-def append(run: Run, c: int, link: int, first: int, second: int) -> bool:
+@jit_separate
+def append_candidate(run: Run, c: int, link: int, first: int, second: int) -> bool:
     """Add a candidate, near until it is proven not to be; whether there is room for it."""
-    count = run.tallies[COUNT]
+    count = run.counters[COUNT]
     if count >= run.candidates.shape[0]:
         return False
     run.candidates[count, 0], run.candidates[count, 1] = c, link
     run.candidates[count, 2], run.candidates[count, 3], run.candidates[count, NEAR] = first, second, 1
-    run.tallies[COUNT] = count + 1
+    run.counters[COUNT] = count + 1
     return True
 
 
-@shared
+@jit_separate
 def list_links(run: Run, c: int) -> bool:
     """List candidates among links that are examined one by one."""
     assembly = run.assemblies[c]
     for link in range(assembly.links):
-        if not is_renewed(run, c, link, 0, 0, BOTH) and run.tallies[BEGUN] == 1:
+        if not is_renewed(run, c, link, 0, 0, BOTH) and run.counters[BEGUN] == 1:
             continue
-        if not is_apart_in_boxes(run, c, link, 0, 0, WIDE) and not append(run, c, link, 0, 0):
+        if not is_apart_in_boxes(run, c, link, 0, 0, WIDE) and not append_candidate(run, c, link, 0, 0):
             return False
     return True
 
 
-@shared
+@jit_separate
 def is_apart_in_boxes(run: Run, c: int, link: int, first: int, second: int, which: int) -> bool:
     """Whether the gap of a link is proven to be positive wherever its coordinates are in their wide, or narrow, boxes."""
     assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
@@ -209,118 +216,118 @@ def is_apart_in_boxes(run: Run, c: int, link: int, first: int, second: int, whic
         return False
     for k in range(assembly.leaves):
         leaf = assembly.first_leaf + k
-        bound_leaf(run, pattern, leaf, member(run, leaf, link, first, second), which)
+        bound_leaf(run, pattern, leaf, leaf_member(run, leaf, link, first, second), which)
     return bool(is_apart(pattern))
 
 
-@shared
+@jit_separate
 def mark_near(run: Run) -> None:
     """Mark the candidates, among those with new boxes, that narrow boxes do not prove to be apart."""
-    for k in range(run.tallies[COUNT]):
+    for k in range(run.counters[COUNT]):
         c, link, first, second = run.candidates[k, 0], run.candidates[k, 1], run.candidates[k, 2], run.candidates[k, 3]
         if is_renewed(run, c, link, first, second, NARROW_ONE):
             run.candidates[k, NEAR] = int(not is_apart_in_boxes(run, c, link, first, second, NARROW))
 
 
-@shared
+@jit_separate
 def list_pairs(run: Run, c: int) -> bool:
     """List candidates among all pairs of elements, by groups."""
     assembly = run.assemblies[c]
-    if run.tallies[BEGUN] == 0 or run.tallies[RENEWALS] > assembly.elements:
+    if run.counters[BEGUN] == 0 or run.counters[RENEWALS] > assembly.elements:
         arrange(run, c)
-        run.tallies[RENEWALS] = 0
+        run.counters[RENEWALS] = 0
     for g in range(assembly.groups):
-        stale = run.tallies[BEGUN] == 0
+        stale = run.counters[BEGUN] == 0
         for m in range(g * GROUP, min((g + 1) * GROUP, assembly.elements)):
             stale = stale or entity_is_renewed(run, c, run.grouped[assembly.first_order + m])
-        if stale or run.tallies[RENEWALS] == 0:
+        if stale or run.counters[RENEWALS] == 0:
             span_group(run, c, g)
     for e in range(assembly.elements):
-        if run.tallies[BEGUN] == 0 or entity_is_renewed(run, c, e):
-            run.tallies[RENEWALS] += 1
+        if run.counters[BEGUN] == 0 or entity_is_renewed(run, c, e):
+            run.counters[RENEWALS] += 1
             if not list_partners(run, c, e):
                 return False
     return True
 
 
-@shared
+@jit_separate
 def entity_is_renewed(run: Run, c: int, e: int) -> bool:
     """Whether an element of a relation has a new wide box, at either end."""
     assembly, new = run.assemblies[c], False
     for k in range(assembly.leaves):
         leaf = assembly.first_leaf + k
-        if run.leafs[leaf, MOVES] and run.renewed[run.members[run.leafs[leaf, BASE] + e]] == BOTH:
+        if run.pattern_inputs[leaf, MOVES] and run.renewed[run.members[run.pattern_inputs[leaf, BASE] + e]] == BOTH:
             new = True
     return new
 
 
-@shared
+@jit_separate
 def list_partners(run: Run, c: int, e: int) -> bool:
     """List the candidates of one element: with each one that may meet it and is not listed with it elsewhere."""
     assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
-    for own in (1, 2):  # the end at which the element is
+    for element_end in (1, 2):  # the end at which the element is
         for k in range(assembly.leaves):
             leaf = assembly.first_leaf + k
-            if run.leafs[leaf, FAMILY] == own:
-                bound_leaf(run, pattern, leaf, run.members[run.leafs[leaf, BASE] + e], WIDE)
+            if run.pattern_inputs[leaf, FAMILY] == element_end:
+                bound_leaf(run, pattern, leaf, run.members[run.pattern_inputs[leaf, BASE] + e], WIDE)
         for g in range(assembly.groups):
-            if not is_apart_from_group(run, c, g, own) and not list_members(run, c, e, g, own):
+            if not is_apart_from_group(run, c, g, element_end) and not list_members(run, c, e, g, element_end):
                 return False
     return True
 
 
-@shared
-def is_apart_from_group(run: Run, c: int, g: int, own: int) -> bool:
+@jit_separate
+def is_apart_from_group(run: Run, c: int, g: int, element_end: int) -> bool:
     """Whether an element, whose bounds have been given, is apart from all of a group."""
     assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
     for k in range(assembly.leaves):
         leaf = assembly.first_leaf + k
-        target = run.leafs[leaf, TARGET]
-        if run.leafs[leaf, FAMILY] != own and target >= 0:
+        target = run.pattern_inputs[leaf, TARGET]
+        if run.pattern_inputs[leaf, FAMILY] != element_end and target >= 0:
             hull = assembly.first_hull + g * assembly.leaves + k
             pattern.under[target], pattern.over[target] = run.hulls[0, hull], run.hulls[1, hull]
             pattern.flaws[target] = SMOOTH
     return is_apart(pattern)
 
 
-@shared
-def list_members(run: Run, c: int, e: int, g: int, own: int) -> bool:
+@jit_separate
+def list_members(run: Run, c: int, e: int, g: int, element_end: int) -> bool:
     """List the candidates of one element, at one end, with the elements of a group; whether there is room for them."""
     assembly, pattern = run.assemblies[c], pattern_at(run.patterns[2 * c])
     size = assembly.elements
     for m in range(g * GROUP, min((g + 1) * GROUP, size)):
-        other = run.grouped[assembly.first_order + m]
-        if (own == 1) != (e < other) or other == e:
+        partner = run.grouped[assembly.first_order + m]
+        if (element_end == 1) != (e < partner) or partner == e:
             continue
-        if own == 2 and (run.tallies[BEGUN] == 0 or entity_is_renewed(run, c, other)):
+        if element_end == 2 and (run.counters[BEGUN] == 0 or entity_is_renewed(run, c, partner)):
             continue  # two that are both new are listed by the first
         for k in range(assembly.leaves):
             leaf = assembly.first_leaf + k
-            if run.leafs[leaf, FAMILY] != own:
-                bound_leaf(run, pattern, leaf, run.members[run.leafs[leaf, BASE] + other], WIDE)
+            if run.pattern_inputs[leaf, FAMILY] != element_end:
+                bound_leaf(run, pattern, leaf, run.members[run.pattern_inputs[leaf, BASE] + partner], WIDE)
         if not is_apart(pattern):
-            i, j = min(e, other), max(e, other)
-            if not append(run, c, i * size - i * (i + 1) // 2 + j - i - 1, i, j):
+            i, j = min(e, partner), max(e, partner)
+            if not append_candidate(run, c, i * size - i * (i + 1) // 2 + j - i - 1, i, j):
                 return False
     return True
 
 
-@shared
+@jit_separate
 def span_group(run: Run, c: int, g: int) -> None:
     """Compute the hull of the boxes, and parameters, of a group's elements at either end."""
     assembly = run.assemblies[c]
     for k in range(assembly.leaves):
         leaf, low, high = assembly.first_leaf + k, inf, -inf
         for m in range(g * GROUP, min((g + 1) * GROUP, assembly.elements)):
-            place = run.members[run.leafs[leaf, BASE] + run.grouped[assembly.first_order + m]]
-            moves = run.leafs[leaf, MOVES]
-            low = min(low, run.boxes[WIDE, place] if moves else run.p[place])
-            high = max(high, run.boxes[WIDE + 1, place] if moves else run.p[place])
+            member_index = run.members[run.pattern_inputs[leaf, BASE] + run.grouped[assembly.first_order + m]]
+            moves = run.pattern_inputs[leaf, MOVES]
+            low = min(low, run.boxes[WIDE, member_index] if moves else run.p[member_index])
+            high = max(high, run.boxes[WIDE + 1, member_index] if moves else run.p[member_index])
         hull = assembly.first_hull + g * assembly.leaves + k
         run.hulls[0, hull], run.hulls[1, hull] = low, high
 
 
-@shared
+@jit_separate
 def arrange(run: Run, c: int) -> None:
     """Order elements so that those of a group are near each other: halves along the longest extent, in turn."""
     assembly = run.assemblies[c]
@@ -335,26 +342,26 @@ def arrange(run: Run, c: int) -> None:
         part = -(-groups // 2) * GROUP
 
 
-@shared
+@jit_separate
 def halve(run: Run, c: int, start: int, count: int) -> None:
     """Sort a stretch of elements along the coordinate in which they are farthest apart (Shell's method)."""
     assembly, best, widest = run.assemblies[c], -1, -1.0
     for k in range(assembly.leaves):
         leaf = assembly.first_leaf + k
-        if run.leafs[leaf, MOVES] and run.leafs[leaf, FAMILY] == 1:
+        if run.pattern_inputs[leaf, MOVES] and run.pattern_inputs[leaf, FAMILY] == 1:
             low, high = inf, -inf
             for m in range(start, start + count):
-                q = run.y[run.members[run.leafs[leaf, BASE] + run.grouped[m]]]
+                q = run.y[run.members[run.pattern_inputs[leaf, BASE] + run.grouped[m]]]
                 low, high = min(low, q), max(high, q)
             if high - low > widest:
-                widest, best = high - low, run.leafs[leaf, BASE]
+                widest, best = high - low, run.pattern_inputs[leaf, BASE]
     gap = count // 2
     while gap > 0:
         for m in range(start + gap, start + count):
-            one = run.grouped[m]
-            q, j = run.y[run.members[best + one]], m
+            element = run.grouped[m]
+            q, j = run.y[run.members[best + element]], m
             while j - gap >= start and run.y[run.members[best + run.grouped[j - gap]]] > q:
                 run.grouped[j] = run.grouped[j - gap]
                 j -= gap
-            run.grouped[j] = one
+            run.grouped[j] = element
         gap //= 2

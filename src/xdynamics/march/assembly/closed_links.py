@@ -1,6 +1,6 @@
 """Links that are closed: their gap stays zero, and a normal force holds it. Which they are, and each one at a state.
 
-Of the arrays that links have in common, `normals`, `replies`, `reads` and `vectors`, those that are struck at an event
+Of the arrays that links have in common, `normals`, `unit_responses`, `coordinate_indices` and `vectors`, those that are struck at an event
 have the first half, closed ones the second, which begins at `closed_from`. A link has a row; two where any link has
 friction, the second along its slip.
 """
@@ -12,9 +12,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.broad_phase import ROWS
-from xdynamics.march.assembly.links import member, pattern_at, touch_link
+from xdynamics.march.assembly.links import evaluate_link, leaf_member, pattern_at
 from xdynamics.march.run import STEP_LINKS, Lists, Run
 
 State = NDArray[Any]
@@ -32,31 +32,31 @@ PATHS = 48  # directions in which forces of links that hold and drag are solved 
 FRICTIONLESS, STICKS, SLIDES_ON, SLIDES_BACK = range(4)  # what a closed link does along its slip
 
 
-@shared
+@jit_separate
 def closed_from(run: Run) -> int:
     """The place of the first row of closed links in arrays of links."""
     return int(run.normals.shape[0] // 2)
 
 
-@shared
-def row_of(run: Run, a: int) -> int:
+@jit_separate
+def closed_link_row(run: Run, a: int) -> int:
     """The row of a closed link; that along its slip, if any, comes next."""
-    return closed_from(run) + int(run.tallies[ROWS]) * a
+    return closed_from(run) + int(run.counters[ROWS]) * a
 
 
-@shared
+@jit_separate
 def rows_of_closed(run: Run) -> int:
     """How many rows closed links have."""
-    return int(run.tallies[ROWS] * run.closed[0])
+    return int(run.counters[ROWS] * run.closed[0])
 
 
-@shared
+@jit_separate
 def grip_at(run: Run, a: int) -> int:
     """What a closed link does along its slip."""
-    return int(run.grips[a]) if run.tallies[ROWS] == 2 else FRICTIONLESS
+    return int(run.grips[a]) if run.counters[ROWS] == 2 else FRICTIONLESS
 
 
-@shared
+@jit_separate
 def closed_index(run: Run, c: int, link: int) -> int:
     """The number of a link among the closed ones, -1 if it is not closed."""
     number, low, high = run.assemblies[c].first_link + link, 0, run.closed[0]
@@ -69,7 +69,7 @@ def closed_index(run: Run, c: int, link: int) -> int:
     return low if low < run.closed[0] and run.closed[1 + low] == number else -1
 
 
-@shared
+@jit_separate
 def recall_closed(run: Run, closed: Lists, first: int, count: int) -> bool:
     """List the links that the record says are closed, and what they do along their slips; whether it says so."""
     if run.plan[0].assemblies == 0 or count < 0 or run.plan[0].links == STEP_LINKS:
@@ -82,7 +82,7 @@ def recall_closed(run: Run, closed: Lists, first: int, count: int) -> bool:
     return True
 
 
-@shared
+@jit_separate
 def list_ends(run: Run) -> None:
     """List assembly, link and elements of every closed link, and which coordinates it reads."""
     for a in range(run.closed[0]):
@@ -97,41 +97,54 @@ def list_ends(run: Run) -> None:
                 second -= assembly.elements - 1 - first
                 first += 1
             second += first + 1
-        run.held[a, 0], run.held[a, 1], run.held[a, 2], run.held[a, 3] = c, link, first, second
-        for row in range(row_of(run, a), row_of(run, a + 1)):
+        (
+            run.closed_link_ends[a, 0],
+            run.closed_link_ends[a, 1],
+            run.closed_link_ends[a, 2],
+            run.closed_link_ends[a, 3],
+        ) = c, link, first, second
+        for row in range(closed_link_row(run, a), closed_link_row(run, a + 1)):
             for i in range(run.normals.shape[1]):
-                run.reads[row, i], run.normals[row, i], run.replies[row, i] = 0, 0.0, 0.0
+                run.coordinate_indices[row, i], run.normals[row, i], run.unit_responses[row, i] = 0, 0.0, 0.0
             for i in range(assembly.coordinates):
-                run.reads[row, i] = member(run, assembly.first_leaf + i, link, first, second)
+                run.coordinate_indices[row, i] = leaf_member(run, assembly.first_leaf + i, link, first, second)
 
 
-@shared
+@jit_separate
 def look_at_closed(run: Run, t: float, state: State) -> None:
     """Compute of every closed link, at a state, its directions, gap and rate, and its acceleration, to be taken away."""
     accelerations = run.plan[0].used
     for a in range(run.closed[0]):
-        c, row, own = run.held[a, 0], row_of(run, a), 0.0
-        touch_link(run, state, t, c, run.held[a, 1], run.held[a, 2], run.held[a, 3])
+        c, row, self_response = run.closed_link_ends[a, 0], closed_link_row(run, a), 0.0
+        evaluate_link(
+            run, state, t, c, run.closed_link_ends[a, 1], run.closed_link_ends[a, 2], run.closed_link_ends[a, 3]
+        )
         pattern = pattern_at(run.patterns[2 * c + 1])
         total, size, steep = pattern.links[0].free, abs(pattern.links[0].gap), 0.0
         for i in range(run.assemblies[c].coordinates):
             steep += abs(pattern.directions[0, i])
             size += abs(pattern.directions[0, i] * pattern.z[i])
-            run.normals[row, i], run.replies[row, i] = pattern.directions[0, i], pattern.responses[0, i]
-            own += pattern.directions[0, i] * pattern.responses[0, i]
-            total += pattern.directions[0, i] * state[accelerations + run.reads[row, i]]
-        scale = 1.0 / sqrt(own)
+            run.normals[row, i], run.unit_responses[row, i] = pattern.directions[0, i], pattern.responses[0, i]
+            self_response += pattern.directions[0, i] * pattern.responses[0, i]
+            total += pattern.directions[0, i] * state[accelerations + run.coordinate_indices[row, i]]
+        scale = 1.0 / sqrt(self_response)
         run.vectors[SCALE, row], run.vectors[RIGHT, row] = scale, -total * scale
         run.vectors[GAPS, row], run.vectors[RATES, row] = pattern.links[0].gap, pattern.links[0].rate
         run.vectors[ROUGHLY, row], run.vectors[STEEP, row] = size, steep
-        if run.tallies[ROWS] == 2:
+        if run.counters[ROWS] == 2:
             look_along_slip(run, a, state)
 
 
-@shared
+@jit_separate
 def look_along_slip(run: Run, a: int, state: State) -> None:
     """Do so along the slip of a closed link, which has just been looked at; while it slides nothing holds the row."""
-    c, row, own, steep, accelerations = run.held[a, 0], row_of(run, a) + 1, 0.0, 0.0, run.plan[0].used
+    c, row, self_response, steep, accelerations = (
+        run.closed_link_ends[a, 0],
+        closed_link_row(run, a) + 1,
+        0.0,
+        0.0,
+        run.plan[0].used,
+    )
     for vector in range(run.vectors.shape[0]):
         run.vectors[vector, row] = 0.0
     if run.assemblies[c].rubs == 0:
@@ -140,10 +153,10 @@ def look_along_slip(run: Run, a: int, state: State) -> None:
     total = pattern.links[1].free
     for i in range(run.assemblies[c].coordinates):
         steep += abs(pattern.directions[1, i])
-        run.normals[row, i], run.replies[row, i] = pattern.directions[1, i], pattern.responses[1, i]
-        own += pattern.directions[1, i] * pattern.responses[1, i]
-        total += pattern.directions[1, i] * state[accelerations + run.reads[row, i]]
-    scale, grip = 1.0 / sqrt(own), run.grips[a]
+        run.normals[row, i], run.unit_responses[row, i] = pattern.directions[1, i], pattern.responses[1, i]
+        self_response += pattern.directions[1, i] * pattern.responses[1, i]
+        total += pattern.directions[1, i] * state[accelerations + run.coordinate_indices[row, i]]
+    scale, grip = 1.0 / sqrt(self_response), run.grips[a]
     run.vectors[OWN_SCALE, row] = scale
     run.vectors[RATES, row], run.vectors[STEEP, row] = pattern.links[1].rate, steep
     run.vectors[ROUGHLY, row] = total
@@ -154,10 +167,10 @@ def look_along_slip(run: Run, a: int, state: State) -> None:
         run.vectors[DRAG, row] = (-1.0 if grip == SLIDES_ON else 1.0) * pattern.links[1].coefficient
 
 
-@shared
+@jit_separate
 def add_answers(run: Run, state: State, offset: int) -> None:
     """Add to a state, from a place on, what the solution for closed links changes there."""
     for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
         amount = run.vectors[X, row] * run.vectors[SCALE, row]
         for i in range(run.normals.shape[1]):
-            state[offset + run.reads[row, i]] += run.replies[row, i] * amount
+            state[offset + run.coordinate_indices[row, i]] += run.unit_responses[row, i] * amount

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from math import sqrt
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.closed_links import RATIO, SCALE
-from xdynamics.march.assembly.responses import clear, respond, response_along
+from xdynamics.march.assembly.responses import clear_responses, respond, response_along
 from xdynamics.march.run import Run
 
 VANISHING = 1e-9  # of the largest entry: a pivot of links that hold more than needs holding
@@ -23,8 +23,8 @@ DEPENDENT = 1e-12  # of that entry: all that is left of equations that depend on
 EQUATIONS, UNKNOWNS, RANK, NULL = range(4)
 
 
-@shared
-def eliminate(run: Run, first: int, rows: int, most: int, drags: bool) -> int:
+@jit_separate
+def eliminate(run: Run, first: int, rows: int, max_equations: int, drags: bool) -> int:
     """Eliminate the equations of rows that hold, perhaps with drags of links that press; return how many, 0 if not solvable.
 
     The rows are in `basis`, in the order of unknowns; in `problem` the factors, with the order of equations behind them.
@@ -32,22 +32,22 @@ def eliminate(run: Run, first: int, rows: int, most: int, drags: bool) -> int:
     n = 0
     for row in range(first, first + rows):
         if run.vectors[SCALE, row] > 0.0:
-            if n >= most or n >= run.problem.shape[0]:
+            if n >= max_equations or n >= run.problem.shape[0]:
                 return 0
             run.basis[n] = row
             n += 1
     largest = pose_equations(run, first, rows, n, drags)
-    rank = factor(run, n, VANISHING * largest)
+    rank = factor_rows(run, n, VANISHING * largest)
     if rank == n:
         return n
     return n if factor_dependent(run, n, rank, DEPENDENT * largest) else 0
 
 
-@shared
+@jit_separate
 def pose_equations(run: Run, first: int, rows: int, n: int, drags: bool) -> float:
     """Write down the matrix of n equations, in their own order; return its largest entry."""
-    largest, width, offset = 0.0, run.reads.shape[1], run.swing.shape[0]
-    clear(run, first, rows)
+    largest, width, offset = 0.0, run.coordinate_indices.shape[1], run.swing.shape[0]
+    clear_responses(run, first, rows)
     chain_rows(run, n)
     for i in range(n):
         for j in range(n):
@@ -59,41 +59,43 @@ def pose_equations(run: Run, first: int, rows: int, n: int, drags: bool) -> floa
         if drags and (row - first) % 2 == 0 and run.vectors[RATIO, row + 1] != 0.0:
             respond(run, row + 1, run.vectors[RATIO, row + 1] * run.vectors[SCALE, row])
         for k in range(width):
-            place = run.chains[run.reads[row, k]] if run.swing[run.reads[row, k]] != 0.0 else 0
-            while place > 0:
-                i = (place - offset) // width
+            entry_index = (
+                run.chains[run.coordinate_indices[row, k]] if run.swing[run.coordinate_indices[row, k]] != 0.0 else 0
+            )
+            while entry_index > 0:
+                i = (entry_index - offset) // width
                 run.problem[i, j] = response_along(run, run.basis[i]) * run.vectors[SCALE, run.basis[i]]
                 largest = max(largest, abs(run.problem[i, j]))
-                place = run.chains[place]
-        clear(run, row, 1)
+                entry_index = run.chains[entry_index]
+        clear_responses(run, row, 1)
     return largest
 
 
-@shared
+@jit_separate
 def chain_rows(run: Run, n: int) -> None:
     """Chain the rows of n equations that read the same coordinate: most of a heap's links have none in common.
 
     `chains` has, for each coordinate, the place of the first entry of a row that reads it, and for each entry the next.
     """
-    width, offset = run.reads.shape[1], run.swing.shape[0]
+    width, offset = run.coordinate_indices.shape[1], run.swing.shape[0]
     for coordinate in range(offset):
         run.chains[coordinate] = 0
     for i in range(n):
         for k in range(width):
             if run.normals[run.basis[i], k] != 0.0:
-                coordinate, place = run.reads[run.basis[i], k], offset + i * width + k
-                run.chains[place], run.chains[coordinate] = run.chains[coordinate], place
+                coordinate, entry_index = run.coordinate_indices[run.basis[i], k], offset + i * width + k
+                run.chains[entry_index], run.chains[coordinate] = run.chains[coordinate], entry_index
 
 
-@shared
-def factor(run: Run, n: int, least: float) -> int:
+@jit_separate
+def factor_rows(run: Run, n: int, smallest_pivot: float) -> int:
     """Factor the matrix by rows, with unknowns that have no pivot above the least put last; return how many have one."""
     k, last = 0, n
     while k < last:
         best = k
         for i in range(k + 1, n):
             best = i if abs(run.problem[i, k]) > abs(run.problem[best, k]) else best
-        if abs(run.problem[best, k]) > least:
+        if abs(run.problem[best, k]) > smallest_pivot:
             exchange_rows(run, n, k, best)
             reduce_rows(run, n, k)
             k += 1
@@ -103,14 +105,14 @@ def factor(run: Run, n: int, least: float) -> int:
     return k
 
 
-@shared
-def exchange_rows(run: Run, n: int, k: int, other: int) -> None:
+@jit_separate
+def exchange_rows(run: Run, n: int, k: int, second_row: int) -> None:
     """Exchange two equations."""
-    for j in range(n + 1 if other != k else 0):
-        run.problem[k, j], run.problem[other, j] = run.problem[other, j], run.problem[k, j]
+    for j in range(n + 1 if second_row != k else 0):
+        run.problem[k, j], run.problem[second_row, j] = run.problem[second_row, j], run.problem[k, j]
 
 
-@shared
+@jit_separate
 def reduce_rows(run: Run, n: int, k: int) -> None:
     """Take an unknown out of all later equations."""
     for i in range(k + 1, n):
@@ -121,8 +123,8 @@ def reduce_rows(run: Run, n: int, k: int) -> None:
                 run.problem[i, j] -= share * run.problem[k, j]
 
 
-@shared
-def factor_dependent(run: Run, n: int, done: int, least: float) -> bool:
+@jit_separate
+def factor_dependent(run: Run, n: int, done: int, smallest_pivot: float) -> bool:
     """Factor what is left until nothing above the least is, and find the null space; whether most equations are independent."""
     rank = n
     for k in range(done, n):
@@ -131,7 +133,7 @@ def factor_dependent(run: Run, n: int, done: int, least: float) -> bool:
             for j in range(k, n):
                 if abs(run.problem[i, j]) > abs(run.problem[row, column]):
                     row, column = i, j
-        if not abs(run.problem[row, column]) > least:
+        if not abs(run.problem[row, column]) > smallest_pivot:
             rank = k
             break
         exchange_rows(run, n, k, row)
@@ -146,16 +148,16 @@ def factor_dependent(run: Run, n: int, done: int, least: float) -> bool:
     return True
 
 
-@shared
-def exchange_columns(run: Run, n: int, k: int, other: int) -> None:
+@jit_separate
+def exchange_columns(run: Run, n: int, k: int, second_column: int) -> None:
     """Exchange two unknowns."""
-    for i in range(n if other != k else 0):
-        run.problem[i, k], run.problem[i, other] = run.problem[i, other], run.problem[i, k]
+    for i in range(n if second_column != k else 0):
+        run.problem[i, k], run.problem[i, second_column] = run.problem[i, second_column], run.problem[i, k]
     order = n + UNKNOWNS
-    run.problem[k, order], run.problem[other, order] = run.problem[other, order], run.problem[k, order]
+    run.problem[k, order], run.problem[second_column, order] = run.problem[second_column, order], run.problem[k, order]
 
 
-@shared
+@jit_separate
 def note_null_vector(run: Run, n: int, rank: int, j: int) -> None:
     """Note, in the unknowns' own order, one vector of what a solution may have added to it, orthogonal to those before."""
     target, order = n + NULL + j, n + UNKNOWNS
@@ -169,11 +171,11 @@ def note_null_vector(run: Run, n: int, rank: int, j: int) -> None:
         run.problem[int(run.problem[i, order]), target] = run.solution[i]
     run.problem[int(run.problem[rank + j, order]), target] = 1.0
     for k in range(n + NULL, target):
-        along = 0.0
+        overlap = 0.0
         for i in range(n):
-            along += run.problem[i, k] * run.problem[i, target]
+            overlap += run.problem[i, k] * run.problem[i, target]
         for i in range(n):
-            run.problem[i, target] -= along * run.problem[i, k]
+            run.problem[i, target] -= overlap * run.problem[i, k]
     size = 0.0
     for i in range(n):
         size += run.problem[i, target] * run.problem[i, target]
@@ -181,13 +183,13 @@ def note_null_vector(run: Run, n: int, rank: int, j: int) -> None:
         run.problem[i, target] /= sqrt(size)
 
 
-@shared
+@jit_separate
 def is_dependent(run: Run, n: int) -> bool:
     """Whether some of the equations that were eliminated depend on others."""
     return bool(n > 0 and run.problem[0, n + RANK] < n)
 
 
-@shared
+@jit_separate
 def add_solution(run: Run, n: int, residual: int, target: int) -> None:
     """Add to a vector what removes a residual, by the factors of n equations, and leave it the one of least norm."""
     rank, order = int(run.problem[0, n + RANK]), n + UNKNOWNS
@@ -204,8 +206,8 @@ def add_solution(run: Run, n: int, residual: int, target: int) -> None:
     for i in range(rank):
         run.vectors[target, run.basis[int(run.problem[i, order])]] += run.solution[i]
     for k in range(n + NULL, n + NULL + n - rank):
-        along = 0.0
+        overlap = 0.0
         for i in range(n):
-            along += run.problem[i, k] * run.vectors[target, run.basis[i]]
+            overlap += run.problem[i, k] * run.vectors[target, run.basis[i]]
         for i in range(n):
-            run.vectors[target, run.basis[i]] -= along * run.problem[i, k]
+            run.vectors[target, run.basis[i]] -= overlap * run.problem[i, k]

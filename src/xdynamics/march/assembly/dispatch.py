@@ -7,11 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.kernels.compiling import apart, shared
+from xdynamics.kernels.compiling import jit_separate, noinline
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.acceptance import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
-from xdynamics.march.assembly.active_set import rest
+from xdynamics.march.acceptance import (
+    AT_BORDER,
+    AT_GRID,
+    count_landing_apart,
+    end_march,
+    judge_trial_apart,
+    move_to_end_apart,
+    nonfinite_reason,
+)
+from xdynamics.march.assembly.active_set import close_resting_links
 from xdynamics.march.assembly.broad_phase import (
     AIM,
     ASTRAY,
@@ -45,29 +53,29 @@ from xdynamics.march.assembly.broad_phase import (
     blame,
     keep_boxes,
 )
-from xdynamics.march.assembly.event_rows import note_changes, note_impacts, note_links
-from xdynamics.march.assembly.holding import hold, release_moved
-from xdynamics.march.assembly.impact import any_open_approaches, collide, weigh_impulses
-from xdynamics.march.assembly.links import ASSEMBLY, LINK, NOISE, pattern_at, touch
+from xdynamics.march.assembly.event_rows import note_link_changes, note_link_impacts, note_links
+from xdynamics.march.assembly.holding import put_on_closed_links, release_moved
+from xdynamics.march.assembly.impact import any_open_approaches, collide_links, weigh_link_impulses
+from xdynamics.march.assembly.links import ASSEMBLY, LINK, NOISE, evaluate_candidate, pattern_at
 from xdynamics.march.assembly.margins import SINCE
 from xdynamics.march.assembly.narrow_phase import (
-    fastest,
+    fastest_velocity,
     find_first,
     finest_resolution,
     remember_fastest,
 )
 from xdynamics.march.assembly.normal_forces import ALLOWED
-from xdynamics.march.assembly.patterns import set_out
+from xdynamics.march.assembly.patterns import prepare_patterns
 from xdynamics.march.assembly.releases import find_release
 from xdynamics.march.assembly.time_stepping import note_pressed, step_links
 from xdynamics.march.assembly.touching import list_touching
-from xdynamics.march.calls import called, run_at
-from xdynamics.march.control import grow
+from xdynamics.march.calls import call_law, run_at
+from xdynamics.march.control import grow_step
 from xdynamics.march.events.arming import rearm
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.zero_tests import NONE
-from xdynamics.march.force_evaluation import evaluate, finite_state
-from xdynamics.march.log import note, note_sample, note_samples
+from xdynamics.march.force_evaluation import evaluate_forces, finite_state
+from xdynamics.march.log import append_row, note_sample, note_samples
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT, CONTACT_PENETRATED, NONFINITE_OBSERVABLE, SOUND
 from xdynamics.march.run import (
     BEGIN_LINKS,
@@ -81,7 +89,7 @@ from xdynamics.march.run import (
     Run,
 )
 from xdynamics.march.run import BEGUN as STARTED
-from xdynamics.march.trial_step import copy
+from xdynamics.march.trial_step import copy_numbers
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, REASON_CONTACT, REASON_EVENT
 
 MOST_HASTE = 1000  # events that follow each other within what times are located to
@@ -90,10 +98,14 @@ MOST_IDLE, IDLY = 100, 1e-2  # landings in a row at which nothing changes, each 
 LEFT_OVER = 16.0 * NOISE  # of energies: what rounding may leave for each link and coordinate
 FREELY, CUT, AT_A_LOSS = range(1, 4)  # whether the trial in which links meet was cut for a node; or was not watched
 _BEFORE, _AFTER = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER)  # no literals: numba compiles a copy for each
-note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
+append_row_apart, note_samples_apart, grow_step_apart = (
+    noinline(append_row),
+    noinline(note_samples),
+    noinline(grow_step),
+)
 
 
-def meet(address: Any, number: float, command: int) -> None:
+def run_assembly_command(address: Any, number: float, command: int) -> None:
     """Do what assemblies need; an entry of the engine.
 
     Parameters
@@ -102,7 +114,7 @@ def meet(address: Any, number: float, command: int) -> None:
         Of a `Run`.
     command : int
         `BEGIN_LINKS`: check that no links overlap at the start. `FIND_MEETING`: shorten the trial to where links first
-        meet, or a closed one lifts, if any do, which `tallies[MEETS]` says. `LAND_ON_MEETING`: accept the trial, and go
+        meet, or a closed one lifts, if any do, which `counters[MEETS]` says. `LAND_ON_MEETING`: accept the trial, and go
         on after the impacts. `HOLD_LINKS`: put the trial's state, at a time, back on closed links. `NOTE_LINKS`: write
         what is closed in it to the log. `RELEASE_LINKS`: let go of closed links that an event has set in motion.
         `FIND_CLOSED`: find out which are closed in the state in `y`, from which a recorded step goes, where its record does
@@ -111,13 +123,13 @@ def meet(address: Any, number: float, command: int) -> None:
     """
     run = run_at(address)
     if command == BEGIN_LINKS:
-        begin(run)
+        begin_assemblies(run)
     elif command == FIND_MEETING:
-        find(run)
+        find_meeting(run)
     elif command == LAND_ON_MEETING:
-        land(run)
+        land_on_meeting(run)
     elif command == HOLD_LINKS:
-        hold(run, number)
+        put_on_closed_links(run, number)
     elif command == STEP_LINKS:
         step_links(run, number)
     elif command == NOTE_LINKS and run.plan[0].links == STEP_LINKS:
@@ -127,30 +139,30 @@ def meet(address: Any, number: float, command: int) -> None:
     elif command == FIND_CLOSED:
         find_closed(run)
     elif command == GO_ON:
-        set_out(run)
+        prepare_patterns(run)
     else:
         release_moved(run, number)
 
 
-@shared
-def begin(run: Run) -> None:
+@jit_separate
+def begin_assemblies(run: Run) -> None:
     """Refuse links that overlap at the start, by more than rounding, and find out which are closed there."""
     for i in range(run.greatest.shape[0]):
         run.greatest[i] = 0.0
     if not list_near(run):
         return
-    for k in range(run.tallies[COUNT]):
+    for k in range(run.counters[COUNT]):
         if overlaps(run, k):
             run.now[0].status = CONTACT_PENETRATED
             return
     if run.plan[0].links == STEP_LINKS:
-        run.tallies[TOGETHER] = 0  # nothing pressed before the first step
+        run.counters[TOGETHER] = 0  # nothing pressed before the first step
     else:
         close_touching(run)
-    run.tallies[BEGUN], run.tallies[HASTE], run.tallies[IDLE] = 0, 0, 0
+    run.counters[BEGUN], run.counters[HASTE], run.counters[IDLE] = 0, 0, 0
 
 
-@shared
+@jit_separate
 def find_closed(run: Run) -> None:
     """Find out which links are closed in the state in `y`, as a march does that begins there.
 
@@ -165,37 +177,37 @@ def find_closed(run: Run) -> None:
         close_touching(run)
 
 
-@shared
+@jit_separate
 def list_near(run: Run) -> bool:
     """List the links that may touch in the state in `y`; whether there is room for them."""
-    run.closed[0], run.margins[SINCE, 0] = 0, -inf
-    copy(run.y, run.z)
-    evaluate(run, run.now[0].t, run.z)
-    copy(run.z, run.y)
-    set_out(run)
-    span(run, 0.0)
+    run.closed[0], run.release_functions[SINCE, 0] = 0, -inf
+    copy_numbers(run.y, run.z)
+    evaluate_forces(run, run.now[0].t, run.z)
+    copy_numbers(run.z, run.y)
+    prepare_patterns(run)
+    set_piece_from_now(run, 0.0)
     if not keep_boxes(run):
         blame(run, CROWDED, 0, 0)
         run.now[0].status = REASON_CONTACT
         return False
-    run.tallies[CLOSE], run.spans[FASTEST] = run.tallies[COUNT], fastest(run)
-    for k in range(run.tallies[COUNT]):
+    run.counters[CLOSE], run.spans[FASTEST] = run.counters[COUNT], fastest_velocity(run)
+    for k in range(run.counters[COUNT]):
         run.close[k] = k
     return True
 
 
-@shared
+@jit_separate
 def close_touching(run: Run) -> None:
     """Find forces of the links that touch, and which of them are closed."""
-    if not (list_touching(run, run.now[0].t) and rest(run, run.now[0].t)):
+    if not (list_touching(run, run.now[0].t) and close_resting_links(run, run.now[0].t)):
         run.now[0].status = REASON_CONTACT
 
 
-@shared
+@jit_separate
 def overlaps(run: Run, k: int) -> bool:
     """Whether a candidate's gap is negative at the start, by more than rounding."""
     c = run.candidates[k, ASSEMBLY]
-    touch(run, run.y, run.now[0].t, k)
+    evaluate_candidate(run, run.y, run.now[0].t, k)
     pattern = pattern_at(run.patterns[2 * c + 1])
     gap = pattern.links[0].gap
     size = abs(gap)
@@ -208,24 +220,24 @@ def overlaps(run: Run, k: int) -> bool:
     return False
 
 
-@shared
-def span(run: Run, h: float) -> None:
+@jit_separate
+def set_piece_from_now(run: Run, h: float) -> None:
     """Set the piece to one that begins where the march is."""
     piece = run.piece[0]
     piece.start, piece.end, piece.width, piece.wide = run.now[0].t, run.now[0].t + h, h, 0.0
     piece.rough, piece.part = 0, 0
 
 
-@shared
-def find(run: Run) -> None:
+@jit_separate
+def find_meeting(run: Run) -> None:
     """Shorten the trial to where links first meet, or a closed one lifts, if any do."""
     if run.plan[0].links == STEP_LINKS:
         judge_impulses(run)
         return
-    if run.tallies[READY] == 0 or run.tallies[BEGUN] == 0:
-        set_out(run)
-    run.piece[0].substeps, run.tallies[MEETS] = 0, 0
-    span(run, run.trial[0].h)
+    if run.counters[READY] == 0 or run.counters[BEGUN] == 0:
+        prepare_patterns(run)
+    run.piece[0].substeps, run.counters[MEETS] = 0, 0
+    set_piece_from_now(run, run.trial[0].h)
     if not keep_boxes(run):
         give_up(run, CROWDED, REASON_CONTACT)
         return
@@ -234,30 +246,30 @@ def find(run: Run) -> None:
     remember_fastest(run)
     meets = find_release(run) or meets
     if meets:
-        run.margins[SINCE, 0] = -inf
+        run.release_functions[SINCE, 0] = -inf
     else:
-        run.tallies[IDLE] = 0
+        run.counters[IDLE] = 0
     if meets and is_hasty(run):
         give_up(run, HASTY, REASON_CONTACT)
-    elif meets and run.tallies[IDLE] > MOST_IDLE:
+    elif meets and run.counters[IDLE] > MOST_IDLE:
         give_up(run, UNDECIDED, REASON_CONTACT)
-    elif holds(run) and meets:
-        run.tallies[MEETS], run.tallies[LANDING] = FREELY if landing == AT_GRID else CUT, landing
+    elif closed_links_hold(run) and meets:
+        run.counters[MEETS], run.counters[LANDING] = FREELY if landing == AT_GRID else CUT, landing
         run.spans[AIM] = target
         run.trial[0].landing = AT_BORDER
 
 
-@shared
+@jit_separate
 def judge_impulses(run: Run) -> None:
     """End the march where impulses over the step were not found."""
-    run.tallies[MEETS] = 0
-    if run.tallies[FAULT] != 0:
-        end(run, REASON_CONTACT)
-        run.tallies[MEETS] = AT_A_LOSS
+    run.counters[MEETS] = 0
+    if run.counters[FAULT] != 0:
+        end_march(run, REASON_CONTACT)
+        run.counters[MEETS] = AT_A_LOSS
 
 
-@shared
-def holds(run: Run) -> bool:
+@jit_separate
+def closed_links_hold(run: Run) -> bool:
     """Whether forces of closed links were found, and their gaps are closed; else the march has ended."""
     if not run.spans[STRAIN] <= ALLOWED:
         give_up(run, STRAINED, REASON_CONTACT)
@@ -266,89 +278,89 @@ def holds(run: Run) -> bool:
     return bool(run.spans[STRAIN] <= ALLOWED and run.spans[ASTRAY] <= 0.0)
 
 
-@shared
+@jit_separate
 def give_up(run: Run, fault: int, why: int) -> None:
     """End the march where it stands, with the first closed link that seems to let go, if any does."""
     blame(run, fault, 0, 0)
     for a in range(run.closed[0] - 1, -1, -1):
         if run.lifted[a] > 0:
-            blame(run, fault, run.held[a, 0], run.held[a, 1])
-    end(run, why)
-    run.tallies[MEETS] = AT_A_LOSS
+            blame(run, fault, run.closed_link_ends[a, 0], run.closed_link_ends[a, 1])
+    end_march(run, why)
+    run.counters[MEETS] = AT_A_LOSS
 
 
-@shared
-def land(run: Run) -> None:
+@jit_separate
+def land_on_meeting(run: Run) -> None:
     """Accept the trial, which ends where links meet, and go on after their impacts."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     run.piece[0].verdict = REASON_EVENT
-    if run.tallies[MEETS] == AT_A_LOSS:
+    if run.counters[MEETS] == AT_A_LOSS:
         return
     if plan.adaptive:
-        grow_apart(run, run.spans[WHOLE_STEP], run.tallies[MEETS] == CUT)
-    reason = judge_apart(run)
+        grow_step_apart(run, run.spans[WHOLE_STEP], run.counters[MEETS] == CUT)
+    reason = judge_trial_apart(run)
     if reason != SOUND:
         run.piece[0].verdict = reason
         return
     trial.t = max(trial.t, np.nextafter(now.t, np.inf))
     reached = trial.h == run.spans[WHOLE_STEP] or trial.t >= run.spans[AIM]
     trial.t = run.spans[AIM] if reached else trial.t
-    before, events = now.rows, now.events
-    if not note_apart(run, _BEFORE, trial.t, trial.h, run.z):
-        end(run, NONFINITE_OBSERVABLE)
+    row_before, events = now.rows, now.events
+    if not append_row_apart(run, _BEFORE, trial.t, trial.h, run.z):
+        end_march(run, NONFINITE_OBSERVABLE)
         return
-    note_samples_apart(run, before)
+    note_samples_apart(run, row_before)
     run.at[T] = trial.t
-    called(run.law[SLOPES], run, run.z, run.slopes, 0)
-    strikes = list_touching(run, trial.t) and strike(run, trial.t)
-    note_impacts(run, before)
+    call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
+    strikes = list_touching(run, trial.t) and strike_links(run, trial.t)
+    note_link_impacts(run, row_before)
     if not strikes:
-        leave(run, before, REASON_CONTACT)
+        end_before_impacts(run, row_before, REASON_CONTACT)
         return
-    weigh_impulses(run)
-    note_changes(run, before)
+    weigh_link_impulses(run)
+    note_link_changes(run, row_before)
     note_idleness(run, now.events > events)
-    evaluate(run, trial.t, run.z)
-    note_sample(run, trial.t, run.z, before + 1)
+    evaluate_forces(run, trial.t, run.z)
+    note_sample(run, trial.t, run.z, row_before + 1)
     if not finite_state(run):
-        leave(run, before, nonfinite(run))
+        end_before_impacts(run, row_before, nonfinite_reason(run))
         return
-    if not note_apart(run, _AFTER, trial.t, 0.0, run.z):
-        end(run, NONFINITE_OBSERVABLE)
+    if not append_row_apart(run, _AFTER, trial.t, 0.0, run.z):
+        end_march(run, NONFINITE_OBSERVABLE)
         return
-    if not holds(run):
-        move_apart(run)
+    if not closed_links_hold(run):
+        move_to_end_apart(run)
         return
     if not keeps_energy(run):
-        move_apart(run)
-        end(run, CONTACT_INCONSISTENT)
+        move_to_end_apart(run)
+        end_march(run, CONTACT_INCONSISTENT)
         return
-    depart(run, reached)
+    go_on_after_impacts(run, reached)
 
 
-@shared
-def strike(run: Run, t: float) -> bool:
+@jit_separate
+def strike_links(run: Run, t: float) -> bool:
     """Find impulses of links that touch, and which of them are closed then; whether these were found.
 
     What stops slips and bounces that are too low may have others approach, which are struck in their turn.
     """
     run.spans[LOSS], run.spans[WORK], run.spans[TERMS], run.spans[RESIDUAL] = 0.0, 0.0, 0.0, 0.0
     for _ in range(MOST_STRIKES):
-        if not (collide(run) and rest(run, t)):
+        if not (collide_links(run) and close_resting_links(run, t)):
             return False
-        if run.tallies[ROWS] == 1 or not any_open_approaches(run):
+        if run.counters[ROWS] == 1 or not any_open_approaches(run):
             break
     return True
 
 
-@shared
-def depart(run: Run, reached: bool) -> None:
+@jit_separate
+def go_on_after_impacts(run: Run, reached: bool) -> None:
     """Go on from the state after impacts, as a march begins, or from the node if the step reached one."""
     run.now[0].on_grid = 0
     if reached:
-        run.trial[0].landing = run.tallies[LANDING]
-        land_apart(run)
-    move_apart(run)
+        run.trial[0].landing = run.counters[LANDING]
+        count_landing_apart(run)
+    move_to_end_apart(run)
     run.kept[0].since = STARTED
     end_region(run)
     for i in range(run.detectors.shape[0]):
@@ -356,45 +368,49 @@ def depart(run: Run, reached: bool) -> None:
     rearm(run, True)
 
 
-@shared
+@jit_separate
 def is_hasty(run: Run) -> bool:
     """Whether a great many events have followed each other within what their times are located to."""
     soon = run.trial[0].t - run.now[0].t <= 4.0 * finest_resolution(run, run.trial[0].h)
-    run.tallies[HASTE] = run.tallies[HASTE] + 1 if soon else 0
-    return bool(run.tallies[HASTE] > MOST_HASTE)
+    run.counters[HASTE] = run.counters[HASTE] + 1 if soon else 0
+    return bool(run.counters[HASTE] > MOST_HASTE)
 
 
-@shared
+@jit_separate
 def note_idleness(run: Run, changes: bool) -> None:
     """Count a landing soon after the last one, and one at which no link was struck, lifted, or began to slip or to stick."""
     soon = run.trial[0].h <= IDLY * run.spans[WHOLE_STEP]
-    run.tallies[IDLE] = run.tallies[IDLE] + 1 if soon and not changes else 0
+    run.counters[IDLE] = run.counters[IDLE] + 1 if soon and not changes else 0
 
 
-@shared
+@jit_separate
 def keeps_energy(run: Run) -> bool:
     """Whether kinetic energy changed by what the event took and moving surfaces gave, as far as rounding goes.
 
     For masses M and impulses p with M (v1 - v0) = p it changes by p (v0 + v1)/2, whatever the law of impacts.
     """
-    place, row = run.plan[0].kinetic, run.now[0].rows - run.base[0].rows
-    if place < 0:
+    energy_column, row = run.plan[0].kinetic, run.now[0].rows - run.base[0].rows
+    if energy_column < 0:
         return True
-    before, after = run.log_rows[place, row - 2], run.log_rows[place, row - 1]
-    bound = LEFT_OVER * (run.tallies[TOGETHER] + run.plan[0].coordinates) * (before + after + run.spans[TERMS])
-    run.spans[FIGURE] = abs(after - before + run.spans[LOSS] - run.spans[WORK])
+    energy_before, energy_after = run.log_rows[energy_column, row - 2], run.log_rows[energy_column, row - 1]
+    bound = (
+        LEFT_OVER
+        * (run.counters[TOGETHER] + run.plan[0].coordinates)
+        * (energy_before + energy_after + run.spans[TERMS])
+    )
+    run.spans[FIGURE] = abs(energy_after - energy_before + run.spans[LOSS] - run.spans[WORK])
     if not run.spans[FIGURE] <= bound:
         blame(run, ENERGY, 0, 0)
         return False
     return True
 
 
-@shared
-def leave(run: Run, before: int, why: int) -> None:
+@jit_separate
+def end_before_impacts(run: Run, row_before: int, why: int) -> None:
     """End the march before impacts that have no state after them."""
     now = run.now[0]
     for e in range(now.events - run.base[0].events):
-        if run.log_events[e].row_before == before:
-            run.log_events[e].row_after = before
-    move_apart(run)
-    end(run, why)
+        if run.log_events[e].row_before == row_before:
+            run.log_events[e].row_after = row_before
+    move_to_end_apart(run)
+    end_march(run, why)

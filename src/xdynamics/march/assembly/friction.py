@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from math import inf
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.banded_factors import order_coordinates
 from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.closed_links import (
@@ -38,16 +38,16 @@ from xdynamics.march.assembly.lemke_path import come_nearer, follow_from_far, fo
 from xdynamics.march.assembly.normal_forces import (
     ALLOWED,
     ENOUGH,
-    largest,
-    multiply,
+    apply_link_effects,
+    largest_entry,
     solve_bounded,
     solve_equations,
     solve_unilateral,
 )
 from xdynamics.march.assembly.pivoting import solve_by_pivots
-from xdynamics.march.assembly.responses import clear, respond, response_along
+from xdynamics.march.assembly.responses import clear_responses, respond, response_along
 from xdynamics.march.assembly.sliding_friction import follow_path, solve_at_once
-from xdynamics.march.assembly.sweeps import sweep
+from xdynamics.march.assembly.sweeps import sweep_links
 from xdynamics.march.run import STEP_LINKS, Run
 
 MOST_BOUNDS = 300  # turns of making bounds anew
@@ -63,40 +63,40 @@ MOST_NEARER = 24  # turns of taking impulses for what they are nearly
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 
 
-@shared
+@jit_separate
 def solve_links(run: Run, first: int, count: int) -> float:
     """Find forces, or impulses, of links within their bounds; return the residual over the size of the terms."""
     rows = 2 * count
-    if run.tallies[ROWS] == 1:
+    if run.counters[ROWS] == 1:
         return solve_unilateral(run, first, count)
     for row in range(first, first + rows):
         run.vectors[X, row] = 0.0
     return solve_from(run, first, count)
 
 
-@shared
+@jit_separate
 def solve_from(run: Run, first: int, count: int) -> float:
     """Do so from the forces that are there, of links with friction."""
     rows = 2 * count
-    pose_bounds(run, first, rows)
+    pose_press_bounds(run, first, rows)
     if run.plan[0].links == STEP_LINKS:
         return relax_all(run, first, rows)
     left = sweep_all(run, first, rows)
     return left if left <= RESTLESS else follow_bounds(run, first, rows)
 
 
-@shared
-def pose_bounds(run: Run, first: int, rows: int) -> None:
+@jit_separate
+def pose_press_bounds(run: Run, first: int, rows: int) -> None:
     """Write down what all links are given, and that they may press without bound."""
     for row in range(first, first + rows):
         run.vectors[GIVEN, row], run.vectors[OWN_SCALE, row] = run.vectors[RIGHT, row], run.vectors[SCALE, row]
         run.vectors[LEAST, row], run.vectors[MOST, row] = 0.0, inf
 
 
-@shared
+@jit_separate
 def follow_bounds(run: Run, first: int, rows: int) -> float:
     """Solve with bounds as they are, then make these anew, until nothing changes; return the residual, as above."""
-    left, change, before, turn, attempt = 0.0, 0.0, inf, 0, 2
+    left, change, change_before, turn, attempt = 0.0, 0.0, inf, 0, 2
     for row in range(first + 1, first + rows, 2):
         grips = run.vectors[GRIP, row] > 0.0 and run.vectors[SCALE, row] > 0.0
         run.vectors[X, row - 1], run.vectors[X, row] = 0.0, 0.0
@@ -105,34 +105,34 @@ def follow_bounds(run: Run, first: int, rows: int) -> float:
         turn += 1
         left = solve_bounded(run, first, rows)
         change = renew_bounds(run, first, rows)
-        if not left <= ALLOWED or change <= ENOUGH or before <= change <= RESTLESS:
+        if not left <= ALLOWED or change <= ENOUGH or change_before <= change <= RESTLESS:
             break
         if turn == attempt:
             attempt *= 2
-            if settle(run, first, rows):
+            if try_contact_sets(run, first, rows):
                 break
-        before = change
-    return outside(run, first, rows)
+        change_before = change
+    return friction_residual(run, first, rows)
 
 
-@shared
+@jit_separate
 def sweep_all(run: Run, first: int, rows: int) -> float:
     """Improve forces of one link after the other; return the residual over the size of the terms."""
     attempt = 8
     for turn in range(1, MOST_SWEEPS + 1):
-        if sweep(run, first, rows, 1.0, False) <= ENOUGH:
+        if sweep_links(run, first, rows, 1.0, False) <= ENOUGH:
             break
         if turn == attempt:
             attempt = 2 * turn
             bound_all(run, first, rows)
-            if settle(run, first, rows):
+            if try_contact_sets(run, first, rows):
                 attempt = 0
             elif turn == SWEEPS_BEFORE_PIVOTS and pivots_settle(run, first, rows):
                 break
-    return outside(run, first, rows)
+    return friction_residual(run, first, rows)
 
 
-@shared
+@jit_separate
 def relax_all(run: Run, first: int, rows: int) -> float:
     """Do so by changes beyond what is to change, for impulses of steps whose own error is far larger.
 
@@ -144,8 +144,8 @@ def relax_all(run: Run, first: int, rows: int) -> float:
         stage = (turn - 1) // MOST_SWEEPS
         relaxation = RELAXATION - RELAXED_LESS * stage
         backward = stage % 2 == 1 and turn % 2 == 0
-        change = sweep(run, first, rows, relaxation, backward)
-        if change <= SETTLED and (change <= ENOUGH or outside(run, first, rows) <= 8.0 * SETTLED):
+        change = sweep_links(run, first, rows, relaxation, backward)
+        if change <= SETTLED and (change <= ENOUGH or friction_residual(run, first, rows) <= 8.0 * SETTLED):
             break
         if turn == attempt:
             attempt, last = 2 * turn, turn == SWEEPS_BEFORE_PIVOTS
@@ -153,27 +153,27 @@ def relax_all(run: Run, first: int, rows: int) -> float:
             if many:
                 if last and path_settles(run, first, rows):
                     break
-            elif settle(run, first, rows) or (last and pivots_settle(run, first, rows)):
+            elif try_contact_sets(run, first, rows) or (last and pivots_settle(run, first, rows)):
                 break
-    left = outside(run, first, rows)
-    return outside(run, first, rows) if left > PASSABLE and path_settles(run, first, rows) else left
+    left = friction_residual(run, first, rows)
+    return friction_residual(run, first, rows) if left > PASSABLE and path_settles(run, first, rows) else left
 
 
-@shared
+@jit_separate
 def path_settles(run: Run, first: int, rows: int) -> bool:
     """Solve along Lemke's path, then nearer and nearer; whether the result is a solution."""
-    n, found = order_coordinates(run, first, rows), False
+    n, has_solution = order_coordinates(run, first, rows), False
     for start in range(MOST_STARTS if n > 0 else 0):
-        for _ in range(SWEEPS_BETWEEN if start > 0 and not found else 0):
-            sweep(run, first, rows, RELAXATION, False)
-        found = found or follow_from_near(run, first, rows, n)
-    if n == 0 or not (found or follow_from_far(run, first, rows, n)):
+        for _ in range(SWEEPS_BETWEEN if start > 0 and not has_solution else 0):
+            sweep_links(run, first, rows, RELAXATION, False)
+        has_solution = has_solution or follow_from_near(run, first, rows, n)
+    if n == 0 or not (has_solution or follow_from_far(run, first, rows, n)):
         return False
-    best = outside(run, first, rows)
+    best = friction_residual(run, first, rows)
     for _ in range(MOST_NEARER):
         if best <= 8.0 * SETTLED or not come_nearer(run, first, rows, n):
             break
-        left = outside(run, first, rows)
+        left = friction_residual(run, first, rows)
         if not left < best:
             for row in range(first, first + rows):
                 run.vectors[X, row] = run.vectors[TRIED, row]
@@ -182,28 +182,28 @@ def path_settles(run: Run, first: int, rows: int) -> bool:
     return best <= PASSABLE
 
 
-@shared
+@jit_separate
 def pivots_settle(run: Run, first: int, rows: int) -> bool:
     """Solve by pivots; whether the result is a solution, perhaps after its sets are solved for again."""
     if not solve_by_pivots(run, first, rows):
         return False
-    if outside(run, first, rows) <= RESTLESS:
+    if friction_residual(run, first, rows) <= RESTLESS:
         return True
     bound_all(run, first, rows)
-    return settle(run, first, rows)
+    return try_contact_sets(run, first, rows)
 
 
-@shared
+@jit_separate
 def bound_all(run: Run, first: int, rows: int) -> None:
     """Give all friction the bounds that normal forces set."""
     for row in range(first + 1, first + rows, 2):
         bound_row(run, row)
 
 
-@shared
+@jit_separate
 def renew_bounds(run: Run, first: int, rows: int) -> float:
     """Give friction the bounds that normal forces set; return by how much a force changes, over the largest one."""
-    most = 0.0
+    largest_change = 0.0
     for row in range(first + 1, first + rows, 2):
         old = run.vectors[X, row]
         at_least, at_most = old == run.vectors[LEAST, row], old == run.vectors[MOST, row]
@@ -211,12 +211,12 @@ def renew_bounds(run: Run, first: int, rows: int) -> float:
         new = min(max(run.vectors[LEAST, row], old), run.vectors[MOST, row])
         new = run.vectors[MOST, row] if at_most else (run.vectors[LEAST, row] if at_least else new)
         run.vectors[X, row] = new
-        most = max(most, abs(new - old))
-    size = max(largest(run, X, first, rows), largest(run, RIGHT, first, rows))
-    return most / size if most > 0.0 else 0.0
+        largest_change = max(largest_change, abs(new - old))
+    size = max(largest_entry(run, X, first, rows), largest_entry(run, RIGHT, first, rows))
+    return largest_change / size if largest_change > 0.0 else 0.0
 
 
-@shared
+@jit_separate
 def bound_row(run: Run, row: int) -> None:
     """Give one friction the bounds that its normal force sets."""
     scale = run.vectors[SCALE, row]
@@ -225,30 +225,30 @@ def bound_row(run: Run, row: int) -> None:
     run.vectors[LEAST, row], run.vectors[MOST, row] = middle - far, middle + far
 
 
-@shared
-def load_of(run: Run, pressing: int, row: int, given: float) -> float:
+@jit_separate
+def load_of(run: Run, pressing: int, row: int, returned_share: float) -> float:
     """What a link presses with: a solution, if it presses, and a share of what it gives back."""
-    return max(run.vectors[pressing, row], 0.0) * run.vectors[SCALE, row] + given * run.vectors[RETURNED, row]
+    return max(run.vectors[pressing, row], 0.0) * run.vectors[SCALE, row] + returned_share * run.vectors[RETURNED, row]
 
 
-@shared
-def outside(run: Run, first: int, rows: int) -> float:
+@jit_separate
+def friction_residual(run: Run, first: int, rows: int) -> float:
     """How far the solution is from one of the whole problem, over the size of the terms; gradients are in `RESIDUE`."""
-    worst, size = 0.0, max(largest(run, X, first, rows), largest(run, RIGHT, first, rows))
-    multiply(run, X, RESIDUE, first, rows)
+    worst, size = 0.0, max(largest_entry(run, X, first, rows), largest_entry(run, RIGHT, first, rows))
+    apply_link_effects(run, X, RESIDUE, first, rows)
     for row in range(first, first + rows):
         run.vectors[RESIDUE, row] -= run.vectors[RIGHT, row]
     for row in range(first, first + rows, 2):
         bound_row(run, row + 1)
-        for own in range(row, row + 2):
-            x, slope = run.vectors[X, own], run.vectors[RESIDUE, own]
-            near = min(max(run.vectors[LEAST, own], x - slope), run.vectors[MOST, own])
+        for row_index in range(row, row + 2):
+            x, slope = run.vectors[X, row_index], run.vectors[RESIDUE, row_index]
+            near = min(max(run.vectors[LEAST, row_index], x - slope), run.vectors[MOST, row_index])
             worst = abs(x - near) if not abs(x - near) <= worst else worst
     return worst / size if worst != 0.0 else 0.0
 
 
-@shared
-def settle(run: Run, first: int, rows: int) -> bool:
+@jit_separate
+def try_contact_sets(run: Run, first: int, rows: int) -> bool:
     """Try whether links that press, and those at a bound of their friction, are the right ones; whether they are.
 
     Where they are not, what the forces found ask for is tried in its turn, a few times: Newton's method on the projections
@@ -262,7 +262,7 @@ def settle(run: Run, first: int, rows: int) -> bool:
         solve_sets(run, first, rows)
         for row in range(first, first + rows):
             run.vectors[SCALE, row], run.vectors[RIGHT, row] = run.vectors[OWN_SCALE, row], run.vectors[GIVEN, row]
-        left = outside(run, first, rows)
+        left = friction_residual(run, first, rows)
         if left <= RESTLESS:
             return True
         if turn >= FEWEST_SETS and not left < best:
@@ -276,7 +276,7 @@ def settle(run: Run, first: int, rows: int) -> bool:
     return False
 
 
-@shared
+@jit_separate
 def choose_sets(run: Run, first: int, rows: int) -> None:
     """Have the others hold: of links that do not press, and frictions at a bound, each has what a step along its gradient asks."""
     for row in range(first, first + rows, 2):
@@ -294,11 +294,11 @@ def choose_sets(run: Run, first: int, rows: int) -> None:
             run.vectors[SCALE, row + 1] = 0.0
 
 
-@shared
+@jit_separate
 def solve_closed(run: Run) -> float:
     """Find forces of closed links after which none that holds accelerates; those that slide drag as they press."""
     first, rows = closed_from(run), rows_of_closed(run)
-    if run.tallies[ROWS] == 1:
+    if run.counters[ROWS] == 1:
         return solve_equations(run, first, rows)
     for row in range(first, first + rows):
         run.vectors[GIVEN, row], run.vectors[RATIO, row] = run.vectors[RIGHT, row], run.vectors[DRAG, row]
@@ -307,7 +307,7 @@ def solve_closed(run: Run) -> float:
     return solve_sets(run, first, rows)
 
 
-@shared
+@jit_separate
 def solve_sets(run: Run, first: int, rows: int) -> float:
     """Find forces of links that press, and of rows that hold, where others drag as their links press.
 
@@ -327,7 +327,7 @@ def solve_sets(run: Run, first: int, rows: int) -> float:
     return left
 
 
-@shared
+@jit_separate
 def solve_in_turn(run: Run, first: int, rows: int) -> float:
     """Solve for forces with drags as they are supposed to be, then for drags, until both agree.
 
@@ -336,57 +336,59 @@ def solve_in_turn(run: Run, first: int, rows: int) -> float:
     """
     for row in range(first, first + rows):
         run.vectors[LOAD, row] = 0.0
-    left, share, best = press_along(run, LOAD, 1.0, first, rows), amiss(run, first, rows), inf
+    left, share, best = press_along(run, LOAD, 1.0, first, rows), drag_residual(run, first, rows), inf
     while share > ENOUGH and share < 0.9 * best and left <= ALLOWED:
         best = share
-        improve(run, ENOUGH * largest(run, X, first, rows), first, rows)
+        reduce_drag_residual(run, ENOUGH * largest_entry(run, X, first, rows), first, rows)
         left = press_along(run, LOAD, 1.0, first, rows)
-        share = amiss(run, first, rows)
+        share = drag_residual(run, first, rows)
     return max(left, share)
 
 
-@shared
-def press_along(run: Run, pressing: int, given: float, first: int, rows: int) -> float:
+@jit_separate
+def press_along(run: Run, pressing: int, given_share: float, first: int, rows: int) -> float:
     """Solve for forces where links press with those of a vector as they drag, and a share of what is given."""
-    clear(run, first, rows)
+    clear_responses(run, first, rows)
     for row in range(first + 1, first + rows, 2):
         if run.vectors[RATIO, row] != 0.0:
             load = run.vectors[pressing, row - 1] * run.vectors[SCALE, row - 1]
-            drag = run.vectors[RATIO, row] * (load + given * run.vectors[RETURNED, row - 1])
+            drag = run.vectors[RATIO, row] * (load + given_share * run.vectors[RETURNED, row - 1])
             respond(run, row, drag)
     for row in range(first, first + rows):
         scale = run.vectors[SCALE, row]
         run.vectors[RIGHT, row] = (
-            given * run.vectors[GIVEN, row] - response_along(run, row) * scale if scale > 0.0 else 0.0
+            given_share * run.vectors[GIVEN, row] - response_along(run, row) * scale if scale > 0.0 else 0.0
         )
     return solve_equations(run, first, rows)
 
 
-@shared
-def amiss(run: Run, first: int, rows: int) -> float:
+@jit_separate
+def drag_residual(run: Run, first: int, rows: int) -> float:
     """By how much links that drag press otherwise than was supposed, over the largest force; each is in `AMISS`."""
-    most = 0.0
+    largest_residual = 0.0
     for row in range(first, first + rows, 2):
         drags = run.vectors[RATIO, row + 1] != 0.0
         run.vectors[AMISS, row] = run.vectors[X, row] - run.vectors[LOAD, row] if drags else 0.0
         run.vectors[AMISS, row + 1] = 0.0
-        most = abs(run.vectors[AMISS, row]) if not abs(run.vectors[AMISS, row]) <= most else most
-    return most / largest(run, X, first, rows) if most > 0.0 else 0.0
+        largest_residual = (
+            abs(run.vectors[AMISS, row]) if not abs(run.vectors[AMISS, row]) <= largest_residual else largest_residual
+        )
+    return largest_residual / largest_entry(run, X, first, rows) if largest_residual > 0.0 else 0.0
 
 
-@shared
-def improve(run: Run, enough: float, first: int, rows: int) -> None:
+@jit_separate
+def reduce_drag_residual(run: Run, enough: float, first: int, rows: int) -> None:
     """Change what links that drag press with until forces agree, or all directions are used up."""
     for k in range(run.paths.shape[0] // 2):
-        if largest(run, AMISS, first, rows) <= enough / 4.0:
+        if largest_entry(run, AMISS, first, rows) <= enough / 4.0:
             return
         for row in range(first, first + rows):
             run.vectors[TRIED_WAY, row] = run.vectors[AMISS, row]
         press_along(run, TRIED_WAY, 0.0, first, rows)
         for row in range(first, first + rows):
-            own = run.vectors[TRIED_WAY, row]
+            direction = run.vectors[TRIED_WAY, row]
             drags = (row - first) % 2 == 0 and run.vectors[RATIO, row + 1] != 0.0
-            run.paths[2 * k, row] = own
-            run.paths[2 * k + 1, row] = own - run.vectors[X, row] if drags else 0.0
+            run.paths[2 * k, row] = direction
+            run.paths[2 * k + 1, row] = direction - run.vectors[X, row] if drags else 0.0
         if not follow_path(run, k, first, rows):
             return

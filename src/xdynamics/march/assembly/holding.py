@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.assembly.broad_phase import ASTRAY, FASTEST, READY, ROWS, STRAIN
 from xdynamics.march.assembly.closed_links import (
@@ -27,27 +27,27 @@ from xdynamics.march.assembly.closed_links import (
     X,
     add_answers,
     closed_from,
+    closed_link_row,
     grip_at,
     list_ends,
     look_at_closed,
-    row_of,
     rows_of_closed,
 )
 from xdynamics.march.assembly.friction import solve_closed
 from xdynamics.march.assembly.links import NOISE
 from xdynamics.march.assembly.margins import SINCE
 from xdynamics.march.assembly.normal_forces import solve_equations
-from xdynamics.march.assembly.patterns import set_out
+from xdynamics.march.assembly.patterns import prepare_patterns
 from xdynamics.march.assembly.sharing import share_forces
 from xdynamics.march.calls import floats_at, run_at
-from xdynamics.march.force_evaluation import evaluate, finite_state
+from xdynamics.march.force_evaluation import evaluate_forces, finite_state
 from xdynamics.march.run import Run
 
 State = NDArray[Any]
 MOST_CORRECTIONS = 10  # Newton steps to gaps of zero
 
 
-def press(address: Any, t: float, z: Any) -> None:
+def add_closed_link_forces(address: Any, t: float, z: Any) -> None:
     """Add to accelerations what the forces of closed links change; an entry of the engine, called by laws.
 
     Parameters
@@ -63,92 +63,92 @@ def press(address: Any, t: float, z: Any) -> None:
         press_closed(run, t, floats_at(z))
 
 
-@shared
+@jit_separate
 def press_closed(run: Run, t: float, state: State) -> None:
     """Find forces of closed links after which no gap accelerates, and add what they do to a state's accelerations."""
-    if run.tallies[READY] == 0:
-        set_out(run)
+    if run.counters[READY] == 0:
+        prepare_patterns(run)
     look_at_closed(run, t, state)
     left = solve_closed(run)
     run.spans[STRAIN] = left if not left <= run.spans[STRAIN] else run.spans[STRAIN]
     for a in range(run.closed[0]):
-        row = row_of(run, a)
+        row = closed_link_row(run, a)
         run.loads[a] = run.vectors[X, row] * run.vectors[SCALE, row]
         run.remains[a] = -run.vectors[RESIDUE, row] / run.vectors[SCALE, row]
         run.pulls[a] = run.vectors[X, row + 1] * run.vectors[SCALE, row + 1] if grip_at(run, a) != FRICTIONLESS else 0.0
     add_answers(run, state, run.plan[0].used)
-    if run.tallies[ROWS] == 2:
+    if run.counters[ROWS] == 2:
         share_forces(run)
 
 
-@shared
-def hold(run: Run, t: float) -> None:
+@jit_separate
+def put_on_closed_links(run: Run, t: float) -> None:
     """Put the trial's state back on its closed links, if there are any, and evaluate the forces there."""
     run.spans[STRAIN], run.spans[ASTRAY] = 0.0, 0.0
     if run.closed[0] == 0 or not finite_state(run):
         return
-    project(run, t)
-    evaluate(run, t, run.z)
+    project_on_links(run, t)
+    evaluate_forces(run, t, run.z)
     run.at[UNSOUND] = 0.0 if finite_state(run) else nan
 
 
-@shared
-def project(run: Run, t: float) -> None:
+@jit_separate
+def project_on_links(run: Run, t: float) -> None:
     """Close the gaps of closed links in the trial's state, as far as rounding goes, then remove their rates."""
-    first, count, before = closed_from(run), rows_of_closed(run), inf
+    first, count, worst_before = closed_from(run), rows_of_closed(run), inf
     for _ in range(MOST_CORRECTIONS):
         look_at_closed(run, t, run.z)
         worst = 0.0
         for a in range(run.closed[0]):
-            row = row_of(run, a)
+            row = closed_link_row(run, a)
             worst = max(worst, abs(run.vectors[GAPS, row]))
             run.vectors[RIGHT, row] = -run.vectors[GAPS, row] * run.vectors[SCALE, row]
-            if run.tallies[ROWS] == 2:
+            if run.counters[ROWS] == 2:
                 run.vectors[RIGHT, row + 1], run.vectors[SCALE, row + 1] = 0.0, 0.0
-        if worst == 0.0 or not worst < before / 2.0:
+        if worst == 0.0 or not worst < worst_before / 2.0:
             break
-        before = worst
+        worst_before = worst
         solve_equations(run, first, count)
         add_answers(run, run.z, 0)
     for a in range(run.closed[0]):
-        row = row_of(run, a)
-        far = 8.0 * run.vectors[STEEP, row] * run.spans[FASTEST] * width(run)
+        row = closed_link_row(run, a)
+        far = 8.0 * run.vectors[STEEP, row] * run.spans[FASTEST] * event_time_width(run)
         # at rest in the origin every term of a gap is zero, but not what rounding leaves of accelerations
         far += NOISE * abs(run.loads[a]) / run.vectors[SCALE, row] ** 2 * run.trial[0].h * run.trial[0].h
         astray = abs(run.vectors[GAPS, row]) - (16.0 * NOISE * run.vectors[ROUGHLY, row] + far)
         run.spans[ASTRAY] = astray if not astray <= run.spans[ASTRAY] else run.spans[ASTRAY]
-    stop(run)
+    remove_closed_rates(run)
 
 
-@shared
+@jit_separate
 def release_moved(run: Run, t: float) -> None:
     """Let go of closed links whose gaps, or rates, are not zero in the trial's state, where an event has set it.
 
     Those that stuck and now slip slide.
     """
-    kept, run.margins[SINCE, 0] = 0, -inf  # forces at the start of a step are other ones
+    kept_count, run.release_functions[SINCE, 0] = 0, -inf  # forces at the start of a step are other ones
     for row in range(run.shares.shape[0]):
         run.shares[row] = 0.0
     look_at_closed(run, t, run.z)
     for a in range(run.closed[0]):
-        row, grip = row_of(run, a), grip_at(run, a)
+        row, grip = closed_link_row(run, a), grip_at(run, a)
         speed = NOISE * run.vectors[STEEP, row] * run.greatest[0]
-        far = 16.0 * NOISE * run.vectors[ROUGHLY, row] + 8.0 * speed / NOISE * width(run)
+        far = 16.0 * NOISE * run.vectors[ROUGHLY, row] + 8.0 * speed / NOISE * event_time_width(run)
         if grip != FRICTIONLESS:
             slip = run.vectors[RATES, row + 1]
             slips = abs(slip) > NOISE * run.vectors[STEEP, row + 1] * run.greatest[0]
             grip = (SLIDES_ON if slip > 0.0 else SLIDES_BACK) if slips else grip
         if abs(run.vectors[RATES, row]) <= speed and abs(run.vectors[GAPS, row]) <= far:
-            if run.tallies[ROWS] == 2:
-                run.grips[kept] = grip
-            kept += 1
-            run.closed[kept] = run.closed[1 + a]
-    run.closed[0] = kept
+            if run.counters[ROWS] == 2:
+                run.grips[kept_count] = grip
+            kept_count += 1
+            run.closed[kept_count] = run.closed[1 + a]
+    run.closed[0] = kept_count
     list_ends(run)
 
 
-@shared
-def width(run: Run) -> float:
+@jit_separate
+def event_time_width(run: Run) -> float:
     """The time within which events of links are located."""
     widest = 2.0 * EPS * abs(run.now[0].t + run.trial[0].h)
     for c in range(run.assemblies.shape[0]):
@@ -156,14 +156,14 @@ def width(run: Run) -> float:
     return widest
 
 
-@shared
-def stop(run: Run) -> None:
+@jit_separate
+def remove_closed_rates(run: Run) -> None:
     """Remove the rates of closed links, and slips of those that stick, all looked at, from the trial's state."""
     first, count = closed_from(run), rows_of_closed(run)
     for a in range(run.closed[0]):
-        row = row_of(run, a)
+        row = closed_link_row(run, a)
         run.vectors[RIGHT, row] = -run.vectors[RATES, row] * run.vectors[SCALE, row]
-        if run.tallies[ROWS] == 2:
+        if run.counters[ROWS] == 2:
             run.vectors[SCALE, row + 1] = run.vectors[OWN_SCALE, row + 1] if run.grips[a] == STICKS else 0.0
             run.vectors[RIGHT, row + 1] = -run.vectors[RATES, row + 1] * run.vectors[SCALE, row + 1]
     solve_equations(run, first, count)

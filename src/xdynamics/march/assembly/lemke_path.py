@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from math import inf
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.banded_factors import MOST_CHANGES
 from xdynamics.march.assembly.closed_links import (
     FORCE,
@@ -32,16 +32,16 @@ from xdynamics.march.assembly.cone_pieces import (
     OPENS,
     SLIDES_BACK,
     SLIDES_FORTH,
-    beyond,
-    ends_of,
+    count_piece_ends,
     follow_pieces,
+    piece_beyond_end,
     pose_pieces,
     ratio_of,
-    room_of,
-    side_of,
+    room_to_piece_end,
+    slip_sign,
     take_up,
 )
-from xdynamics.march.assembly.normal_forces import largest, multiply
+from xdynamics.march.assembly.normal_forces import apply_link_effects, largest_entry
 from xdynamics.march.run import Run
 
 # crossings at most, over the number of rows: from impulses that are there, and from none
@@ -51,73 +51,73 @@ FLOOR = 1e-9  # of the largest rate: the least room of a link in its piece at th
 UNEVEN = 0.6180339887498949  # by which rooms differ, so that no two links cross at once
 
 
-@shared
+@jit_separate
 def follow_from_near(run: Run, first: int, rows: int, n: int) -> bool:
     """Find impulses from those that are there; whether that was done, else these stay."""
     begin_near(run, first, rows)
     return take_end_of_path(run, first, rows, n, 1.0, int(FROM_NEAR * rows), ASTRAY)
 
 
-@shared
+@jit_separate
 def follow_from_far(run: Run, first: int, rows: int, n: int) -> bool:
     """Find impulses from none; whether that was done, else those stay that are there."""
     start = begin_far(run, first, rows)
     return take_end_of_path(run, first, rows, n, start, int(FROM_FAR * rows), inf)
 
 
-@shared
+@jit_separate
 def come_nearer(run: Run, first: int, rows: int, n: int) -> bool:
     """Find impulses anew that are nearly those that were found, by which links give way less; whether that was done."""
     for row in range(first, first + rows):
         run.vectors[TRIED, row] = run.vectors[X, row]
-        before = run.vectors[FREE, row]
+        free_before = run.vectors[FREE, row]
         run.vectors[FREE, row] = -run.vectors[RIGHT, row] - GIVES * run.vectors[X, row]
-        run.vectors[TOWARD, row] = before - run.vectors[FREE, row]
+        run.vectors[TOWARD, row] = free_before - run.vectors[FREE, row]
     return take_end_of_path(run, first, rows, n, 1.0, rows, ASTRAY)
 
 
-@shared
-def take_end_of_path(run: Run, first: int, rows: int, n: int, t: float, most: int, astray: float) -> bool:
+@jit_separate
+def take_end_of_path(run: Run, first: int, rows: int, n: int, t: float, max_crossings: int, astray: float) -> bool:
     """Take the impulses to which a path leads; whether it leads to any."""
-    if not follow_crossings(run, first, rows, n, t, most, astray):
+    if not follow_crossings(run, first, rows, n, t, max_crossings, astray):
         return False
     for row in range(first, first + rows):
         run.vectors[X, row] = run.vectors[FORCE, row]
     return True
 
 
-@shared
+@jit_separate
 def begin_far(run: Run, first: int, rows: int) -> float:
     """Let all links open, by rates that differ a little; return the t from which on they do."""
     start, share = 0.0, 0.0
     for row in range(first, first + rows, 2):
         share += UNEVEN - (1.0 if share + UNEVEN >= 1.0 else 0.0)
         run.vectors[PIECE, row] = OPENS
-        for own in range(row, row + 2):
-            run.vectors[FREE, own], run.vectors[TOWARD, own] = -run.vectors[RIGHT, own], 0.0
+        for row_index in range(row, row + 2):
+            run.vectors[FREE, row_index], run.vectors[TOWARD, row_index] = -run.vectors[RIGHT, row_index], 0.0
         run.vectors[TOWARD, row] = 1.0 + share / 2.0
         start = max(start, -run.vectors[FREE, row] / run.vectors[TOWARD, row])
     return 1.1 * start
 
 
-@shared
+@jit_separate
 def begin_near(run: Run, first: int, rows: int) -> None:
     """Let each link do what a step of its impulses against its rates asks, and give it the rates by which it does."""
-    multiply(run, X, RATE, first, rows)
+    apply_link_effects(run, X, RATE, first, rows)
     for row in range(first, first + rows):
         run.vectors[RATE, row] -= run.vectors[RIGHT, row]
         run.vectors[FREE, row], run.vectors[FORCE, row] = -run.vectors[RIGHT, row], run.vectors[X, row]
-    least, share = FLOOR * largest(run, RIGHT, first, rows), 0.0
+    smallest_room, share = FLOOR * largest_entry(run, RIGHT, first, rows), 0.0
     for row in range(first, first + rows, 2):
         share += UNEVEN - (1.0 if share + UNEVEN >= 1.0 else 0.0)
-        place_within(run, row, least * (1.0 + share))
-    multiply(run, FORCE, TOWARD, first, rows)
+        place_within(run, row, smallest_room * (1.0 + share))
+    apply_link_effects(run, FORCE, TOWARD, first, rows)
     for row in range(first, first + rows):
-        own = run.vectors[TOWARD, row] - run.vectors[RIGHT, row] + GIVES * run.vectors[FORCE, row]
-        run.vectors[TOWARD, row] = run.vectors[RATE, row] - own if run.vectors[SCALE, row] > 0.0 else 0.0
+        toward = run.vectors[TOWARD, row] - run.vectors[RIGHT, row] + GIVES * run.vectors[FORCE, row]
+        run.vectors[TOWARD, row] = run.vectors[RATE, row] - toward if run.vectors[SCALE, row] > 0.0 else 0.0
 
 
-@shared
+@jit_separate
 def place_within(run: Run, row: int, room: float) -> None:
     """Choose the piece of a link, and change its impulses and rates as little as that needs, but for some room."""
     ratio, press, pull = ratio_of(run, row), run.vectors[X, row], run.vectors[X, row + 1]
@@ -130,55 +130,57 @@ def place_within(run: Run, row: int, room: float) -> None:
     press = max(press, room)
     run.vectors[FORCE, row], run.vectors[RATE, row] = press, 0.0
     if abs(drag) < ratio * load:
-        most = ratio * press * (1.0 - FLOOR)
+        friction_limit = ratio * press * (1.0 - FLOOR)
         run.vectors[PIECE, row] = HOLDS
-        run.vectors[FORCE, row + 1], run.vectors[RATE, row + 1] = min(max(-most, pull), most), 0.0
+        run.vectors[FORCE, row + 1], run.vectors[RATE, row + 1] = min(max(-friction_limit, pull), friction_limit), 0.0
     else:
         run.vectors[PIECE, row] = SLIDES_BACK if drag > 0.0 and ratio > 0.0 else SLIDES_FORTH
-        side = side_of(run, row)
+        side = slip_sign(run, row)
         run.vectors[FORCE, row + 1] = -side * ratio * press
         if ratio > 0.0:
             run.vectors[RATE, row + 1] = side * max(side * run.vectors[RATE, row + 1], room)
 
 
-@shared
-def follow_crossings(run: Run, first: int, rows: int, n: int, t: float, most: int, astray: float) -> bool:
+@jit_separate
+def follow_crossings(run: Run, first: int, rows: int, n: int, t: float, max_crossings: int, astray: float) -> bool:
     """Follow the path from a t on to zero; whether it leads there. `FORCE` has its impulses."""
-    way, changes, at, at_end = -1.0, MOST_CHANGES, -1, 0
-    for _ in range(most):
+    t_direction, changes, crossed_row, crossed_end = -1.0, MOST_CHANGES, -1, 0
+    for _ in range(max_crossings):
         if changes >= MOST_CHANGES:
             pose_pieces(run, first, rows, n)
             changes = 0
         follow_pieces(run, first, rows, n, changes, FREE, FORCE, RATE)
         follow_pieces(run, first, rows, n, changes, TOWARD, FORCE_SLOPE, RATE_SLOPE)
-        if at >= 0:  # on, away from the end that was crossed
-            way = 1.0 if room_of(run, at, at_end, FORCE_SLOPE, RATE_SLOPE) > 0.0 else -1.0
-        row, end, length = next_crossing(run, first, rows, t, way, at, at_end)
-        if way < 0.0 and length >= t and changes == 0:
+        if crossed_row >= 0:  # on, away from the end that was crossed
+            t_direction = (
+                1.0 if room_to_piece_end(run, crossed_row, crossed_end, FORCE_SLOPE, RATE_SLOPE) > 0.0 else -1.0
+            )
+        row, end, length = next_crossing(run, first, rows, t, t_direction, crossed_row, crossed_end)
+        if t_direction < 0.0 and length >= t and changes == 0:
             return True
-        if way < 0.0 and length >= t:  # of factors as they are, which have more digits
+        if t_direction < 0.0 and length >= t:  # of factors as they are, which have more digits
             changes = MOST_CHANGES
             continue
         if not length < inf or t > astray:
             return False
-        t += way * length
+        t += t_direction * length
         slip = run.vectors[RATE, row + 1] + t * run.vectors[RATE_SLOPE, row + 1]
-        piece, at_end = beyond(run, row, end, slip)
-        at, changes = row, take_up(run, row, n, changes, piece)
+        piece, crossed_end = piece_beyond_end(run, row, end, slip)
+        crossed_row, changes = row, take_up(run, row, n, changes, piece)
     return False
 
 
-@shared
+@jit_separate
 def next_crossing(
-    run: Run, first: int, rows: int, t: float, way: float, at: int, at_end: int
+    run: Run, first: int, rows: int, t: float, t_direction: float, crossed_row: int, crossed_end: int
 ) -> tuple[int, int, float]:
     """The link that comes to an end of its piece first, on one way of t, which end, and how far that is."""
-    found, found_end, least = -1, 0, inf
+    nearest_row, nearest_end, shortest = -1, 0, inf
     for row in range(first, first + rows, 2):
-        for end in range(ends_of(run, row)):
-            slope = room_of(run, row, end, FORCE_SLOPE, RATE_SLOPE)
-            if slope * way < 0.0 and not (row == at and end == at_end):
-                length = max(0.0, (-room_of(run, row, end, FORCE, RATE) / slope - t) * way)
-                if length < least:
-                    found, found_end, least = row, end, length
-    return found, found_end, least
+        for end in range(count_piece_ends(run, row)):
+            slope = room_to_piece_end(run, row, end, FORCE_SLOPE, RATE_SLOPE)
+            if slope * t_direction < 0.0 and not (row == crossed_row and end == crossed_end):
+                length = max(0.0, (-room_to_piece_end(run, row, end, FORCE, RATE) / slope - t) * t_direction)
+                if length < shortest:
+                    nearest_row, nearest_end, shortest = row, end, length
+    return nearest_row, nearest_end, shortest

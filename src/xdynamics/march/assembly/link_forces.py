@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from math import sqrt
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.broad_phase import ROWS, STRAIN, STRAINED, TOGETHER, blame
 from xdynamics.march.assembly.closed_links import DRAG, GRIP, RETURNED, RIGHT, SCALE, X
 from xdynamics.march.assembly.friction import solve_links
 from xdynamics.march.assembly.impact import pose_slip
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
-from xdynamics.march.assembly.low_motions import resolution, slip_falling
+from xdynamics.march.assembly.low_motions import link_resolution, slip_falling
 from xdynamics.march.assembly.normal_forces import ALLOWED
-from xdynamics.march.assembly.responses import clear, respond
+from xdynamics.march.assembly.responses import clear_responses, respond
 from xdynamics.march.assembly.touching import (
     ACTS,
     AFTER,
@@ -35,10 +35,10 @@ from xdynamics.march.assembly.touching import (
 from xdynamics.march.run import Run
 
 
-@shared
+@jit_separate
 def solve_forces(run: Run) -> bool:
     """Find the forces of links that do not part, and the acceleration of every gap with them."""
-    count, rows = run.tallies[TOGETHER], int(run.tallies[ROWS])
+    count, rows = run.counters[TOGETHER], int(run.counters[ROWS])
     for a in range(count):
         acts, row = run.touching[a, ACTS] == 1.0, rows * a
         run.vectors[SCALE, row] = 1.0 / sqrt(run.touching[a, OWN]) if acts else 0.0
@@ -60,13 +60,13 @@ def solve_forces(run: Run) -> bool:
     return True
 
 
-@shared
+@jit_separate
 def pose_grip(run: Run, a: int, acts: bool) -> None:
     """Write down whether a link grips, and within which bounds, or slides already, or since its grip has just broken."""
     row = 2 * a + 1
     pose_slip(run, a, acts, acceleration_along(run, row, run.touching[a, SLIP_BIAS]))
     if run.touching[a, RUBS] == 1.0:
-        slip, fast = slip_of(run, a), run.touching[a, SLIP_SLACK] + slip_falling(run, a) * resolution(run, a)
+        slip, fast = slip_of(run, a), run.touching[a, SLIP_SLACK] + slip_falling(run, a) * link_resolution(run, a)
         if abs(slip) > fast and run.touching[a, HALTED] == 0.0:
             run.vectors[DRAG, row] = -run.touching[a, KINETIC] if slip > 0.0 else run.touching[a, KINETIC]
         elif run.touching[a, BROKEN] != 0.0:
@@ -75,11 +75,11 @@ def pose_grip(run: Run, a: int, acts: bool) -> None:
             run.vectors[GRIP, row] = run.touching[a, STATIC]
 
 
-@shared
+@jit_separate
 def note_accelerations(run: Run) -> None:
     """Note the acceleration of every gap that touches, with the forces just found."""
-    count, rows = run.tallies[TOGETHER], int(run.tallies[ROWS])
-    clear(run, 0, rows * count)
+    count, rows = run.counters[TOGETHER], int(run.counters[ROWS])
+    clear_responses(run, 0, rows * count)
     for a in range(count):
         respond(run, rows * a, run.touching[a, FORCE])
         if rows == 2:
@@ -90,10 +90,10 @@ def note_accelerations(run: Run) -> None:
             run.touching[a, SLIP_AFTER] = pressed_along(run, 2 * a + 1, run.touching[a, SLIP_BIAS])
 
 
-@shared
+@jit_separate
 def pressed_along(run: Run, row: int, bias: float) -> float:
     """The acceleration along a row with what forces of links add."""
     total = acceleration_along(run, row, bias)
-    for i in range(run.reads.shape[1]):
-        total += run.normals[row, i] * run.swing[run.reads[row, i]]
+    for i in range(run.coordinate_indices.shape[1]):
+        total += run.normals[row, i] * run.swing[run.coordinate_indices[row, i]]
     return total

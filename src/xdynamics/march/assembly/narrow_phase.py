@@ -13,14 +13,14 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS, SMOOTH
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import T
 from xdynamics.march.assembly.broad_phase import CLOSE, COUNT, FASTEST, LEFT, ROWS, WHOLE_STEP
 from xdynamics.march.assembly.closed_links import (
     SCALE,
     closed_index,
-    row_of,
+    closed_link_row,
 )
 from xdynamics.march.assembly.links import (
     ASSEMBLY,
@@ -28,17 +28,17 @@ from xdynamics.march.assembly.links import (
     NEAR,
     NOISE,
     enclose_motion,
+    evaluate_candidate,
     gap_at,
     pattern_at,
     rate_at,
-    touch,
 )
 from xdynamics.march.assembly.margins import FIRST, least_margin, note_margins
-from xdynamics.march.calls import called
-from xdynamics.march.events.zero_tests import clears
+from xdynamics.march.calls import call_law
+from xdynamics.march.events.zero_tests import cannot_reach_zero
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import Run
-from xdynamics.march.trial_step import copy, keep, substep, take
+from xdynamics.march.trial_step import copy_numbers, restore_trial, store_trial, substep
 
 State = NDArray[Any]
 FREE, MEETS, OPEN = range(3)  # what is known of a link on a piece
@@ -46,100 +46,103 @@ MOST_TURNS = 200
 INSIDE = 0.4  # of the time tolerance: how far beyond an estimated root the other side of it is looked for
 
 
-@shared
+@jit_separate
 def find_first(run: Run) -> bool:
     """Shorten the trial to end just after links first meet; whether any do."""
     piece, trial = run.piece[0], run.trial[0]
-    piece.part, run.tallies[CLOSE] = 0, 0
-    run.spans[FASTEST], run.spans[WHOLE_STEP] = max(fastest(run), run.greatest[0], held_back(run)), trial.h
-    for k in range(run.tallies[COUNT]):
+    piece.part, run.counters[CLOSE] = 0, 0
+    run.spans[FASTEST], run.spans[WHOLE_STEP] = (
+        max(fastest_velocity(run), run.greatest[0], velocity_held_back(run)),
+        trial.h,
+    )
+    for k in range(run.counters[COUNT]):
         is_near = run.candidates[k, NEAR] == 1
         if not is_near or closed_index(run, run.candidates[k, ASSEMBLY], run.candidates[k, LINK]) >= 0:
             continue
         pattern = pattern_at(run.patterns[2 * run.candidates[k, ASSEMBLY]])
         enclose_motion(run, pattern, run.y, run.z, k, False)
-        place = pattern.detectors[0].value
-        if pattern.under[place] > 0.0 and pattern.flaws[place] == SMOOTH:
+        value_index = pattern.detectors[0].value
+        if pattern.under[value_index] > 0.0 and pattern.flaws[value_index] == SMOOTH:
             continue
-        run.close[run.tallies[CLOSE]] = k
-        run.tallies[CLOSE] += 1
-    if run.tallies[CLOSE] == 0:
+        run.close[run.counters[CLOSE]] = k
+        run.counters[CLOSE] += 1
+    if run.counters[CLOSE] == 0:
         return False
-    keep(run)
-    start, last, budget, found = 0.0, 0, MOST_SUBSTEPS, False
-    push(run, 0, trial.h)
-    copy(run.y, run.near)
-    while last >= 0 and not found:
+    store_trial(run)
+    start, last, budget, any_meets = 0.0, 0, MOST_SUBSTEPS, False
+    push_piece(run, 0, trial.h)
+    copy_numbers(run.y, run.near)
+    while last >= 0 and not any_meets:
         end = run.branches[last, 0]
         for i in range(run.far.shape[0]):
             run.far[i] = run.branches[last, 1 + i]
         finest = budget <= 0 or last + 1 >= run.branches.shape[0]
-        verdict = weigh(run, start, end, finest)
+        verdict = classify_links(run, start, end, finest)
         if verdict == OPEN:
             middle = (start + end) / 2.0
             substep(run, middle)
             last, budget = last + 1, budget - 1
-            push(run, last, middle)
+            push_piece(run, last, middle)
         elif verdict == MEETS:
             close_in(run, start, end, True)
-            found = True
+            any_meets = True
         else:
             last, start = last - 1, end
-            copy(run.far, run.near)
-    if not found:
-        take(run)
+            copy_numbers(run.far, run.near)
+    if not any_meets:
+        restore_trial(run)
         run.piece[0].cut = int(run.piece[0].substeps > 0)
-    return found
+    return any_meets
 
 
-@shared
-def fastest(run: Run) -> float:
+@jit_separate
+def fastest_velocity(run: Run) -> float:
     """The largest velocity at either end of the trial."""
-    n, most = run.plan[0].coordinates, 0.0
+    n, largest = run.plan[0].coordinates, 0.0
     for i in range(n, 2 * n):
-        most = max(most, abs(run.y[i]), abs(run.z[i]))
-    return most
+        largest = max(largest, abs(run.y[i]), abs(run.z[i]))
+    return largest
 
 
-@shared
+@jit_separate
 def remember_fastest(run: Run) -> None:
     """Keep the largest velocity of the march; what rounding leaves of a rate is a share of it, and of what forces give."""
-    run.greatest[0] = max(run.greatest[0], run.spans[FASTEST], held_back(run))
+    run.greatest[0] = max(run.greatest[0], run.spans[FASTEST], velocity_held_back(run))
 
 
-@shared
-def held_back(run: Run) -> float:
+@jit_separate
+def velocity_held_back(run: Run) -> float:
     """The largest velocity that the forces of closed links keep from bodies in the trial."""
-    most = 0.0
+    largest = 0.0
     for a in range(run.closed[0]):
-        most = max(most, abs(run.loads[a]) / run.vectors[SCALE, row_of(run, a)] ** 2)
-    return most * run.trial[0].h
+        largest = max(largest, abs(run.loads[a]) / run.vectors[SCALE, closed_link_row(run, a)] ** 2)
+    return largest * run.trial[0].h
 
 
-@shared
-def push(run: Run, k: int, s: float) -> None:
+@jit_separate
+def push_piece(run: Run, k: int, s: float) -> None:
     """Keep the trial's state until the piece before it is done."""
     run.branches[k, 0] = s
     for i in range(run.z.shape[0]):
         run.branches[k, 1 + i] = run.z[i]
 
 
-@shared
-def weigh(run: Run, start: float, end: float, finest: bool) -> int:
+@jit_separate
+def classify_links(run: Run, start: float, end: float, finest: bool) -> int:
     """What is known of the links that are close on a piece: none meets, one does, or the piece has to be cut."""
     piece, t, verdict = run.piece[0], run.now[0].t, FREE
     piece.start, piece.end, piece.width = t + start, t + end, end - start
     piece.part = int(end - start < run.spans[WHOLE_STEP])
-    for m in range(run.tallies[CLOSE]):
-        one = judge_link(run, run.close[m], start, end, finest)
-        run.meets[m] = one == MEETS
-        if one == OPEN:
+    for m in range(run.counters[CLOSE]):
+        link_verdict = judge_link(run, run.close[m], start, end, finest)
+        run.meets[m] = link_verdict == MEETS
+        if link_verdict == OPEN:
             return OPEN
-        verdict = max(verdict, one)
+        verdict = max(verdict, link_verdict)
     return verdict
 
 
-@shared
+@jit_separate
 def judge_link(run: Run, k: int, start: float, end: float, finest: bool) -> int:
     """Classify a link on a piece."""
     pattern = pattern_at(run.patterns[2 * run.candidates[k, ASSEMBLY]])
@@ -149,26 +152,26 @@ def judge_link(run: Run, k: int, start: float, end: float, finest: bool) -> int:
     down, up = pattern.under[slope], pattern.over[slope]
     if smooth and pattern.under[value] > 0.0:
         return FREE
-    slack = noise(run, run.near, run.now[0].t + start, k)
+    slack = link_rate_noise(run, run.near, run.now[0].t + start, k)
     floor = -reach_of(run, k)
-    before, after = gap_at(run, run.near, run.now[0].t + start, k), gap_at(run, run.far, run.now[0].t + end, k)
-    sinks = before > floor >= after
+    gap_before, gap_after = gap_at(run, run.near, run.now[0].t + start, k), gap_at(run, run.far, run.now[0].t + end, k)
+    sinks = gap_before > floor >= gap_after
     if smooth and down >= -slack and not sinks:
         return FREE
     if smooth and up < 0.0:
-        return FREE if after > 0.0 else MEETS
+        return FREE if gap_after > 0.0 else MEETS
     # a gap that begins below zero, by what rounding left, and stays there is no free one
-    if smooth and before > 0.0 and clears(before, after, down, up, end - start):
+    if smooth and gap_before > 0.0 and cannot_reach_zero(gap_before, gap_after, down, up, end - start):
         return FREE
-    if smooth and run.tallies[ROWS] == 2 and after > floor and is_parting(run, start, end, k, down, slack):
+    if smooth and run.counters[ROWS] == 2 and gap_after > floor and is_parting(run, start, end, k, down, slack):
         return FREE
     if finest or end - start <= resolution_of(run, k, end):
-        approaches = after <= 0.0 and rate_at(run, run.far, run.now[0].t + end, k) < -slack
+        approaches = gap_after <= 0.0 and rate_at(run, run.far, run.now[0].t + end, k) < -slack
         return MEETS if sinks or approaches else FREE
     return OPEN
 
 
-@shared
+@jit_separate
 def is_parting(run: Run, start: float, end: float, k: int, down: float, slack: float) -> bool:
     """Whether a link parts at both ends, and cannot sink farther between them than one that is located may.
 
@@ -180,20 +183,20 @@ def is_parting(run: Run, start: float, end: float, k: int, down: float, slack: f
     return rate_at(run, run.near, run.now[0].t + start, k) >= -slack <= rate_at(run, run.far, run.now[0].t + end, k)
 
 
-@shared
-def noise(run: Run, state: State, t: float, k: int) -> float:
+@jit_separate
+def link_rate_noise(run: Run, state: State, t: float, k: int) -> float:
     """How far from zero rounding may leave the rate of a link."""
     c = run.candidates[k, ASSEMBLY]
-    touch(run, state, t, k)
+    evaluate_candidate(run, state, t, k)
     pattern, size = pattern_at(run.patterns[2 * c + 1]), 0.0
     for i in range(run.assemblies[c].coordinates):
         size += abs(pattern.directions[0, i])
     return NOISE * size * run.spans[FASTEST]
 
 
-@shared
+@jit_separate
 def reach_of(run: Run, k: int) -> float:
-    """How far from zero the gap of a link that touches may be, where `touch` looked: by rounding, and by its location."""
+    """How far from zero the gap of a link that touches may be, where `evaluate_candidate` looked: by rounding, and by its location."""
     c = run.candidates[k, ASSEMBLY]
     pattern = pattern_at(run.patterns[2 * c + 1])
     steep, size = 0.0, abs(pattern.links[0].gap)
@@ -203,22 +206,22 @@ def reach_of(run: Run, k: int) -> float:
     return NOISE * size + 2.0 * steep * run.spans[FASTEST] * resolution_of(run, k, 0.0)
 
 
-@shared
+@jit_separate
 def resolution_of(run: Run, k: int, s: float) -> float:
     """The width below which a piece is not cut any further for the sake of a link."""
     t = run.now[0].t
     return max(run.assemblies[run.candidates[k, ASSEMBLY]].tolerance, 2.0 * EPS * max(abs(t), abs(t + s)))
 
 
-@shared
+@jit_separate
 def close_in(run: Run, start: float, end: float, of_gaps: bool) -> None:
     """Shorten the trial to end just after the first zero of a gap, or of a force, on a piece on which they fall."""
     low, high, s = start, end, end
     t, tolerance = run.now[0].t, finest_resolution(run, end)
     run.spans[LEFT], earlier = start, 4.0 * (end - start)
-    copy(run.far, run.z)
+    copy_numbers(run.far, run.z)
     at_low = least_at_start(run, t + start, of_gaps)
-    at_high = least(run, run.far, t + end, of_gaps)
+    at_high = least_on_piece(run, run.far, t + end, of_gaps)
     turns = 0
     while high - low > tolerance and turns < MOST_TURNS:
         turns += 1
@@ -241,7 +244,7 @@ def close_in(run: Run, start: float, end: float, of_gaps: bool) -> None:
     run.spans[LEFT] = low
 
 
-@shared
+@jit_separate
 def finest_resolution(run: Run, s: float) -> float:
     """The width to which the time of an event is located: that of the finest contact."""
     tolerance = inf
@@ -250,7 +253,7 @@ def finest_resolution(run: Run, s: float) -> float:
     return max(tolerance, 2.0 * EPS * max(abs(run.now[0].t), abs(run.now[0].t + s)))
 
 
-@shared
+@jit_separate
 def least_at_start(run: Run, t: float, of_gaps: bool) -> float:
     """The least of what falls on the piece, at its start."""
     if of_gaps:
@@ -260,8 +263,8 @@ def least_at_start(run: Run, t: float, of_gaps: bool) -> float:
     return least_margin(run)
 
 
-@shared
-def least(run: Run, state: State, t: float, of_gaps: bool) -> float:
+@jit_separate
+def least_on_piece(run: Run, state: State, t: float, of_gaps: bool) -> float:
     """The least of what falls on the piece: gaps, or forces of closed links."""
     if of_gaps:
         return least_gap(run, state, t)
@@ -269,19 +272,19 @@ def least(run: Run, state: State, t: float, of_gaps: bool) -> float:
     return least_margin(run)
 
 
-@shared
+@jit_separate
 def forces_at(run: Run, state: State, t: float) -> None:
     """Compute the forces of closed links at a state."""
-    copy(state, run.probe)
+    copy_numbers(state, run.probe)
     run.at[T] = t
-    called(run.law[FORCES], run, run.probe, run.probe, 0)
+    call_law(run.law[FORCES], run, run.probe, run.probe, 0)
 
 
-@shared
+@jit_separate
 def least_gap(run: Run, state: State, t: float) -> float:
     """The least gap of the links that meet on the piece."""
-    least = inf
-    for m in range(run.tallies[CLOSE]):
+    smallest = inf
+    for m in range(run.counters[CLOSE]):
         if run.meets[m]:
-            least = min(least, gap_at(run, state, t, run.close[m]))
-    return least
+            smallest = min(smallest, gap_at(run, state, t, run.close[m]))
+    return smallest

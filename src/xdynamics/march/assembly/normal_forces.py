@@ -13,11 +13,11 @@ from __future__ import annotations
 from math import inf
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.broad_phase import ROWS
 from xdynamics.march.assembly.closed_links import IMAGE, LEAST, MOST, RESIDUE, RIGHT, SCALE, WAY, WAY_IMAGE, X
 from xdynamics.march.assembly.direct_solution import add_solution, eliminate, is_dependent
-from xdynamics.march.assembly.responses import clear, respond, response_along
+from xdynamics.march.assembly.responses import clear_responses, respond, response_along
 from xdynamics.march.run import Run
 
 ENOUGH = 16.0 * EPS  # of the size of the terms: residual at which iterations end
@@ -28,64 +28,64 @@ MOST_AT_ONCE = 256  # equations of links with friction that elimination solves s
 MOST_TURNS = 100  # for each unknown
 
 
-@shared
-def multiply(run: Run, source: int, target: int, first: int, count: int) -> None:
+@jit_separate
+def apply_link_effects(run: Run, source: int, target: int, first: int, count: int) -> None:
     """Apply W to a vector."""
-    clear(run, first, count)
+    clear_responses(run, first, count)
     for a in range(first, first + count):
         respond(run, a, run.vectors[source, a] * run.vectors[SCALE, a])
     for a in range(first, first + count):
         run.vectors[target, a] = response_along(run, a) * run.vectors[SCALE, a]
 
 
-@shared
-def product(run: Run, one: int, other: int, first: int, count: int) -> float:
+@jit_separate
+def scalar_product(run: Run, left_vector: int, right_vector: int, first: int, count: int) -> float:
     """The scalar product of two vectors."""
     total = 0.0
     for a in range(first, first + count):
-        total += run.vectors[one, a] * run.vectors[other, a]
+        total += run.vectors[left_vector, a] * run.vectors[right_vector, a]
     return total
 
 
-@shared
-def largest(run: Run, vector: int, first: int, count: int) -> float:
+@jit_separate
+def largest_entry(run: Run, vector: int, first: int, count: int) -> float:
     """The largest absolute value in a vector; nan where one is."""
-    most = 0.0
+    maximum = 0.0
     for a in range(first, first + count):
         value = abs(run.vectors[vector, a])
-        most = value if not value <= most else most
-    return most
+        maximum = value if not value <= maximum else maximum
+    return maximum
 
 
-@shared
+@jit_separate
 def solve_equations(run: Run, first: int, count: int) -> float:
     """Solve W x = b; return the residual over the size of the terms."""
     for a in range(first, first + count):
         run.vectors[X, a] = 0.0
-    given = largest(run, RIGHT, first, count)
-    if given == 0.0:
+    right_size = largest_entry(run, RIGHT, first, count)
+    if right_size == 0.0:
         for a in range(first, first + count):
             run.vectors[RESIDUE, a] = 0.0
         return 0.0
-    n = eliminate(run, first, count, MOST_AT_ONCE, False) if run.tallies[ROWS] == 2 else 0
-    left = refine(run, n, given, first, count)
+    n = eliminate(run, first, count, MOST_AT_ONCE, False) if run.counters[ROWS] == 2 else 0
+    left = refine_solution(run, n, right_size, first, count)
     if is_dependent(run, n) and not left <= 8.0 * ENOUGH:
         for a in range(first, first + count):
             run.vectors[X, a] = 0.0
-        left = refine(run, 0, given, first, count)
+        left = refine_solution(run, 0, right_size, first, count)
     return left
 
 
-@shared
-def refine(run: Run, n: int, given: float, first: int, count: int) -> float:
+@jit_separate
+def refine_solution(run: Run, n: int, right_size: float, first: int, count: int) -> float:
     """Solve by factors of n equations, or else by iterations; return the residual over the size of the terms."""
     best = inf
     for _ in range(MOST_RESTARTS):
-        multiply(run, X, RESIDUE, first, count)
+        apply_link_effects(run, X, RESIDUE, first, count)
         for a in range(first, first + count):
             run.vectors[RESIDUE, a] = run.vectors[RIGHT, a] - run.vectors[RESIDUE, a]
-        size = max(given, largest(run, X, first, count))
-        share = largest(run, RESIDUE, first, count) / size
+        size = max(right_size, largest_entry(run, X, first, count))
+        share = largest_entry(run, RESIDUE, first, count) / size
         if share <= ENOUGH or not share < best / 2.0:
             return min(share, best)
         best = share
@@ -96,31 +96,31 @@ def refine(run: Run, n: int, given: float, first: int, count: int) -> float:
     return best
 
 
-@shared
+@jit_separate
 def reduce_residual(run: Run, enough: float, first: int, count: int) -> None:
     """Improve the solution by conjugate residuals, from the residual on."""
-    multiply(run, RESIDUE, IMAGE, first, count)
+    apply_link_effects(run, RESIDUE, IMAGE, first, count)
     for a in range(first, first + count):
         run.vectors[WAY, a], run.vectors[WAY_IMAGE, a] = run.vectors[RESIDUE, a], run.vectors[IMAGE, a]
-    energy = product(run, RESIDUE, IMAGE, first, count)
+    energy = scalar_product(run, RESIDUE, IMAGE, first, count)
     for _ in range(2 * count + LEAST_TURNS):
-        bent = product(run, WAY_IMAGE, WAY_IMAGE, first, count)
+        bent = scalar_product(run, WAY_IMAGE, WAY_IMAGE, first, count)
         if not (energy > 0.0 and bent > 0.0):
             return
         length = energy / bent
         for a in range(first, first + count):
             run.vectors[X, a] += length * run.vectors[WAY, a]
             run.vectors[RESIDUE, a] -= length * run.vectors[WAY_IMAGE, a]
-        if largest(run, RESIDUE, first, count) <= enough / 4.0:
+        if largest_entry(run, RESIDUE, first, count) <= enough / 4.0:
             return
-        multiply(run, RESIDUE, IMAGE, first, count)
-        before, energy = energy, product(run, RESIDUE, IMAGE, first, count)
+        apply_link_effects(run, RESIDUE, IMAGE, first, count)
+        energy_before, energy = energy, scalar_product(run, RESIDUE, IMAGE, first, count)
         for a in range(first, first + count):
-            run.vectors[WAY, a] = run.vectors[RESIDUE, a] + energy / before * run.vectors[WAY, a]
-            run.vectors[WAY_IMAGE, a] = run.vectors[IMAGE, a] + energy / before * run.vectors[WAY_IMAGE, a]
+            run.vectors[WAY, a] = run.vectors[RESIDUE, a] + energy / energy_before * run.vectors[WAY, a]
+            run.vectors[WAY_IMAGE, a] = run.vectors[IMAGE, a] + energy / energy_before * run.vectors[WAY_IMAGE, a]
 
 
-@shared
+@jit_separate
 def solve_unilateral(run: Run, first: int, count: int) -> float:
     """Solve 0 <= x, 0 <= W x - b, one by one not both positive; return the residual over the size of the terms.
 
@@ -132,147 +132,147 @@ def solve_unilateral(run: Run, first: int, count: int) -> float:
     return solve_bounded(run, first, count)
 
 
-@shared
+@jit_separate
 def solve_bounded(run: Run, first: int, count: int) -> float:
     """Solve W x = b where bounds do not hinder it, from an x within bounds on; return the residual, as above."""
-    given, step, restarts = largest(run, RIGHT, first, count), 1.0 / greatest_answer(run, first, count), 0
+    right_size, step, restarts = largest_entry(run, RIGHT, first, count), 1.0 / greatest_answer(run, first, count), 0
     renew_gradient(run, first, count)
     for _ in range(MOST_TURNS * (count + LEAST_TURNS)):
-        share = violation(run, first, count)
-        if share <= ENOUGH * max(given, largest(run, X, first, count)):
+        share = gradient_violation(run, first, count)
+        if share <= ENOUGH * max(right_size, largest_entry(run, X, first, count)):
             renew_gradient(run, first, count)
-            share = violation(run, first, count)
+            share = gradient_violation(run, first, count)
             restarts += 1
-            if share <= ENOUGH * max(given, largest(run, X, first, count)) or restarts > MOST_RESTARTS:
+            if share <= ENOUGH * max(right_size, largest_entry(run, X, first, count)) or restarts > MOST_RESTARTS:
                 break
         if not is_proportional(run, step, first, count):
-            release(run, first, count)
+            release_from_bounds(run, first, count)
         elif not follow_way(run, step, first, count):
             break
     renew_gradient(run, first, count)
-    share = violation(run, first, count)
-    return share / max(given, largest(run, X, first, count)) if share > 0.0 else 0.0
+    share = gradient_violation(run, first, count)
+    return share / max(right_size, largest_entry(run, X, first, count)) if share > 0.0 else 0.0
 
 
-@shared
+@jit_separate
 def greatest_answer(run: Run, first: int, count: int) -> float:
     """An upper bound of what W does to any vector: the largest sum of absolute values in a row."""
-    clear(run, first, count)
+    clear_responses(run, first, count)
     for a in range(first, first + count):
-        for i in range(run.reads.shape[1]):
-            run.swing[run.reads[a, i]] += abs(run.replies[a, i]) * run.vectors[SCALE, a]
-    most = 1.0
+        for i in range(run.coordinate_indices.shape[1]):
+            run.swing[run.coordinate_indices[a, i]] += abs(run.unit_responses[a, i]) * run.vectors[SCALE, a]
+    maximum = 1.0
     for a in range(first, first + count):
         total = 0.0
-        for i in range(run.reads.shape[1]):
-            total += abs(run.normals[a, i]) * run.swing[run.reads[a, i]]
-        most = max(most, total * run.vectors[SCALE, a])
-    return most
+        for i in range(run.coordinate_indices.shape[1]):
+            total += abs(run.normals[a, i]) * run.swing[run.coordinate_indices[a, i]]
+        maximum = max(maximum, total * run.vectors[SCALE, a])
+    return maximum
 
 
-@shared
-def freely(run: Run, a: int) -> float:
+@jit_separate
+def free_gradient(run: Run, a: int) -> float:
     """The gradient along an unknown that is not at its bound."""
     return run.vectors[RESIDUE, a] if run.vectors[LEAST, a] < run.vectors[X, a] < run.vectors[MOST, a] else 0.0
 
 
-@shared
-def chopped(run: Run, a: int) -> float:
+@jit_separate
+def bound_gradient(run: Run, a: int) -> float:
     """The gradient along an unknown that is at its bound, if it is to leave it."""
-    least, most = run.vectors[LEAST, a], run.vectors[MOST, a]
-    if least == most:
+    lower_bound, upper_bound = run.vectors[LEAST, a], run.vectors[MOST, a]
+    if lower_bound == upper_bound:
         return 0.0
-    if run.vectors[X, a] == least:
+    if run.vectors[X, a] == lower_bound:
         return min(run.vectors[RESIDUE, a], 0.0)
-    return max(run.vectors[RESIDUE, a], 0.0) if run.vectors[X, a] == most else 0.0
+    return max(run.vectors[RESIDUE, a], 0.0) if run.vectors[X, a] == upper_bound else 0.0
 
 
-@shared
-def violation(run: Run, first: int, count: int) -> float:
+@jit_separate
+def gradient_violation(run: Run, first: int, count: int) -> float:
     """The largest gradient that is not zero as it should be; nan where one is."""
-    most = 0.0
+    maximum = 0.0
     for a in range(first, first + count):
-        value = abs(freely(run, a) + chopped(run, a))
-        most = value if not value <= most else most
-    return most
+        value = abs(free_gradient(run, a) + bound_gradient(run, a))
+        maximum = value if not value <= maximum else maximum
+    return maximum
 
 
-@shared
+@jit_separate
 def renew_gradient(run: Run, first: int, count: int) -> None:
     """Compute the gradient, and begin a new way."""
-    multiply(run, X, RESIDUE, first, count)
+    apply_link_effects(run, X, RESIDUE, first, count)
     for a in range(first, first + count):
         run.vectors[RESIDUE, a] -= run.vectors[RIGHT, a]
     begin_way(run, first, count)
 
 
-@shared
+@jit_separate
 def begin_way(run: Run, first: int, count: int) -> None:
     """Let the way be the free gradient."""
     for a in range(first, first + count):
-        run.vectors[WAY, a] = freely(run, a)
+        run.vectors[WAY, a] = free_gradient(run, a)
 
 
-@shared
+@jit_separate
 def is_proportional(run: Run, step: float, first: int, count: int) -> bool:
     """Whether more is to be gained from unknowns off their bounds than from those at them."""
     free, bound = 0.0, 0.0
     for a in range(first, first + count):
-        own, other = freely(run, a), chopped(run, a)
+        free_slope, bound_slope = free_gradient(run, a), bound_gradient(run, a)
         low, high = run.vectors[LEAST, a] - run.vectors[X, a], run.vectors[MOST, a] - run.vectors[X, a]
-        free += own * (min(-low / step, own) if own > 0.0 else max(-high / step, own))
-        bound += other * other
+        free += free_slope * (min(-low / step, free_slope) if free_slope > 0.0 else max(-high / step, free_slope))
+        bound += bound_slope * bound_slope
     return bound <= free
 
 
-@shared
-def release(run: Run, first: int, count: int) -> None:
+@jit_separate
+def release_from_bounds(run: Run, first: int, count: int) -> None:
     """Go along the gradient of unknowns that are to leave their bounds, as far as it falls."""
     for a in range(first, first + count):
-        run.vectors[WAY, a] = chopped(run, a)
-    multiply(run, WAY, IMAGE, first, count)
-    curve = product(run, WAY, IMAGE, first, count)
-    length = product(run, WAY, WAY, first, count) / curve if curve > 0.0 else 1.0
+        run.vectors[WAY, a] = bound_gradient(run, a)
+    apply_link_effects(run, WAY, IMAGE, first, count)
+    curve = scalar_product(run, WAY, IMAGE, first, count)
+    length = scalar_product(run, WAY, WAY, first, count) / curve if curve > 0.0 else 1.0
     length = min(length, way_to_bounds(run, first, count))
     for a in range(first, first + count):
-        moved = run.vectors[X, a] - length * run.vectors[WAY, a]
-        run.vectors[X, a] = min(max(run.vectors[LEAST, a], moved), run.vectors[MOST, a])
+        new_value = run.vectors[X, a] - length * run.vectors[WAY, a]
+        run.vectors[X, a] = min(max(run.vectors[LEAST, a], new_value), run.vectors[MOST, a])
         run.vectors[RESIDUE, a] -= length * run.vectors[IMAGE, a]
     begin_way(run, first, count)
 
 
-@shared
+@jit_separate
 def way_to_bounds(run: Run, first: int, count: int) -> float:
     """How far an unknown may go along the way until the first of them is at a bound."""
-    most = inf
+    longest = inf
     for a in range(first, first + count):
         if run.vectors[WAY, a] > 0.0:
-            most = min(most, (run.vectors[X, a] - run.vectors[LEAST, a]) / run.vectors[WAY, a])
+            longest = min(longest, (run.vectors[X, a] - run.vectors[LEAST, a]) / run.vectors[WAY, a])
         elif run.vectors[WAY, a] < 0.0:
-            most = min(most, (run.vectors[X, a] - run.vectors[MOST, a]) / run.vectors[WAY, a])
-    return most
+            longest = min(longest, (run.vectors[X, a] - run.vectors[MOST, a]) / run.vectors[WAY, a])
+    return longest
 
 
-@shared
+@jit_separate
 def follow_way(run: Run, step: float, first: int, count: int) -> bool:
     """Make a step of conjugate gradients, or to the first bound and along the free gradient; whether there is one."""
-    multiply(run, WAY, IMAGE, first, count)
-    curve, most = product(run, WAY, IMAGE, first, count), way_to_bounds(run, first, count)
+    apply_link_effects(run, WAY, IMAGE, first, count)
+    curve, longest = scalar_product(run, WAY, IMAGE, first, count), way_to_bounds(run, first, count)
     if not curve > 0.0:
         return False
-    length = product(run, RESIDUE, WAY, first, count) / curve
+    length = scalar_product(run, RESIDUE, WAY, first, count) / curve
     for a in range(first, first + count):
-        run.vectors[X, a] -= min(length, most) * run.vectors[WAY, a]
-        run.vectors[RESIDUE, a] -= min(length, most) * run.vectors[IMAGE, a]
-    if length > most:
+        run.vectors[X, a] -= min(length, longest) * run.vectors[WAY, a]
+        run.vectors[RESIDUE, a] -= min(length, longest) * run.vectors[IMAGE, a]
+    if length > longest:
         for a in range(first, first + count):
-            moved = run.vectors[X, a] - step * freely(run, a)
-            run.vectors[X, a] = min(max(run.vectors[LEAST, a], moved), run.vectors[MOST, a])
+            new_value = run.vectors[X, a] - step * free_gradient(run, a)
+            run.vectors[X, a] = min(max(run.vectors[LEAST, a], new_value), run.vectors[MOST, a])
         renew_gradient(run, first, count)
         return True
-    along = 0.0
+    conjugate_part = 0.0
     for a in range(first, first + count):
-        along += freely(run, a) * run.vectors[IMAGE, a]
+        conjugate_part += free_gradient(run, a) * run.vectors[IMAGE, a]
     for a in range(first, first + count):
-        run.vectors[WAY, a] = freely(run, a) - along / curve * run.vectors[WAY, a]
+        run.vectors[WAY, a] = free_gradient(run, a) - conjugate_part / curve * run.vectors[WAY, a]
     return True

@@ -7,32 +7,32 @@ that friction is at its bound. A link that slides drags in proportion to its nor
 
 from __future__ import annotations
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.closed_links import AMISS, DRAG, GRIP, RETURNED, RIGHT, SCALE, X
-from xdynamics.march.assembly.responses import clear, respond, response_along
-from xdynamics.march.contacts.complementarity import prepare, solve_complementarity
+from xdynamics.march.assembly.responses import clear_responses, respond, response_along
+from xdynamics.march.contacts.complementarity import clear_tableau, solve_complementarity
 from xdynamics.march.run import Run
 
 MOST_UNKNOWNS = 512  # four of a link that grips; exchanges grow with their number, and each with its square
 
 
-@shared
+@jit_separate
 def solve_by_pivots(run: Run, first: int, rows: int) -> bool:
     """Solve for forces and friction of all links at once; whether that ended with a solution."""
     links, grips = count_unknowns(run, first, rows)
     n = links + 3 * grips
     if not 0 < n <= run.problem.shape[0]:
         return False
-    prepare(run, n)
+    clear_tableau(run, n)
     pose_forces(run, first, rows, links, grips)
-    pose_bounds(run, first, rows, links, grips)
+    pose_friction_bounds(run, first, rows, links, grips)
     if not solve_complementarity(run, n):
         return False
     take_forces(run, first, rows, links, grips)
     return True
 
 
-@shared
+@jit_separate
 def count_unknowns(run: Run, first: int, rows: int) -> tuple[int, int]:
     """Count links that may press and those that grip; the place of each among these is in `AMISS`."""
     links, grips = 0, 0
@@ -47,55 +47,55 @@ def count_unknowns(run: Run, first: int, rows: int) -> tuple[int, int]:
     return links, grips
 
 
-@shared
+@jit_separate
 def pose_forces(run: Run, first: int, rows: int, links: int, grips: int) -> None:
     """Write what a unit of each force does along every link, and what is there without them."""
-    n, given = links + 3 * grips, 2 * (links + 3 * grips) + 1
-    clear(run, first, rows)
+    n, constant_column = links + 3 * grips, 2 * (links + 3 * grips) + 1
+    clear_responses(run, first, rows)
     for row in range(first, first + rows, 2):
         add_drag(run, row, run.vectors[RETURNED, row])
     for row in range(first, first + rows):
         rate = response_along(run, row) * run.vectors[SCALE, row] - run.vectors[RIGHT, row]
-        pose_entry(run, row, first, links, grips, given, rate)
+        pose_entry(run, row, first, links, grips, constant_column, rate)
     for row in range(first, first + rows):
-        place = int(run.vectors[AMISS, row])
-        if place < 0:
+        unknown_index = int(run.vectors[AMISS, row])
+        if unknown_index < 0:
             continue
-        clear(run, first, rows)
+        clear_responses(run, first, rows)
         respond(run, row, run.vectors[SCALE, row])
         presses = (row - first) % 2 == 0
         if presses:
             add_drag(run, row, run.vectors[SCALE, row])
-        for other in range(first, first + rows):
-            effect = response_along(run, other) * run.vectors[SCALE, other]
+        for effect_row in range(first, first + rows):
+            effect = response_along(run, effect_row) * run.vectors[SCALE, effect_row]
             if presses:
-                pose_entry(run, other, first, links, grips, n + place, -effect)
+                pose_entry(run, effect_row, first, links, grips, n + unknown_index, -effect)
             else:
-                pose_entry(run, other, first, links, grips, n + links + place, -effect)
-                pose_entry(run, other, first, links, grips, n + links + grips + place, effect)
+                pose_entry(run, effect_row, first, links, grips, n + links + unknown_index, -effect)
+                pose_entry(run, effect_row, first, links, grips, n + links + grips + unknown_index, effect)
 
 
-@shared
+@jit_separate
 def add_drag(run: Run, row: int, load: float) -> None:
     """Add what a link that slides drags with, if it presses with a load."""
     if run.vectors[SCALE, row + 1] > 0.0:
         respond(run, row + 1, run.vectors[DRAG, row + 1] * load)
 
 
-@shared
+@jit_separate
 def pose_entry(run: Run, row: int, first: int, links: int, grips: int, column: int, value: float) -> None:
     """Write an entry of the rows of a link: of its gap, or of both ways of its slip."""
-    place = int(run.vectors[AMISS, row])
-    if place < 0:
+    unknown_index = int(run.vectors[AMISS, row])
+    if unknown_index < 0:
         return
     if (row - first) % 2 == 0:
-        run.problem[place, column] = value
+        run.problem[unknown_index, column] = value
     else:
-        run.problem[links + place, column], run.problem[links + grips + place, column] = value, -value
+        run.problem[links + unknown_index, column], run.problem[links + grips + unknown_index, column] = value, -value
 
 
-@shared
-def pose_bounds(run: Run, first: int, rows: int, links: int, grips: int) -> None:
+@jit_separate
+def pose_friction_bounds(run: Run, first: int, rows: int, links: int, grips: int) -> None:
     """Write that friction is at most what its link presses with allows, or slips."""
     n = links + 3 * grips
     for row in range(first + 1, first + rows, 2):
@@ -103,15 +103,15 @@ def pose_bounds(run: Run, first: int, rows: int, links: int, grips: int) -> None
         if grip < 0:
             continue
         ratio, bound = run.vectors[GRIP, row] / run.vectors[SCALE, row], links + 2 * grips + grip
-        for way in range(2):
-            own = links + way * grips + grip
-            run.problem[own, n + bound], run.problem[bound, n + own] = -1.0, 1.0
+        for direction in range(2):
+            unknown_index = links + direction * grips + grip
+            run.problem[unknown_index, n + bound], run.problem[bound, n + unknown_index] = -1.0, 1.0
         if press >= 0:
             run.problem[bound, n + press] = -ratio * run.vectors[SCALE, row - 1]
         run.problem[bound, 2 * n + 1] = ratio * run.vectors[RETURNED, row - 1]
 
 
-@shared
+@jit_separate
 def take_forces(run: Run, first: int, rows: int, links: int, grips: int) -> None:
     """Read the solution."""
     for row in range(first, first + rows, 2):

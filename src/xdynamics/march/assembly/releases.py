@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from math import inf
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.broad_phase import QUIET, STRAIN
 from xdynamics.march.assembly.margins import (
     AT_END,
@@ -20,20 +20,20 @@ from xdynamics.march.assembly.margins import (
     LAST,
     MIDDLE,
     SINCE,
-    keep_passed,
+    keep_passed_margins,
     note_margins,
     release_of,
     size_of_forces,
 )
 from xdynamics.march.assembly.narrow_phase import close_in, forces_at
 from xdynamics.march.run import Run
-from xdynamics.march.trial_step import copy, keep, substep, take
+from xdynamics.march.trial_step import copy_numbers, restore_trial, store_trial, substep
 
 STEADY, STEADY_STEPS, SIXTEENTH = 0.05, 3, 16  # what is no change; steps in a row after which few are looked into
 STAGES_FOR_ONE = 8  # of a method, for each two further places at which forces are looked at
 
 
-@shared
+@jit_separate
 def find_release(run: Run) -> bool:
     """Shorten the trial to end just after a closed link lifts, its grip breaks or its slip stops; whether one does."""
     if run.closed[0] == 0:
@@ -42,32 +42,32 @@ def find_release(run: Run) -> bool:
         forces_at(run, run.z, run.trial[0].t)
     ends = any_release(run)
     if ends:
-        shorten(run, run.trial[0].h)
+        shorten_to_release(run, run.trial[0].h)
         for a in range(run.closed[0]):
-            run.margins[AT_END, a] = run.lifted[a]
-    s = within(run, run.trial[0].h)
+            run.release_functions[AT_END, a] = run.lifted[a]
+    s = part_with_release(run, run.trial[0].h)
     if s > 0.0 and is_confirmed(run, s):
-        shorten(run, s)
+        shorten_to_release(run, s)
         return True
     if ends:
         forces_at(run, run.z, run.trial[0].t)
         for a in range(run.closed[0]):
-            run.lifted[a] = int(run.margins[AT_END, a])
-        run.margins[SINCE, 0] = -inf
+            run.lifted[a] = int(run.release_functions[AT_END, a])
+        run.release_functions[SINCE, 0] = -inf
     return ends
 
 
-@shared
-def shorten(run: Run, h: float) -> None:
+@jit_separate
+def shorten_to_release(run: Run, h: float) -> None:
     """Shorten the trial, or a part of it, to end just after the first of what happens to links by its end; note only that."""
-    copy(run.y, run.near)
-    copy(run.z, run.far)
+    copy_numbers(run.y, run.near)
+    copy_numbers(run.z, run.far)
     close_in(run, 0.0, h, False)
-    keep_passed(run)
-    run.margins[SINCE, 0] = -inf
+    keep_passed_margins(run)
+    run.release_functions[SINCE, 0] = -inf
 
 
-@shared
+@jit_separate
 def any_release(run: Run) -> bool:
     """Note what happens to each closed link by the forces just found; whether anything does."""
     size, releases = size_of_forces(run), False
@@ -77,41 +77,41 @@ def any_release(run: Run) -> bool:
     return releases
 
 
-@shared
-def within(run: Run, h: float) -> float:
+@jit_separate
+def part_with_release(run: Run, h: float) -> float:
     """A part of a step by whose end something seems to happen to a closed link; 0 where nothing does."""
     strain, share = run.spans[STRAIN], 0.0
     note_margins(run, LAST)
-    if run.margins[SINCE, 0] != run.now[0].t:
+    if run.release_functions[SINCE, 0] != run.now[0].t:
         forces_at(run, run.y, run.now[0].t)
         note_margins(run, FIRST)
-        run.tallies[QUIET] = 0
-    steady, quiet = is_steady(run, LAST), run.tallies[QUIET]
+        run.counters[QUIET] = 0
+    steady, quiet = is_steady(run, LAST), run.counters[QUIET]
     if not steady or quiet < STEADY_STEPS or quiet % SIXTEENTH == 0:
-        share = first_inside(run, h)
+        share = first_release_part(run, h)
         steady = steady and is_steady(run, MIDDLE)
-    run.tallies[QUIET] = quiet + 1 if steady else 0
-    for i in range(run.margins.shape[1]):
-        run.margins[FIRST, i] = run.margins[LAST, i]
-    run.margins[SINCE, 0] = run.trial[0].t
+    run.counters[QUIET] = quiet + 1 if steady else 0
+    for i in range(run.release_functions.shape[1]):
+        run.release_functions[FIRST, i] = run.release_functions[LAST, i]
+    run.release_functions[SINCE, 0] = run.trial[0].t
     run.spans[STRAIN] = strain
     for a in range(run.closed[0]):
         run.lifted[a] = 0
     return share * h
 
 
-@shared
-def is_steady(run: Run, place: int) -> bool:
+@jit_separate
+def is_steady(run: Run, margin_row: int) -> bool:
     """Whether nothing of a closed link has changed much since the step's start."""
     steady = True
     for i in range(2 * run.closed[0]):
-        start, now = run.margins[FIRST, i], run.margins[place, i]
+        start, now = run.release_functions[FIRST, i], run.release_functions[margin_row, i]
         steady = steady and (start == now or abs(now - start) <= STEADY * min(start, now))
     return steady
 
 
-@shared
-def first_inside(run: Run, h: float) -> float:
+@jit_separate
+def first_release_part(run: Run, h: float) -> float:
     """The part of a step at which something seems to happen: one of those looked at, or the lowest; 0 where nothing does."""
     count = 1 + 2 * (run.plan[0].stages // STAGES_FOR_ONE)
     for k in range(count):
@@ -121,31 +121,35 @@ def first_inside(run: Run, h: float) -> float:
             note_margins(run, MIDDLE)
         if releases:
             return share
-    share = lowest(run)
+    share = lowest_margin_part(run)
     return share if 0.0 < share < 1.0 and seems_to_release(run, share, h) else 0.0
 
 
-@shared
+@jit_separate
 def seems_to_release(run: Run, share: float, h: float) -> bool:
     """Whether something happens at a part of a step, by the cubic of its states; first-order states go straight."""
-    n, before, after = run.plan[0].coordinates, run.y, run.z
+    n, start_state, end_state = run.plan[0].coordinates, run.y, run.z
     for i in range(run.far.shape[0]):
-        run.far[i] = before[i] + share * (after[i] - before[i])
+        run.far[i] = start_state[i] + share * (end_state[i] - start_state[i])
     for i in range(n):
-        v0, v1, mean = before[n + i], after[n + i], (after[i] - before[i]) / h
+        v0, v1, mean = start_state[n + i], end_state[n + i], (end_state[i] - start_state[i]) / h
         bend, twist = 3.0 * mean - 2.0 * v0 - v1, v0 + v1 - 2.0 * mean
-        run.far[i] = before[i] + h * share * (v0 + share * (bend + share * twist))
+        run.far[i] = start_state[i] + h * share * (v0 + share * (bend + share * twist))
         run.far[n + i] = v0 + share * (2.0 * bend + share * 3.0 * twist)
     forces_at(run, run.far, run.now[0].t + share * h)
     return any_release(run)
 
 
-@shared
-def lowest(run: Run) -> float:
+@jit_separate
+def lowest_margin_part(run: Run) -> float:
     """The first part of a step at which a parabola through three margins is lowest, of those that are below zero there."""
     first = inf
     for i in range(2 * run.closed[0]):
-        start, middle, end = run.margins[FIRST, i], run.margins[MIDDLE, i], run.margins[LAST, i]
+        start, middle, end = (
+            run.release_functions[FIRST, i],
+            run.release_functions[MIDDLE, i],
+            run.release_functions[LAST, i],
+        )
         bend = 2.0 * (start - 2.0 * middle + end)
         slope = 4.0 * middle - 3.0 * start - end
         if 0.0 < bend < inf and 0.0 < -slope < 2.0 * bend and start - slope * slope / (4.0 * bend) < 0.0:
@@ -153,14 +157,14 @@ def lowest(run: Run) -> float:
     return first
 
 
-@shared
+@jit_separate
 def is_confirmed(run: Run, s: float) -> bool:
     """Whether something happens to a closed link in a step that is shortened; else the trial is as it was."""
     strain = run.spans[STRAIN]
-    keep(run)
+    store_trial(run)
     substep(run, s)
     if any_release(run):
         return True
-    take(run)
+    restore_trial(run)
     run.piece[0].cut, run.spans[STRAIN] = 1, strain
     return False

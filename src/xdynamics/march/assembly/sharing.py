@@ -6,7 +6,7 @@ motion does, and do not jump from one share to another, of which each jump would
 
 from __future__ import annotations
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.closed_links import (
     DRAG,
     FIRST_X,
@@ -18,42 +18,42 @@ from xdynamics.march.assembly.closed_links import (
     SCALE,
     X,
     closed_from,
-    row_of,
+    closed_link_row,
     rows_of_closed,
 )
 from xdynamics.march.assembly.friction import (
     RESTLESS,
     bound_row,
-    pose_bounds,
-    settle,
+    pose_press_bounds,
     solve_from,
+    try_contact_sets,
 )
 from xdynamics.march.assembly.margins import BREAKS, LIFTS, release_of, size_of_forces
-from xdynamics.march.assembly.normal_forces import ALLOWED, largest
+from xdynamics.march.assembly.normal_forces import ALLOWED, largest_entry
 from xdynamics.march.run import Run
 
 HELD = 1e-10  # of the largest term: an acceleration that is no motion
 
 
-@shared
+@jit_separate
 def share_forces(run: Run) -> None:
     """Where closed links hold more than needs holding, share forces so that none pulls nor drags beyond its bound.
 
     The motion stays as it is, which these forces have in common with those of `solve_closed`.
     """
-    first, rows, within = closed_from(run), rows_of_closed(run), True
+    first, rows, all_in_bounds = closed_from(run), rows_of_closed(run), True
     size = size_of_forces(run)
     for a in range(run.closed[0]):
-        what = release_of(run, a, size)
-        within = within and what != LIFTS and what != BREAKS
-    if within:
+        release_kind = release_of(run, a, size)
+        all_in_bounds = all_in_bounds and release_kind != LIFTS and release_kind != BREAKS
+    if all_in_bounds:
         note_shares(run, first, rows)
         return
     for row in range(first, first + rows):
         run.vectors[FIRST_X, row], run.vectors[RIGHT, row] = run.vectors[X, row], run.vectors[GIVEN, row]
     if shares_hold(run, first, rows) or shares_are_found(run, first, rows):
         for a in range(run.closed[0]):
-            row = row_of(run, a)
+            row = closed_link_row(run, a)
             run.loads[a] = run.vectors[X, row] * run.vectors[SCALE, row]
             run.pulls[a] = run.vectors[X, row + 1] * run.vectors[SCALE, row + 1]
         note_shares(run, first, rows)
@@ -62,17 +62,17 @@ def share_forces(run: Run) -> None:
         run.vectors[X, row] = run.vectors[FIRST_X, row]
 
 
-@shared
+@jit_separate
 def note_shares(run: Run, first: int, rows: int) -> None:
     """Remember the forces of closed links."""
     for row in range(first, first + rows):
         run.shares[row - first] = run.vectors[X, row] * run.vectors[SCALE, row]
 
 
-@shared
+@jit_separate
 def shares_hold(run: Run, first: int, rows: int) -> bool:
     """Try the links that pressed, and were at their bounds, when forces were shared last: of many shares, one that lasts."""
-    pose_bounds(run, first, rows)
+    pose_press_bounds(run, first, rows)
     for row in range(first, first + rows):
         scale, force = run.vectors[SCALE, row], run.shares[row - first]
         run.vectors[X, row] = force / scale if scale > 0.0 else 0.0
@@ -81,10 +81,10 @@ def shares_hold(run: Run, first: int, rows: int) -> bool:
         low, x, high = run.vectors[LEAST, row], run.vectors[X, row], run.vectors[MOST, row]
         near = RESTLESS * (high - low)
         run.vectors[X, row] = low if x <= low + near else (high if x >= high - near else x)
-    return settle(run, first, rows) and all_held(run, first, rows)
+    return try_contact_sets(run, first, rows) and all_held(run, first, rows)
 
 
-@shared
+@jit_separate
 def shares_are_found(run: Run, first: int, rows: int) -> bool:
     """Share forces anew, first from what was shared last, as far as it goes, then from what is there."""
     if solve_from(run, first, run.closed[0]) <= ALLOWED and all_held(run, first, rows):
@@ -94,11 +94,11 @@ def shares_are_found(run: Run, first: int, rows: int) -> bool:
     return solve_from(run, first, run.closed[0]) <= ALLOWED and all_held(run, first, rows)
 
 
-@shared
+@jit_separate
 def all_held(run: Run, first: int, rows: int) -> bool:
     """Whether no closed link accelerates along what it holds."""
-    held, size = True, max(largest(run, X, first, rows), largest(run, RIGHT, first, rows))
+    is_balanced, size = True, max(largest_entry(run, X, first, rows), largest_entry(run, RIGHT, first, rows))
     for row in range(first, first + rows):
         if run.vectors[DRAG, row] == 0.0:
-            held = held and abs(run.vectors[RESIDUE, row]) <= HELD * size
-    return held
+            is_balanced = is_balanced and abs(run.vectors[RESIDUE, row]) <= HELD * size
+    return is_balanced

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import inf
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.closed_links import (
     AMISS,
     GIVEN,
@@ -22,31 +22,31 @@ from xdynamics.march.assembly.closed_links import (
     X,
 )
 from xdynamics.march.assembly.direct_solution import add_solution, eliminate, is_dependent
-from xdynamics.march.assembly.normal_forces import ENOUGH, MOST_RESTARTS, largest
-from xdynamics.march.assembly.responses import clear, respond, response_along
+from xdynamics.march.assembly.normal_forces import ENOUGH, MOST_RESTARTS, largest_entry
+from xdynamics.march.assembly.responses import clear_responses, respond, response_along
 from xdynamics.march.run import Run
 
 
-@shared
+@jit_separate
 def solve_at_once(run: Run, first: int, rows: int) -> float:
     """Find the forces of all that hold, from zero on; return the residual over the size of the terms."""
-    given = 0.0
+    right_size = 0.0
     for row in range(first, first + rows):
         run.vectors[LOAD, row] = 0.0
-        given = max(given, abs(run.vectors[GIVEN, row]) if run.vectors[SCALE, row] > 0.0 else 0.0)
+        right_size = max(right_size, abs(run.vectors[GIVEN, row]) if run.vectors[SCALE, row] > 0.0 else 0.0)
     n = eliminate(run, first, rows, run.problem.shape[0], True)
-    left = refine_all(run, n, given, first, rows)
+    left = refine_all(run, n, right_size, first, rows)
     if is_dependent(run, n) and not left <= 8.0 * ENOUGH:
         for row in range(first, first + rows):
             run.vectors[LOAD, row] = 0.0
-        left = refine_all(run, 0, given, first, rows)
+        left = refine_all(run, 0, right_size, first, rows)
     for row in range(first, first + rows):
         run.vectors[X, row], run.vectors[RESIDUE, row] = run.vectors[LOAD, row], run.vectors[AMISS, row]
     return left
 
 
-@shared
-def refine_all(run: Run, n: int, given: float, first: int, rows: int) -> float:
+@jit_separate
+def refine_all(run: Run, n: int, right_size: float, first: int, rows: int) -> float:
     """Solve by factors of n equations, or else along many directions; return the residual over the size of the terms."""
     share, best = inf, inf
     for _ in range(MOST_RESTARTS):
@@ -54,7 +54,7 @@ def refine_all(run: Run, n: int, given: float, first: int, rows: int) -> float:
         for row in range(first, first + rows):
             if run.vectors[SCALE, row] > 0.0:
                 run.vectors[AMISS, row] = run.vectors[GIVEN, row] - run.vectors[AMISS, row]
-        size, left = max(given, largest(run, LOAD, first, rows)), largest(run, AMISS, first, rows)
+        size, left = max(right_size, largest_entry(run, LOAD, first, rows)), largest_entry(run, AMISS, first, rows)
         share = left / size if left > 0.0 else left
         if share <= ENOUGH or not share < best / 2.0:
             break
@@ -66,26 +66,26 @@ def refine_all(run: Run, n: int, given: float, first: int, rows: int) -> float:
     return share
 
 
-@shared
-def apply_all(run: Run, source: int, target: int, given: float, first: int, rows: int) -> None:
+@jit_separate
+def apply_all(run: Run, source: int, target: int, returned_share: float, first: int, rows: int) -> None:
     """Compute what forces, their drags and a share of what is given back do along everything that holds."""
-    clear(run, first, rows)
+    clear_responses(run, first, rows)
     for row in range(first, first + rows):
         amount, ratio = run.vectors[source, row] * run.vectors[SCALE, row], run.vectors[RATIO, row]
         if ratio != 0.0:
             load = run.vectors[source, row - 1] * run.vectors[SCALE, row - 1]
-            amount = ratio * (load + given * run.vectors[RETURNED, row - 1])
+            amount = ratio * (load + returned_share * run.vectors[RETURNED, row - 1])
         respond(run, row, amount)
     for row in range(first, first + rows):
         scale = run.vectors[SCALE, row]
         run.vectors[target, row] = response_along(run, row) * scale if scale > 0.0 else 0.0
 
 
-@shared
+@jit_separate
 def follow_paths(run: Run, enough: float, first: int, rows: int) -> None:
     """Improve forces along one direction after the other, until little is amiss or all directions are used up."""
     for k in range(run.paths.shape[0] // 2):
-        if largest(run, AMISS, first, rows) <= enough:
+        if largest_entry(run, AMISS, first, rows) <= enough:
             return
         for row in range(first, first + rows):
             run.vectors[TRIED_WAY, row] = run.vectors[AMISS, row]
@@ -96,24 +96,24 @@ def follow_paths(run: Run, enough: float, first: int, rows: int) -> None:
             return
 
 
-@shared
+@jit_separate
 def follow_path(run: Run, k: int, first: int, rows: int) -> bool:
     """Go along the newest direction, made to differ from all before, as far as what is amiss falls; whether it leads on."""
     for j in range(k):
-        across, along = 0.0, 0.0
+        across, image_square = 0.0, 0.0
         for row in range(first, first + rows):
             across += run.paths[2 * k + 1, row] * run.paths[2 * j + 1, row]
-            along += run.paths[2 * j + 1, row] * run.paths[2 * j + 1, row]
+            image_square += run.paths[2 * j + 1, row] * run.paths[2 * j + 1, row]
         for row in range(first, first + rows):
-            run.paths[2 * k, row] -= across / along * run.paths[2 * j, row]
-            run.paths[2 * k + 1, row] -= across / along * run.paths[2 * j + 1, row]
-    across, along = 0.0, 0.0
+            run.paths[2 * k, row] -= across / image_square * run.paths[2 * j, row]
+            run.paths[2 * k + 1, row] -= across / image_square * run.paths[2 * j + 1, row]
+    across, image_square = 0.0, 0.0
     for row in range(first, first + rows):
         across += run.vectors[AMISS, row] * run.paths[2 * k + 1, row]
-        along += run.paths[2 * k + 1, row] * run.paths[2 * k + 1, row]
-    if not along > 0.0:
+        image_square += run.paths[2 * k + 1, row] * run.paths[2 * k + 1, row]
+    if not image_square > 0.0:
         return False
     for row in range(first, first + rows):
-        run.vectors[LOAD, row] += across / along * run.paths[2 * k, row]
-        run.vectors[AMISS, row] -= across / along * run.paths[2 * k + 1, row]
+        run.vectors[LOAD, row] += across / image_square * run.paths[2 * k, row]
+        run.vectors[AMISS, row] -= across / image_square * run.paths[2 * k + 1, row]
     return True

@@ -7,21 +7,21 @@ or slips.
 from __future__ import annotations
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.contacts.delassus import (
     ABSENT,
     GRIPPING,
     KNOWN,
-    NOISE,
     PRESSING,
     SLIDING,
+    SUM_NOISE,
+    size_of_terms,
     slips,
     solve_reactions,
-    terms,
 )
-from xdynamics.march.contacts.gaps import size_of_gap, spread, struck
-from xdynamics.march.contacts.projection import choose
+from xdynamics.march.contacts.gaps import had_impact, impact_spread, size_of_gap
+from xdynamics.march.contacts.projection import list_holding
 from xdynamics.march.run import HOLD, STEP_IN_TIME, Run
 from xdynamics.march.trial_step import usual_step
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
@@ -32,21 +32,21 @@ FLAT = 1e-9  # of the largest effect of a reaction on its own row so far: below 
 ALIKE = 1e-10  # of the effect of a reaction on its own row: what is left of it where others do the same
 
 
-@shared
-def derive(run: Run) -> bool:
+@jit_separate
+def solve_active_set(run: Run) -> bool:
     """Determine from the state what contacts and friction do, and inform the forces; whether there is a solution."""
     for k in range(run.touches.shape[0]):
-        assign(run, k)
-    solved = run.at[UNSOUND] == 0.0 and sensible(run) and solvable(run) and solve_reactions(run)
+        assign_part(run, k)
+    solved = run.at[UNSOUND] == 0.0 and has_valid_friction(run) and solvable(run) and solve_reactions(run)
     if solved:
         for k in range(run.touches.shape[0]):
-            conclude(run, k)
+            set_contact_mode(run, k)
     inform(run)
     return solved
 
 
-@shared
-def assign(run: Run, k: int) -> None:
+@jit_separate
+def assign_part(run: Run, k: int) -> None:
     """Give a reaction its part among the forces."""
     touch, reaction = run.touches[k], run.reactions[k]
     rate = run.links[k].rate
@@ -55,7 +55,7 @@ def assign(run: Run, k: int) -> None:
     if reaction.role == NORMAL:
         settles = touch.state == SETTLING and touch.near and touch.hit != PULL
         # a method of low order may close a gap that, by its velocities, opens
-        late = touch.hit == GAP and not struck(run) and rate <= abs(touch.origin) * run.trial[0].h
+        late = touch.hit == GAP and not had_impact(run) and rate <= abs(touch.origin) * run.trial[0].h
         if settles or (touch.near and (still or late) and touch.hit != PULL):
             touch.part = PRESSING
         return
@@ -75,26 +75,26 @@ def assign(run: Run, k: int) -> None:
         touch.part, touch.known = KNOWN, -touch.way * run.links[k].coefficient
 
 
-@shared
+@jit_separate
 def number_of_force(run: Run, k: int) -> float:
     """The force of a reaction at the trial's state, by the last evaluation."""
     return run.z[run.plan[0].pressed + k]
 
 
-@shared
-def sensible(run: Run) -> bool:
+@jit_separate
+def has_valid_friction(run: Run) -> bool:
     """Whether no friction drives, none sticks with less than it slips with, and no gap closes without a normal."""
     valid = True
     for k in range(run.touches.shape[0]):
         if run.touches[k].near:
             valid = valid and run.delassus[k, k] > FLAT * run.touches[k].steepest
         if run.reactions[k].role != NORMAL:
-            size, most = run.links[k].coefficient, run.links[k].most
-            valid = valid and size >= 0.0 and most >= size
+            size, static_friction = run.links[k].coefficient, run.links[k].most
+            valid = valid and size >= 0.0 and static_friction >= size
     return valid
 
 
-@shared
+@jit_separate
 def solvable(run: Run) -> bool:
     """Whether sliding leaves a unique solution: pressing harder has to push apart (Painleve, 1895)."""
     for k in range(run.touches.shape[0]):
@@ -106,12 +106,12 @@ def solvable(run: Run) -> bool:
     return True
 
 
-@shared
-def conclude(run: Run, k: int) -> None:
+@jit_separate
+def set_contact_mode(run: Run, k: int) -> None:
     """Set what a reaction does, from the forces and accelerations just found."""
     touch = run.touches[k]
     if run.reactions[k].role == NORMAL:
-        if touch.part != PRESSING or parts(run, k):
+        if touch.part != PRESSING or contact_opens(run, k):
             touch.state = OPEN
         elif touch.state != SETTLING or touch.hit == LIMIT:
             touch.state = CLOSED
@@ -128,13 +128,13 @@ def conclude(run: Run, k: int) -> None:
         touch.state = FORWARD if touch.way > 0 else BACKWARD
 
 
-@shared
-def parts(run: Run, k: int) -> bool:
+@jit_separate
+def contact_opens(run: Run, k: int) -> bool:
     """Whether a contact that touches opens."""
-    return bool(run.touches[k].after > NOISE * terms(run, k))
+    return bool(run.touches[k].after > SUM_NOISE * size_of_terms(run, k))
 
 
-@shared
+@jit_separate
 def inform(run: Run) -> None:
     """Store what contacts do, after the parameters, and wake the detectors of what may come next."""
     for k in range(run.touches.shape[0]):
@@ -147,19 +147,19 @@ def inform(run: Run) -> None:
         else:
             run.modes[MODES * k] = 1.0 if touch.state == STICKING else 0.0
             run.modes[MODES * k + 1] = 1.0 if touch.state == FORWARD else (-1.0 if touch.state == BACKWARD else 0.0)
-    relieve(run)
+    release_redundant(run)
     for i in range(run.detectors.shape[0]):
-        wake(run, i)
+        update_detector(run, i)
 
 
-@shared
-def relieve(run: Run) -> None:
+@jit_separate
+def release_redundant(run: Run) -> None:
     """Release reactions that hold only what others hold already.
 
     Two corners of a block on a floor both keep it from sliding, and rigid bodies do not determine how they share the
     force: the motion is unique, and the first of them take all of it. Found by L D L^T of the reactions that hold.
     """
-    count = choose(run, True)
+    count = list_holding(run, True)
     for i in range(count):
         for j in range(i + 1):
             total = run.delassus[run.chosen[i], run.chosen[j]]
@@ -174,8 +174,8 @@ def relieve(run: Run) -> None:
                 run.modes[MODES * run.chosen[i]] = 0.0
 
 
-@shared
-def lingers(run: Run, k: int) -> bool:
+@jit_separate
+def stays_closed(run: Run, k: int) -> bool:
     """Whether an open contact stays as good as closed: neither its rate nor its acceleration opens it in a step.
 
     Where nothing presses, as between balls that hang side by side, rounding alone would make it open and close. One
@@ -183,11 +183,11 @@ def lingers(run: Run, k: int) -> bool:
     """
     touch, h = run.touches[k], usual_step(run)
     touches = touch.state == OPEN and touch.near == 1 and touch.hit != PULL and abs(run.links[k].rate) <= touch.slack
-    return bool(touches and abs(touch.after) * h * h <= spread(run, k))
+    return bool(touches and abs(touch.after) * h * h <= impact_spread(run, k))
 
 
-@shared
-def wake(run: Run, i: int) -> None:
+@jit_separate
+def update_detector(run: Run, i: int) -> None:
     """Wake a detector or let it sleep; a gap may not be negative, nor what presses or grips."""
     detector, watch = run.detectors[i], run.watches[i]
     if detector.reaction < 0:
@@ -196,7 +196,9 @@ def wake(run: Run, i: int) -> None:
     watch.guard, watch.floor, awake = 1, 0.0, False
     if detector.role == GAP:
         awake = state == OPEN
-        run.lingering[detector.reaction] = spread(run, detector.reaction) if lingers(run, detector.reaction) else 0.0
+        run.lingering[detector.reaction] = (
+            impact_spread(run, detector.reaction) if stays_closed(run, detector.reaction) else 0.0
+        )
         watch.floor = 4.0 * EPS * size_of_gap(run, detector.reaction)
         if run.touches[detector.reaction].near:  # it opens from what is left of it, and that is its zero
             watch.floor = max(watch.floor, 2.0 * abs(run.links[detector.reaction].gap))

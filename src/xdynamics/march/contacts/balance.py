@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from math import sqrt
 
-from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.delassus import NOISE
-from xdynamics.march.contacts.gaps import brake, size_of_gap, spread, within
-from xdynamics.march.contacts.projection import choose
+from xdynamics.kernels.compiling import jit_separate
+from xdynamics.march.contacts.delassus import SUM_NOISE
+from xdynamics.march.contacts.gaps import brake, impact_spread, location_time, size_of_gap
+from xdynamics.march.contacts.projection import list_holding
 from xdynamics.march.force_evaluation import settle_constraints
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT
 from xdynamics.march.run import (
@@ -36,10 +36,10 @@ from xdynamics.march.run import (
 from xdynamics.model.detectors import GAP
 from xdynamics.model.reactions import NORMAL
 
-LEFT = 16.0 * NOISE  # of the energies of a group: what rounding may leave for each of its bodies and contacts
+LEFT = 16.0 * SUM_NOISE  # of the energies of a group: what rounding may leave for each of its bodies and contacts
 
 
-@shared
+@jit_separate
 def open_balance(run: Run) -> None:
     """Keep the state that contacts are to change; links are at that state."""
     for i in range(2 * run.plan[0].coordinates):
@@ -51,65 +51,67 @@ def open_balance(run: Run) -> None:
         run.balance[i] = 0.0
 
 
-@shared
-def examine(run: Run, guard: int, owner: int, figure: float, bound: float) -> None:
+@jit_separate
+def note_broken_guard(run: Run, guard: int, owner: int, figure: float, bound: float) -> None:
     """Note the first guard that is broken; a figure that is NaN breaks it, too."""
     if run.balance[GUARD] == KEPT_ALL and not figure <= bound:
         run.balance[GUARD], run.balance[OWNER], run.balance[FIGURE], run.balance[BOUND] = guard, owner, figure, bound
 
 
-@shared
-def weigh_impulses(run: Run) -> None:
+@jit_separate
+def weigh_contact_impulses(run: Run) -> None:
     """Check the gaps of contacts that acted, and sum the energy that impulses took; links are those after them."""
     for k in range(run.touches.shape[0]):
-        touch, after = run.touches[k], run.links[k].rate
+        touch, rate_after = run.touches[k], run.links[k].rate
         if touch.total == 0.0:
             continue
-        run.balance[TAKEN] -= touch.total * (run.approach[k] + after) / 2.0
-        run.balance[TERMS] += abs(touch.total) * (abs(run.approach[k]) + abs(after))
+        run.balance[TAKEN] -= touch.total * (run.approach[k] + rate_after) / 2.0
+        run.balance[TERMS] += abs(touch.total) * (abs(run.approach[k]) + abs(rate_after))
         if run.reactions[k].role == NORMAL:
-            examine(run, APART, k, abs(run.links[k].gap), 2.0 * reach(run, k))
+            note_broken_guard(run, APART, k, abs(run.links[k].gap), 2.0 * gap_reach(run, k))
 
 
-@shared
-def reach(run: Run, k: int) -> float:
+@jit_separate
+def gap_reach(run: Run, k: int) -> float:
     """How far from zero a gap that acted may be: by its location, on whose bracket its rate changes, too, and by rounding."""
-    width = within(run, k)
-    return max(spread(run, k), NOISE * size_of_gap(run, k)) + abs(run.links[k].free) * width * width
+    width = location_time(run, k)
+    return max(impact_spread(run, k), SUM_NOISE * size_of_gap(run, k)) + abs(run.links[k].free) * width * width
 
 
-@shared
+@jit_separate
 def weigh_rates(run: Run) -> None:
     """Check the rates that were taken from resting contacts, and sticking friction, with no impulse recorded."""
-    for i in range(choose(run, False)):
+    for i in range(list_holding(run, False)):
         k = run.chosen[i]
         touch, free = run.touches[k], abs(run.links[k].free)
-        slow = touch.slack + (free + brake(run, k)) * within(run, k)
+        slow = touch.slack + (free + brake(run, k)) * location_time(run, k)
         if touch.lost > 0.0:  # skipped bounces, whose energy is recorded
             slow += sqrt(2.0 * run.delassus[k, k] * touch.lost)
-        if touch.hit == GAP and touch.total == 0.0:  # a gap that a step of low order closed; see `active_set.assign`
+        if (
+            touch.hit == GAP and touch.total == 0.0
+        ):  # a gap that a step of low order closed; see `active_set.assign_part`
             slow += free * run.trial[0].h
-        examine(run, SLOWED, k, abs(run.slowed[k]), 4.0 * slow)
+        note_broken_guard(run, SLOWED, k, abs(run.slowed[k]), 4.0 * slow)
 
 
-@shared
+@jit_separate
 def weigh_positions(run: Run, settling: bool) -> None:
     """Check how far resting contacts have moved the state of `open_balance`: no farther than their gaps were open."""
-    count, farthest = choose(run, settling), 0.0
+    count, farthest = list_holding(run, settling), 0.0
     for i in range(count):
         k = run.chosen[i]
         if run.reactions[k].role == NORMAL:
-            farthest = max(farthest, reach(run, k))
+            farthest = max(farthest, gap_reach(run, k))
     for i in range(run.plan[0].coordinates):
-        most = 0.0
+        response_sum = 0.0
         for j in range(count):
-            most += abs(run.responses[run.chosen[j], i]) / run.delassus[run.chosen[j], run.chosen[j]]
+            response_sum += abs(run.responses[run.chosen[j], i]) / run.delassus[run.chosen[j], run.chosen[j]]
         # rows of the inverse of a chain of `count` gaps have sums up to count**2/8 of that of one
-        bound = most * farthest * (1.0 + count * count / 4.0)
-        examine(run, SHIFTED, i, abs(run.z[i] - run.entry[i]), 2.0 * bound)
+        bound = response_sum * farthest * (1.0 + count * count / 4.0)
+        note_broken_guard(run, SHIFTED, i, abs(run.z[i] - run.entry[i]), 2.0 * bound)
 
 
-@shared
+@jit_separate
 def weigh_energies(run: Run, first: int) -> None:
     """Check kinetic energy on both sides, and the energies of a group's rows, against the impulses of these rows.
 
@@ -120,27 +122,27 @@ def weigh_energies(run: Run, first: int) -> None:
     n, last = run.plan[0].coordinates, run.now[0].events - run.base[0].events
     work, terms, lost = 0.0, run.balance[BEFORE] + run.balance[BEHIND], 0.0
     if run.plan[0].held > 0:
-        lead(run)
+        find_led_velocities(run)
     for i in range(n):
         impulse = 0.0
         for e in range(first, last):
             impulse += run.log_impulses[i, e]
         for k in range(run.touches.shape[0]):
             impulse += run.directions[k, i] * run.pulled[k]
-        before, after = run.entry[n + i], run.z[n + i]
+        velocity_before, velocity_after = run.entry[n + i], run.z[n + i]
         led = run.whole[n + i] if run.plan[0].held > 0 else 0.0
-        work += impulse * ((before + after) / 2.0 - led)
-        terms += abs(impulse) * (abs(before) + abs(after) + abs(led))
+        work += impulse * ((velocity_before + velocity_after) / 2.0 - led)
+        terms += abs(impulse) * (abs(velocity_before) + abs(velocity_after) + abs(led))
     for e in range(first, last):
         lost += run.log_impulses[n, e]
     bound = LEFT * (n + run.touches.shape[0]) * (terms + run.balance[TERMS])
     if run.plan[0].kinetic >= 0:
-        examine(run, WORK, 0, abs(run.balance[BEHIND] - run.balance[BEFORE] - work), bound)
-    examine(run, LOSSES, 0, abs(lost - run.balance[SKIPPED] - run.balance[TAKEN]), bound)
+        note_broken_guard(run, WORK, 0, abs(run.balance[BEHIND] - run.balance[BEFORE] - work), bound)
+    note_broken_guard(run, LOSSES, 0, abs(lost - run.balance[SKIPPED] - run.balance[TAKEN]), bound)
 
 
-@shared
-def lead(run: Run) -> None:
+@jit_separate
+def find_led_velocities(run: Run) -> None:
     """Leave in `whole` the velocities that constraints give to a motion that has none."""
     n = run.plan[0].coordinates
     for i in range(run.z.shape[0]):
@@ -148,7 +150,7 @@ def lead(run: Run) -> None:
     settle_constraints(run, run.trial[0].t, run.whole, 0.0)
 
 
-@shared
+@jit_separate
 def is_broken(run: Run) -> bool:
     """Whether a guard was broken, which ends the run."""
     if run.balance[GUARD] == KEPT_ALL:

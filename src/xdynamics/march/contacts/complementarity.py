@@ -7,15 +7,15 @@ impacts and contacts with Coulomb's friction; where it ends on a ray, it has fou
 
 from __future__ import annotations
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.run import Run
 
 SMALL = 1e-12  # relative to the numbers compared: as good as zero
 MOST_TURNS = 50  # exchanges for each unknown
 
 
-@shared
-def prepare(run: Run, n: int) -> None:
+@jit_separate
+def clear_tableau(run: Run, n: int) -> None:
     """Clear the tableau of a problem of size n: columns n and on, of z, of the artificial unknown, and q.
 
     Unknowns are numbered: w from 0, z from n, then the artificial one. Only those that are not in the basis have a column,
@@ -31,7 +31,7 @@ def prepare(run: Run, n: int) -> None:
         run.basis[n + unknown] = unknown if unknown >= n else -1
 
 
-@shared
+@jit_separate
 def solve_complementarity(run: Run, n: int) -> bool:
     """Solve the problem of size n that is in `problem` as w - M z - z0 = q; fill `solution` with z.
 
@@ -62,7 +62,7 @@ def solve_complementarity(run: Run, n: int) -> bool:
     return False
 
 
-@shared
+@jit_separate
 def exchange(run: Run, n: int, row: int, entering: int) -> None:
     """Solve a row for an unknown, and substitute it into the others."""
     column, leaving = run.basis[n + entering], run.basis[row]
@@ -80,7 +80,7 @@ def exchange(run: Run, n: int, row: int, entering: int) -> None:
                 run.problem[i, j] -= factor * run.problem[row, j]
 
 
-@shared
+@jit_separate
 def entry_of(run: Run, n: int, row: int, unknown: int) -> float:
     """An entry of the tableau, of unknowns in the basis, too."""
     column = run.basis[n + unknown]
@@ -89,7 +89,7 @@ def entry_of(run: Run, n: int, row: int, unknown: int) -> float:
     return 1.0 if run.basis[row] == unknown else 0.0
 
 
-@shared
+@jit_separate
 def least_ratio(run: Run, n: int, entering: int) -> int:
     """Choose the row that limits a growing unknown: that of the artificial one if possible, -1 if none does."""
     largest, best, column = 0.0, -1, run.basis[n + entering]
@@ -101,21 +101,21 @@ def least_ratio(run: Run, n: int, entering: int) -> int:
     return best
 
 
-@shared
-def limits_before(run: Run, n: int, one: int, other: int, column: int) -> bool:
+@jit_separate
+def limits_before(run: Run, n: int, first_row: int, second_row: int, column: int) -> bool:
     """Whether one row limits the unknown that enters, of a column, earlier than another."""
-    pivot, other_pivot, q = run.problem[one, column], run.problem[other, column], 2 * n + 1
+    pivot, second_pivot, q = run.problem[first_row, column], run.problem[second_row, column], 2 * n + 1
     for k in range(n + 1):
-        left = (run.problem[one, q] if k == 0 else entry_of(run, n, one, k - 1)) / pivot
-        right = (run.problem[other, q] if k == 0 else entry_of(run, n, other, k - 1)) / other_pivot
+        left = (run.problem[first_row, q] if k == 0 else entry_of(run, n, first_row, k - 1)) / pivot
+        right = (run.problem[second_row, q] if k == 0 else entry_of(run, n, second_row, k - 1)) / second_pivot
         if abs(left - right) > SMALL * max(abs(left), abs(right)):
             return bool(left < right)
-        if k == 0 and (run.basis[one] == 2 * n or run.basis[other] == 2 * n):
-            return bool(run.basis[one] == 2 * n)
+        if k == 0 and (run.basis[first_row] == 2 * n or run.basis[second_row] == 2 * n):
+            return bool(run.basis[first_row] == 2 * n)
     return False
 
 
-@shared
+@jit_separate
 def take_solution(run: Run, n: int) -> None:
     """Read the unknowns z that are in the basis."""
     for i in range(n):

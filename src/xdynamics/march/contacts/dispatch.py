@@ -8,37 +8,37 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.acceptance import end
+from xdynamics.march.acceptance import end_march
 from xdynamics.march.calls import run_at
-from xdynamics.march.contacts.active_set import derive, inform
-from xdynamics.march.contacts.admissibility import check_contacts
+from xdynamics.march.contacts.active_set import inform, solve_active_set
+from xdynamics.march.contacts.admissibility import check_contact_law
 from xdynamics.march.contacts.balance import (
     is_broken,
     open_balance,
+    weigh_contact_impulses,
     weigh_energies,
-    weigh_impulses,
     weigh_positions,
     weigh_rates,
 )
 from xdynamics.march.contacts.delassus import look_at_links
-from xdynamics.march.contacts.event_rows import note_changes, note_impacts
-from xdynamics.march.contacts.gaps import approaching, hear, measure, spread, width
-from xdynamics.march.contacts.impact import collide, noise
-from xdynamics.march.contacts.projection import choose, hold
+from xdynamics.march.contacts.event_rows import note_contact_changes, note_contact_impacts
+from xdynamics.march.contacts.gaps import approaching, collect_detectors, find_touching, gap_width, impact_spread
+from xdynamics.march.contacts.impact import collide_contacts, contact_rate_noise
+from xdynamics.march.contacts.projection import hold_closed_contacts, list_holding
 from xdynamics.march.contacts.time_stepping import step_in_time
 from xdynamics.march.contacts.zeno import bounce
 from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
 from xdynamics.march.run import CHECK, DERIVE, HOLD, INFORM, RESOLVE, SETTLE, STEP_IN_TIME, WEIGH, Run
-from xdynamics.march.trial_step import copy
+from xdynamics.march.trial_step import copy_numbers
 from xdynamics.model.reactions import NORMAL
 from xdynamics.schema import OPEN, REASON_CONTACT, SETTLING
 
 
-def touch(address: Any, t: float, command: int) -> None:
+def run_contact_command(address: Any, t: float, command: int) -> None:
     """Do what contacts need; an entry of the engine.
 
     Parameters
@@ -60,9 +60,9 @@ def touch(address: Any, t: float, command: int) -> None:
     if command == STEP_IN_TIME:
         step_in_time(run, t)
     elif command == HOLD:
-        hold(run, t, True)
+        hold_closed_contacts(run, t, True)
     elif command == SETTLE:
-        settle(run, t)
+        settle_contacts(run, t)
     elif command == RESOLVE:
         resolve(run, t)
     elif command == WEIGH:
@@ -71,19 +71,19 @@ def touch(address: Any, t: float, command: int) -> None:
     elif command == DERIVE:
         derive_again(run, t)
     elif command == CHECK:
-        check_contacts(run, t)
+        check_contact_law(run, t)
     elif command == INFORM:
-        copy(run.y, run.z)
+        copy_numbers(run.y, run.z)
         look_at_links(run, t)
         inform(run)
     else:
-        begin(run, t)
+        begin_contacts(run, t)
 
 
-@shared
-def begin(run: Run, t: float) -> None:
+@jit_separate
+def begin_contacts(run: Run, t: float) -> None:
     """Determine what contacts and friction do at the start."""
-    copy(run.y, run.z)
+    copy_numbers(run.y, run.z)
     look_at_links(run, t)
     for k in range(run.touches.shape[0]):
         contact = run.touches[k]
@@ -92,75 +92,75 @@ def begin(run: Run, t: float) -> None:
         contact.steepest = run.delassus[k, k]
         contact.largest = max(0.0, run.links[k].gap)
         run.swiftest[k], run.lingering[k] = 0.0, 0.0
-        if run.reactions[k].role == NORMAL and run.links[k].gap < -width(run, k):
+        if run.reactions[k].role == NORMAL and run.links[k].gap < -gap_width(run, k):
             run.now[0].status = CONTACT_PENETRATED
         contact.held = OPEN
     if run.plan[0].contacts == STEP_IN_TIME:
         inform(run)
         return
-    measure(run)
-    if not derive(run) and run.now[0].status == RUNNING:
+    find_touching(run)
+    if not solve_active_set(run) and run.now[0].status == RUNNING:
         run.now[0].status = REASON_CONTACT
     for k in range(run.touches.shape[0]):
         run.touches[k].held = run.touches[k].state
 
 
-@shared
+@jit_separate
 def derive_again(run: Run, t: float) -> None:
     """Determine what contacts do after the events at the trial's end, whose impacts have changed forces."""
     look_at_links(run, t)
-    measure(run)
-    if derive(run):
-        note_changes(run, first_of_group(run, run.now[0].rows - 1))
+    find_touching(run)
+    if solve_active_set(run):
+        note_contact_changes(run, first_of_group(run, run.now[0].rows - 1))
     else:
-        end(run, REASON_CONTACT)
+        end_march(run, REASON_CONTACT)
 
 
-@shared
-def settle(run: Run, t: float) -> None:
+@jit_separate
+def settle_contacts(run: Run, t: float) -> None:
     """Go on as if no bounces were left."""
     waiting = False
     for k in range(run.touches.shape[0]):
         waiting = waiting or (run.reactions[k].role == NORMAL and run.touches[k].state == SETTLING)
     if waiting:
-        copy(run.y, run.z)
+        copy_numbers(run.y, run.z)
         look_at_links(run, t)
         open_balance(run)
-        hold(run, t, True)
+        hold_closed_contacts(run, t, True)
         weigh_positions(run, True)
-        copy(run.z, run.y)
+        copy_numbers(run.z, run.y)
 
 
-@shared
+@jit_separate
 def resolve(run: Run, t: float) -> None:
     """Change the trial's state by what happens to contacts at its end."""
     look_at_links(run, t)
     open_balance(run)
-    hear(run)
-    measure(run)
+    collect_detectors(run)
+    find_touching(run)
     first = first_of_group(run, run.now[0].rows - 1)
     for k in range(run.touches.shape[0]):
         gap, watched = run.links[k].gap, run.reactions[k].role == NORMAL and run.touches[k].hit == NONE
-        if watched and gap < 0.0 and gap < -max(width(run, k), spread(run, k)):
-            end(run, CONTACT_PENETRATED)
+        if watched and gap < 0.0 and gap < -max(gap_width(run, k), impact_spread(run, k)):
+            end_march(run, CONTACT_PENETRATED)
             return
     if approaching(run):
-        if not collide(run):
-            end(run, REASON_CONTACT)
+        if not collide_contacts(run):
+            end_march(run, REASON_CONTACT)
             return
-        note_impacts(run, first)
+        note_contact_impacts(run, first)
         for k in range(run.touches.shape[0]):
-            run.touches[k].slack, run.touches[k].lost = noise(run, k), 0.0
+            run.touches[k].slack, run.touches[k].lost = contact_rate_noise(run, k), 0.0
         look_at_links(run, t)
-        weigh_impulses(run)
-    if not (derive(run) and bounce(run, t)):
-        end(run, REASON_CONTACT)
+        weigh_contact_impulses(run)
+    if not (solve_active_set(run) and bounce(run, t)):
+        end_march(run, REASON_CONTACT)
         return
-    note_changes(run, first)
-    if choose(run, False) > 0:
-        hold(run, t, False)
+    note_contact_changes(run, first)
+    if list_holding(run, False) > 0:
+        hold_closed_contacts(run, t, False)
         if run.at[UNSOUND] != 0.0:
-            end(run, REASON_CONTACT)
+            end_march(run, REASON_CONTACT)
         else:
             weigh_positions(run, False)
             weigh_rates(run)

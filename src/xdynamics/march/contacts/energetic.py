@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.delassus import ABSENT, NOISE, PRESSING, add_impulses, gained
+from xdynamics.kernels.compiling import jit_separate
+from xdynamics.march.contacts.delassus import ABSENT, PRESSING, SUM_NOISE, add_impulses, reaction_effect
 from xdynamics.march.contacts.energetic_phases import (
     COMPRESSION,
     ENDED,
@@ -18,7 +18,7 @@ from xdynamics.march.contacts.energetic_phases import (
     WITHOUT_END,
     end_of_phase,
     is_held,
-    slopes,
+    phase_slopes,
 )
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import NORMAL, TANGENT
@@ -26,42 +26,42 @@ from xdynamics.model.reactions import NORMAL, TANGENT
 FRICTIONLESS = -1
 
 
-@shared
-def strike(run: Run) -> bool:
+@jit_separate
+def strike_energetically(run: Run) -> bool:
     """Find the impulse of every contact that approaches; whether they are determined."""
     for k in range(run.touches.shape[0]):
-        run.touches[k].part = PRESSING if struck(run, k) else ABSENT
+        run.touches[k].part = PRESSING if contact_approaches(run, k) else ABSENT
     solved = True
     for k in range(run.touches.shape[0]):
         if run.touches[k].part == PRESSING:
-            solved = solved and alone(run, k)
+            solved = solved and acts_alone(run, k)
     for k in range(run.touches.shape[0]):
         if run.touches[k].part == PRESSING:
             solved = solved and strike_one(run, k)
     return solved
 
 
-@shared
-def struck(run: Run, k: int) -> bool:
+@jit_separate
+def contact_approaches(run: Run, k: int) -> bool:
     """Whether a contact that touches approaches."""
     touch = run.touches[k]
     return bool(run.reactions[k].role == NORMAL and touch.near and touch.rate < -touch.slack)
 
 
-@shared
-def alone(run: Run, k: int) -> bool:
+@jit_separate
+def acts_alone(run: Run, k: int) -> bool:
     """Whether a contact that approaches acts on no other one that does."""
     for j in range(run.touches.shape[0]):
         owner = run.reactions[j].normal
         if owner != k and run.reactions[j].role in (NORMAL, TANGENT) and run.touches[owner].part == PRESSING:
             for i in range(run.touches.shape[0]):
-                own = i == k or (run.reactions[i].role == TANGENT and run.reactions[i].normal == k)
-                if own and abs(run.delassus[j, i]) > NOISE * sqrt(run.delassus[j, j] * run.delassus[i, i]):
+                is_own = i == k or (run.reactions[i].role == TANGENT and run.reactions[i].normal == k)
+                if is_own and abs(run.delassus[j, i]) > SUM_NOISE * sqrt(run.delassus[j, j] * run.delassus[i, i]):
                     return False
     return True
 
 
-@shared
+@jit_separate
 def tangent_of(run: Run, k: int) -> int:
     """The number of a contact's friction; `FRICTIONLESS` where it has none."""
     for j in range(run.touches.shape[0]):
@@ -70,21 +70,21 @@ def tangent_of(run: Run, k: int) -> int:
     return FRICTIONLESS
 
 
-@shared
+@jit_separate
 def strike_one(run: Run, k: int) -> bool:
     """Find the impulse of one contact phase by phase, and what it does to all rates; whether no other one is pressed."""
-    tangent, normal, own = tangent_of(run, k), run.touches[k], run.delassus[k, k]
-    speed, slip, across, along, most = normal.rate, 0.0, 0.0, 0.0, 0.0
+    tangent, normal, self_response = tangent_of(run, k), run.touches[k], run.delassus[k, k]
+    speed, slip, across, slip_response, friction_ratio = normal.rate, 0.0, 0.0, 0.0, 0.0
     if tangent != FRICTIONLESS:
-        across, along = run.delassus[tangent, k], run.delassus[tangent, tangent]
-        slip, most = run.touches[tangent].rate, run.links[tangent].coefficient
+        across, slip_response = run.delassus[tangent, k], run.delassus[tangent, tangent]
+        slip, friction_ratio = run.touches[tangent].rate, run.links[tangent].coefficient
     impulse, friction, work, phase = 0.0, 0.0, 0.0, COMPRESSION
     for j in range(run.touches.shape[0]):
         run.touches[j].found = 0.0
     for _ in range(MOST_PHASES):
-        ratio, opening, sliding = slopes(own, across, along, most, slip)
-        if is_held(opening, own, slip):
-            return abs(speed) <= NOISE * abs(normal.rate) and add_impulses(run)
+        ratio, opening, sliding = phase_slopes(self_response, across, slip_response, friction_ratio, slip)
+        if is_held(opening, self_response, slip):
+            return abs(speed) <= SUM_NOISE * abs(normal.rate) and add_impulses(run)
         phase, step, speed, slip, work = end_of_phase(phase, opening, sliding, speed, slip, work, normal.bounce)
         if phase == WITHOUT_END:
             return False
@@ -99,13 +99,13 @@ def strike_one(run: Run, k: int) -> bool:
     return False
 
 
-@shared
+@jit_separate
 def presses_others(run: Run, k: int) -> bool:
     """Whether the impulses so far make another contact that touches approach."""
     for j in range(run.touches.shape[0]):
         touch = run.touches[j]
         if j != k and run.reactions[j].role == NORMAL and touch.near and touch.part == ABSENT:
-            change = gained(run, j)
-            if change < 0.0 and touch.rate + change < -max(touch.slack, NOISE * (abs(touch.rate) + abs(change))):
+            change = reaction_effect(run, j)
+            if change < 0.0 and touch.rate + change < -max(touch.slack, SUM_NOISE * (abs(touch.rate) + abs(change))):
                 return True
     return False

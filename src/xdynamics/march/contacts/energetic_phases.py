@@ -10,32 +10,34 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.delassus import NOISE
+from xdynamics.kernels.compiling import jit_separate
+from xdynamics.march.contacts.delassus import SUM_NOISE
 
 COMPRESSION, RESTITUTION, ENDED, WITHOUT_END = range(4)
 MOST_PHASES = 8  # compression and restitution, each slipping and then sticking or slipping back, are four
 
 
-@shared
-def slopes(own: float, across: float, along: float, most: float, slip: float) -> tuple[float, float, float]:
+@jit_separate
+def phase_slopes(
+    self_response: float, across: float, slip_response: float, friction_ratio: float, slip: float
+) -> tuple[float, float, float]:
     """How friction, the rate of the gap and the slip grow with the normal impulse.
 
-    An impulse changes the rate of the gap by `own` and the slip by `across`, one of friction the slip by `along`, which
-    is 0 without friction. Friction acts against the slip, by the share `most` of the normal impulse; without slip it
+    An impulse changes the rate of the gap by `self_response` and the slip by `across`, one of friction the slip by `slip_response`, which
+    is 0 without friction. Friction acts against the slip, by the share `friction_ratio` of the normal impulse; without slip it
     holds or, where it cannot, is at its limit.
     """
-    if along == 0.0:
-        return 0.0, own, 0.0
-    holding = -across / along
-    ratio = min(max(holding, -most), most)
+    if slip_response == 0.0:
+        return 0.0, self_response, 0.0
+    holding = -across / slip_response
+    ratio = min(max(holding, -friction_ratio), friction_ratio)
     if slip != 0.0:
-        ratio = -most if slip > 0.0 else most
+        ratio = -friction_ratio if slip > 0.0 else friction_ratio
     sticks = slip == 0.0 and ratio == holding
-    return ratio, own + across * ratio, 0.0 if sticks else across + along * ratio
+    return ratio, self_response + across * ratio, 0.0 if sticks else across + slip_response * ratio
 
 
-@shared
+@jit_separate
 def end_of_phase(
     phase: int, opening: float, sliding: float, speed: float, slip: float, work: float, bounce: float
 ) -> tuple[int, float, float, float, float]:
@@ -52,17 +54,17 @@ def end_of_phase(
     step = min(step, until)
     if not step < inf:
         return WITHOUT_END, step, speed, slip, work
-    after = speed + opening * step if halts else reached
-    work -= step * (speed + after) / 2.0
+    speed_after = speed + opening * step if halts else reached
+    work -= step * (speed + speed_after) / 2.0
     if halts:
-        return phase, step, after, 0.0, work
+        return phase, step, speed_after, 0.0, work
     slip += sliding * step
     if phase == RESTITUTION:
-        return ENDED, step, after, slip, work
-    return RESTITUTION, step, after, slip, bounce * bounce * work
+        return ENDED, step, speed_after, slip, work
+    return RESTITUTION, step, speed_after, slip, bounce * bounce * work
 
 
-@shared
-def is_held(opening: float, own: float, slip: float) -> bool:
+@jit_separate
+def is_held(opening: float, self_response: float, slip: float) -> bool:
     """Whether sticking holds the gap too, as of a body with one coordinate: nothing moves any more."""
-    return not opening > NOISE * own and slip == 0.0
+    return not opening > SUM_NOISE * self_response and slip == 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.run import NO_LINK, SKIPPED, Run
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
@@ -12,14 +12,14 @@ from xdynamics.schema import SLIP as SLIPPED
 from xdynamics.schema import STICK as STUCK
 
 
-@shared
-def note_impacts(run: Run, first: int) -> None:
+@jit_separate
+def note_contact_impacts(run: Run, first: int) -> None:
     """Note the impulse of each contact, and the energy that it took."""
     n = run.plan[0].coordinates
     for k in range(run.touches.shape[0]):
         if run.reactions[k].role != NORMAL or run.touches[k].total == 0.0:
             continue
-        e = row_of(run, k, first)
+        e = event_row_of(run, k, first)
         run.log_events[e].kind = IMPACT
         for j in range(run.touches.shape[0]):
             if j == k or (run.reactions[j].role == TANGENT and run.reactions[j].normal == k):
@@ -28,46 +28,50 @@ def note_impacts(run: Run, first: int) -> None:
                 run.log_impulses[n, e] += run.touches[j].lost
 
 
-@shared
-def note_changes(run: Run, first: int) -> None:
+@jit_separate
+def note_contact_changes(run: Run, first: int) -> None:
     """Note what contacts and friction do after the events."""
     for k in range(run.touches.shape[0]):
-        touch, held = run.touches[k], run.touches[k].held
+        touch, state_before = run.touches[k], run.touches[k].held
         if run.reactions[k].role == NORMAL:
             note_contact(run, k, first)
         elif touch.hit in (SLIP, GRIP):
-            run.log_events[row_of(run, k, first)].kind = STUCK if touch.state == STICKING else SLIPPED
-        elif STICKING in (touch.state, held) and touch.state != held and LOOSE not in (touch.state, held):
+            run.log_events[event_row_of(run, k, first)].kind = STUCK if touch.state == STICKING else SLIPPED
+        elif (
+            STICKING in (touch.state, state_before)
+            and touch.state != state_before
+            and LOOSE not in (touch.state, state_before)
+        ):
             run.log_events[another_row(run, k, first)].kind = STUCK if touch.state == STICKING else SLIPPED
         touch.held = touch.state
 
 
-@shared
+@jit_separate
 def note_contact(run: Run, k: int, first: int) -> None:
     """Note that a contact came to rest, or opened."""
     touch, struck = run.touches[k], run.touches[k].total != 0.0
     if touch.hit == LIMIT and touch.state == CLOSED:
-        rest(run, k, row_of(run, k, first))
+        note_rest(run, k, event_row_of(run, k, first))
     elif touch.hit == PULL:
-        run.log_events[row_of(run, k, first)].kind = TAKEOFF
+        run.log_events[event_row_of(run, k, first)].kind = TAKEOFF
     elif touch.state == CLOSED and touch.held == OPEN:
-        rest(run, k, another_row(run, k, first) if struck or touch.hit == NONE else row_of(run, k, first))
+        note_rest(run, k, another_row(run, k, first) if struck or touch.hit == NONE else event_row_of(run, k, first))
     elif touch.hit == GAP and not struck:
-        run.log_events[row_of(run, k, first)].kind = TOUCH
+        run.log_events[event_row_of(run, k, first)].kind = TOUCH
     elif touch.state == OPEN and touch.held != OPEN and not struck:
         run.log_events[another_row(run, k, first)].kind = TAKEOFF
 
 
-@shared
-def rest(run: Run, k: int, e: int) -> None:
+@jit_separate
+def note_rest(run: Run, k: int, e: int) -> None:
     """Note that a contact came to rest, with the energy of the bounces that were skipped."""
     run.log_events[e].kind, run.log_events[e].murk = REST, 2.0 * run.touches[k].doubt
     run.balance[SKIPPED] += run.touches[k].lost
     run.log_impulses[run.plan[0].coordinates, e] += run.touches[k].lost
 
 
-@shared
-def row_of(run: Run, k: int, first: int) -> int:
+@jit_separate
+def event_row_of(run: Run, k: int, first: int) -> int:
     """The row of the event that a detector of a reaction located; a new one where there is none."""
     for e in range(first, run.now[0].events - run.base[0].events):
         detector = run.detectors[run.log_events[e].detector]
@@ -76,7 +80,7 @@ def row_of(run: Run, k: int, first: int) -> int:
     return another_row(run, k, first)
 
 
-@shared
+@jit_separate
 def another_row(run: Run, k: int, first: int) -> int:
     """Add a row to the group, for a reaction of which no detector located an event."""
     e = run.now[0].events - run.base[0].events
@@ -100,7 +104,7 @@ def another_row(run: Run, k: int, first: int) -> int:
     return e
 
 
-@shared
+@jit_separate
 def clear_impulses(run: Run, e: int) -> None:
     """Set the impulses of an event to zero."""
     for i in range(run.log_impulses.shape[0]):

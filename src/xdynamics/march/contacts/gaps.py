@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import T
-from xdynamics.march.contacts.delassus import NOISE
+from xdynamics.march.contacts.delassus import SUM_NOISE
 from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP
@@ -15,8 +15,8 @@ from xdynamics.schema import SETTLING
 BLUR = 16.0 * EPS  # of the numbers whose difference a gap is, or of t: less is not resolved
 
 
-@shared
-def hear(run: Run) -> None:
+@jit_separate
+def collect_detectors(run: Run) -> None:
     """Note which detector has located an event of each reaction."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
@@ -29,44 +29,44 @@ def hear(run: Run) -> None:
             run.touches[detector.reaction].hit = detector.role
 
 
-@shared
-def width(run: Run, k: int) -> float:
+@jit_separate
+def gap_width(run: Run, k: int) -> float:
     """How wide a gap may be by rounding alone, or by its rate and acceleration within the time tolerance.
 
     Of a gap that was never open nothing else is known: what holds it closed leaves rounding of any size.
     """
     time = run.reactions[k].tolerance
-    return max(NOISE * size_of_gap(run, k), (abs(run.links[k].rate) + abs(run.links[k].free) * time) * time)
+    return max(SUM_NOISE * size_of_gap(run, k), (abs(run.links[k].rate) + abs(run.links[k].free) * time) * time)
 
 
-@shared
-def spread(run: Run, k: int) -> float:
+@jit_separate
+def impact_spread(run: Run, k: int) -> float:
     """How far from zero impacts may have left a gap: each is located within the time tolerance, or the spacing of t.
 
     Bodies that stay together after an impact are apart, or overlap, by as much: that is neither flight nor penetration.
     """
-    return run.swiftest[k] * within(run, k)
+    return run.swiftest[k] * location_time(run, k)
 
 
-@shared
-def within(run: Run, k: int) -> float:
+@jit_separate
+def location_time(run: Run, k: int) -> float:
     """The time within which an event of a contact or friction is located: its tolerance, or the spacing of t."""
     return max(run.reactions[k].tolerance, BLUR * abs(run.at[T]))
 
 
-@shared
+@jit_separate
 def size_of_gap(run: Run, k: int) -> float:
     """The size of the numbers whose difference a gap is."""
     size, n = abs(run.links[k].gap), run.plan[0].coordinates
-    moved = run.links[k].rate  # by time alone
+    rate_by_time = run.links[k].rate  # by time alone
     for i in range(n):
         size += abs(run.directions[k, i] * run.z[i])
-        moved -= run.directions[k, i] * run.z[n + i]
-    return max(size + abs(moved * run.at[T]), run.touches[k].largest)
+        rate_by_time -= run.directions[k, i] * run.z[n + i]
+    return max(size + abs(rate_by_time * run.at[T]), run.touches[k].largest)
 
 
-@shared
-def measure(run: Run) -> None:
+@jit_separate
+def find_touching(run: Run) -> None:
     """Find which contacts touch, and how uncertain rates are."""
     n = run.plan[0].coordinates
     for k in range(run.touches.shape[0]):
@@ -77,15 +77,15 @@ def measure(run: Run) -> None:
         touch.steepest = max(touch.steepest, run.delassus[k, k])
         run.swiftest[k] = max(run.swiftest[k], size)
         size = max(touch.fastest, run.swiftest[k])
-        touch.slack = max(NOISE * size, (abs(run.links[k].free) + brake(run, k)) * run.reactions[k].tolerance)
+        touch.slack = max(SUM_NOISE * size, (abs(run.links[k].free) + brake(run, k)) * run.reactions[k].tolerance)
         touch.near = 0
         if run.reactions[k].role == NORMAL:
             still = abs(run.links[k].rate) <= touch.slack
-            reach = max(width(run, k), spread(run, k)) if still else width(run, k)
+            reach = max(gap_width(run, k), impact_spread(run, k)) if still else gap_width(run, k)
             touch.near = int(touch.hit == GAP or run.links[k].gap <= reach)
 
 
-@shared
+@jit_separate
 def brake(run: Run, k: int) -> float:
     """The deceleration of a slip by friction at its limit."""
     if run.reactions[k].role == NORMAL:
@@ -96,7 +96,7 @@ def brake(run: Run, k: int) -> float:
     return force * run.delassus[k, k]
 
 
-@shared
+@jit_separate
 def approaching(run: Run) -> bool:
     """Whether a contact that touches approaches."""
     approaches = False
@@ -105,8 +105,8 @@ def approaching(run: Run) -> bool:
     return approaches
 
 
-@shared
-def struck(run: Run) -> bool:
+@jit_separate
+def had_impact(run: Run) -> bool:
     """Whether there was an impact."""
     impact = False
     for k in range(run.touches.shape[0]):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import inf, nan
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.linear import solve_linear
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.contacts.delassus import look_at_links
@@ -17,25 +17,27 @@ from xdynamics.march.run import Run
 from xdynamics.model.reactions import MODES, NORMAL
 from xdynamics.schema import SETTLING
 
-MOST_TURNS = 10  # Newton steps to a gap of zero
+MOST_NEWTON_STEPS = 10  # Newton steps to a gap of zero
 
 
-@shared
-def hold(run: Run, t: float, settling: bool) -> None:
+@jit_separate
+def hold_closed_contacts(run: Run, t: float, settling: bool) -> None:
     """Put the trial's state on the constraints that hold it, if any, and evaluate the forces there."""
     run.at[UNSOUND] = 0.0
-    if choose(run, settling) == 0 or not finite_state(run):
+    if list_holding(run, settling) == 0 or not finite_state(run):
         return
-    moved = run.z[run.plan[0].moved]
-    held = hold_positions(run, t, settling) and hold_rates(run, t, settling)
+    projection_before = run.z[run.plan[0].moved]
+    is_held = hold_positions(run, t, settling) and hold_rates(run, t, settling)
     evaluate_held(run, t, run.z, 0.0)
-    if run.plan[0].held > 0 and not moved <= run.z[run.plan[0].moved]:
-        run.z[run.plan[0].moved] = moved  # how far constraints moved the result of the step; nan if they failed
-    run.at[UNSOUND] = 0.0 if held and finite_state(run) else nan
+    if run.plan[0].held > 0 and not projection_before <= run.z[run.plan[0].moved]:
+        run.z[run.plan[0].moved] = (
+            projection_before  # how far constraints moved the result of the step; nan if they failed
+        )
+    run.at[UNSOUND] = 0.0 if is_held and finite_state(run) else nan
 
 
-@shared
-def choose(run: Run, settling: bool) -> int:
+@jit_separate
+def list_holding(run: Run, settling: bool) -> int:
     """List the reactions that hold, those of settling contacts only where `settling` asks for them."""
     count = 0
     for k in range(run.touches.shape[0]):
@@ -46,40 +48,40 @@ def choose(run: Run, settling: bool) -> int:
     return count
 
 
-@shared
+@jit_separate
 def hold_positions(run: Run, t: float, settling: bool) -> bool:
     """Close the gaps of closed contacts, as far as rounding goes."""
-    count, before = choose(run, settling), inf
-    for _ in range(MOST_TURNS):
+    count, worst_before = list_holding(run, settling), inf
+    for _ in range(MOST_NEWTON_STEPS):
         look_at_links(run, t)
         worst = 0.0
         for i in range(count):
             run.column[i] = -run.links[run.chosen[i]].gap
             worst = max(worst, abs(run.column[i]))
-        if worst == 0.0 or not worst < before / 2.0:
+        if worst == 0.0 or not worst < worst_before / 2.0:
             return True
-        before = worst
-        if not shift(run, count, 0):
+        worst_before = worst
+        if not move_along_reactions(run, count, 0):
             return False
     return True
 
 
-@shared
+@jit_separate
 def hold_rates(run: Run, t: float, settling: bool) -> bool:
     """Remove the rates of closed contacts and sticking friction."""
     look_at_links(run, t)
-    count = choose(run, settling)
+    count = list_holding(run, settling)
     for i in range(count):
         run.column[i] = -run.links[run.chosen[i]].rate
-    if not shift(run, count, run.plan[0].coordinates):
+    if not move_along_reactions(run, count, run.plan[0].coordinates):
         return False
     for i in range(count):  # and by what impulse, for `march.contacts.balance`
         run.slowed[run.chosen[i]], run.pulled[run.chosen[i]] = run.links[run.chosen[i]].rate, run.column[i]
     return True
 
 
-@shared
-def shift(run: Run, count: int, first: int) -> bool:
+@jit_separate
+def move_along_reactions(run: Run, count: int, first: int) -> bool:
     """Move positions, or from place `first` on velocities, along the reactions by what `column` says of each gap."""
     for i in range(count):
         for j in range(count):

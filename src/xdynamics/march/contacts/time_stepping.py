@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from math import nan
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.contacts.delassus import ABSENT, GRIPPING, PRESSING, look_at_links, slips, solve_reactions
-from xdynamics.march.force_evaluation import evaluate, finite_state
+from xdynamics.march.force_evaluation import evaluate_forces, finite_state
 from xdynamics.march.run import Run
 from xdynamics.model.reactions import NORMAL, TANGENT
 from xdynamics.schema import BACKWARD, CLOSED, FORWARD, LOOSE, OPEN, STICKING
 
 
-@shared
+@jit_separate
 def step_in_time(run: Run, t1: float) -> None:
     """Add the impulses of a step to the trial, which was made without them."""
     n, h = run.plan[0].coordinates, run.trial[0].h
@@ -27,25 +27,25 @@ def step_in_time(run: Run, t1: float) -> None:
     for i in range(n):
         run.z[i], run.z[n + i] = run.y[i] + h / 2.0 * run.y[n + i], run.y[n + i]
     look_at_links(run, middle)
-    close(run)
+    find_closed_contacts(run)
     for i in range(n):
         run.z[n + i] = run.half[n + i]
     look_at_links(run, middle)
-    solved = push(run, h)
+    solved = push_closed_contacts(run, h)
     for i in range(n):
         change = 0.0
         for k in range(run.touches.shape[0]):
             change += run.responses[k, i] * run.touches[k].found
         run.z[i], run.z[n + i] = run.half[i] + h / 2.0 * change, run.half[n + i] + change
-    evaluate(run, t1, run.z)
+    evaluate_forces(run, t1, run.z)
     for k in range(run.touches.shape[0]):
         run.z[run.plan[0].pressed + k] = run.touches[k].found / h
         conclude_step(run, k)
     run.at[UNSOUND] = 0.0 if solved and finite_state(run) else nan
 
 
-@shared
-def close(run: Run) -> None:
+@jit_separate
+def find_closed_contacts(run: Run) -> None:
     """Find which contacts are closed in the middle of the step, and their coefficients of restitution."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
@@ -53,8 +53,8 @@ def close(run: Run) -> None:
         touch.rate, touch.bounce, touch.found, touch.known = run.links[k].rate, run.links[k].coefficient, 0.0, 0.0
 
 
-@shared
-def push(run: Run, h: float) -> bool:
+@jit_separate
+def push_closed_contacts(run: Run, h: float) -> bool:
     """Find the impulses of the step; whether they exist."""
     for k in range(run.touches.shape[0]):
         touch, reaction = run.touches[k], run.reactions[k]
@@ -71,7 +71,7 @@ def push(run: Run, h: float) -> bool:
     return solve_reactions(run)
 
 
-@shared
+@jit_separate
 def conclude_step(run: Run, k: int) -> None:
     """Set what a contact, or friction, did over the step."""
     touch = run.touches[k]

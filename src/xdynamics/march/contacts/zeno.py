@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from math import inf
 
-from xdynamics.kernels.compiling import shared
-from xdynamics.march.contacts.active_set import derive, inform
-from xdynamics.march.contacts.delassus import NOISE
-from xdynamics.march.contacts.gaps import BLUR, size_of_gap, struck
+from xdynamics.kernels.compiling import jit_separate
+from xdynamics.march.contacts.active_set import inform, solve_active_set
+from xdynamics.march.contacts.delassus import SUM_NOISE
+from xdynamics.march.contacts.gaps import BLUR, had_impact, size_of_gap
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP, PULL
 from xdynamics.model.reactions import NORMAL
@@ -17,10 +17,10 @@ LOW = 1e-9  # of the largest gap so far: height of bounces that may be skipped, 
 ROUNDS = 4  # of examining again which contacts settle
 
 
-@shared
+@jit_separate
 def bounce(run: Run, t: float) -> bool:
     """Let contacts settle whose bounces shrink to nothing; whether there is a solution then."""
-    impact = struck(run)
+    impact = had_impact(run)
     for k in range(run.touches.shape[0]):
         if run.reactions[k].role == NORMAL:
             run.touches[k].way = 0  # 1 once it was examined
@@ -35,7 +35,7 @@ def bounce(run: Run, t: float) -> bool:
             touch.way = 1 if leaves else touch.way
         if not changed:
             break
-        if not derive(run):
+        if not solve_active_set(run):
             return False
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
@@ -49,12 +49,12 @@ def bounce(run: Run, t: float) -> bool:
     return True
 
 
-@shared
+@jit_separate
 def unseen(run: Run, k: int, t: float) -> bool:
     """Whether a contact would open by less, or for a shorter time, than rounding resolves, and close again."""
     touch = run.touches[k]
     rate, fall = run.links[k].rate, -touch.after
-    low = rate * rate <= 8.0 * NOISE * size_of_gap(run, k) * fall
+    low = rate * rate <= 8.0 * SUM_NOISE * size_of_gap(run, k) * fall
     if not (fall > 0.0 and (low or abs(rate) <= BLUR * abs(t) * fall)):
         return False
     share = 1.0 - run.links[k].coefficient  # by which each remaining bounce is shorter than the last
@@ -62,7 +62,7 @@ def unseen(run: Run, k: int, t: float) -> bool:
     return True
 
 
-@shared
+@jit_separate
 def ends_soon(run: Run, k: int, t: float) -> bool:
     """Whether bounces end at a known time, and all of them are low; that time is kept.
 
@@ -72,17 +72,17 @@ def ends_soon(run: Run, k: int, t: float) -> bool:
     """
     touch, reaction = run.touches[k], run.reactions[k]
     rate, fall = run.links[k].rate, -touch.after
-    before, last_duration = touch.speed, t - touch.since
+    speed_before, last_duration = touch.speed, t - touch.since
     touch.speed, touch.since = rate, t
-    if not (fall > 0.0 and 0.0 < rate < before):
+    if not (fall > 0.0 and 0.0 < rate < speed_before):
         touch.limit = -inf
         return False
-    q, height = rate / before, rate * rate / (2.0 * fall)
+    q, height = rate / speed_before, rate * rate / (2.0 * fall)
     # of the next bounce: a flight, or the other corners' flights too
     duration = 2.0 * rate / fall if touch.hit == GAP else last_duration * q
-    rest, size = duration / (1.0 - q), size_of_gap(run, k)
-    limit = t + rest
-    touch.doubt = min(rest, abs(limit - touch.limit))
+    time_left, size = duration / (1.0 - q), size_of_gap(run, k)
+    limit = t + time_left
+    touch.doubt = min(time_left, abs(limit - touch.limit))
     touch.limit = limit
     # what rounding of the gap and of t leaves uncertain of a time that every bounce passes on to the next
     blur = BLUR * (size / rate + abs(t)) / (1.0 - q)

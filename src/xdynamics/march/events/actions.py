@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import RESETS
 from xdynamics.kernels.program import REGIME
-from xdynamics.march.calls import called
+from xdynamics.march.calls import call_law
 from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import STOPPED
 from xdynamics.march.run import Run
-from xdynamics.march.state_changes import put
+from xdynamics.march.state_changes import put_reset_value
 from xdynamics.model.detectors import KINK
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
@@ -23,7 +23,7 @@ _CROSSED, _JUMPED = np.int64(CROSSING), np.int64(JUMP)
 _, STOP, SWITCH, RESET = range(len(ACTIONS))
 
 
-@shared
+@jit_separate
 def act(run: Run, row: int) -> bool:
     """Do what the events of a group declare, in the order of declaration; whether forces have to be evaluated anew."""
     now, changed = run.now[0], False
@@ -44,13 +44,13 @@ def act(run: Run, row: int) -> bool:
     return changed
 
 
-@shared
+@jit_separate
 def reset(run: Run, i: int, e: int) -> None:
     """Reset the state as an event declares, all from the state before; its row notes how far positions are moved."""
     first = run.log_impulses.shape[0] - run.plan[0].coordinates
-    called(run.law[RESETS], run, run.z, run.resets, 0)
+    call_law(run.law[RESETS], run, run.z, run.resets, 0)
     for k in range(run.targets.shape[0]):
         if run.targets[k, 0] == i:
             if run.targets[k, 1] < run.plan[0].coordinates:
                 run.log_impulses[first + run.targets[k, 1], e] += run.resets[k] - run.z[run.targets[k, 1]]
-            put(run, k, run.z)
+            put_reset_value(run, k, run.z)

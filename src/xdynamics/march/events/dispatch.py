@@ -8,28 +8,28 @@ from __future__ import annotations
 from typing import Any
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
 from xdynamics.march.acceptance import AT_BORDER, AT_BOTH, AT_NODE
-from xdynamics.march.calls import called, run_at
-from xdynamics.march.events.arming import arm, forget
-from xdynamics.march.events.departures import begin_departures, judges
+from xdynamics.march.calls import call_law, run_at
+from xdynamics.march.events.arming import arm_event, rearm_rejected
+from xdynamics.march.events.departures import begin_departures, judges_departures
 from xdynamics.march.events.event_free_region import end_region
-from xdynamics.march.events.isolation import arrives, isolate, quiet
+from xdynamics.march.events.isolation import ends_near_event, is_event_free, isolate
 from xdynamics.march.events.switch_sides import take_sides
-from xdynamics.march.events.transition import check, hand_over, meet_here, ring_alone
-from xdynamics.march.events.zero_tests import resolution
+from xdynamics.march.events.transition import check_contact_row, locate_and_land, meet_here, ring_alone
+from xdynamics.march.events.zero_tests import event_resolution
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import SOUND
 from xdynamics.march.run import BEGIN_EVENTS, MEET_HERE, RING, TAKE_SIDES, Run
-from xdynamics.march.trial_step import keep, look, substep, take
+from xdynamics.march.trial_step import evaluate_events, restore_trial, store_trial, substep
 from xdynamics.model.detectors import OCCASION
 from xdynamics.schema import REASON_DOMAIN, REASON_EVENT, REASON_EVENT_FUNCTION
 
 
-def watch(address: Any, _number: float, command: int) -> None:
+def run_event_command(address: Any, _number: float, command: int) -> None:
     """Do what events need; an entry of the engine.
 
     Parameters
@@ -46,17 +46,17 @@ def watch(address: Any, _number: float, command: int) -> None:
     if command == TAKE_SIDES:
         take_sides(run)
     elif command == BEGIN_EVENTS:
-        begin(run)
+        begin_events(run)
     elif command == RING:
         ring_alone(run)
     elif command == MEET_HERE:
         meet_here(run)
     else:
-        find(run)
+        find_event(run)
 
 
-@shared
-def find(run: Run) -> None:
+@jit_separate
+def find_event(run: Run) -> None:
     """Find the first event of a trial and go on after it.
 
     `piece.verdict` is the verdict on the trial: SOUND for one that may be accepted, else why not. Afterwards it is SOUND
@@ -65,11 +65,11 @@ def find(run: Run) -> None:
     reason = run.piece[0].verdict
     run.piece[0].substeps = 0
     if reason == SOUND:
-        reason = meet(run)
+        reason = search_trial(run)
     if reason in (REASON_DOMAIN, REASON_EVENT_FUNCTION):
-        reason = shrink(run, reason)
+        reason = shrink_to_domain(run, reason)
     if reason == REASON_EVENT:
-        reason = hand_over(run)
+        reason = locate_and_land(run)
     run.piece[0].verdict = reason
     end_region(run)
     if run.plan[0].apart == 0:
@@ -77,41 +77,41 @@ def find(run: Run) -> None:
             run.watches[i].alive = 0
 
 
-@shared
-def begin(run: Run) -> None:
+@jit_separate
+def begin_events(run: Run) -> None:
     """Determine on which side of zero every event function is at the start."""
     end_region(run)  # the region of an earlier run
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         watch.seen, watch.greatest = 0, 0.0  # left by an earlier run in the same memory
         watch.ever = int(run.detectors[i].role != OCCASION)
-        arm(run, i, run.g[i])
-    if judges(run):
+        arm_event(run, i, run.g[i])
+    if judges_departures(run):
         begin_departures(run)
-    check(run, run.now[0].t)
+    check_contact_row(run, run.now[0].t)
 
 
-@shared
-def meet(run: Run) -> int:
+@jit_separate
+def search_trial(run: Run) -> int:
     """Look for events in the trial: REASON_EVENT if it holds one, SOUND if it holds none and stays as it is."""
     now, trial = run.now[0], run.trial[0]
     growth, final = run.kept[0].growth, trial.landing in (AT_NODE, AT_BOTH) and now.node >= run.nodes.shape[0]
     set_time(run, T, now.t)
-    called(run.law[DETECT], run, run.y, run.g, 0)
-    look(run)
-    keep(run)
+    call_law(run.law[DETECT], run, run.y, run.g, 0)
+    evaluate_events(run)
+    store_trial(run)
     if trial.unsound_events != 0.0:
         return REASON_EVENT_FUNCTION
     if isolate(run, final):
         return REASON_EVENT
-    take(run)
+    restore_trial(run)
     run.kept[0].growth, run.piece[0].cut = growth, int(run.piece[0].substeps > 0)
-    check(run, trial.t)
+    check_contact_row(run, trial.t)
     return SOUND
 
 
-@shared
-def shrink(run: Run, reason: int) -> int:
+@jit_separate
+def shrink_to_domain(run: Run, reason: int) -> int:
     """Shorten a trial that leaves the domain of the model to the part inside; an event may be on the border."""
     now, trial = run.now[0], run.trial[0]
     whole_step, target, landing, low, high = trial.h, trial.t, trial.landing, 0.0, trial.h
@@ -126,17 +126,17 @@ def shrink(run: Run, reason: int) -> int:
     if low > 0.0:
         substep(run, low)
         set_time(run, T, now.t)
-        called(run.law[DETECT], run, run.y, run.g, 0)
+        call_law(run.law[DETECT], run, run.y, run.g, 0)
         trial.landing = AT_BORDER
-        keep(run)
-        quiet(run)
-        if isolate(run, True) or arrives(run):
+        store_trial(run)
+        is_event_free(run)
+        if isolate(run, True) or ends_near_event(run):
             return REASON_EVENT
-        if not run.plan[0].adaptive and low > max(tolerance, resolution(run, 0, low)):
-            take(run)
+        if not run.plan[0].adaptive and low > max(tolerance, event_resolution(run, 0, low)):
+            restore_trial(run)
             run.piece[0].cut = 1
             return SOUND
-        forget(run)
+        rearm_rejected(run)
     substep(run, whole_step)
     trial.t, trial.landing = target, landing
     return reason

@@ -17,25 +17,25 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary import bounds
 from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH, ULPS, UNBOUNDED
-from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.drive_tables import find_piece
+from xdynamics.kernels.compiling import jit_separate
+from xdynamics.kernels.drive_tables import find_piece_of_table
 from xdynamics.kernels.interval_program import CONSTANT, NUMBER, PHASE, RULES, SLOPE, TIME, UNKNOWN, VALUE, VARIABLE
 from xdynamics.kernels.program import REGIME
 from xdynamics.march.calls import floats_at, row_by, run_at
 from xdynamics.march.run import ALIVE, ALL, Run
 
 State = NDArray[Any]
-below, above = shared(bounds.below), shared(bounds.above)
+below, above = jit_separate(bounds.below), jit_separate(bounds.above)
 
 
-@shared
-def put(run: Run, target: int, low: float, high: float, flaw: int) -> None:
+@jit_separate
+def store_bounds(run: Run, target: int, low: float, high: float, flaw: int) -> None:
     """Store the bounds of a value."""
     run.under[target], run.over[target], run.flaws[target] = low, high, flaw
 
 
-@shared
-def enclose(run: Run, y: State, z: State, first: int, last: int, whose: int) -> None:
+@jit_separate
+def enclose_functions(run: Run, y: State, z: State, first: int, last: int, whose: int) -> None:
     """Compute rows of the event functions on the piece between two states.
 
     Parameters
@@ -52,59 +52,59 @@ def enclose(run: Run, y: State, z: State, first: int, last: int, whose: int) -> 
     in_box, sparse, piece = run.piece[0].rough == 2, whose != ALL, run.piece[0]
     roughly = len(RULES) if run.piece[0].rough == 1 else 0
     if sparse:
-        demand(run, first, last, whose)
+        mark_needed_values(run, first, last, whose)
     for k in range(first, last):
         row, target, a = run.rows[k, 0], run.rows[k, 1], run.rows[k, 2]
-        if sparse and run.wanted[target] == 0:
+        if sparse and run.needed_intervals[target] == 0:
             continue
         if row < VARIABLE or (row < NUMBER and not in_box):
             row_by(run.functions[row + roughly], run, y, z, k)
         elif row == TIME and not in_box:
-            put(run, target, piece.start, piece.end, SMOOTH)
+            store_bounds(run, target, piece.start, piece.end, SMOOTH)
         elif row == PHASE:
-            put(run, target, run.at[REGIME], run.at[REGIME], SMOOTH)
+            store_bounds(run, target, run.at[REGIME], run.at[REGIME], SMOOTH)
         elif row == UNKNOWN:
-            put(run, target, -inf, inf, SMOOTH)
+            store_bounds(run, target, -inf, inf, SMOOTH)
         elif row == NUMBER:
-            put(run, target, run.numbers[a], run.numbers[a], SMOOTH)
+            store_bounds(run, target, run.numbers[a], run.numbers[a], SMOOTH)
         elif row == CONSTANT:
-            put(run, target, run.p[a], run.p[a], SMOOTH)
+            store_bounds(run, target, run.p[a], run.p[a], SMOOTH)
         elif row >= VALUE:
-            looked_up(run, row, target, a, run.rows[k, 3], run.rows[k, 4])
+            enclose_table(run, row, target, a, run.rows[k, 3], run.rows[k, 4])
 
 
-@shared
-def demand(run: Run, first: int, last: int, whose: int) -> None:
+@jit_separate
+def mark_needed_values(run: Run, first: int, last: int, whose: int) -> None:
     """Mark the values that event functions need and, as far as the rows reach, those of their derivatives."""
     for k in range(first, last):
-        run.wanted[run.rows[k, 1]] = 0
+        run.needed_intervals[run.rows[k, 1]] = 0
     for i in range(run.detectors.shape[0]):
         if i == whose or (whose == ALIVE and run.watches[i].alive):
             detector = run.detectors[i]
-            run.wanted[detector.value] = 1
+            run.needed_intervals[detector.value] = 1
             if last >= run.parts[2]:
-                run.wanted[detector.slope] = 1
+                run.needed_intervals[detector.slope] = 1
             if last >= run.parts[3] and detector.bend >= 0:
-                run.wanted[detector.bend] = 1
+                run.needed_intervals[detector.bend] = 1
     for k in range(last - 1, first - 1, -1):
         row = run.rows[k, 0]
-        if run.wanted[run.rows[k, 1]] and (row < VARIABLE or row >= VALUE):
-            run.wanted[run.rows[k, 2]] = 1
+        if run.needed_intervals[run.rows[k, 1]] and (row < VARIABLE or row >= VALUE):
+            run.needed_intervals[run.rows[k, 2]] = 1
             if row < VARIABLE:  # an unused operand is place 0, whose value does no harm
-                run.wanted[run.rows[k, 3]] = run.wanted[run.rows[k, 4]] = 1
+                run.needed_intervals[run.rows[k, 3]] = run.needed_intervals[run.rows[k, 4]] = 1
 
 
-@shared
-def looked_up(run: Run, row: int, target: int, a: int, drive: int, of_time: int) -> None:
+@jit_separate
+def enclose_table(run: Run, row: int, target: int, a: int, drive: int, of_time: int) -> None:
     """Enclose a drive or its slope over the pieces of the table that the argument passes through."""
     low, high, flaw = run.under[a], run.over[a], run.flaws[a]
     first, count = run.places[3 * drive], run.places[3 * drive + 1]
     if not (low > -inf and high < inf):
-        put(run, target, -inf, inf, UNBOUNDED)
+        store_bounds(run, target, -inf, inf, UNBOUNDED)
         return
-    begin = run.places[3 * drive + 2] if of_time else find_piece(low, run.tables, first, count)
-    end = begin if of_time else find_piece(high, run.tables, first, count)
-    least, most = inf, -inf
+    begin = run.places[3 * drive + 2] if of_time else find_piece_of_table(low, run.tables, first, count)
+    end = begin if of_time else find_piece_of_table(high, run.tables, first, count)
+    lowest, highest = inf, -inf
     for piece in range(begin, end + 1):
         start = run.tables[first + piece]
         from_ = (low if piece == begin else start) - start
@@ -120,13 +120,15 @@ def looked_up(run: Run, row: int, target: int, a: int, drive: int, of_time: int)
         z0 = ((c3 * to + c2) * to + c1) * to + c0
         b2 = z0 - w * (((3.0 * c3 * to) + 2.0 * c2) * to + c1) / 3.0
         if not (abs(b0) + abs(b1) + abs(b2) + abs(z0) < inf):
-            put(run, target, -inf, inf, UNBOUNDED)
+            store_bounds(run, target, -inf, inf, UNBOUNDED)
             return
         off = ULPS * (abs(c3 * to * to * to) + abs(c2 * to * to) + abs(c1 * to) + abs(c0))
-        least = min(least, min(min(b0, b1), min(b2, z0)) - off)  # noqa: PLW3301 - two at a time: one order of comparisons
-        most = max(most, max(max(b0, b1), max(b2, z0)) + off)  # noqa: PLW3301
+        lowest = min(lowest, min(min(b0, b1), min(b2, z0)) - off)  # noqa: PLW3301 - two at a time: one order of comparisons
+        highest = max(highest, max(max(b0, b1), max(b2, z0)) + off)  # noqa: PLW3301
     margin = run.plan[0].margin
-    put(run, target, below(least, margin), above(most, margin), flaw if begin == end else max(flaw, BREAKS))
+    store_bounds(
+        run, target, below(lowest, margin), above(highest, margin), flaw if begin == end else max(flaw, BREAKS)
+    )
 
 
 def enclose_between(address: Any, y: Any, z: Any, first: int, last: int, whose: int) -> None:
@@ -143,4 +145,4 @@ def enclose_between(address: Any, y: Any, z: Any, first: int, last: int, whose: 
     whose : int
         The number of an event function, `ALL`, or `ALIVE`.
     """
-    enclose(run_at(address), floats_at(y), floats_at(z), first, last, whose)
+    enclose_functions(run_at(address), floats_at(y), floats_at(z), first, last, whose)

@@ -7,7 +7,7 @@ are. A step that leaves the box is examined by itself, and the box grows, or a n
 
 from __future__ import annotations
 
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.march.calls import enclosed_by
 from xdynamics.march.run import ALL, ENCLOSE, Run
 
@@ -17,22 +17,24 @@ STANDS, REACH, PAUSE, WAIT, BOX = range(5)
 POSITION, INSTANT, OTHER = range(3)  # kinds of variables of the box
 FARTHEST, LONGEST = 64.0, 16.0
 GROWN = 0.5  # of the width of a step that left the box: how far the box grows beyond it
-SLACK = 1e-9  # of a bound: `way` takes fewer operations than the enclosure, which its bounds have to contain
+SLACK = (
+    1e-9  # of a bound: `coordinate_bounds` takes fewer operations than the enclosure, which its bounds have to contain
+)
 
 
-@compiled
-def stays_inside(run: Run) -> bool:
+@jit_inline
+def stays_in_region(run: Run) -> bool:
     """Whether all variables of event functions stay inside the box during the trial."""
-    now, trial, piece, n = run.now[0], run.trial[0], run.piece[0], run.leaves.shape[0]
+    now, trial, piece, n = run.now[0], run.trial[0], run.piece[0], run.box_variables.shape[0]
     if run.region[STANDS] == 0.0:
         return False
     piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
     piece.rough, piece.part = 1, 0
     for j in range(n):
-        sort, k = run.leaves[j, 0], run.leaves[j, 1]
+        sort, k = run.box_variables[j, 0], run.box_variables[j, 1]
         low, high = now.t, trial.t
         if sort == POSITION:
-            low, high = way(run, k)
+            low, high = coordinate_bounds(run, k)
         elif sort == OTHER:
             enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, k, k + 1, ALL)
             low, high = run.under[run.rows[k, 1]], run.over[run.rows[k, 1]]
@@ -41,8 +43,8 @@ def stays_inside(run: Run) -> bool:
     return True
 
 
-@compiled
-def way(run: Run, i: int) -> tuple[float, float]:
+@jit_inline
+def coordinate_bounds(run: Run, i: int) -> tuple[float, float]:
     """Bounds of a coordinate between the states y and z, in few operations: they contain `enclosures.coordinate`'s."""
     n, used, w = run.plan[0].coordinates, run.plan[0].used, run.trial[0].h
     q0, v0, a0, q1, v1, a1 = run.y[i], run.y[n + i], run.y[used + i], run.z[i], run.z[n + i], run.z[used + i]
@@ -56,24 +58,26 @@ def way(run: Run, i: int) -> tuple[float, float]:
     return low - off, high + off
 
 
-@shared
+@jit_separate
 def end_region(run: Run) -> None:
     """Discard the box: after an event or a node, event functions change, or have to stay on other sides."""
-    if run.leaves.shape[0] > 0:
+    if run.box_variables.shape[0] > 0:
         run.region[STANDS] = 0.0
 
 
-@shared
+@jit_separate
 def set_region(run: Run) -> None:
     """Put a box around the trial just enclosed: extend the last box as far as this trial, or make a new one."""
-    n, region = run.leaves.shape[0], run.region
+    n, region = run.box_variables.shape[0], run.region
     if region[WAIT] > 0.0:
         region[WAIT] -= 1.0
         return
     for j in range(n):
-        target = run.leaves[j, 2]
+        target = run.box_variables[j, 2]
         low, high = (
-            way(run, run.leaves[j, 1]) if run.leaves[j, 0] == POSITION else (run.under[target], run.over[target])
+            coordinate_bounds(run, run.box_variables[j, 1])
+            if run.box_variables[j, 0] == POSITION
+            else (run.under[target], run.over[target])
         )
         region[BOX + 2 * n + j], region[BOX + 3 * n + j] = low, high
     run.piece[0].rough = 2
@@ -87,28 +91,30 @@ def set_region(run: Run) -> None:
     region[WAIT] = 0.0 if stands else region[PAUSE]
 
 
-@shared
-def is_silent(run: Run, reach: float, joined: bool) -> bool:
+@jit_separate
+def is_silent(run: Run, reach: float, joins_last_box: bool) -> bool:
     """Whether no event function has a zero in a box `reach` widths beyond the step, joined to the last box or not."""
-    n, region = run.leaves.shape[0], run.region
+    n, region = run.box_variables.shape[0], run.region
     for j in range(n):
-        target, low, high = run.leaves[j, 2], region[BOX + 2 * n + j], region[BOX + 3 * n + j]
+        target, low, high = run.box_variables[j, 2], region[BOX + 2 * n + j], region[BOX + 3 * n + j]
         beyond = reach * (high - low)
-        if joined:
-            least, most = region[BOX + j], region[BOX + n + j]
+        if joins_last_box:
+            box_low, box_high = region[BOX + j], region[BOX + n + j]
             low, high = (
-                min(least, low - beyond if low < least else low),
-                max(most, high + beyond if high > most else high),
+                min(box_low, low - beyond if low < box_low else low),
+                max(box_high, high + beyond if high > box_high else high),
             )
         else:
             low, high = low - beyond, high + beyond
         run.under[target], run.over[target] = low, high
     enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1], ALL)
     for i in range(run.detectors.shape[0]):
-        place, watch = run.detectors[i].value, run.watches[i]
-        settled = (watch.armed > 0 and run.under[place] > 0.0) or (watch.armed < 0 and run.over[place] < 0.0)
-        if watch.asleep == 0 and not (settled and (watch.guard == 0 or watch.armed == watch.guard)):
+        value_index, watch = run.detectors[i].value, run.watches[i]
+        keeps_side = (watch.armed > 0 and run.under[value_index] > 0.0) or (
+            watch.armed < 0 and run.over[value_index] < 0.0
+        )
+        if watch.asleep == 0 and not (keeps_side and (watch.guard == 0 or watch.armed == watch.guard)):
             return False
     for j in range(n):
-        region[BOX + j], region[BOX + n + j] = run.under[run.leaves[j, 2]], run.over[run.leaves[j, 2]]
+        region[BOX + j], region[BOX + n + j] = run.under[run.box_variables[j, 2]], run.over[run.box_variables[j, 2]]
     return True

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.calls import called
+from xdynamics.march.calls import call_law
 from xdynamics.march.events.departures import note_rates
-from xdynamics.march.events.root_finding import is_plain, kind_of
-from xdynamics.march.events.zero_tests import NONE, uncertainty
+from xdynamics.march.events.root_finding import event_kind, is_plain
+from xdynamics.march.events.zero_tests import NONE, function_uncertainty
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.log import first_of_group
 from xdynamics.march.run import NO_LINK, Run
@@ -21,7 +21,7 @@ _CROSSING = np.int64(CROSSING)  # no literal: numba compiles a copy of a functio
 STATE = 2  # of a row of the log, after time and step
 
 
-@shared
+@jit_separate
 def leave_out(run: Run) -> None:
     """Ignore that a grip is lost where the contact itself opens."""
     for i in range(run.detectors.shape[0]):
@@ -35,12 +35,12 @@ def leave_out(run: Run) -> None:
                 run.watches[i].hit = NONE
 
 
-@shared
+@jit_separate
 def note_events(run: Run, row: int, substeps: int) -> None:
     """Write a row for each event that the trial ends at, between the rows `row` and the next."""
     now, trial = run.now[0], run.trial[0]
     set_time(run, T, trial.t)
-    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
     if trial.h > 0.0:
         note_rates(run)
     for i in range(run.detectors.shape[0]):
@@ -52,10 +52,10 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         event.time, event.left, event.residual, event.slope = trial.t, left, run.g1[i], run.slopes[i]
         if run.detectors[i].sampled:
             event.slope = -watch.armed * watch.up
-        event.uncertainty, event.substeps = uncertainty(run, i, run.z), substeps
+        event.uncertainty, event.substeps = function_uncertainty(run, i, run.z), substeps
         event.interpolation = watch.drift / abs(event.slope) if watch.drift > 0.0 else 0.0
         event.murk = watch.clear - watch.zone if watch.zone >= 0.0 else 0.0
-        event.row_before, event.row_after, event.detector, event.kind = row, row + 1, i, kind_of(run, i)
+        event.row_before, event.row_after, event.detector, event.kind = row, row + 1, i, event_kind(run, i)
         event.direction, event.link = -watch.armed, NO_LINK
         event.rest = rest_to_root(run, i) if run.plan[0].doubled > 0 else 0.0
         if run.detectors[i].role == PERIODIC:  # at a time that was known before
@@ -69,17 +69,17 @@ def note_events(run: Run, row: int, substeps: int) -> None:
         now.events += 1
 
 
-@shared
+@jit_separate
 def rest_to_root(run: Run, i: int) -> float:
     """Return what is left of an event's time beside the float: of the trial's end, and from there to the root by the slope."""
     trial, change = run.trial[0], -run.g1[i] / run.slopes[i] if run.slopes[i] != 0.0 else 0.0
     return float(trial.rest + change) if is_plain(run, i) else float(trial.rest)
 
 
-@shared
-def note_offsets(run: Run, before: int) -> None:
+@jit_separate
+def note_offsets(run: Run, row_before: int) -> None:
     """Note how far positions were moved by contacts that came to rest, beyond what events set them to."""
-    n, rows, first = run.plan[0].coordinates, run.log_impulses.shape[0], first_of_group(run, before)
+    n, rows, first = run.plan[0].coordinates, run.log_impulses.shape[0], first_of_group(run, row_before)
     if rows == 0 or run.targets.shape[0] + run.touches.shape[0] == 0:
         return
     owner, last = first, run.now[0].events - run.base[0].events
@@ -88,7 +88,7 @@ def note_offsets(run: Run, before: int) -> None:
             owner = e
             break
     for i in range(n):
-        offset = run.z[i] - run.log_rows[STATE + i, before - run.base[0].rows]
+        offset = run.z[i] - run.log_rows[STATE + i, row_before - run.base[0].rows]
         for e in range(first, last):
             offset -= run.log_impulses[rows - n + i, e]
         run.log_impulses[rows - n + i, owner] += offset

@@ -10,12 +10,12 @@ from __future__ import annotations
 from math import nan
 
 from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.calls import called, enclosed_by
+from xdynamics.march.calls import call_law, enclosed_by
 from xdynamics.march.events.departures import end_leaving, happens_late, has_left, is_leaving, leave_again
-from xdynamics.march.events.event_free_region import set_region, stays_inside
+from xdynamics.march.events.event_free_region import set_region, stays_in_region
 from xdynamics.march.events.zero_tests import (
     CLEAR,
     CROSSED,
@@ -26,57 +26,59 @@ from xdynamics.march.events.zero_tests import (
     NONE,
     OPEN,
     TOUCHED,
+    classify_function,
+    event_resolution,
     idles,
-    known,
-    leaves,
-    murk,
-    reaches,
-    resolution,
-    returns,
-    sign,
+    moves_past_guard,
+    noise_floor,
+    reaches_zero,
+    returned_past_zero,
+    sign_of,
     stays_within,
-    tighten,
+    tighten_slopes,
     trespasses,
-    turns,
+    turns_back,
 )
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
-from xdynamics.march.trial_step import copy, substep
+from xdynamics.march.trial_step import copy_numbers, substep
 from xdynamics.model.detectors import GAP
 
-INFINITE = 1e299  # the function of a switch is no larger than 1e300 at a pole; see `model.switches.bounded`
+INFINITE = 1e299  # the function of a switch is no larger than 1e300 at a pole; see `model.switches.bounded_function`
 
 
-@shared
-def quiet(run: Run) -> bool:
+@jit_separate
+def is_event_free(run: Run) -> bool:
     """Whether no event function can have a zero in the trial; note which may."""
     now, trial, piece = run.now[0], run.trial[0], run.piece[0]
     piece.first, piece.last, piece.full = 0.0, 1.0, trial.h
     if run.plan[0].degree > 0:
-        called(run.law[run.plan[0].polynomial], run, run.y, run.z, 0)
-    if run.leaves.shape[0] > 0 and stays_inside(run):
+        call_law(run.law[run.plan[0].polynomial], run, run.y, run.z, 0)
+    if run.box_variables.shape[0] > 0 and stays_in_region(run):
         return True
     piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
     piece.rough, piece.part = 1, 0
     enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1], ALL)
     piece.rough, silent = 0, True
     for i in range(run.detectors.shape[0]):
-        place, watch = run.detectors[i].value, run.watches[i]
+        value_index, watch = run.detectors[i].value, run.watches[i]
         if run.detectors[i].role == GAP:
             touch = run.touches[run.detectors[i].reaction]
-            touch.largest = max(touch.largest, run.under[place])
-        settled = (watch.armed > 0 and run.under[place] > 0.0) or (watch.armed < 0 and run.over[place] < 0.0)
+            touch.largest = max(touch.largest, run.under[value_index])
+        keeps_side = (watch.armed > 0 and run.under[value_index] > 0.0) or (
+            watch.armed < 0 and run.over[value_index] < 0.0
+        )
         unguarded = watch.guard == 0 or watch.armed == watch.guard
-        watch.alive = int(watch.asleep == 0 and not (settled and unguarded))
+        watch.alive = int(watch.asleep == 0 and not (keeps_side and unguarded))
         if watch.alive:
             silent = False
-    if silent and run.leaves.shape[0] > 0:
+    if silent and run.box_variables.shape[0] > 0:
         set_region(run)
     return silent
 
 
-@shared
+@jit_separate
 def isolate(run: Run, final: bool) -> bool:
     """Find the first piece with events of the trial, which is the run's last if `final`; whether there is one."""
     last = 0
@@ -86,38 +88,38 @@ def isolate(run: Run, final: bool) -> bool:
         watch.zone, watch.hit, watch.forced, watch.broken, watch.began = -1.0, NONE, 0, SMOOTH, watch.armed
         watch.greatest = max(below_infinity(run.g[i]), below_infinity(run.g1[i]))
     grow_branch(run, 0, run.trial[0].h)
-    copy(run.z, run.full)
-    copy(run.e, run.full_e)
+    copy_numbers(run.z, run.full)
+    copy_numbers(run.e, run.full_e)
     run.piece[0].full = run.trial[0].h
-    copy(run.y, run.near)
-    copy(run.g, run.near_g)
+    copy_numbers(run.y, run.near)
+    copy_numbers(run.g, run.near_g)
     start, budget = 0.0, MOST_SUBSTEPS
     while last >= 0:
         s = run.branches[last, 0]
         load_branch(run, last)
         finest = budget <= 0 or last + 1 >= run.branches.shape[0]
-        if weigh(run, start, s, finest):
+        if classify_functions(run, start, s, finest):
             middle = (start + s) / 2.0
             last, budget = last + 1, budget - 1
             step_to(run, middle)
             grow_branch(run, last, middle)
-        elif decide(run, start, s, last == 0 and final):
-            hold(run, start)
+        elif decide_piece(run, start, s, last == 0 and final):
+            hold_other_sides(run, start)
             return True
         else:
             last, start = last - 1, s
-            copy(run.far, run.near)
-            copy(run.far_g, run.near_g)
+            copy_numbers(run.far, run.near)
+            copy_numbers(run.far_g, run.near_g)
     return False
 
 
-@compiled
+@jit_inline
 def below_infinity(value: float) -> float:
     """Return the size of a value, and 0 for the large number in place of infinity: beside that all others are zero."""
     return abs(value) if abs(value) < INFINITE else 0.0
 
 
-@shared
+@jit_separate
 def step_to(run: Run, s: float) -> None:
     """Compute the state after part of the trial's step or, where only time matters, evaluate at that time."""
     moving = False
@@ -127,11 +129,11 @@ def step_to(run: Run, s: float) -> None:
         substep(run, s)
     else:
         set_time(run, T, run.now[0].t + s)
-        called(run.law[DETECT], run, run.z, run.g1, 0)
+        call_law(run.law[DETECT], run, run.z, run.g1, 0)
 
 
-@shared
-def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
+@jit_separate
+def classify_functions(run: Run, start: float, end: float, finest: bool) -> bool:
     """Classify each event function on a piece; whether the piece has to be cut."""
     piece, t, cut = run.piece[0], run.now[0].t, False
     piece.start, piece.end, piece.width, piece.wide = t + start, t + end, end - start, 0.0
@@ -153,18 +155,18 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
                 bent = True
                 watch.least_bend, watch.most_bend = run.under[detector.bend], run.over[detector.bend]
     if bent:
-        tighten(run)
+        tighten_slopes(run)
     for i in range(run.detectors.shape[0]):  # only once all are noted: further tests overwrite the intervals
         if run.watches[i].alive:
-            run.watches[i].state = OPEN if start == 0.0 and returns(run, i) else known(run, i)
+            run.watches[i].state = OPEN if start == 0.0 and returned_past_zero(run, i) else classify_function(run, i)
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         if watch.alive and watch.state == OPEN:
-            narrow = end - start <= resolution(run, i, end)
+            narrow = end - start <= event_resolution(run, i, end)
             set_time(run, T, t + start)
-            size = murk(run, i, run.near)
+            size = noise_floor(run, i, run.near)
             small = stays_within(run, i, size, end - start) or idles(run, i, size)
-            if not small and (narrow or finest) and not turns(run, i):
+            if not small and (narrow or finest) and not turns_back(run, i):
                 watch.state = CLEAR
             elif small or narrow or finest:
                 watch.state = MURKY
@@ -175,8 +177,8 @@ def weigh(run: Run, start: float, end: float, finest: bool) -> bool:
     return cut
 
 
-@shared
-def decide(run: Run, start: float, end: float, border: bool) -> bool:
+@jit_separate
+def decide_piece(run: Run, start: float, end: float, border: bool) -> bool:
     """Note what is known of a piece; whether an event that is watched for is in it or right before it.
 
     Parameters
@@ -199,49 +201,49 @@ def decide(run: Run, start: float, end: float, border: bool) -> bool:
             watch.clear = end
             ended = border and watch.armed != 0 and not is_leaving(run, i)
             if ended or trespasses(run, i, end):
-                strike(run, i, watch.zone, end, ENDED if ended else FORCED)
+                note_event_in_piece(run, i, watch.zone, end, ENDED if ended else FORCED)
         else:
             decide_side(run, i, start, end)
         any_hit = any_hit or watch.hit != NONE
     return any_hit
 
 
-@shared
+@jit_separate
 def decide_side(run: Run, i: int, start: float, end: float) -> None:
     """Note on which side a function is after a piece at whose end it is not zero, and the event if it came from the other.
 
     One that is as good as zero before the piece, and on the same side before and after, has touched zero, unless it only
     leaves it.
     """
-    watch, before, after = run.watches[i], sign(run.near_g[i]), sign(run.far_g[i])
+    watch, side_before, side_after = run.watches[i], sign_of(run.near_g[i]), sign_of(run.far_g[i])
     leaving, waiting = is_leaving(run, i), watch.armed == 0
-    if leaving and before == after == -watch.armed and abs(run.far_g[i]) <= abs(run.near_g[i]):
+    if leaving and side_before == side_after == -watch.armed and abs(run.far_g[i]) <= abs(run.near_g[i]):
         return  # from beyond zero, where the event was met, it is on its way back
-    if before == -watch.armed and watch.zone < 0.0 and start == 0.0 and not leaving:
+    if side_before == -watch.armed and watch.zone < 0.0 and start == 0.0 and not leaving:
         watch.broken = BREAKS  # at the very start, after a node where a drive jumps
-    came = after if watch.state == MONOTONE else (before if before != 0 else after)
+    came = side_after if watch.state == MONOTONE else (side_before if side_before != 0 else side_after)
     watch.clear = start
     pending, left = watch.zone >= 0.0, watch.zone if watch.zone >= 0.0 else start
-    if leaves(run, i, came):
+    if moves_past_guard(run, i, came):
         watch.armed, left = watch.guard, start
     elif waiting and happens_late(run, i, came):
         watch.armed, left = -came, start
     elif waiting:
         watch.armed = came
     if came != watch.armed:
-        strike(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
+        note_event_in_piece(run, i, left, end, FORCED if pending and watch.forced else CROSSED)
         if watch.hit == NONE:
             watch.armed = came
-    elif pending and not waiting and not leaving and reaches(run, i, end - watch.zone):
-        strike(run, i, left, start, TOUCHED)
+    elif pending and not waiting and not leaving and reaches_zero(run, i, end - watch.zone):
+        note_event_in_piece(run, i, left, start, TOUCHED)
     has_left(run, i)
     watch.ever = max(watch.ever, abs(watch.armed))
     if watch.hit == NONE:
         watch.zone, watch.forced, watch.broken, run.pending[i] = -1.0, 0, SMOOTH, 0.0
 
 
-@shared
-def hold(run: Run, start: float) -> None:
+@jit_separate
+def hold_other_sides(run: Run, start: float) -> None:
     """Leave other functions on the sides on which they entered a piece: the motion ends at an event in it."""
     leave_again(run)
     for i in range(run.detectors.shape[0]):
@@ -250,36 +252,36 @@ def hold(run: Run, start: float) -> None:
             watch.armed, watch.left = int(run.entered[i]), watch.zone if watch.zone >= 0.0 else start
 
 
-@shared
-def arrives(run: Run) -> bool:
+@jit_separate
+def ends_near_event(run: Run) -> bool:
     """Whether a trial that ends where the model does is within a time tolerance of an event, by the slopes there."""
     any_hit, s = False, run.located[0].h
-    copy(run.located_z, run.z)
+    copy_numbers(run.located_z, run.z)
     set_time(run, T, run.now[0].t + s)
-    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         watch, value, slope = run.watches[i], run.located_g[i], run.slopes[i]
         watch.hit = NONE
-        if watch.armed * slope < 0.0 and abs(value) <= resolution(run, i, s) * abs(slope):
-            rest = abs(value / slope)  # to the event, by the slope
-            watch.zone, watch.clear = max(0.0, s - rest), s + rest
-            strike(run, i, s, s, ENDED)
+        if watch.armed * slope < 0.0 and abs(value) <= event_resolution(run, i, s) * abs(slope):
+            time_to_event = abs(value / slope)  # to the event, by the slope
+            watch.zone, watch.clear = max(0.0, s - time_to_event), s + time_to_event
+            note_event_in_piece(run, i, s, s, ENDED)
             any_hit = any_hit or watch.hit != NONE
     return any_hit
 
 
-@shared
-def strike(run: Run, i: int, left: float, right: float, what: int) -> None:
+@jit_separate
+def note_event_in_piece(run: Run, i: int, left: float, right: float, hit_kind: int) -> None:
     """Note that an event is in a piece, if its direction is watched for; that of a touch is the one of its approach."""
     watch, direction = run.watches[i], run.detectors[i].direction
     if direction == 0 or direction == -watch.armed:
-        watch.hit, watch.left, watch.right = what, left, right
+        watch.hit, watch.left, watch.right = hit_kind, left, right
         if run.plan[0].apart == 0:
-            at_start = what == CROSSED and run.now[0].t + left == run.piece[0].start
+            at_start = hit_kind == CROSSED and run.now[0].t + left == run.piece[0].start
             watch.before = run.near_g[i] if at_start else nan
 
 
-@shared
+@jit_separate
 def grow_branch(run: Run, k: int, s: float) -> None:
     """Keep the trial's state until the piece before it is done."""
     n = run.z.shape[0]
@@ -290,7 +292,7 @@ def grow_branch(run: Run, k: int, s: float) -> None:
         run.branches[k, 1 + n + i] = run.g1[i]
 
 
-@shared
+@jit_separate
 def load_branch(run: Run, k: int) -> None:
     """Load a state that was kept, as the end of a piece."""
     n = run.far.shape[0]

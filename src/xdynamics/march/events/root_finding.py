@@ -8,16 +8,26 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import INSIDE, SLOPES
 from xdynamics.kernels.program import T1, H, S, T
-from xdynamics.march.calls import called
-from xdynamics.march.events.zero_tests import CROSSED, ENDED, FORCED, LOOKS, NONE, STEEP, TOUCHED, resolution, sign
+from xdynamics.march.calls import call_law
+from xdynamics.march.events.zero_tests import (
+    CROSSED,
+    ENDED,
+    FORCED,
+    LOOKS,
+    NONE,
+    STEEP,
+    TOUCHED,
+    event_resolution,
+    sign_of,
+)
 from xdynamics.march.exact_times import set_time
-from xdynamics.march.force_evaluation import evaluate, finite_state
+from xdynamics.march.force_evaluation import evaluate_forces, finite_state
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import Run
-from xdynamics.march.trial_step import copy, keep, look, substep, take
+from xdynamics.march.trial_step import copy_numbers, evaluate_events, restore_trial, store_trial, substep
 from xdynamics.model.detectors import GAP
 from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 
@@ -28,8 +38,8 @@ FAIR = 1e-3  # of the change of a sampled function from look to look: less is no
 TURNS = 3  # in which narrowing by rates has to bring a bracket, or the value at one end, to an eighth
 
 
-@shared
-def locate(run: Run) -> None:
+@jit_separate
+def locate_events(run: Run) -> None:
     """Shrink the trial by substeps until it ends just after its first event, ties included."""
     first = inf
     for i in range(run.detectors.shape[0]):
@@ -39,58 +49,58 @@ def locate(run: Run) -> None:
             first = min(first, run.watches[i].right)
     if first != run.located[0].h:
         substep(run, first)
-        keep(run)
+        store_trial(run)
     for k in range(run.detectors.shape[0]):
-        i = k if run.plan[0].apart else earliest(run)
+        i = k if run.plan[0].apart else earliest_event(run)
         if i < 0:
             break
         if run.watches[i].drift == WAITING:
             run.watches[i].drift = 0.0
             if happened(run, i, run.located[0].h):
-                bracket(run, i, run.watches[i].left)
+                narrow_bracket(run, i, run.watches[i].left)
     for i in range(run.detectors.shape[0]):
         if run.watches[i].hit != NONE and not happened(run, i, run.located[0].h):
-            join(run, i)
-    settle(run, first)
-    take(run)
+            extend_to_event(run, i)
+    drop_later_events(run, first)
+    restore_trial(run)
 
 
-@shared
-def earliest(run: Run) -> int:
+@jit_separate
+def earliest_event(run: Run) -> int:
     """Return which event seems to be first, of those that have happened and whose brackets wait; -1 if none.
 
     Where it is not first, those before it still wait: their brackets were narrowed along with it.
     """
-    first, least = -1, inf
+    first, earliest_root = -1, inf
     for i in range(run.detectors.shape[0]):
         watch, high = run.watches[i], run.located[0].h
         if watch.drift == WAITING:
             if not happened(run, i, high):
                 watch.drift = 0.0
             else:
-                after, share = run.located_g[i], 0.0
+                value_after, share = run.located_g[i], 0.0
                 if watch.armed * watch.before > 0.0:
-                    share = abs(watch.before) / (abs(watch.before) + abs(after))
+                    share = abs(watch.before) / (abs(watch.before) + abs(value_after))
                 root = watch.left + share * (high - watch.left)
-                if root < least:
-                    first, least = i, root
+                if root < earliest_root:
+                    first, earliest_root = i, root
     return first
 
 
-@shared
-def lift(run: Run, i: int, s: float) -> None:
+@jit_separate
+def raise_left_ends(run: Run, i: int, s: float) -> None:
     """Raise the left ends of waiting brackets where a substep for another event shows that theirs has not happened."""
     if run.plan[0].apart or run.detectors[i].interpolant:
         return
     for k in range(run.detectors.shape[0]):
         watch = run.watches[k]
         waits = k != i and watch.drift == WAITING and watch.hit == CROSSED and not run.detectors[k].interpolant
-        if waits and watch.left < s and not passed(run, k, run.g1[k]):
+        if waits and watch.left < s and not has_passed(run, k, run.g1[k]):
             watch.left, watch.before = s, run.g1[k]
 
 
-@shared
-def settle(run: Run, first: float) -> None:
+@jit_separate
+def drop_later_events(run: Run, first: float) -> None:
     """Leave events that the located trial does not reach to a later step; one is in it, whatever rounding says."""
     any_reached = False
     for i in range(run.detectors.shape[0]):
@@ -101,85 +111,85 @@ def settle(run: Run, first: float) -> None:
             watch.hit = NONE
 
 
-@shared
-def join(run: Run, i: int) -> None:
+@jit_separate
+def extend_to_event(run: Run, i: int) -> None:
     """Extend the trial past an event that follows the first within its time tolerance."""
-    before, t = run.located[0].h, run.now[0].t
-    if not run.plan[0].apart and run.watches[i].hit == CROSSED and is_far(run, i, before):
+    first_end, t = run.located[0].h, run.now[0].t
+    if not run.plan[0].apart and run.watches[i].hit == CROSSED and is_far(run, i, first_end):
         return
-    beside = 8.0 * EPS * max(abs(t), abs(t + before))  # rounding may put one of two simultaneous events later
-    for distance in (beside, resolution(run, i, before)):
-        s = min(before + distance, run.watches[i].right)
-        if (run.plan[0].apart and distance == beside) or not max(before, run.watches[i].left) < s:
+    rounding_step = 8.0 * EPS * max(abs(t), abs(t + first_end))  # rounding may put one of two simultaneous events later
+    for distance in (rounding_step, event_resolution(run, i, first_end)):
+        s = min(first_end + distance, run.watches[i].right)
+        if (run.plan[0].apart and distance == rounding_step) or not max(first_end, run.watches[i].left) < s:
             continue
         substep(run, s)
-        if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)) and placed(run):
-            keep(run)
-            run.watches[i].left, run.watches[i].before = before, nan
+        if run.trial[0].iterations >= 0 and has_passed(run, i, sign_quantity(run, i)) and positions_are_met(run):
+            store_trial(run)
+            run.watches[i].left, run.watches[i].before = first_end, nan
             return
 
 
-@shared
+@jit_separate
 def is_far(run: Run, i: int, s: float) -> bool:
     """Whether an event function is so far from zero after the first event that its own is not at the same time."""
     if run.watches[i].broken != SMOOTH or run.detectors[i].sampled:
         return False
     set_time(run, T, run.now[0].t + s)
-    called(run.law[SLOPES], run, run.located_z, run.slopes, 0)
-    return bool(abs(run.located_g[i]) > STEEP * resolution(run, i, s) * abs(run.slopes[i]))
+    call_law(run.law[SLOPES], run, run.located_z, run.slopes, 0)
+    return bool(abs(run.located_g[i]) > STEEP * event_resolution(run, i, s) * abs(run.slopes[i]))
 
 
-@shared
-def placed(run: Run) -> bool:
+@jit_separate
+def positions_are_met(run: Run) -> bool:
     """Whether every event that the trial has passed is as near its zero as its tolerance of position demands."""
     near = True
     for i in range(run.detectors.shape[0]):
         tolerance = run.detectors[i].position
-        if tolerance < inf and run.watches[i].hit not in (NONE, TOUCHED, ENDED) and passed(run, i, run.g1[i]):
+        if tolerance < inf and run.watches[i].hit not in (NONE, TOUCHED, ENDED) and has_passed(run, i, run.g1[i]):
             near = near and abs(run.g1[i]) <= tolerance
     return near
 
 
-@shared
+@jit_separate
 def happened(run: Run, i: int, s: float) -> bool:
     """Whether the located trial ends after an event."""
     if run.watches[i].hit == ENDED:
         return True
-    copy(run.located_z, run.z)
-    copy(run.located_g, run.g1)
+    copy_numbers(run.located_z, run.z)
+    copy_numbers(run.located_g, run.g1)
     set_time(run, T, run.now[0].t + s)
-    return passed(run, i, measured(run, i))
+    return has_passed(run, i, sign_quantity(run, i))
 
 
-@compiled
-def passed(run: Run, i: int, value: float) -> bool:
+@jit_inline
+def has_passed(run: Run, i: int, value: float) -> bool:
     """Whether the quantity that changes sign at an event has done so; zero counts as the other side."""
     return value >= 0.0 if run.watches[i].armed < 0 else value <= 0.0
 
 
-@shared
-def measured(run: Run, i: int) -> float:
+@jit_separate
+def sign_quantity(run: Run, i: int) -> float:
     """The quantity that changes sign at an event, at the trial's end: its function or, at a touch, minus its slope."""
     if run.watches[i].hit != TOUCHED:
         return run.g1[i]
-    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
     return -run.slopes[i]
 
 
-@shared
-def bracket(run: Run, i: int, left: float) -> None:
+@jit_separate
+def narrow_bracket(run: Run, i: int, left: float) -> None:
     """Narrow one event's bracket [low, high] of steps to its time tolerance, by the ITP method.
 
     Event i has not happened at `low` and has at `high`, where the located trial ends; where another event is earlier, a
     later call narrows further.
     """
-    t, watch, at_high = run.now[0].t, run.watches[i], measured(run, i)
+    t, watch, at_high = run.now[0].t, run.watches[i], sign_quantity(run, i)
     low, high, at_low = left, run.located[0].h, watch.before
     if run.detectors[i].interpolant:
         substep(run, run.piece[0].full)  # the interpolant is that of the whole step's stages
     if run.plan[0].apart or not is_plain(run, i) or isnan(at_low):
         at_low = start_of(run, i, low)
-    if run.detectors[i].interpolant and low > 0.0 and sign(at_low) != watch.armed:
+    if run.detectors[i].interpolant and low > 0.0 and sign_of(at_low) != watch.armed:
         low = 0.0  # by the interpolant it is earlier than by the shortened step
         at_low = start_of(run, i, low)
     spacing, position = (
@@ -189,31 +199,31 @@ def bracket(run: Run, i: int, left: float) -> None:
     time_tolerance = max(run.detectors[i].tolerance, spacing)
     # where a position is demanded too, the time may have to be resolved to rounding
     tolerance = time_tolerance if position == inf else spacing
-    believed = sign(at_low) == watch.armed
+    believed = sign_of(at_low) == watch.armed
     if not run.plan[0].apart and believed and is_plain(run, i):
-        by_rates(run, i, low, at_low, time_tolerance, position)
+        narrow_by_rates(run, i, low, at_low, time_tolerance, position)
         low, at_low, high, at_high = watch.left, watch.before, run.located[0].h, run.located_g[i]
-    slack, scale = reach(high - low, tolerance), 0.2 / (high - low)
+    slack, scale = bisection_reach(high - low, tolerance), 0.2 / (high - low)
     for _ in range(MOST_SUBSTEPS - 1):
         if high - low <= tolerance or (high - low <= time_tolerance and abs(at_high) <= position):
             break
-        if sign(at_low) != watch.armed:  # too small to be trusted, unlike the side
+        if sign_of(at_low) != watch.armed:  # too small to be trusted, unlike the side
             at_low = -at_high if at_high != 0.0 else float(watch.armed)
-        s = inside(itp(low, high, at_low, at_high, scale, slack - (high - low) / 2.0), low, high, tolerance)
+        s = point_inside(itp(low, high, at_low, at_high, scale, slack - (high - low) / 2.0), low, high, tolerance)
         slack = slack / 2.0
         if not low < s < high:
             break
-        probe(run, i, s)
+        evaluate_part(run, i, s)
         # unsolved equations tell nothing: the bracket stays as wide as it is
         if run.trial[0].iterations < 0:
             break
-        value = measured(run, i)
-        if passed(run, i, value):
+        value = sign_quantity(run, i)
+        if has_passed(run, i, value):
             high, at_high = s, value
-            keep(run)
+            store_trial(run)
         else:
             low, at_low, believed = s, value, True
-            lift(run, i, s)
+            raise_left_ends(run, i, s)
     watch.left, watch.right, watch.before = low, high, at_low
     if run.detectors[i].interpolant:
         note_drift(run, i)
@@ -221,26 +231,31 @@ def bracket(run: Run, i: int, left: float) -> None:
         polish(run, i, at_high if believed else 0.0)
 
 
-@shared
+@jit_separate
 def is_plain(run: Run, i: int) -> bool:
     """Whether an event function is smooth where it crosses zero, and its rate is known."""
     detector, watch = run.detectors[i], run.watches[i]
     return watch.hit == CROSSED and watch.broken == SMOOTH and not detector.sampled and not detector.interpolant
 
 
-@shared
-def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place: float) -> None:
+@jit_separate
+def narrow_by_rates(
+    run: Run, i: int, left: float, at_left: float, time_tolerance: float, position_tolerance: float
+) -> None:
     """Narrow a smooth event's bracket by values and rates, while a few turns bring it, or the value, to an eighth."""
     watch, low, high, at_low, at_high = run.watches[i], left, run.located[0].h, at_left, run.located_g[i]
-    slope_high = rate_of(run, i, run.located_z, high)
+    slope_high = event_rate(run, i, run.located_z, high)
     lifted = at_low != run.near_g[i]  # by a substep whose state was not kept
-    slope_low = (at_high - at_low) / (high - low) if lifted else rate_of(run, i, run.near, low)
+    slope_low = (at_high - at_low) / (high - low) if lifted else event_rate(run, i, run.near, low)
     width, turns, t = high - low, 0, run.now[0].t
     spacing = 2.0 * EPS * max(abs(t), abs(t + high))
-    beyond, least = spacing / 16.0, min(abs(at_low), abs(at_high))
-    while not (high - low <= spacing or (high - low <= asked and abs(at_high) <= place)) and turns < TURNS:
+    beyond, smallest = spacing / 16.0, min(abs(at_low), abs(at_high))
+    while (
+        not (high - low <= spacing or (high - low <= time_tolerance and abs(at_high) <= position_tolerance))
+        and turns < TURNS
+    ):
         point = hermite(low, high, at_low, at_high, slope_low, slope_high)
-        tolerance = asked if abs(at_high) <= place else spacing
+        tolerance = time_tolerance if abs(at_high) <= position_tolerance else spacing
         near = point >= high - max(4.0 * spacing, tolerance / 64.0)  # what is left is the bracket's other end
         s = max((low + high) / 2.0, high - 0.9 * tolerance) if near else point + beyond
         if not low < s < high:
@@ -248,37 +263,37 @@ def by_rates(run: Run, i: int, left: float, at_left: float, asked: float, place:
         substep(run, s)
         if run.trial[0].iterations < 0:
             break
-        value, slope, turns = run.g1[i], rate_of(run, i, run.z, s), turns + 1
-        if passed(run, i, value):
+        value, slope, turns = run.g1[i], event_rate(run, i, run.z, s), turns + 1
+        if has_passed(run, i, value):
             high, at_high, slope_high = s, value, slope
-            keep(run)
+            store_trial(run)
         else:
             low, at_low, slope_low = s, value, slope
             beyond = min(16.0 * beyond, tolerance / 2.0)  # rounding may keep a function on its side past its root
-            lift(run, i, s)
+            raise_left_ends(run, i, s)
         nearest = min(abs(at_low), abs(at_high))
-        if 8.0 * (high - low) <= width or 8.0 * nearest <= least:
-            width, least, turns = high - low, nearest, 0
+        if 8.0 * (high - low) <= width or 8.0 * nearest <= smallest:
+            width, smallest, turns = high - low, nearest, 0
     watch.left, watch.before = low, at_low
 
 
-@shared
-def rate_of(run: Run, i: int, state: State, s: float) -> float:
+@jit_separate
+def event_rate(run: Run, i: int, state: State, s: float) -> float:
     """The rate of an event function at a state that is part of the trial."""
     set_time(run, T, run.now[0].t + s)
-    called(run.law[SLOPES], run, state, run.slopes, 0)
+    call_law(run.law[SLOPES], run, state, run.slopes, 0)
     return run.slopes[i]
 
 
-@shared
-def inside(s: float, low: float, high: float, tolerance: float) -> float:
+@jit_separate
+def point_inside(s: float, low: float, high: float, tolerance: float) -> float:
     """A point inside a bracket: one that fell on an end of it is moved a tolerance inwards."""
     if s >= high:
         return max((low + high) / 2.0, high - tolerance)
     return min((low + high) / 2.0, low + tolerance) if s <= low else s
 
 
-@shared
+@jit_separate
 def polish(run: Run, i: int, at_high: float) -> None:
     """Move the right end next to the zero by one more secant: what is left of a gap enters every later bounce.
 
@@ -290,30 +305,30 @@ def polish(run: Run, i: int, at_high: float) -> None:
     s = root + 2.0 * EPS * max(abs(t), abs(t + high))
     if not low < s < high:
         return
-    probe(run, i, s)
-    if run.trial[0].iterations >= 0 and passed(run, i, measured(run, i)):
-        keep(run)
+    evaluate_part(run, i, s)
+    if run.trial[0].iterations >= 0 and has_passed(run, i, sign_quantity(run, i)):
+        store_trial(run)
         watch.right = s
 
 
-@shared
-def probe(run: Run, i: int, s: float) -> None:
+@jit_separate
+def evaluate_part(run: Run, i: int, s: float) -> None:
     """Compute the state after part of the trial, by a shortened step or, if the event asks for it, the interpolant."""
     now, piece, used = run.now[0], run.piece[0], run.plan[0].used
     if not run.detectors[i].interpolant or s >= piece.full:
         substep(run, s)
         return
     run.at[T], run.at[T1], run.at[H], run.at[S] = now.t, now.t + piece.full, piece.full, s / piece.full
-    called(run.law[INSIDE], run, run.y, run.full, 0)
+    call_law(run.law[INSIDE], run, run.y, run.full, 0)
     for k in range(used):
         run.z[k], run.e[k] = run.e[k], run.full_e[k]
-    evaluate(run, now.t + s, run.z)
+    evaluate_forces(run, now.t + s, run.z)
     run.trial[0].t, run.trial[0].h, run.trial[0].iterations = now.t + s, s, 0
     run.trial[0].unsound = 0.0 if finite_state(run) else nan
-    look(run)
+    evaluate_events(run)
 
 
-@shared
+@jit_separate
 def note_drift(run: Run, i: int) -> None:
     """Note how far the event function on the interpolant is from that of the shortened step."""
     s, value = run.located[0].h, run.located_g[i]
@@ -321,40 +336,40 @@ def note_drift(run: Run, i: int) -> None:
     run.watches[i].drift = abs(run.g1[i] - value) if run.trial[0].iterations >= 0 else inf
 
 
-@shared
+@jit_separate
 def start_of(run: Run, i: int, s: float) -> float:
     """The quantity that changes sign at an event, at the left end of its bracket."""
     if s > 0.0:
-        probe(run, i, s)
-        return measured(run, i)
+        evaluate_part(run, i, s)
+        return sign_quantity(run, i)
     if run.watches[i].hit != TOUCHED:
         return run.g[i]
     set_time(run, T, run.now[0].t)
-    called(run.law[SLOPES], run, run.y, run.slopes, 0)
+    call_law(run.law[SLOPES], run, run.y, run.slopes, 0)
     return -run.slopes[i]
 
 
-@shared
-def kind_of(run: Run, i: int) -> int:
+@jit_separate
+def event_kind(run: Run, i: int) -> int:
     """Tell a crossing from a touch, a jump, a pole and an unresolved cluster; slopes are those at the end."""
-    watch, after = run.watches[i], run.g1[i]
+    watch, value_after = run.watches[i], run.g1[i]
     if watch.hit in (TOUCHED, ENDED):
         return TOUCH
     if run.detectors[i].sampled:
         explained = STEEP * (watch.up * (watch.right - watch.left) + EPS * watch.greatest)
         over_a_look = watch.up * (run.piece[0].full / LOOKS)  # solved equations leave more than rounding does
-        return JUMP if abs(after - watch.before) > max(explained, FAIR * over_a_look) else CROSSING
+        return JUMP if abs(value_after - watch.before) > max(explained, FAIR * over_a_look) else CROSSING
     if watch.broken >= BREAKS:
-        if watch.broken == UNBOUNDED and min(abs(watch.before), abs(after)) > STEEP * watch.greatest:
+        if watch.broken == UNBOUNDED and min(abs(watch.before), abs(value_after)) > STEEP * watch.greatest:
             return POLE
         width = watch.right - watch.left
-        if abs(after - watch.before) > STEEP * (abs(run.slopes[i]) * width + EPS * watch.greatest):
+        if abs(value_after - watch.before) > STEEP * (abs(run.slopes[i]) * width + EPS * watch.greatest):
             return JUMP
     return CLUSTER if watch.hit == FORCED else CROSSING
 
 
-@compiled
-def reach(width: float, tolerance: float) -> float:
+@jit_inline
+def bisection_reach(width: float, tolerance: float) -> float:
     """(tolerance/2) * 2**(n + 1), with n the halvings that bisection needs: the slack of ITP's first step."""
     slack = tolerance
     while slack < width:
@@ -362,7 +377,7 @@ def reach(width: float, tolerance: float) -> float:
     return slack
 
 
-@compiled
+@jit_inline
 def hermite(low: float, high: float, at_low: float, at_high: float, slope_low: float, slope_high: float) -> float:
     """The zero by the cubic of time over value, through both ends with their rates; else the middle."""
     change = at_high - at_low
@@ -374,7 +389,7 @@ def hermite(low: float, high: float, at_low: float, at_high: float, slope_low: f
     return point if low <= point <= high else (low + high) / 2.0
 
 
-@compiled
+@jit_inline
 def itp(low: float, high: float, at_low: float, at_high: float, scale: float, slack: float) -> float:
     """Interpolate, truncate towards the middle, project: one step of ITP with kappa_2 = 2, n_0 = 1."""
     middle = (low + high) / 2.0

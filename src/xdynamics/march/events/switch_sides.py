@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels.compiling import shared
-from xdynamics.kernels.drive_tables import find_piece
+from xdynamics.kernels.compiling import jit_separate
+from xdynamics.kernels.drive_tables import find_piece_of_table
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.calls import called
+from xdynamics.march.calls import call_law
 from xdynamics.march.events.one_sided_rates import moment, step_ahead
-from xdynamics.march.events.root_finding import kind_of, passed
-from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign
+from xdynamics.march.events.root_finding import event_kind, has_passed
+from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign_of
 from xdynamics.march.exact_times import set_time
-from xdynamics.march.force_evaluation import evaluate
+from xdynamics.march.force_evaluation import evaluate_forces
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.schema import JUMP
@@ -26,52 +26,52 @@ from xdynamics.schema import JUMP
 State = NDArray[Any]
 
 
-@shared
+@jit_separate
 def take_sides(run: Run) -> None:
     """Determine the side of each switch that the march is on or, where it starts on a switch, goes to."""
     zero = False
     set_time(run, T, run.now[0].t)
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].drive >= 0:
-            enter_piece(run, i, find(run, i, run.y, 0.0))
+            enter_piece(run, i, find_table_piece(run, i, run.y, 0.0))
     for _ in range(run.detectors.shape[0]):  # a side may decide which others count: those inside a `where`
-        called(run.law[DETECT], run, run.y, run.g, 0)
+        call_law(run.law[DETECT], run, run.y, run.g, 0)
         zero, changed = False, False
         for i in range(run.detectors.shape[0]):
             detector = run.detectors[i]
             if detector.role in (SWITCH, KINK):
                 zero = zero or run.g[i] == 0.0
                 if detector.drive < 0:
-                    changed = take_side(run, i, sign(run.g[i]) if run.g[i] != 0.0 else detector.at_zero) or changed
+                    changed = take_side(run, i, sign_of(run.g[i]) if run.g[i] != 0.0 else detector.at_zero) or changed
         if not changed:
             break
     if zero:
         leave_zeros(run)
 
 
-@shared
+@jit_separate
 def leave_zeros(run: Run) -> None:
     """Take the side that the motion goes to where it starts on a switch; tables first, since others may read them."""
-    evaluate(run, run.now[0].t, run.y)
-    called(run.law[SLOPES], run, run.y, run.slopes, 0)
+    evaluate_forces(run, run.now[0].t, run.y)
+    call_law(run.law[SLOPES], run, run.y, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].drive >= 0 and run.g[i] == 0.0:
-            enter_piece(run, i, find(run, i, run.y, moving(run, i, run.y)))
+            enter_piece(run, i, find_table_piece(run, i, run.y, argument_motion(run, i, run.y)))
     for _ in range(run.detectors.shape[0]):
-        called(run.law[DETECT], run, run.y, run.g, 0)
-        called(run.law[SLOPES], run, run.y, run.slopes, 0)
+        call_law(run.law[DETECT], run, run.y, run.g, 0)
+        call_law(run.law[SLOPES], run, run.y, run.slopes, 0)
         changed = False
         for i in range(run.detectors.shape[0]):
             detector = run.detectors[i]
             if detector.role in (SWITCH, KINK) and detector.drive < 0:
-                side = sign(run.g[i]) if run.g[i] != 0.0 else sign(run.slopes[i])
+                side = sign_of(run.g[i]) if run.g[i] != 0.0 else sign_of(run.slopes[i])
                 changed = (side != 0 and take_side(run, i, side)) or changed
         if not changed:
             break
     leave_flat_zeros(run)
 
 
-@shared
+@jit_separate
 def leave_flat_zeros(run: Run) -> None:
     """Take the side that is met a moment later by switches of which neither value nor rate says where they go.
 
@@ -83,14 +83,14 @@ def leave_flat_zeros(run: Run) -> None:
     if not flat:
         return
     step_ahead(run, run.y, moment(run))
-    called(run.law[DETECT], run, run.z, run.g1, 0)
+    call_law(run.law[DETECT], run, run.z, run.g1, 0)
     set_time(run, T, run.now[0].t)
     for i in range(run.detectors.shape[0]):
         if is_flat(run, i) and run.g1[i] != 0.0:
-            take_side(run, i, sign(run.g1[i]))
+            take_side(run, i, sign_of(run.g1[i]))
 
 
-@shared
+@jit_separate
 def is_flat(run: Run, i: int) -> bool:
     """Whether a detector is a switch whose function and its rate are zero."""
     detector = run.detectors[i]
@@ -98,7 +98,7 @@ def is_flat(run: Run, i: int) -> bool:
     return bool(switch and run.g[i] == 0.0 and run.slopes[i] == 0.0)
 
 
-@shared
+@jit_separate
 def take_side(run: Run, i: int, where: int) -> bool:
     """Set forces to one side of a switch; whether they were on another."""
     if run.modes[run.detectors[i].to] == float(where) and run.watches[i].guard == where:
@@ -107,63 +107,66 @@ def take_side(run: Run, i: int, where: int) -> bool:
     return True
 
 
-@shared
+@jit_separate
 def choose_side(run: Run, i: int, where: int) -> None:
     """Set forces to one side of a switch, and guard that side."""
     run.modes[run.detectors[i].to], run.watches[i].guard = float(where), where
 
 
-@shared
-def keep_sides(run: Run, moved: bool, landed: bool) -> bool:
+@jit_separate
+def keep_sides(run: Run, state_was_set: bool, landed: bool) -> bool:
     """Set all switches to the sides of the trial's state after an event; whether any side changed.
 
-    `moved` says that the event may have set the state elsewhere, beyond several points of a table, say; `landed` that
+    `state_was_set` says that the event may have set the state elsewhere, beyond several points of a table, say; `landed` that
     switches on which the trial ends are passed. Else they have been, and rounding would decide on their sides.
     """
     set_time(run, T, run.trial[0].t)
-    called(run.law[DETECT], run, run.z, run.slopes, 0)
-    changed = keep_pieces(run, moved, landed)
+    call_law(run.law[DETECT], run, run.z, run.slopes, 0)
+    changed = keep_pieces(run, state_was_set, landed)
     if changed:  # conditions on a table's value are evaluated with the piece after the point
-        called(run.law[DETECT], run, run.z, run.slopes, 0)
+        call_law(run.law[DETECT], run, run.z, run.slopes, 0)
     for _ in range(run.detectors.shape[0]):
         switched = False
         for i in range(run.detectors.shape[0]):
             detector, watch = run.detectors[i], run.watches[i]
             if detector.drive < 0 and detector.role in (SWITCH, KINK) and (landed or watch.hit == NONE):
-                side = sign(run.slopes[i])
-                held = np.int64(run.modes[detector.to])
+                side = sign_of(run.slopes[i])
+                side_before = np.int64(run.modes[detector.to])
                 if watch.hit in (CROSSED, FORCED):
                     side = -watch.armed
-                if side != 0 and side != held:
+                if side != 0 and side != side_before:
                     choose_side(run, i, side)
                     switched = True
         if not switched:
             break
         changed = True
-        called(run.law[DETECT], run, run.z, run.slopes, 0)  # conditions inside the branch of a `where` that holds now
+        call_law(run.law[DETECT], run, run.z, run.slopes, 0)  # conditions inside the branch of a `where` that holds now
     return changed
 
 
-@shared
-def keep_pieces(run: Run, moved: bool, landed: bool) -> bool:
+@jit_separate
+def keep_pieces(run: Run, state_was_set: bool, landed: bool) -> bool:
     """Enter the pieces of tables that the trial's state is in now; whether any was entered."""
     changed = False
     for i in range(run.detectors.shape[0]):
         detector, hit = run.detectors[i], run.watches[i].hit != NONE
         if hit and not landed:
             continue
-        if detector.drive < 0 or not (hit or (moved and not run.slopes[i] > 0.0)):
+        if detector.drive < 0 or not (hit or (state_was_set and not run.slopes[i] > 0.0)):
             continue
-        piece, held = find(run, i, run.z, moving(run, i, run.z)), run.places[3 * detector.drive + 2]
-        if hit and (piece == held or not moved):
+        piece, piece_before = (
+            find_table_piece(run, i, run.z, argument_motion(run, i, run.z)),
+            run.places[3 * detector.drive + 2],
+        )
+        if hit and (piece == piece_before or not state_was_set):
             piece = passed_into(run, i)
         enter_piece(run, i, piece)
         changed = True
     return changed
 
 
-@shared
-def slides(run: Run) -> bool:
+@jit_separate
+def slides_along_switch(run: Run) -> bool:
     """Whether the motion is driven back to a switch at which a force jumps, as it was on the side before.
 
     For a table, the side after the switch is inside the next piece, where its function is positive again. At a switch
@@ -173,11 +176,11 @@ def slides(run: Run) -> bool:
     """
     sliding = False
     set_time(run, T, run.trial[0].t)
-    called(run.law[SLOPES], run, run.z, run.slopes, 0)
+    call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         detector, watch = run.detectors[i], run.watches[i]
         if detector.role == SWITCH and watch.hit in (CROSSED, FORCED):
-            if detector.of_time or kind_of(run, i) == JUMP or not passed(run, i, run.g1[i]):
+            if detector.of_time or event_kind(run, i) == JUMP or not has_passed(run, i, run.g1[i]):
                 continue  # a trial that solves equations anew may end before a switch that it was to end behind
             sliding = sliding or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
         elif detector.role == KINK and detector.drive < 0 and watch.hit in (CROSSED, FORCED):
@@ -185,86 +188,94 @@ def slides(run: Run) -> bool:
     return sliding
 
 
-@shared
-def find(run: Run, i: int, state: State, rate: float) -> int:
+@jit_separate
+def find_table_piece(run: Run, i: int, state: State, rate: float) -> int:
     """Return the piece of a table that a state is in; at a point between two, the piece into which it moves.
 
     A state leaves the ends of the table only once it moves, not when about to: beyond, the force may differ at once.
     """
     detector = run.detectors[i]
     first, count = run.places[3 * detector.drive], run.places[3 * detector.drive + 1]
-    x, speed, _ = argument(run, i, state)
-    piece = find_piece(x, run.tables, first, count)
+    x, speed, _ = table_argument(run, i, state)
+    piece = find_piece_of_table(x, run.tables, first, count)
     if x == run.tables[first + count - 1] and rate != 0.0 and speed > 0.0:
         return count - 1
     if (
         piece == count - 2
         and rate != 0.0
         and speed > 0.0
-        and alone(run, i)
+        and last_piece_is_point(run, i)
         and not isnan(run.tables[first + 5 * count - 1])
     ):
         return count - 1
-    back = rate < 0.0 if piece > 1 else rate != 0.0 and speed < 0.0
-    return piece - 1 if back and piece > 0 and x == run.tables[first + piece] else piece
+    moves_back = rate < 0.0 if piece > 1 else rate != 0.0 and speed < 0.0
+    return piece - 1 if moves_back and piece > 0 and x == run.tables[first + piece] else piece
 
 
-@shared
-def alone(run: Run, i: int) -> bool:
+@jit_separate
+def last_piece_is_point(run: Run, i: int) -> bool:
     """Whether the last piece of a table is no wider than rounding: its last value holds at one point only."""
     first, count = run.places[3 * run.detectors[i].drive], run.places[3 * run.detectors[i].drive + 1]
     last = run.tables[first + count - 1]
     return bool(last - run.tables[first + count - 2] <= 4.0 * EPS * max(abs(last), last - run.tables[first]))
 
 
-@shared
-def moving(run: Run, i: int, state: State) -> float:
+@jit_separate
+def argument_motion(run: Run, i: int, state: State) -> float:
     """Return how fast a table's argument moves, or is about to."""
-    _, speed, turn = argument(run, i, state)
+    _, speed, turn = table_argument(run, i, state)
     return speed if speed != 0.0 else turn
 
 
-@shared
-def argument(run: Run, i: int, state: State) -> tuple[float, float, float]:
+@jit_separate
+def table_argument(run: Run, i: int, state: State) -> tuple[float, float, float]:
     """Return what a table is looked up at, its rate, and what sets it in motion from rest; t is the time of the state."""
     detector = run.detectors[i]
     if detector.argument >= 0:
         return state[detector.argument], state[detector.rate], state[detector.turn]
-    called(run.law[SLOPES], run, state, run.arguments, 0)
+    call_law(run.law[SLOPES], run, state, run.arguments, 0)
     first = -1 - detector.argument
     return run.arguments[first], run.arguments[first + 1], run.arguments[first + 2]
 
 
-@shared
+@jit_separate
 def passed_into(run: Run, i: int) -> int:
     """Return the piece after the point that the trial has passed, or a later one."""
     detector = run.detectors[i]
-    x, place = argument(run, i, run.z)[0], detector.to
-    last_piece, piece = run.places[3 * detector.drive + 2], find(run, i, run.z, moving(run, i, run.z))
-    upwards = run.modes[place + 3] - run.modes[place + 2] * x < run.modes[place] * x + run.modes[place + 1]
+    x, mode_index = table_argument(run, i, run.z)[0], detector.to
+    last_piece, piece = (
+        run.places[3 * detector.drive + 2],
+        find_table_piece(run, i, run.z, argument_motion(run, i, run.z)),
+    )
+    upwards = (
+        run.modes[mode_index + 3] - run.modes[mode_index + 2] * x
+        < run.modes[mode_index] * x + run.modes[mode_index + 1]
+    )
     return max(piece, last_piece + 1) if upwards else min(piece, last_piece - 1)
 
 
-@shared
+@jit_separate
 def enter_piece(run: Run, i: int, piece: int) -> None:
     """Let forces follow one piece of a table, and guard its ends.
 
     Where the model ends with its table, there is no end to guard: values beyond it are NaN.
     """
-    drive, place = run.detectors[i].drive, run.detectors[i].to
+    drive, mode_index = run.detectors[i].drive, run.detectors[i].to
     first, count = run.places[3 * drive], run.places[3 * drive + 1]
     run.places[3 * drive + 2] = piece
     run.watches[i].guard = 1
     low, high = run.tables[first + piece], run.tables[first + min(piece + 1, count - 1)]
-    if piece == count - 1 and alone(run, i):  # from beyond, too, such a value is passed with the piece before it
+    if piece == count - 1 and last_piece_is_point(
+        run, i
+    ):  # from beyond, too, such a value is passed with the piece before it
         low = high = run.tables[first + count - 2]
     inverse = 1.0 / (high - low) if high > low else 1.0 / (run.tables[first + count - 1] - run.tables[first])
     constant = first + 4 * count + piece  # the value at the beginning of a piece
     left = piece > 0 and not isnan(run.tables[constant - 1])
     right = piece < count - 1 and not isnan(run.tables[constant + 1])
     if piece == count - 3 and isnan(run.tables[first + 5 * count - 1]):  # a last value that holds at one point only
-        right = not alone(run, i)
-    run.modes[place] = inverse if left else 0.0
-    run.modes[place + 1] = -(inverse * low) if left else 1.0
-    run.modes[place + 2] = inverse if right else 0.0
-    run.modes[place + 3] = inverse * high if right else 1.0
+        right = not last_piece_is_point(run, i)
+    run.modes[mode_index] = inverse if left else 0.0
+    run.modes[mode_index + 1] = -(inverse * low) if left else 1.0
+    run.modes[mode_index + 2] = inverse if right else 0.0
+    run.modes[mode_index + 3] = inverse * high if right else 1.0

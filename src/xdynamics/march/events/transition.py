@@ -8,24 +8,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import apart, shared
+from xdynamics.kernels.compiling import jit_separate, noinline
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.acceptance import AT_BORDER, AT_GRID, end, judge_apart, land_apart, move_apart, nonfinite
-from xdynamics.march.calls import called, entered_by
-from xdynamics.march.control import forget_rounding, grow
+from xdynamics.march.acceptance import (
+    AT_BORDER,
+    AT_GRID,
+    count_landing_apart,
+    end_march,
+    judge_trial_apart,
+    move_to_end_apart,
+    nonfinite_reason,
+)
+from xdynamics.march.calls import call_law, call_phase
+from xdynamics.march.control import forget_rounding, grow_step
 from xdynamics.march.events.actions import act
-from xdynamics.march.events.arming import forget, rearm
-from xdynamics.march.events.departures import begin_instant, judge_actions, judges, meet_departures
+from xdynamics.march.events.arming import rearm, rearm_rejected
+from xdynamics.march.events.departures import begin_instant, judge_actions, judges_departures, meet_departures
 from xdynamics.march.events.event_free_region import end_region
 from xdynamics.march.events.event_rows import leave_out, note_events, note_offsets
-from xdynamics.march.events.root_finding import is_plain, locate
-from xdynamics.march.events.switch_sides import keep_sides, slides
-from xdynamics.march.events.ticks import ring, rings_at_end, tick_at_end, ticks_at_end
-from xdynamics.march.events.zero_tests import NONE, resolution
+from xdynamics.march.events.root_finding import is_plain, locate_events
+from xdynamics.march.events.switch_sides import keep_sides, slides_along_switch
+from xdynamics.march.events.ticks import ring_events, rings_at_end, tick_at_end, ticks_at_end
+from xdynamics.march.events.zero_tests import NONE, event_resolution
 from xdynamics.march.exact_times import set_time
 from xdynamics.march.force_evaluation import evaluate_held, finite_state
-from xdynamics.march.log import first_of_group, note, note_sample, note_samples, note_trial
+from xdynamics.march.log import append_row, first_of_group, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     CONTACT_INCONSISTENT,
     CONTACT_PENETRATED,
@@ -52,7 +60,7 @@ from xdynamics.march.run import (
     WEIGH,
     Run,
 )
-from xdynamics.march.trial_step import copy, look, propose_apart
+from xdynamics.march.trial_step import copy_numbers, evaluate_events, propose_step_apart
 from xdynamics.model.detectors import KINK
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_CONTACT, REASON_EVENT
 
@@ -60,59 +68,63 @@ from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_CONTACT, RE
 _BEFORE, _AFTER, _NODE = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER), np.int64(NODE)
 NEWTON_TURNS = 3  # from the time tolerance to 31 digits
 State = NDArray[Any]
-note_apart, note_samples_apart, grow_apart = apart(note), apart(note_samples), apart(grow)
-forget_rounding_apart = apart(forget_rounding)
+append_row_apart, note_samples_apart, grow_step_apart = (
+    noinline(append_row),
+    noinline(note_samples),
+    noinline(grow_step),
+)
+forget_rounding_apart = noinline(forget_rounding)
 
 
-@shared
-def hand_over(run: Run) -> int:
+@jit_separate
+def locate_and_land(run: Run) -> int:
     """Locate the first event of the trial, land on it, and note the state on either side; return the verdict."""
     now, plan, whole_step = run.now[0], run.plan[0], run.located[0].h
     if plan.apart:  # note the whole trial too, and count only substeps of its bracket
         note_trial(run, whole_step, now.norm if plan.estimates else nan, REASON_EVENT)
         run.piece[0].substeps = 1
     if plan.adaptive:
-        grow_apart(run, whole_step, run.located[0].landing != AT_GRID)
-    reached = shorten(run)
-    reason = judge_apart(run)
+        grow_step_apart(run, whole_step, run.located[0].landing != AT_GRID)
+    reached = shorten_to_event(run)
+    reason = judge_trial_apart(run)
     if reason != SOUND:
-        forget(run)
+        rearm_rejected(run)
         return reason
     if reached and rings_at_end(run):
-        ring(run)
+        ring_events(run)
     note_both_sides(run, reached)
     return REASON_EVENT
 
 
-@shared
+@jit_separate
 def meet_here(run: Run) -> None:
     """Act as events demand that have happened where the march stands, and go on from the same instant."""
     now, trial = run.now[0], run.trial[0]
     run.piece[0].substeps = 0
     trial.t, trial.h, trial.rest = now.t, 0.0, now.rest
     trial.landing, trial.iterations, trial.unsound = AT_BORDER, 0, 0.0
-    copy(run.y, run.z)
-    look(run)
+    copy_numbers(run.y, run.z)
+    evaluate_events(run)
     meet_departures(run)
     note_both_sides(run, False)
     end_region(run)
 
 
-@shared
+@jit_separate
 def ring_alone(run: Run) -> None:
     """Act as periodic events at the end of a trial say, where nothing else happens."""
     run.piece[0].verdict, run.piece[0].substeps = REASON_EVENT, 0
-    look(run)
+    evaluate_events(run)
     for i in range(run.detectors.shape[0]):
         run.watches[i].hit = NONE
-    ring(run)
+    ring_events(run)
     if run.plan[0].adaptive:
-        grow_apart(run, run.trial[0].h, run.trial[0].landing != AT_GRID)
+        grow_step_apart(run, run.trial[0].h, run.trial[0].landing != AT_GRID)
     note_both_sides(run, True)
     end_region(run)
 
 
-@shared
+@jit_separate
 def note_both_sides(run: Run, reached: bool) -> None:
     """Note the state on either side of the events at the trial's end, act on them, and go on from there."""
     row_before = run.now[0].rows
@@ -121,29 +133,29 @@ def note_both_sides(run: Run, reached: bool) -> None:
     if run.plan[0].passing > 0 and passes_kinks(run, reached):
         pass_kinks(run, reached, row_before)
         return
-    if not note_apart(run, _BEFORE, run.trial[0].t, run.trial[0].h, run.z):
-        end(run, NONFINITE_OBSERVABLE)
+    if not append_row_apart(run, _BEFORE, run.trial[0].t, run.trial[0].h, run.z):
+        end_march(run, NONFINITE_OBSERVABLE)
         return
     if run.trial[0].h > 0.0:
         note_samples_apart(run, row_before)
     note_events(run, row_before, run.piece[0].substeps)
-    if judges(run) and (run.trial[0].h > 0.0 or run.instant[0].states == 0):
+    if judges_departures(run) and (run.trial[0].h > 0.0 or run.instant[0].states == 0):
         begin_instant(run)
-    if not cross(run, row_before):
+    if not cross_events(run, row_before):
         return
-    if judges(run):
+    if judges_departures(run):
         judge_actions(run)
     if reached and tick_at_end(run) and not finite_state(run):
         break_off(run, row_before)
-        end(run, nonfinite(run))
+        end_march(run, nonfinite_reason(run))
         return
-    if not note_apart(run, _AFTER, run.trial[0].t, 0.0, run.z):
-        end(run, NONFINITE_OBSERVABLE)
+    if not append_row_apart(run, _AFTER, run.trial[0].t, 0.0, run.z):
+        end_march(run, NONFINITE_OBSERVABLE)
         return
-    go_on(run, reached)
+    go_on_after_events(run, reached)
 
 
-@shared
+@jit_separate
 def passes_kinks(run: Run, reached: bool) -> bool:
     """Whether nothing happens at the trial's end but kinks at points of tables."""
     for i in range(run.detectors.shape[0]):
@@ -153,30 +165,30 @@ def passes_kinks(run: Run, reached: bool) -> bool:
     return not (reached and ticks_at_end(run))
 
 
-@shared
+@jit_separate
 def pass_kinks(run: Run, reached: bool, row: int) -> None:
     """Go on behind points of tables, in one row that has the forces behind them, and count them."""
     for i in range(run.detectors.shape[0]):
         run.watches[i].seen += np.int64(run.watches[i].hit != NONE)
-    if judges(run):
+    if judges_departures(run):
         run.instant[0].changed = 0
     keep_sides(run, False, True)
     if run.delays.shape[0] > 0:
         break_here(run, run.trial[0].t, 1)
     evaluate_held(run, run.trial[0].t, run.z, 0.0)
-    if not (finite_state(run) and note_apart(run, _NODE, run.trial[0].t, run.trial[0].h, run.z)):
-        end(run, NONFINITE_OBSERVABLE if finite_state(run) else nonfinite(run))
+    if not (finite_state(run) and append_row_apart(run, _NODE, run.trial[0].t, run.trial[0].h, run.z)):
+        end_march(run, NONFINITE_OBSERVABLE if finite_state(run) else nonfinite_reason(run))
         return
     note_samples_apart(run, row)
     note_sample(run, run.trial[0].t, run.z, row)
-    go_on(run, reached)
+    go_on_after_events(run, reached)
 
 
-@shared
-def shorten(run: Run) -> bool:
+@jit_separate
+def shorten_to_event(run: Run) -> bool:
     """Shorten the trial to end just after its first event; whether it is as long as it was."""
     trial, whole_step, target, landing = run.trial[0], run.located[0].h, run.located[0].t, run.located[0].landing
-    locate(run)
+    locate_events(run)
     leave_out(run)
     if run.plan[0].doubled > 0:
         land_on_roots(run)
@@ -190,7 +202,7 @@ def shorten(run: Run) -> bool:
     return bool(reached)
 
 
-@shared
+@jit_separate
 def land_on_roots(run: Run) -> None:
     """Move the trial's end onto the last root of its events, by Newton's method with rates of one float.
 
@@ -199,7 +211,7 @@ def land_on_roots(run: Run) -> None:
     trial = run.trial[0]
     for _ in range(NEWTON_TURNS):
         set_time(run, T, trial.t)
-        called(run.law[SLOPES], run, run.z, run.slopes, 0)
+        call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
         latest, reach = -np.inf, np.inf
         for i in range(run.detectors.shape[0]):
             if run.watches[i].hit == NONE:
@@ -207,67 +219,67 @@ def land_on_roots(run: Run) -> None:
             if not is_plain(run, i) or run.slopes[i] == 0.0:
                 return
             latest = max(latest, -run.g1[i] / run.slopes[i])
-            reach = min(reach, resolution(run, i, trial.h))
+            reach = min(reach, event_resolution(run, i, trial.h))
         if not abs(latest) <= reach:
             return
         t = trial.t + (trial.rest + latest)
         if not t > run.now[0].t:
             return
         trial.rest = trial.rest + latest - (t - trial.t)
-        propose_apart(run, t, t - run.now[0].t)
-        look(run)
+        propose_step_apart(run, t, t - run.now[0].t)
+        evaluate_events(run)
 
 
-@shared
-def cross(run: Run, before: int) -> bool:
+@jit_separate
+def cross_events(run: Run, row_before: int) -> bool:
     """Change the trial's state by what happens at its end; whether there is a state after it."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
-    acted = act(run, before)
-    row = -1 if acted or plan.kinetic < 0 else before - run.base[0].rows
+    acted = act(run, row_before)
+    row = -1 if acted or plan.kinetic < 0 else row_before - run.base[0].rows
     if plan.switches > 0:  # what holds bodies together is judged by the forces behind the event
         acted = keep_sides(run, acted, True) or acted
     changed = acted or plan.reactions > 0
-    if holds(run) and not touch(run, row):
-        break_off(run, before)
+    if holds_contacts(run) and not resolve_contacts(run, row):
+        break_off(run, row_before)
         return False
-    note_offsets(run, before)
+    note_offsets(run, row_before)
     if plan.assemblies > 0 and changed:
-        entered_by(run.functions[ASSEMBLY_PHASE], run, trial.t, RELEASE_LINKS)
-    if plan.switches > 0 and plan.reactions > 0 and not agree(run):
-        break_off(run, before)
+        call_phase(run.functions[ASSEMBLY_PHASE], run, trial.t, RELEASE_LINKS)
+    if plan.switches > 0 and plan.reactions > 0 and not reconcile_sides(run):
+        break_off(run, row_before)
         return False
     if changed and run.delays.shape[0] > 0:
         break_here(run, trial.t, 0)
     if changed:
         evaluate_held(run, trial.t, run.z, 0.0)
-        note_sample(run, trial.t, run.z, before + 1)
-    if judges(run):
+        note_sample(run, trial.t, run.z, row_before + 1)
+    if judges_departures(run):
         run.instant[0].changed = int(acted or meets_contact(run))
-    if plan.switches > 0 and slides(run):
+    if plan.switches > 0 and slides_along_switch(run):
         now.status = SLIDING_MODE
     if not finite_state(run):
-        status = nonfinite(run)
-        break_off(run, before)
-        end(run, status)
+        status = nonfinite_reason(run)
+        break_off(run, row_before)
+        end_march(run, status)
         now.h = 0.0  # no step failed, but the state after the event
         return False
     return True
 
 
-@shared
-def holds(run: Run) -> bool:
+@jit_separate
+def holds_contacts(run: Run) -> bool:
     """Whether contacts are located and held closed, rather than stepped over."""
     return bool(run.plan[0].reactions > 0 and run.plan[0].contacts == HOLD)
 
 
-@shared
-def check(run: Run, t: float) -> None:
+@jit_separate
+def check_contact_row(run: Run, t: float) -> None:
     """End the run where the trial's state, at a time, breaks the law of contact."""
-    if holds(run):
-        entered_by(run.functions[CONTACT_PHASE], run, t, CHECK)
+    if holds_contacts(run):
+        call_phase(run.functions[CONTACT_PHASE], run, t, CHECK)
 
 
-@shared
+@jit_separate
 def meets_contact(run: Run) -> bool:
     """Whether an event at the trial's end is one of a contact or friction."""
     met = False
@@ -276,77 +288,77 @@ def meets_contact(run: Run) -> bool:
     return met
 
 
-@shared
-def agree(run: Run) -> bool:
+@jit_separate
+def reconcile_sides(run: Run) -> bool:
     """Have forces and contacts agree: impacts may turn a velocity whose sign a force has; whether there is a solution."""
     for _ in range(run.detectors.shape[0]):
         if not keep_sides(run, True, False):
             break
-        if holds(run):
-            entered_by(run.functions[CONTACT_PHASE], run, run.trial[0].t, DERIVE)
+        if holds_contacts(run):
+            call_phase(run.functions[CONTACT_PHASE], run, run.trial[0].t, DERIVE)
             if run.now[0].status == REASON_CONTACT:
                 return False
     return True
 
 
-@shared
-def touch(run: Run, row: int) -> bool:
+@jit_separate
+def resolve_contacts(run: Run, row: int) -> bool:
     """Change the trial's state by what contacts do; whether there is a solution, and it agrees with the record.
 
     Row `row` of the log has the state before; it is -1 where an action has changed the state.
     """
     run.balance[BEFORE] = run.log_rows[run.plan[0].kinetic, row] if row >= 0 else kinetic_energy(run, run.z)
-    entered_by(run.functions[CONTACT_PHASE], run, run.trial[0].t, RESOLVE)
+    call_phase(run.functions[CONTACT_PHASE], run, run.trial[0].t, RESOLVE)
     if run.now[0].status in (CONTACT_PENETRATED, REASON_CONTACT, CONTACT_INCONSISTENT):
         return False
-    copy(run.z, run.whole)
+    copy_numbers(run.z, run.whole)
     for i in range(run.plan[0].coordinates):  # the energy of velocities alone: masses depend on positions
         run.whole[i] = run.entry[i]
     run.balance[BEHIND] = kinetic_energy(run, run.whole)
-    entered_by(run.functions[CONTACT_PHASE], run, run.trial[0].t, WEIGH)
+    call_phase(run.functions[CONTACT_PHASE], run, run.trial[0].t, WEIGH)
     return bool(run.now[0].status != CONTACT_INCONSISTENT)
 
 
-@shared
+@jit_separate
 def kinetic_energy(run: Run, state: State) -> float:
     """The kinetic energy of a state, by a row of the log that is overwritten later."""
     now, plan = run.now[0], run.plan[0]
     if plan.kinetic < 0:
         return 0.0
     row = now.rows - run.base[0].rows
-    if note_apart(run, _AFTER, run.trial[0].t, 0.0, state):
+    if append_row_apart(run, _AFTER, run.trial[0].t, 0.0, state):
         now.rows -= 1
     return run.log_rows[plan.kinetic, row]
 
 
-@shared
-def go_on(run: Run, reached: bool) -> None:
+@jit_separate
+def go_on_after_events(run: Run, reached: bool) -> None:
     """Move to the state after the events, and go on from there."""
     now = run.now[0]
     if reached:
         status = now.status
-        land_apart(run)
+        count_landing_apart(run)
         now.status = now.status if status == RUNNING else status
     elif run.trial[0].h > 0.0:
         now.on_grid = 0
-    move_apart(run)
+    move_to_end_apart(run)
     run.kept[0].since, run.kept[0].weighs = BEGUN, 1
     if run.plan[0].reactions > 0:
-        entered_by(run.functions[CONTACT_PHASE], run, now.t, SETTLE)
+        call_phase(run.functions[CONTACT_PHASE], run, now.t, SETTLE)
         if run.balance[GUARD] != KEPT_ALL:
-            end(run, CONTACT_INCONSISTENT)
+            end_march(run, CONTACT_INCONSISTENT)
         if meets_contact(run):
             forget_rounding_apart(run)
     rearm(run, run.instant.shape[0] > 0 and run.instant[0].changed > 0)
-    if holds(run):
-        copy(run.y, run.z)
-        check(run, now.t)
+    if holds_contacts(run):
+        copy_numbers(run.y, run.z)
+        check_contact_row(run, now.t)
 
 
-@shared
+@jit_separate
 def break_off(run: Run, row: int) -> None:
     """Stop before events that have no state after them."""
     now = run.now[0]
     for k in range(first_of_group(run, row), now.events - run.base[0].events):
         run.log_events[k].row_after = row
-    move_apart(run)
+    move_to_end_apart(run)

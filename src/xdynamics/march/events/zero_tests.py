@@ -7,10 +7,10 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS, SMOOTH, UNBOUNDED
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
-from xdynamics.march.calls import called, enclosed_by
+from xdynamics.march.calls import call_law, enclosed_by
 from xdynamics.march.events.enclosures import above, below
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.model.detectors import GAP
@@ -27,19 +27,19 @@ ROUGHLY = 8.0 * EPS  # of the greatest value of such a function: what rounding m
 MURK = 4.0  # uncertainties of an event function that count as zero
 
 
-@shared
-def sign(x: float) -> int:
+@jit_separate
+def sign_of(x: float) -> int:
     """1, 0 or -1."""
     return 1 if x > 0.0 else (-1 if x < 0.0 else 0)
 
 
-@shared
+@jit_separate
 def enclose_constants(run: Run) -> None:
     """Enclose numbers and parameters, and what depends on these alone."""
     enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0], ALL)
 
 
-@shared
+@jit_separate
 def enclose_here(run: Run, i: int, state: State, last: int, wide: float) -> None:
     """Enclose what an event function depends on at a state, whose time stands among the numbers: rounding alone."""
     piece = run.piece[0]
@@ -49,43 +49,43 @@ def enclose_here(run: Run, i: int, state: State, last: int, wide: float) -> None
     piece.start, piece.end, piece.width, piece.wide = start, end, width, wider
 
 
-@shared
-def uncertainty(run: Run, i: int, state: State) -> float:
+@jit_separate
+def function_uncertainty(run: Run, i: int, state: State) -> float:
     """How far an event function may be off by rounding and, where it is estimated, by the error of the step.
 
     A guarded function is held to its side where the march is, so that only rounding counts for a gap.
     """
-    place = run.detectors[i].value
+    value_index = run.detectors[i].value
     enclose_here(run, i, state, run.parts[1], 1.0 if run.watches[i].guard == 0 else 0.0)
     if run.detectors[i].sampled:
         return ROUGHLY * run.watches[i].greatest
-    if run.flaws[place] != SMOOTH:  # where it jumps, both sides are in the interval
+    if run.flaws[value_index] != SMOOTH:  # where it jumps, both sides are in the interval
         return 0.0
-    return (run.over[place] - run.under[place]) / 2.0
+    return (run.over[value_index] - run.under[value_index]) / 2.0
 
 
-@shared
-def murk(run: Run, i: int, state: State) -> float:
+@jit_separate
+def noise_floor(run: Run, i: int, state: State) -> float:
     """How large an event function may be and still count as zero."""
-    return max(MURK * uncertainty(run, i, state), least(run, i))
+    return max(MURK * function_uncertainty(run, i, state), gap_floor(run, i))
 
 
-@shared
-def least(run: Run, i: int) -> float:
+@jit_separate
+def gap_floor(run: Run, i: int) -> float:
     """How large an event function may be and never be told from zero: what is left of a gap that closed."""
     detector, floor = run.detectors[i], run.watches[i].floor
     return max(floor, run.lingering[detector.reaction]) if detector.role == GAP else floor
 
 
-@shared
-def resolution(run: Run, i: int, s: float) -> float:
+@jit_separate
+def event_resolution(run: Run, i: int, s: float) -> float:
     """The width below which a piece is not cut any further for the sake of an event."""
     t = run.now[0].t
     return max(run.detectors[i].tolerance, 2.0 * EPS * max(abs(t), abs(t + s)))
 
 
-@shared
-def tighten(run: Run) -> None:
+@jit_separate
+def tighten_slopes(run: Run) -> None:
     """Bound the slopes of gaps by those at the piece's start and by how much they change.
 
     A body that leaves its support, or comes down on it, hardly moves relative to it, however fast both move.
@@ -103,84 +103,88 @@ def tighten(run: Run) -> None:
             watch.up = min(watch.up, to + max(0.0, above(watch.most_bend * w, run.plan[0].margin)))
 
 
-@shared
-def known(run: Run, i: int) -> int:
+@jit_separate
+def classify_function(run: Run, i: int) -> int:
     """Classify an event function on a piece by the enclosures of it and of its derivative."""
     watch, w = run.watches[i], run.piece[0].width
     if run.detectors[i].sampled:
-        return known_by_samples(run, i)
+        return classify_by_samples(run, i)
     if watch.low > 0.0 or watch.high < 0.0:
         return CLEAR
     if watch.flaw == SMOOTH:
         if watch.down > 0.0 or watch.up < 0.0:
-            vanishes = max(abs(run.near_g[i]), abs(run.far_g[i])) <= least(run, i)
-            return OPEN if vanishes or lingers(run, i) else MONOTONE
-        if clears(run.near_g[i], run.far_g[i], watch.down, watch.up, w):
+            vanishes = max(abs(run.near_g[i]), abs(run.far_g[i])) <= gap_floor(run, i)
+            return OPEN if vanishes or ends_near_zero(run, i) else MONOTONE
+        if cannot_reach_zero(run.near_g[i], run.far_g[i], watch.down, watch.up, w):
             return CLEAR
     return OPEN
 
 
-@shared
-def known_by_samples(run: Run, i: int) -> int:
+@jit_separate
+def classify_by_samples(run: Run, i: int) -> int:
     """Classify a function on a piece by its values at the ends alone; `up` becomes its mean slope."""
-    watch, w, before, after = run.watches[i], run.piece[0].width, run.near_g[i], run.far_g[i]
-    watch.down = watch.up = abs(after - before) / w
+    watch, w, value_before, value_after = run.watches[i], run.piece[0].width, run.near_g[i], run.far_g[i]
+    watch.down = watch.up = abs(value_after - value_before) / w
     if w * LOOKS > run.located[0].h * (1.0 + EPS):
         return OPEN
-    if sign(before) != sign(after):
+    if sign_of(value_before) != sign_of(value_after):
         return MONOTONE
     # a line through both would reach zero within another such piece: the function may turn in between
-    return OPEN if min(abs(before), abs(after)) < abs(after - before) else CLEAR
+    return OPEN if min(abs(value_before), abs(value_after)) < abs(value_after - value_before) else CLEAR
 
 
-@shared
-def lingers(run: Run, i: int) -> bool:
+@jit_separate
+def ends_near_zero(run: Run, i: int) -> bool:
     """Whether a monotone function ends so near zero, and so slowly, that its side is not settled there."""
     watch, value = run.watches[i], abs(run.far_g[i])
     if value > NEAR * watch.greatest:
         return False
     run.at[T] = run.piece[0].end
-    doubt = uncertainty(run, i, run.far)
+    doubt = function_uncertainty(run, i, run.far)
     width = run.piece[0].width
-    slowest, finest = min(abs(watch.down), abs(watch.up)), resolution(run, i, width)
+    slowest, finest = min(abs(watch.down), abs(watch.up)), event_resolution(run, i, width)
     bends = slowest * width < (watch.up - watch.down) * finest  # within what cannot be resolved
     return bends or (value <= MURK * doubt and doubt > finest * slowest)
 
 
-@shared
-def clears(before: float, after: float, down: float, up: float, w: float) -> bool:
+@jit_separate
+def cannot_reach_zero(value_before: float, value_after: float, down: float, up: float, w: float) -> bool:
     """Whether a function with these values at both ends and slopes between cannot reach zero (Piyavskii's tent)."""
-    if before > 0.0 and after > 0.0:
-        low = before + down * ((before - after + up * w) / (up - down))
-        return low > 8.0 * EPS * max(before, after)
-    if before < 0.0 and after < 0.0:
-        high = before + up * ((after - before - down * w) / (up - down))
-        return high < 8.0 * EPS * min(before, after)
+    if value_before > 0.0 and value_after > 0.0:
+        low = value_before + down * ((value_before - value_after + up * w) / (up - down))
+        return low > 8.0 * EPS * max(value_before, value_after)
+    if value_before < 0.0 and value_after < 0.0:
+        high = value_before + up * ((value_after - value_before - down * w) / (up - down))
+        return high < 8.0 * EPS * min(value_before, value_after)
     return False
 
 
-@shared
-def returns(run: Run, i: int) -> bool:
+@jit_separate
+def returned_past_zero(run: Run, i: int) -> bool:
     """Whether a function has passed zero before the piece, unnoticed, and is back behind it: two events, told apart by cuts."""
     watch = run.watches[i]
-    return bool(watch.armed != 0 and sign(run.near_g[i]) == -watch.armed and sign(run.far_g[i]) == watch.armed)
+    return bool(watch.armed != 0 and sign_of(run.near_g[i]) == -watch.armed and sign_of(run.far_g[i]) == watch.armed)
 
 
-@shared
+@jit_separate
 def stays_within(run: Run, i: int, size: float, w: float) -> bool:
     """Whether a function is no larger than a size on a piece: by its enclosure, or by values at the ends and slopes.
 
     Where two large numbers move together, as do a body and its support, the enclosure alone is far too wide.
     """
-    watch, before, after = run.watches[i], run.near_g[i], run.far_g[i]
+    watch, value_before, value_after = run.watches[i], run.near_g[i], run.far_g[i]
     low, high = watch.low, watch.high
     if watch.flaw == SMOOTH and watch.down < 0.0 < watch.up:
-        low = max(low, before + watch.down * ((before - after + watch.up * w) / (watch.up - watch.down)))
-        high = min(high, before + watch.up * ((after - before - watch.down * w) / (watch.up - watch.down)))
+        low = max(
+            low, value_before + watch.down * ((value_before - value_after + watch.up * w) / (watch.up - watch.down))
+        )
+        high = min(
+            high, value_before + watch.up * ((value_after - value_before - watch.down * w) / (watch.up - watch.down))
+        )
     return -size <= low and high <= size
 
 
-@shared
+@jit_separate
 def idles(run: Run, i: int, size: float) -> bool:
     """Whether a force that presses nothing, say, is as good as zero at both ends of a piece, and may be between.
 
@@ -193,49 +197,49 @@ def idles(run: Run, i: int, size: float) -> bool:
     return watch.guard != 0 and watch.armed == 0 and quiet and largest <= size
 
 
-@shared
-def turns(run: Run, i: int) -> bool:
+@jit_separate
+def turns_back(run: Run, i: int) -> bool:
     """Whether a function on one side at both ends of a piece first approaches zero, and then recedes from it."""
-    watch, piece, side = run.watches[i], run.piece[0], sign(run.near_g[i])
-    if watch.flaw != SMOOTH or side == 0 or side != sign(run.far_g[i]):
+    watch, piece, side = run.watches[i], run.piece[0], sign_of(run.near_g[i])
+    if watch.flaw != SMOOTH or side == 0 or side != sign_of(run.far_g[i]):
         return True  # or it may: nothing more is known of it
     run.at[T] = piece.start
-    called(run.law[SLOPES], run, run.near, run.slopes, 0)
+    call_law(run.law[SLOPES], run, run.near, run.slopes, 0)
     approaches = side * run.slopes[i] < 0.0
     run.at[T] = piece.end
-    called(run.law[SLOPES], run, run.far, run.slopes, 0)
+    call_law(run.law[SLOPES], run, run.far, run.slopes, 0)
     return approaches and side * run.slopes[i] > 0.0
 
 
-@shared
+@jit_separate
 def trespasses(run: Run, i: int, end: float) -> bool:
     """Whether a function is beyond doubt on the forbidden side after a piece that was too costly to resolve.
 
     If it were left to the pieces that follow, an event of another function there would step over it.
     """
     watch = run.watches[i]
-    if watch.guard == 0 or watch.armed != watch.guard or sign(run.far_g[i]) != -watch.guard:
+    if watch.guard == 0 or watch.armed != watch.guard or sign_of(run.far_g[i]) != -watch.guard:
         return False
     run.at[T] = run.now[0].t + end
-    return abs(run.far_g[i]) > murk(run, i, run.far)
+    return abs(run.far_g[i]) > noise_floor(run, i, run.far)
 
 
-@shared
-def leaves(run: Run, i: int, came: int) -> bool:
+@jit_separate
+def moves_past_guard(run: Run, i: int, came: int) -> bool:
     """Whether a function is on the forbidden side, and moves farther into it: a gap that was zero and no more, say."""
     watch = run.watches[i]
     if watch.guard == 0 or came != -watch.guard or watch.armed == watch.guard:
         return False
     run.at[T] = run.piece[0].end
-    if not abs(run.far_g[i]) > murk(run, i, run.far) or sign(run.far_g[i]) != came:
+    if not abs(run.far_g[i]) > noise_floor(run, i, run.far) or sign_of(run.far_g[i]) != came:
         return False
     run.at[T] = run.piece[0].end
-    called(run.law[SLOPES], run, run.far, run.slopes, 0)
+    call_law(run.law[SLOPES], run, run.far, run.slopes, 0)
     return bool(watch.guard * run.slopes[i] < 0.0)
 
 
-@shared
-def reaches(run: Run, i: int, width: float) -> bool:
+@jit_separate
+def reaches_zero(run: Run, i: int, width: float) -> bool:
     """Whether a function that is on one side before and after an unresolved piece reaches zero in it.
 
     One with a kink does if its slope explains its value beside it; one that is infinite there, or stays away, does not.
@@ -247,4 +251,4 @@ def reaches(run: Run, i: int, width: float) -> bool:
         return False
     run.at[T] = run.piece[0].start
     explained = STEEP * max(abs(watch.down), abs(watch.up)) * width
-    return abs(run.near_g[i]) <= explained + MURK * uncertainty(run, i, run.near)
+    return abs(run.near_g[i]) <= explained + MURK * function_uncertainty(run, i, run.near)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels.compiling import borrowing
+from xdynamics.kernels.compiling import jit_uncounted
 from xdynamics.kernels.lane_numbers import LANE
 from xdynamics.kernels.linear import COMPLEX, REAL, note_extents
 from xdynamics.kernels.radau_memory import KEPT
@@ -17,36 +17,40 @@ Floats = NDArray[np.float64]
 OF_LANE, OF_KEPT = np.int64(len(LANE)), np.int64(len(KEPT))
 
 
-@borrowing
-def of_kept(run: Run) -> int:
+@jit_uncounted
+def step_memory_index(run: Run) -> int:
     """Return the place in a lane of what a step of Radau IIA keeps."""
     return OF_LANE + 3 * run.plan[0].used + 2 * run.detectors.shape[0]
 
 
-@borrowing
-def of_step(run: Run) -> int:
+@jit_uncounted
+def step_number_count(run: Run) -> int:
     """Return how many numbers of a lane hold the polynomial of a step and the states that it is made of."""
     plan = run.plan[0]
     return run.stages.shape[0] + (plan.degree + 1) * plan.used if plan.degree > 0 else 0
 
 
-@borrowing
-def begin_anew(run: Run, w: Floats, lane: int) -> None:
+@jit_uncounted
+def forget_step_memory(run: Run, w: Floats, lane: int) -> None:
     """Let the next step use nothing of those before, as after a node."""
     if run.stages.shape[0] > 0:
-        w[of_kept(run) + K.since, lane] = BEGUN
+        w[step_memory_index(run) + K.since, lane] = BEGUN
 
 
-@borrowing
-def enter_kept(run: Run, w: Floats, lane: int) -> int:
+@jit_uncounted
+def enter_step_memory(run: Run, w: Floats, lane: int) -> int:
     """Put what a step keeps for the next one into a lane, ordered as `radau_memory.lengths`; return the place after."""
-    first, kept = of_kept(run), run.kept[0]
+    first, step_memory = step_memory_index(run), run.kept[0]
     if run.stages.shape[0] == 0:
         return first
-    w[first + K.factored, lane], w[first + K.theta, lane], w[first + K.eta, lane] = kept.factored, kept.theta, kept.eta
-    w[first + K.before, lane], w[first + K.norm_before, lane] = kept.step, kept.norm
-    w[first + K.linearised, lane], w[first + K.fresh, lane] = float(kept.linearised), float(kept.fresh)
-    w[first + K.since, lane], w[first + K.turns, lane] = float(kept.since), float(kept.turns)
+    w[first + K.factored, lane], w[first + K.theta, lane], w[first + K.eta, lane] = (
+        step_memory.factored,
+        step_memory.theta,
+        step_memory.eta,
+    )
+    w[first + K.before, lane], w[first + K.norm_before, lane] = step_memory.step, step_memory.norm
+    w[first + K.linearised, lane], w[first + K.fresh, lane] = float(step_memory.linearised), float(step_memory.fresh)
+    w[first + K.since, lane], w[first + K.turns, lane] = float(step_memory.since), float(step_memory.turns)
     w[first + K.iterations, lane] = w[first + K.evaluations, lane] = 0.0
     w[first + K.jacobians, lane] = w[first + K.factorisations, lane] = 0.0
     first += OF_KEPT
@@ -62,22 +66,29 @@ def enter_kept(run: Run, w: Floats, lane: int) -> int:
     for k in range(size):
         w[first + matrix + k, lane] = float(run.pivots[k])
         w[first + matrix + size + k, lane] = float(run.pivots[3 * size + k])
-    return first + matrix + 2 * size + stages + of_step(run)
+    return first + matrix + 2 * size + stages + step_number_count(run)
 
 
-@borrowing
-def leave_kept(run: Run, w: Floats, lane: int, accepted: int, rejected: int) -> int:
+@jit_uncounted
+def leave_step_memory(run: Run, w: Floats, lane: int, accepted: int, rejected: int) -> int:
     """Take what a step keeps out of a lane, with its counts; return the place after it."""
-    first, kept, now = of_kept(run), run.kept[0], run.now[0]
+    first, step_memory, now = step_memory_index(run), run.kept[0], run.now[0]
     if run.stages.shape[0] == 0:
         now.evaluations += run.plan[0].stages * (accepted + rejected)
         if accepted > 0:
-            kept.since, run.trial[0].iterations = MOVED, 0
+            step_memory.since, run.trial[0].iterations = MOVED, 0
         return first
-    kept.factored, kept.theta, kept.eta = w[first + K.factored, lane], w[first + K.theta, lane], w[first + K.eta, lane]
-    kept.step, kept.norm = w[first + K.before, lane], w[first + K.norm_before, lane]
-    kept.linearised, kept.fresh = np.int64(w[first + K.linearised, lane]), np.int64(w[first + K.fresh, lane])
-    kept.since, kept.turns = np.int64(w[first + K.since, lane]), np.int64(w[first + K.turns, lane])
+    step_memory.factored, step_memory.theta, step_memory.eta = (
+        w[first + K.factored, lane],
+        w[first + K.theta, lane],
+        w[first + K.eta, lane],
+    )
+    step_memory.step, step_memory.norm = w[first + K.before, lane], w[first + K.norm_before, lane]
+    step_memory.linearised, step_memory.fresh = (
+        np.int64(w[first + K.linearised, lane]),
+        np.int64(w[first + K.fresh, lane]),
+    )
+    step_memory.since, step_memory.turns = np.int64(w[first + K.since, lane]), np.int64(w[first + K.turns, lane])
     run.trial[0].iterations = np.int64(w[first + K.iterations, lane])
     now.evaluations += np.int64(w[first + K.evaluations, lane])
     now.jacobians += np.int64(w[first + K.jacobians, lane])
@@ -97,4 +108,4 @@ def leave_kept(run: Run, w: Floats, lane: int, accepted: int, rejected: int) -> 
         run.pivots[3 * size + k] = np.int64(w[first + matrix + size + k, lane])
     note_extents(run.matrix, run.pivots, size, REAL)
     note_extents(run.matrix, run.pivots, size, COMPLEX)
-    return first + matrix + 2 * size + stages + of_step(run)
+    return first + matrix + 2 * size + stages + step_number_count(run)

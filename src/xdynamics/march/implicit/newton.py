@@ -3,41 +3,41 @@
 from __future__ import annotations
 
 from xdynamics.kernels.band import factorise_band, substitute_band
-from xdynamics.kernels.compiling import compiled, shared
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import PROPOSE
 from xdynamics.kernels.linear import factorise, solve_linear, substitute
 from xdynamics.kernels.newton_matrix import DIRECT
 from xdynamics.kernels.program import H, T
-from xdynamics.march.calls import called
+from xdynamics.march.calls import call_law
 from xdynamics.march.force_evaluation import State
-from xdynamics.march.implicit.derivatives import LATE, ROUNDED, find_by_groups, height_of, or_none, place_of
+from xdynamics.march.implicit.derivatives import LATE, ROUNDED, column_height, find_by_groups, matrix_index, or_none
 from xdynamics.march.run import Run
 
 MOST_ITERATIONS = 25
 NEWTON_TOLERANCE = 1e-10  # of a correction against the size of its unknown; what is left is of the order of its square
 
 
-@compiled
+@jit_inline
 def newton_step(run: Run, y: State, z: State, sample: int) -> None:
     """Make a step by the lines of the method: solve its equations in turn, and execute what follows each."""
-    called(run.law[PROPOSE], run, y, z, sample)
+    call_law(run.law[PROPOSE], run, y, z, sample)
     run.now[0].evaluations += run.plan[0].stages
     for k in range(run.equations.shape[0]):
-        turns = newton(run, k, y, z, sample)
+        turns = solve_by_newton(run, k, y, z, sample)
         trial = run.trial[0]
         trial.iterations = trial.iterations + turns if turns >= 0 and trial.iterations >= 0 else -1
-        called(run.law[PROPOSE + 2 * k + 2], run, y, z, sample)
+        call_law(run.law[PROPOSE + 2 * k + 2], run, y, z, sample)
 
 
-@compiled
-def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
+@jit_inline
+def solve_by_newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
     """Solve by Newton's method with the exact Jacobian at every iteration; return the iterations, -1 if in vain."""
     equation, w = run.equations[k], run.w
     n, right = equation.unknowns, run.right
     turns, solved = 0, n == 0
     while turns < MOST_ITERATIONS and not solved:
         turns += 1
-        called(run.law[PROPOSE + 2 * k + 1], run, y, z, sample)
+        call_law(run.law[PROPOSE + 2 * k + 1], run, y, z, sample)
         run.now[0].jacobians += 1
         run.now[0].factorisations += 1
         if not (corrected_by_groups(run, k) if equation.state >= 0 else corrected(run, k)):
@@ -45,19 +45,19 @@ def newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
         solved = True
         for i in range(n):
             row = equation.first_unknown + i
-            unknown, before, rate = run.unknowns[row, 0], run.unknowns[row, 1], run.unknowns[row, 2]
+            unknown, start_index, rate = run.unknowns[row, 0], run.unknowns[row, 1], run.unknowns[row, 2]
             w[unknown] -= right[i]
             if right[i] != 0.0:
-                size = abs(w[unknown]) + abs(y[before]) + abs(run.at[H] * y[rate])
+                size = abs(w[unknown]) + abs(y[start_index]) + abs(run.at[H] * y[rate])
                 solved = solved and abs(right[i]) / size <= NEWTON_TOLERANCE
-        solved = solved or (turns >= LATE and is_rounding(run, k, y))
+        solved = solved or (turns >= LATE and iterate_is_rounding(run, k, y))
     run.now[0].evaluations += max(0, turns - 1) * equation.evaluations
     return turns if solved else -1
 
 
-@compiled
-def is_rounding(run: Run, k: int, y: State) -> bool:
-    """Whether the last corrections are what rounding of the state does to the forces, as in `corrections.is_rounding`."""
+@jit_inline
+def iterate_is_rounding(run: Run, k: int, y: State) -> bool:
+    """Whether the last corrections are what rounding of the state does to the forces, as in `corrections.corrections_are_rounding`."""
     equation, n, scratch, coordinates = (
         run.equations[k],
         run.equations[k].unknowns,
@@ -65,7 +65,7 @@ def is_rounding(run: Run, k: int, y: State) -> bool:
         run.plan[0].coordinates,
     )
     for i in range(n):  # of each unknown: the terms of its equation; how steeply they follow it
-        scratch[i], scratch[n + i] = size_of(run, equation.first_unknown + i, y), 1.0
+        scratch[i], scratch[n + i] = unknown_size(run, equation.first_unknown + i, y), 1.0
     for i in range(equation.first_entry, equation.first_entry + equation.entries if equation.state < 0 else 0):
         add_term(run, k, run.entries[i, 0], run.entries[i, 1], written_entry(run, i), y)
     for i in range(run.entries.shape[0] if equation.state >= 0 else 0):
@@ -78,26 +78,26 @@ def is_rounding(run: Run, k: int, y: State) -> bool:
     return below
 
 
-@shared
+@jit_separate
 def add_term(run: Run, k: int, row: int, column: int, slope: float, y: State) -> None:
     """Add the term of one unknown to those of an equation."""
     n, scratch = run.equations[k].unknowns, run.shifted
-    scratch[row] += abs(slope) * size_of(run, run.equations[k].first_unknown + column, y)
+    scratch[row] += abs(slope) * unknown_size(run, run.equations[k].first_unknown + column, y)
     if row == column:
         scratch[n + row] += abs(slope)
 
 
-@shared
-def size_of(run: Run, row: int, y: State) -> float:
+@jit_separate
+def unknown_size(run: Run, row: int, y: State) -> float:
     """Return the size of an unknown; of a velocity also that of its coordinate, over the step."""
-    unknown, before, coordinates = run.unknowns[row, 0], run.unknowns[row, 1], run.plan[0].coordinates
-    size = abs(run.w[unknown]) + abs(y[before])
-    if coordinates <= before < 2 * coordinates:
-        size += abs(y[before - coordinates] / run.at[H])
+    unknown, start_index, coordinates = run.unknowns[row, 0], run.unknowns[row, 1], run.plan[0].coordinates
+    size = abs(run.w[unknown]) + abs(y[start_index])
+    if coordinates <= start_index < 2 * coordinates:
+        size += abs(y[start_index - coordinates] / run.at[H])
     return float(size)
 
 
-@shared
+@jit_separate
 def corrected(run: Run, k: int) -> bool:
     """Solve for the corrections of one iteration, with the matrix whole; False if it is singular."""
     equation, n = run.equations[k], run.equations[k].unknowns
@@ -107,10 +107,16 @@ def corrected(run: Run, k: int) -> bool:
     return solve_linear(run.matrix, run.right, n)
 
 
-@shared
+@jit_separate
 def corrected_by_groups(run: Run, k: int) -> bool:
     """Solve for the corrections with derivatives found group by group, and with a band where the pattern has one."""
-    equation, n, right, order, found = run.equations[k], run.equations[k].unknowns, run.right, run.order, run.shifted
+    equation, n, right, order, corrections = (
+        run.equations[k],
+        run.equations[k].unknowns,
+        run.right,
+        run.order,
+        run.shifted,
+    )
     find_at_iterate(run, k)
     assemble_by_groups(run, k)
     for i in range(n):
@@ -125,41 +131,41 @@ def corrected_by_groups(run: Run, k: int) -> bool:
             return False
         substitute(run.matrix, run.pivots, right, n)
     for i in range(n):
-        found[i] = right[order[i]]
+        corrections[i] = right[order[i]]
     for i in range(n):
-        right[i] = found[i]
+        right[i] = corrections[i]
     return True
 
 
-@shared
+@jit_separate
 def find_at_iterate(run: Run, k: int) -> None:
     """Find the derivatives at the state and the time of the last force evaluation."""
     equation, start, h = run.equations[k], run.at[T], run.at[H]
     for i in range(run.stage.shape[0]):
         run.stage[i] = run.w[equation.state + i]
     time = run.w[equation.derivatives + run.entries.shape[0] + run.plan[0].used]
-    along = PROPOSE + 2 * run.equations.shape[0] + 1
-    find_by_groups(run, time, h, run.stage, run.shifted, along, equation.derivatives)
+    direction_law = PROPOSE + 2 * run.equations.shape[0] + 1
+    find_by_groups(run, time, h, run.stage, run.shifted, direction_law, equation.derivatives)
     run.at[T] = start
 
 
-@shared
+@jit_separate
 def assemble_by_groups(run: Run, k: int) -> None:
     """Assemble the matrix, as `assemble` does, at the places of the pattern's entries."""
     equation, w, n, coordinates = run.equations[k], run.w, run.equations[k].unknowns, run.plan[0].coordinates
     weights, matrix = equation.weights, run.matrix
-    for i in range(n * height_of(run)):
+    for i in range(n * column_height(run)):
         matrix[i] = 0.0
     for i in range(n):
-        matrix[place_of(run, i, i)] = 1.0 - w[weights + (0 if i < coordinates else 1)]
+        matrix[matrix_index(run, i, i)] = 1.0 - w[weights + (0 if i < coordinates else 1)]
     for i in range(run.entries.shape[0]):
         entry = grouped_entry(run, k, i)
         if entry != 0.0:
             row, column = run.entries[i, 0], run.entries[i, 1]
-            matrix[place_of(run, row, column - coordinates if column >= coordinates else column)] -= entry
+            matrix[matrix_index(run, row, column - coordinates if column >= coordinates else column)] -= entry
 
 
-@shared
+@jit_separate
 def grouped_entry(run: Run, k: int, i: int) -> float:
     """Return what an entry of the pattern takes from the unit matrix: a derivative of the forces, weighted by its kind."""
     equation, row, column, coordinates = run.equations[k], run.entries[i, 0], run.entries[i, 1], run.plan[0].coordinates
@@ -168,14 +174,14 @@ def grouped_entry(run: Run, k: int, i: int) -> float:
     return float(weight * or_none(run.w[equation.derivatives + i]))
 
 
-@shared
+@jit_separate
 def written_entry(run: Run, i: int) -> float:
     """Return what an entry that is written out takes from the unit matrix."""
-    place, slope = run.entries[i, 2], run.entries[i, 3]
-    return float(or_none(run.w[place] if slope == DIRECT else run.w[place] * run.w[slope]))
+    entry_index, slope = run.entries[i, 2], run.entries[i, 3]
+    return float(or_none(run.w[entry_index] if slope == DIRECT else run.w[entry_index] * run.w[slope]))
 
 
-@shared
+@jit_separate
 def assemble(run: Run, k: int) -> None:
     """Assemble the matrix: the unit matrix less derivatives of the equations, by themselves and through the forces."""
     equation, n, matrix = run.equations[k], run.equations[k].unknowns, run.matrix

@@ -12,15 +12,20 @@ import numpy as np
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.kernels import radau_lines, step_control
-from xdynamics.kernels.compiling import apart, compiled, shared
-from xdynamics.kernels.formulas import function_of
+from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
+from xdynamics.kernels.formulas import compiled_function_of
 from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.control import NONFINITE_FACTOR, error_norm
-from xdynamics.march.force_evaluation import State, evaluate, evaluate_held, find_term_sizes, keep_sample
-from xdynamics.march.implicit.corrections import at_stages, correction, is_rounding, settles
-from xdynamics.march.implicit.derivatives import LATE, linearise, slope_apart
-from xdynamics.march.implicit.transformed import factorise_both, solve_complex, solve_real
+from xdynamics.march.control import NONFINITE_FACTOR, trial_error_norm
+from xdynamics.march.force_evaluation import State, evaluate_forces, evaluate_held, find_term_sizes, keep_sample
+from xdynamics.march.implicit.corrections import (
+    at_stages,
+    corrections_are_rounding,
+    largest_correction,
+    settles_to_rounding,
+)
+from xdynamics.march.implicit.derivatives import LATE, linearise_forces, slope_apart
+from xdynamics.march.implicit.transformed import factorise_both, solve_complex_system, solve_real_system
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
 from xdynamics.methods import radau as constants
 
@@ -33,7 +38,7 @@ SOLVED_BY = (
     " allowed, with the rtol of the error norm, in given ones until it is below the tolerance times the size of its"
     f" unknown {_SOURCE}"
 )
-SOLVED_WITH_LINKS = (  # whose steps are solved to rounding, see `settles`
+SOLVED_WITH_LINKS = (  # whose steps are solved to rounding, see `settles_to_rounding`
     f"{_ITERATIONS} until what they lack is below the tolerance times the size of its unknown, which includes the"
     f" velocity that the forces of closed contacts keep from bodies in the step {_SOURCE}"
 )
@@ -51,20 +56,24 @@ AT_START, AT_ITERATES = 1, 2  # where the derivatives are, after a first way in 
 WEIGHED = 3  # the way in which corrections within the rounding of terms that cancel are none
 OPEN, DONE, IN_VAIN = range(3)
 
-error_norm_apart = apart(error_norm)
-_polynomial = function_of(radau_lines.POLYNOMIAL, "z0 z1 z2", "first second third", radau_lines.CONSTANTS)
-_guess = function_of(radau_lines.GUESS, "c relative first second third", "guess", radau_lines.CONSTANTS)
-_convergence = function_of(radau_lines.CONVERGENCE, "size change ratio turn_now", "ratio_now theta_now eta_now")
+error_norm_apart = noinline(trial_error_norm)
+_polynomial = compiled_function_of(
+    radau_lines.RADAU_POLYNOMIAL, "z0 z1 z2", "first second third", radau_lines.CONSTANTS
+)
+_guess = compiled_function_of(radau_lines.GUESS, "c relative first second third", "guess", radau_lines.CONSTANTS)
+_convergence = compiled_function_of(
+    radau_lines.CONVERGENCE, "size change ratio turn_now", "ratio_now theta_now eta_now"
+)
 _GIVEN = "norm width before norm_before turn turns theta safety least greatest"
-_growth = function_of(step_control.PREDICTIVE, _GIVEN, "growth", step_control.CONSTANTS)
+_growth = compiled_function_of(step_control.PREDICTIVE, _GIVEN, "growth", step_control.CONSTANTS)
 
 
-@compiled
+@jit_inline
 def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
     """Make one step of size h from t to t1 and y to z, with its force evaluations and the estimate of its error."""
     plan, used, width = run.plan[0], run.plan[0].used, run.log_samples.shape[0] - 2
-    recall(run)
-    done = solved(run, t, h, y, sample)
+    recall_last_step(run)
+    done = solve_stages(run, t, h, y, sample)
     leave_stages(run, y)
     for i in range(used):
         z[i] = y[i] + run.stages[2 * used + i]
@@ -79,11 +88,11 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
     if plan.estimates and plan.steps == 1:
         run.kept[0].growth = UNSOLVED_GROWTH
         if done:
-            estimate(run, t, h, y)
+            estimate_error(run, t, h, y)
             look_ahead(run, h)
 
 
-@shared
+@jit_separate
 def leave_stages(run: Run, y: State) -> None:
     """Leave the states at the stages where laws read them, if there is one for times inside a step or a polynomial."""
     used = run.plan[0].used
@@ -93,87 +102,87 @@ def leave_stages(run: Run, y: State) -> None:
                 run.w[k * used + i] = y[i] + run.stages[k * used + i]
 
 
-@shared
-def recall(run: Run) -> None:
+@jit_separate
+def recall_last_step(run: Run) -> None:
     """Keep of the last step what this one may use: nothing after a start, an event or a node of a drive."""
-    kept = run.kept[0]
-    if kept.since == BEGUN:
-        kept.linearised, kept.fresh, kept.factored = 0, 0, 0.0
-        kept.theta, kept.eta, kept.step, kept.norm = 0.0, 1.0, 0.0, 0.0
-    elif kept.since == MOVED:
+    step_memory = run.kept[0]
+    if step_memory.since == BEGUN:
+        step_memory.linearised, step_memory.fresh, step_memory.factored = 0, 0, 0.0
+        step_memory.theta, step_memory.eta, step_memory.step, step_memory.norm = 0.0, 1.0, 0.0, 0.0
+    elif step_memory.since == MOVED:
         keep_polynomial(run)
-        kept.step = 0.0 if run.plan[0].steps > 1 else run.now[0].h
-        kept.norm, kept.fresh = max(constants.LEAST_NORM, run.now[0].norm), 0
-        if kept.turns > constants.FEW_TURNS and kept.theta > constants.SLOW:
-            kept.linearised = 0
-    kept.since = STAYED
+        step_memory.step = 0.0 if run.plan[0].steps > 1 else run.now[0].h
+        step_memory.norm, step_memory.fresh = max(constants.LEAST_NORM, run.now[0].norm), 0
+        if step_memory.turns > constants.FEW_TURNS and step_memory.theta > constants.SLOW:
+            step_memory.linearised = 0
+    step_memory.since = STAYED
 
 
-@compiled
-def solved(run: Run, t: float, h: float, y: State, sample: int) -> bool:
+@jit_inline
+def solve_stages(run: Run, t: float, h: float, y: State, sample: int) -> bool:
     """Solve for the stages: with what is kept; with derivatives at y; if the step is given, at the iterates.
 
     If it is chosen, what is left may be the rounding of forces that cancel, below which corrections do not fall.
     """
-    kept, plan, done = run.kept[0], run.plan[0], False
-    for way in range(4):
-        if done or (way == AT_START and kept.fresh) or (way == AT_ITERATES and plan.adaptive):
+    step_memory, plan, done = run.kept[0], run.plan[0], False
+    for attempt in range(4):
+        if done or (attempt == AT_START and step_memory.fresh) or (attempt == AT_ITERATES and plan.adaptive):
             continue
-        if way == WEIGHED:
+        if attempt == WEIGHED:
             if not (plan.adaptive and plan.rounding > 0.0):
                 continue
             find_term_sizes(run, t + h, y)
-        prepare(run, h, way)
-        done = iterate(run, t, h, y, sample, way)
-        if way == AT_ITERATES:  # these derivatives serve no other step
-            done = done or is_rounding(run, h, y)
-            kept.linearised, kept.fresh = 0, 0
+        begin_iteration(run, h, attempt)
+        done = iterate_stages(run, t, h, y, sample, attempt)
+        if attempt == AT_ITERATES:  # these derivatives serve no other step
+            done = done or corrections_are_rounding(run, h, y)
+            step_memory.linearised, step_memory.fresh = 0, 0
     return done
 
 
-@shared
-def prepare(run: Run, h: float, way: int) -> None:
+@jit_separate
+def begin_iteration(run: Run, h: float, attempt: int) -> None:
     """Choose starting values for an iteration, and discard derivatives that are older than this way allows."""
-    kept = run.kept[0]
-    guess(run, h, 0.0 if way == AT_ITERATES else kept.step)
-    kept.eta = max(kept.eta, EPS)
-    kept.eta = math.sqrt(kept.eta) * math.sqrt(math.sqrt(kept.eta))
-    kept.theta = 0.0
-    if way == AT_START:
-        kept.linearised = 0
+    step_memory = run.kept[0]
+    guess_stages(run, h, 0.0 if attempt == AT_ITERATES else step_memory.step)
+    step_memory.eta = max(step_memory.eta, EPS)
+    step_memory.eta = math.sqrt(step_memory.eta) * math.sqrt(math.sqrt(step_memory.eta))
+    step_memory.theta = 0.0
+    if attempt == AT_START:
+        step_memory.linearised = 0
 
 
-@compiled
-def iterate(run: Run, t: float, h: float, y: State, sample: int, way: int) -> bool:
+@jit_inline
+def iterate_stages(run: Run, t: float, h: float, y: State, sample: int, attempt: int) -> bool:
     """Correct the stages until their error is small enough; whether that was reached.
 
     When following the iterates, derivatives are those at the second stage of each, until the solution is near.
     """
-    kept, verdict, turn, following = run.kept[0], OPEN, 0, way == AT_ITERATES
+    step_memory, verdict, turn, following = run.kept[0], OPEN, 0, attempt == AT_ITERATES
     while verdict == OPEN:
-        freshen(run, t, h, y, following)
-        if not abs(h - kept.factored) <= constants.SAME_STEP * h and not factorise_both(run, h):
+        refresh_derivatives(run, t, h, y, following)
+        if not abs(h - step_memory.factored) <= constants.SAME_STEP * h and not factorise_both(run, h):
             verdict = IN_VAIN
             continue
         if turn == 0:  # factors of nearly the same step correct no better than that, whatever earlier ones did
-            kept.eta = max(kept.eta, abs(h - kept.factored) / h)
-        size, turn = correct(run, t, h, y, sample, way == WEIGHED), turn + 1
+            step_memory.eta = max(step_memory.eta, abs(h - step_memory.factored) / h)
+        size, turn = correct_stages(run, t, h, y, sample, attempt == WEIGHED), turn + 1
         if not following:
-            verdict = judged(run, size, turn)
+            verdict = judge_iteration(run, size, turn)
         elif size <= NEAR:
-            following, turn, kept.eta = False, 0, 1.0
+            following, turn, step_memory.eta = False, 0, 1.0
         elif turn == MOST_SETTLING or not math.isfinite(size):
             verdict = IN_VAIN
-        elif turn >= LATE and is_rounding(run, h, y):
+        elif turn >= LATE and corrections_are_rounding(run, h, y):
             verdict = DONE
     return verdict == DONE
 
 
-@shared
-def freshen(run: Run, t: float, h: float, y: State, following: bool) -> None:
+@jit_separate
+def refresh_derivatives(run: Run, t: float, h: float, y: State, following: bool) -> None:
     """Evaluate the derivatives at the second stage of the iterate that is followed, or at y where none are kept."""
-    used, kept, time = run.plan[0].used, run.kept[0], t
-    if kept.linearised and not following:
+    used, step_memory, time = run.plan[0].used, run.kept[0], t
+    if step_memory.linearised and not following:
         return
     for i in range(y.shape[0]):
         run.stage[i] = y[i]
@@ -182,80 +191,82 @@ def freshen(run: Run, t: float, h: float, y: State, following: bool) -> None:
         for i in range(used):
             run.stage[i] = y[i] + run.stages[used + i]
         if run.plan[0].differences or run.groups.shape[0] > 0:
-            evaluate(run, time, run.stage)
-    linearise(run, time, h, run.stage)
-    kept.fresh = 1
+            evaluate_forces(run, time, run.stage)
+    linearise_forces(run, time, h, run.stage)
+    step_memory.fresh = 1
 
 
-@shared
-def judged(run: Run, size: float, turn: int) -> int:
+@jit_separate
+def judge_iteration(run: Run, size: float, turn: int) -> int:
     """Judge an iteration by its corrections, the last of this size: DONE, IN_VAIN, or OPEN while it may converge."""
-    kept, rtol = run.kept[0], run.plan[0].rtol
-    tolerance, rounding, most = SETTLED, ROUNDING, MOST_SETTLING
-    if not settles(run):
-        rounding, most = 10.0 * EPS / rtol, MOST_TURNS
+    step_memory, rtol = run.kept[0], run.plan[0].rtol
+    tolerance, rounding, max_turns = SETTLED, ROUNDING, MOST_SETTLING
+    if not settles_to_rounding(run):
+        rounding, max_turns = 10.0 * EPS / rtol, MOST_TURNS
         tolerance = max(0.05 * rounding, min(constants.SHARE, math.sqrt(rtol)))
     if not math.isfinite(size):
         return IN_VAIN
     if turn > 1:
-        kept.ratio, kept.theta, eta = _convergence(size, kept.change, kept.ratio, turn)
-        if size <= rounding and kept.ratio >= constants.STALLED:
+        step_memory.ratio, step_memory.theta, eta = _convergence(size, step_memory.change, step_memory.ratio, turn)
+        if size <= rounding and step_memory.ratio >= constants.STALLED:
             return DONE
-        if not kept.theta < constants.DIVERGING:
+        if not step_memory.theta < constants.DIVERGING:
             return IN_VAIN
-        kept.eta = eta
-        remaining = kept.eta * size
-        for _ in range(most - turn):
-            remaining *= kept.theta
+        step_memory.eta = eta
+        remaining = step_memory.eta * size
+        for _ in range(max_turns - turn):
+            remaining *= step_memory.theta
         if remaining > max(tolerance, rounding):
             return IN_VAIN
-    kept.change, kept.turns = max(size, EPS), turn
-    if kept.eta * size <= tolerance or (turn == most and size <= rounding):
+    step_memory.change, step_memory.turns = max(size, EPS), turn
+    if step_memory.eta * size <= tolerance or (turn == max_turns and size <= rounding):
         return DONE
-    return OPEN if turn < most else IN_VAIN
+    return OPEN if turn < max_turns else IN_VAIN
 
 
-@compiled
-def correct(run: Run, t: float, h: float, y: State, sample: int, weighed: bool) -> float:
+@jit_inline
+def correct_stages(run: Run, t: float, h: float, y: State, sample: int, weighed: bool) -> float:
     """Correct all stages once; return the largest correction relative to the tolerance of its unknown."""
     if run.trial[0].iterations >= 0:
         run.trial[0].iterations += 1
     slopes_at_stages(run, t, h, y, sample)
-    corrections, turned, n = run.stages, run.turned, run.plan[0].used
+    corrections, transformed, n = run.stages, run.turned, run.plan[0].used
     gamma, alpha, beta = constants.GAMMA / h, constants.ALPHA / h, constants.BETA / h
     to_transformed(corrections, corrections, n)
     for i in range(n):
-        w1, w2 = turned[n + i], turned[2 * n + i]
-        corrections[i] -= gamma * turned[i]
+        w1, w2 = transformed[n + i], transformed[2 * n + i]
+        corrections[i] -= gamma * transformed[i]
         corrections[n + i] -= alpha * w1 - beta * w2
         corrections[2 * n + i] -= beta * w1 + alpha * w2
-    solve_real(run, corrections)
-    solve_complex(run, corrections)
+    solve_real_system(run, corrections)
+    solve_complex_system(run, corrections)
     for i in range(3 * n):
-        turned[i] += corrections[i]
-    size = correction(run, h, y, weighed)
-    to_stages(turned, run.stages, n)
+        transformed[i] += corrections[i]
+    size = largest_correction(run, h, y, weighed)
+    to_stages(transformed, run.stages, n)
     return size
 
 
-@shared
-def to_transformed(given: State, found: State, n: int) -> None:
+@jit_separate
+def to_transformed(stages: State, transformed: State, n: int) -> None:
     """Multiply three vectors of n components, stored one after the other, by T**-1."""
     for i in range(n):
-        z0, z1, z2 = given[i], given[n + i], given[2 * n + i]
-        found[i] = A00 * z0 + A01 * z1 + A02 * z2
-        found[n + i] = A10 * z0 + A11 * z1 + A12 * z2
-        found[2 * n + i] = A20 * z0 + A21 * z1 + A22 * z2
+        z0, z1, z2 = stages[i], stages[n + i], stages[2 * n + i]
+        transformed[i] = A00 * z0 + A01 * z1 + A02 * z2
+        transformed[n + i] = A10 * z0 + A11 * z1 + A12 * z2
+        transformed[2 * n + i] = A20 * z0 + A21 * z1 + A22 * z2
 
 
-@shared
-def to_stages(given: State, found: State, n: int) -> None:
+@jit_separate
+def to_stages(transformed: State, stages: State, n: int) -> None:
     """Multiply three vectors of n components, stored one after the other, by T."""
     for i in range(n):
-        found[i], found[n + i], found[2 * n + i] = at_stages(given[i], given[n + i], given[2 * n + i])
+        stages[i], stages[n + i], stages[2 * n + i] = at_stages(
+            transformed[i], transformed[n + i], transformed[2 * n + i]
+        )
 
 
-@shared
+@jit_separate
 def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> None:
     """Evaluate the forces at the stages, and put the slopes there into their place."""
     n, stage, width = run.plan[0].used, run.stage, run.log_samples.shape[0] - 2
@@ -263,16 +274,16 @@ def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> Non
         time = t + (C1 if k == 0 else C2 if k == 1 else 1.0) * h
         for i in range(n):
             stage[i] = y[i] + run.stages[k * n + i]
-        evaluate(run, time, stage)
+        evaluate_forces(run, time, stage)
         keep_sample(run, time, stage, sample + k * width)
         for i in range(n):
             run.stages[k * n + i] = slope_apart(run, stage, i)
 
 
-@shared
-def guess(run: Run, h: float, before: float) -> None:
-    """Start the iteration on the collocation polynomial of the step before, or at rest if its size `before` is 0."""
-    n, past, relative = run.plan[0].used, run.past, h / before if before > 0.0 else 0.0
+@jit_separate
+def guess_stages(run: Run, h: float, size_before: float) -> None:
+    """Start the iteration on the collocation polynomial of the step before, or at rest if its size `size_before` is 0."""
+    n, past, relative = run.plan[0].used, run.past, h / size_before if size_before > 0.0 else 0.0
     for i in range(n):
         first, second, third = past[i], past[n + i], past[2 * n + i]
         run.stages[i] = _guess(C1, relative, first, second, third)
@@ -281,7 +292,7 @@ def guess(run: Run, h: float, before: float) -> None:
     to_transformed(run.stages, run.turned, n)
 
 
-@shared
+@jit_separate
 def keep_polynomial(run: Run) -> None:
     """Keep the differences of the collocation polynomial, from the end of the step backwards."""
     n, past, stages = run.plan[0].used, run.past, run.stages
@@ -289,40 +300,46 @@ def keep_polynomial(run: Run) -> None:
         past[i], past[n + i], past[2 * n + i] = _polynomial(stages[i], stages[n + i], stages[2 * n + i])
 
 
-@compiled
-def estimate(run: Run, t: float, h: float, y: State) -> None:
+@jit_inline
+def estimate_error(run: Run, t: float, h: float, y: State) -> None:
     """Estimate the error by the embedded formula; where that fails at a start or again, at the state it leads to."""
-    n, e, kept, now, defects = run.plan[0].used, run.e, run.kept[0], run.now[0], run.turned  # solved, which is free
-    if not kept.factored > 0.0:
+    n, e, step_memory, now, defects = (
+        run.plan[0].used,
+        run.e,
+        run.kept[0],
+        run.now[0],
+        run.turned,
+    )  # solved, which is free
+    if not step_memory.factored > 0.0:
         return
     for i in range(n):
         defects[i] = (E1 * run.stages[i] + E2 * run.stages[n + i] + E3 * run.stages[2 * n + i]) / h
         e[i] = defects[i] + slope_apart(run, y, i)
-    solve_real(run, e)
-    if (now.rejected or not kept.step > 0.0) and not error_norm_apart(run) <= 1.0:
+    solve_real_system(run, e)
+    if (now.rejected or not step_memory.step > 0.0) and not error_norm_apart(run) <= 1.0:
         for i in range(n):
             run.stage[i] = y[i] + e[i]
-        evaluate(run, t, run.stage)
+        evaluate_forces(run, t, run.stage)
         for i in range(n):
             e[i] = defects[i] + slope_apart(run, run.stage, i)
-        solve_real(run, e)
+        solve_real_system(run, e)
 
 
-@shared
+@jit_separate
 def look_ahead(run: Run, h: float) -> None:
     """Note by which factor the next step may differ: by the predictive controller if the trial passes, as in RADAU5."""
-    plan, kept, norm = run.plan[0], run.kept[0], error_norm_apart(run)
+    plan, step_memory, norm = run.plan[0], run.kept[0], error_norm_apart(run)
     if not math.isfinite(norm):
-        kept.growth = NONFINITE_FACTOR
+        step_memory.growth = NONFINITE_FACTOR
         return
-    kept.growth = _growth(
+    step_memory.growth = _growth(
         norm,
         h,
-        kept.step,
-        kept.norm,
+        step_memory.step,
+        step_memory.norm,
         run.trial[0].iterations,
-        kept.turns,
-        kept.theta,
+        step_memory.turns,
+        step_memory.theta,
         plan.safety,
         plan.least,
         plan.greatest,

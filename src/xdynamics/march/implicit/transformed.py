@@ -12,39 +12,39 @@ from xdynamics.kernels.band import (
     substitute_band,
     substitute_complex_band,
 )
-from xdynamics.kernels.compiling import shared
+from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.linear import factorise, factorise_complex, substitute, substitute_complex
 from xdynamics.march.force_evaluation import State
-from xdynamics.march.implicit.derivatives import height_of, place_of
+from xdynamics.march.implicit.derivatives import column_height, matrix_index
 from xdynamics.march.run import Run
 from xdynamics.methods.radau import ALPHA, BETA, GAMMA
 
 
-@shared
+@jit_separate
 def factorise_both(run: Run, h: float) -> bool:
     """Assemble the real and the complex matrix for a step size, and factorise them; False if one is singular."""
     n, first, matrix = run.plan[0].coordinates, 3 * run.plan[0].used, run.matrix
     size = run.plan[0].used - n
     gamma, alpha, beta = GAMMA / h, ALPHA / h, BETA / h
     square = alpha * alpha + beta * beta
-    plane = size * height_of(run)
+    plane = size * column_height(run)
     for i in range(3 * plane):
         matrix[i] = 0.0
     re, im = plane, 2 * plane
     for i in range(size):
-        diagonal = place_of(run, i, i)
+        diagonal = matrix_index(run, i, i)
         matrix[diagonal], matrix[re + diagonal], matrix[im + diagonal] = gamma, alpha, beta
     for k in range(run.entries.shape[0]):
         row, column, slope = run.entries[k, 0], run.entries[k, 1], run.w[first + k]
         if column < n:  # dq = dv/c, and 1/(alpha + i beta) is (alpha - i beta)/square
-            place = place_of(run, row, column)
-            matrix[place] -= slope / gamma
-            matrix[re + place] -= slope * (alpha / square)
-            matrix[im + place] += slope * (beta / square)
+            entry_index = matrix_index(run, row, column)
+            matrix[entry_index] -= slope / gamma
+            matrix[re + entry_index] -= slope * (alpha / square)
+            matrix[im + entry_index] += slope * (beta / square)
         else:
-            place = place_of(run, row, column - n)
-            matrix[place] -= slope
-            matrix[re + place] -= slope
+            entry_index = matrix_index(run, row, column - n)
+            matrix[entry_index] -= slope
+            matrix[re + entry_index] -= slope
     run.kept[0].factored = 0.0
     if not (factorised_in_band(run, size) if run.band.shape[0] > 0 else factorised_whole(run, size)):
         return False
@@ -53,13 +53,13 @@ def factorise_both(run: Run, h: float) -> bool:
     return True
 
 
-@shared
+@jit_separate
 def factorised_whole(run: Run, size: int) -> bool:
     """Factorise both matrices, kept whole."""
     return factorise(run.matrix, run.pivots, size) and factorise_complex(run.matrix, run.pivots, size)
 
 
-@shared
+@jit_separate
 def factorised_in_band(run: Run, size: int) -> bool:
     """Factorise both matrices, kept as bands."""
     lower, upper = run.band[0], run.band[1]
@@ -67,8 +67,8 @@ def factorised_in_band(run: Run, size: int) -> bool:
     return real and factorise_complex_band(run.matrix, run.pivots, size, lower, upper)
 
 
-@shared
-def solve_real(run: Run, vector: State) -> None:
+@jit_separate
+def solve_real_system(run: Run, vector: State) -> None:
     """Solve (gamma/h - J) d = r in place, with the factors at hand."""
     n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
     gamma = GAMMA / run.kept[0].factored
@@ -88,8 +88,8 @@ def solve_real(run: Run, vector: State) -> None:
         vector[i] = (vector[i] + vector[n + i]) / gamma
 
 
-@shared
-def solve_complex(run: Run, vectors: State) -> None:
+@jit_separate
+def solve_complex_system(run: Run, vectors: State) -> None:
     """Solve ((alpha + i beta)/h - J) d = r in place, for the second and the third part of three vectors."""
     n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
     size = used - n
@@ -100,8 +100,8 @@ def solve_complex(run: Run, vectors: State) -> None:
         u, v = vectors[used + i], vectors[2 * used + i]
         vectors[used + i], vectors[2 * used + i] = u * x - v * y, u * y + v * x
     for i in range(size):
-        place = run.order[i]
-        right[place], right[size + place] = vectors[used + n + i], vectors[2 * used + n + i]
+        ordered_index = run.order[i]
+        right[ordered_index], right[size + ordered_index] = vectors[used + n + i], vectors[2 * used + n + i]
     for k in range(run.entries.shape[0]):
         row, column = run.order[run.entries[k, 0]], run.entries[k, 1]
         if column < n:
@@ -112,8 +112,8 @@ def solve_complex(run: Run, vectors: State) -> None:
     else:
         substitute_complex(run.matrix, run.pivots, right, size)
     for i in range(size):
-        place = run.order[i]
-        vectors[used + n + i], vectors[2 * used + n + i] = right[place], right[size + place]
+        ordered_index = run.order[i]
+        vectors[used + n + i], vectors[2 * used + n + i] = right[ordered_index], right[size + ordered_index]
     for i in range(n):
         u, v = right[run.order[i]], right[size + run.order[i]]
         vectors[used + i] += u * x - v * y
