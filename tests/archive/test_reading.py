@@ -53,7 +53,7 @@ def test_values_that_cannot_be_read(archived: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("step", "said"), [("lent", "cannot be opened as a run archive: "), ("faults_of", "no run record:\n  1. ")]
+    ("step", "said"), [("open_shared", "cannot be opened as a run archive: "), ("faults_of", "no run record:\n  1. ")]
 )
 def test_an_error_without_words_has_a_name(
     archived: Path, monkeypatch: pytest.MonkeyPatch, step: str, said: str

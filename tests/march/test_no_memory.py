@@ -17,7 +17,7 @@ pytest.importorskip("resource")
 MARCH = """
 import resource, sys
 from xdynamics import Model
-from xdynamics.march import March, ensemble, runner, simd_ensemble
+from xdynamics.march import March, ensemble, log, runner, simd_ensemble
 from xdynamics.march.configuration import settings_for
 
 where, many = sys.argv[1:]
@@ -58,7 +58,7 @@ if where == "program":
     runner.engine = ensemble.engine = lambda: poor
     simd_ensemble.side_by_side = lambda: poor_lanes
 elif where == "log":
-    runner.allocate = allocate
+    log.allocate = ensemble.allocate = allocate
 if many == "many":
     for abreast in (1, 4):
         try:
