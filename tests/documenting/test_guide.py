@@ -14,14 +14,13 @@ from cases.problems import MODELS, ROOT
 from xdynamics.documenting.folding import WIDTH
 from xdynamics.documenting.guide import PAGES_ABOUT, SAID, STARTER, guide
 from xdynamics.documenting.shapes_page import MEANINGS, MODEL
+from xdynamics.expressions.element_folding import MOST_FAMILIES
 from xdynamics.expressions.parser import FORMS
-from xdynamics.expressions.reductions import LARGEST_DENSE, MOST_DIAGONALS
 from xdynamics.expressions.traced_arrays import LARGEST_SOLVED, MOST_KINKS
-from xdynamics.expressions.traced_rows import MOST_PIECES
 from xdynamics.expressions.tracing import MOST_NODES
 from xdynamics.expressions.tree import ALONG, FUNCTIONS
 from xdynamics.model.grammar import SECTIONS
-from xdynamics.simulation.array_models import MAX_WRITTEN_OUT
+from xdynamics.simulation.array_models import MOST_TRACED, MOST_WRITTEN_OUT
 from xdynamics.simulation.scipy_interface import MOST_NAMED
 
 
@@ -77,10 +76,9 @@ def test_the_page_on_records_has_what_models_and_logs_name() -> None:
 
 def test_the_page_on_solve_has_its_limits() -> None:
     """Assert that the numbers that the page names are those that are kept to."""
-    limits = (MOST_NODES, MAX_WRITTEN_OUT, MOST_NAMED, MOST_KINKS, LARGEST_SOLVED, MOST_DIAGONALS, MOST_PIECES)
+    limits = (MOST_NODES, MOST_TRACED, MOST_WRITTEN_OUT, MOST_FAMILIES, MOST_NAMED, MOST_KINKS, LARGEST_SOLVED)
     named = [line.split()[0] for line in guide("solve") if line.split()[0].isdigit()]
     assert named == [*map(str, limits)]
-    assert f"{LARGEST_DENSE} rows at most" in "\n".join(guide("solve"))
 
 
 def test_the_page_on_shapes_is_true() -> None:

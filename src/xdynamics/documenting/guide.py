@@ -222,15 +222,15 @@ use
   + - * / ** % abs min max, math.sin or np.sin and the like, np.where, np.clip, np.heaviside,
   np.interp, np.sum, np.dot, @, np.linalg.solve, np.zeros(n) and assignment to its elements, slices,
   np.roll, loops over range, functions of yours.
-Arrays of two axes, u = y.reshape(n, m) or u, v = y.reshape(2, n, m), stay one expression too,
-however large they are: windows u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff and np.gradient along an
-axis, np.pad, np.where, np.hstack, u.T, order="F". So do arrays of more axes, np.sum, mean, max and
-min along an axis, np.linalg.norm, np.stack, and bodies by pairs, x[None, :, :] - x[:, None, :]:
-sums go in loops, of up to 200000 numbers. Elements are picked along one axis by a list or a known
-mask too, u[:, [0, 3, 4]] or np.take, and products of arrays that change are np.einsum, np.outer,
-np.tensordot, np.trace and @. Spreads are np.std, np.var, np.ptp, and functions have their methods:
-np.add.at(d, i, f), np.subtract.outer(y, y), np.maximum.reduce(y). With names="u" a function that
-returns a list has one state u(u_index), too.
+Arrays of any number of axes, u = y.reshape(n, m), are traced number by number, and numbers whose
+expressions are alike become one expression of the element's number, however many they are: windows
+u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff, np.gradient, np.pad, np.where, np.hstack, u.T. Sums, means
+and extremes go in loops, along an axis too, as do bodies by pairs, x[None, :, :] - x[:, None, :], and
+products of matrices: @, np.einsum, np.outer, np.tensordot, np.trace. Spreads are np.std, np.var, np.ptp,
+and functions have their methods: np.add.at(d, i, f), np.subtract.outer(y, y), np.maximum.reduce(y). With
+names="u" a function that returns a list has one state u(u_index), too. A pair costs some 0.1 ms once: of
+over a few hundred bodies, or some ten thousand numbers, write the model with [dimensions] (`xdynamics
+help shapes`), which is read at once.
 It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a
 contact. Comparisons are joined by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic;
 np.interp takes left, right and period.
@@ -239,15 +239,14 @@ integer powers that vary, and what scipy computes from the state at every step: 
 brentq, interpolators, erf and the like.
 Limits, beyond which the message names what to write in its place:
   200000     operations that one function may write down
-  300        elements of which each has an expression of its own, as where they are picked by
-             several lists at once; of more, each has a name, y0, y1, …
+  30000      numbers of y0; of more, write the model with [dimensions]
+  300        numbers that follow no rule in common, as where they are picked by a list at random
+  64         families of numbers with rules of their own, such as ends, edges and corners
   10         numbers that get a name each; of more, an array whose rule is the same along it becomes
              one quantity with a dimension
   40         points of np.interp at an expression of the state; over t a table of any length is a
              drive
   6          unknowns of np.linalg.solve
-  12         diagonals of a matrix that multiplies a long array; a dense matrix has 200 rows at most
-  30         pieces of a long array that have rules of their own, such as its ends
 """
 
 

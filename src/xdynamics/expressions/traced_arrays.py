@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.cube_rules import cubes_in, of_cubes
-from xdynamics.expressions.numpy_rules import of_rows
-from xdynamics.expressions.traced_rows import lines_in
+from xdynamics.expressions.element_folding import folded_terms
 from xdynamics.expressions.tracing import (
     REMEDY,
     Traced,
@@ -18,6 +16,7 @@ from xdynamics.expressions.tracing import (
     apply_elementwise,
     called,
     choice,
+    node_of,
     trace_rounding,
     traced_name,
 )
@@ -35,16 +34,12 @@ class TracedArray(np.ndarray[Any, Any]):
 
     def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **options: Any) -> Any:  # type: ignore[override]
         """Apply a function of numpy: by elements, along an axis, or as a product of matrices."""
-        if how == "__call__" and (lines_in(inputs) or cubes_in(inputs)):
-            return of_numpy(ufunc, *map(_plain_objects, inputs), **options)
         plain = [np.asarray(value) if isinstance(value, np.ndarray) else value for value in inputs]
         if ufunc is np.matmul and how == "__call__":
-            return array_of(np.matmul(*(value.astype(object) for value in plain)))
+            return array_of(_matrix_product(*plain))
         out = options.pop("out", None)
         if how == "reduce" and ufunc in _JOINED:
-            result = _reduce_axes(
-                _JOINED[ufunc], plain[0], options.get("axis", 0), keepdims=options.get("keepdims", False)
-            )
+            result = _reduced(ufunc, plain[0], options.get("axis", 0), keepdims=options.get("keepdims", False))
         elif how != "__call__":
             result = array_of(getattr(ufunc, how)(*plain, **options))
         else:
@@ -60,8 +55,8 @@ class TracedArray(np.ndarray[Any, Any]):
 
     def __setitem__(self, key: Any, value: Any) -> None:
         """Set elements; those that a traced condition chooses, all to one number."""
-        is_traced_mask = isinstance(key, np.ndarray) and key.shape == self.shape and is_traced(key)
-        if not is_traced_mask or np.ndim(value):
+        is_masked = isinstance(key, np.ndarray) and key.shape == self.shape and is_traced(key)
+        if not is_masked or np.ndim(value):
             super().__setitem__(key, value)
             return
         for index, condition in np.ndenumerate(key):
@@ -69,15 +64,15 @@ class TracedArray(np.ndarray[Any, Any]):
 
     def max(self, axis: Any = None, **options: Any) -> Any:  # type: ignore[override]
         """Return the largest number along an axis."""
-        return _extreme_along("max", self, axis, **options)
+        return _reduced(np.maximum, self, axis, **options)
 
     def min(self, axis: Any = None, **options: Any) -> Any:  # type: ignore[override]
         """Return the smallest number along an axis."""
-        return _extreme_along("min", self, axis, **options)
+        return _reduced(np.minimum, self, axis, **options)
 
     def clip(self, low: Any = None, high: Any = None, **_: Any) -> Any:  # type: ignore[override]
         """Return the numbers, limited."""
-        return _clip_elements(self, low, high)
+        return _clipped(self, low, high)
 
     def round(self, decimals: int = 0, **_: Any) -> Any:  # type: ignore[override]
         """Return the numbers, rounded."""
@@ -113,27 +108,23 @@ def of_numpy(function: Callable[..., Any], *arguments: Any, **options: Any) -> A
         return into
     if function is np.roll and is_traced([*arguments[1:2], *options.values()]):
         raise WholeNumberError(f"the function calls numpy.roll by a number of places that is not known yet; {REMEDY}")
-    if cubes_in((*arguments, *options.values())):
-        return of_cubes(function, *arguments, **options)
-    if lines_in((*arguments, *options.values())):
-        return of_rows(function, *arguments, **options)
     if not any(map(is_traced, (*arguments, *options.values()))):
-        numbers = [_untraced_floats(value) for value in arguments]
-        return function(*numbers, **{key: _untraced_floats(value) for key, value in options.items()})
+        numbers = [_of_floats(value) for value in arguments]
+        return function(*numbers, **{key: _of_floats(value) for key, value in options.items()})
     if isinstance(function, np.ufunc):
         return array_of(apply_elementwise(function.__name__, arguments))
-    if function in _RULES:
-        return _RULES[function](*arguments, **options)
     label = f"{function.__module__}.{function.__name__}" + (f" with {', '.join(options)}" if options else "")
     try:
-        return array_of(
-            function(*map(_plain_objects, arguments), **{key: _plain_objects(value) for key, value in options.items()})
-        )
-    except Exception as error:  # noqa: BLE001 - whatever numpy makes of objects
-        needs_whole_number = isinstance(error, WholeNumberError)
+        if function in _RULES:
+            return _RULES[function](*arguments, **options)
+        return array_of(function(*map(_plain, arguments), **{key: _plain(value) for key, value in options.items()}))
+    except Exception as error:
+        if isinstance(error, InputError) and function in _RULES:
+            raise
+        is_whole_number_error = isinstance(error, WholeNumberError)
         kind = (
             WholeNumberError
-            if needs_whole_number or any(isinstance(value, Traced) for value in arguments)
+            if is_whole_number_error or any(isinstance(value, Traced) for value in arguments)
             else InputError
         )
         raise kind(
@@ -146,21 +137,21 @@ def table_reader(tables: dict[str, Points]) -> Callable[..., Any]:
     """Return `numpy.interp` for traced numbers, which notes the tables that are read, by names for their values."""
 
     def interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None, period: Any = None) -> Any:
-        first, second = (np.asarray(_untraced_floats(value), float).ravel() for value in (xp, fp))
+        first, second = (np.asarray(_of_floats(value), float).ravel() for value in (xp, fp))
         if period is not None:
-            x, first, second = _fold_period(x, first, second, float(period))
+            x, first, second = _repeated(x, first, second, float(period))
             left = right = None
         if first.size != second.size or first.size < 2 or (np.diff(first) <= 0).any():
             raise InputError(
                 f"the function calls numpy.interp with {first.size} and {second.size} points, needs as many of both,"
                 " two at least, in ascending order"
             )
-        return _map_elements(lambda value: _held_table_value(value, first, second, tables, left, right), x)
+        return _map_elements(lambda value: _ended(value, first, second, tables, left, right), x)
 
     return interp
 
 
-def _fold_period(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:
+def _repeated(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:
     """Return a table over a period, and the argument within it, as `numpy.interp` has them."""
     if not period:
         raise InputError("the function calls numpy.interp with period = 0, needs another number")
@@ -173,7 +164,7 @@ def _fold_period(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any
     return _map_elements(lambda value: value % period, x), folded, values
 
 
-def _held_table_value(x: Any, xp: Any, fp: Any, tables: dict[str, Points], left: Any, right: Any) -> Any:
+def _ended(x: Any, xp: Any, fp: Any, tables: dict[str, Points], left: Any, right: Any) -> Any:
     """Return a value of a table, with those that are said beyond its ends; else it is held there."""
     value = _interpolated(x, xp, fp, tables)
     if right is not None:
@@ -188,9 +179,9 @@ def _interpolated(x: Any, xp: Any, fp: Any, tables: dict[str, Points]) -> Any:
     if line is None:
         return _by_kinks(x, xp, fp)
     scale, offset = line
-    local_times = (xp - offset) / scale
+    table_times = (xp - offset) / scale
     order = slice(None, None, 1 if scale > 0 else -1)
-    points: Points = tuple(local_times[order].tolist()), tuple(fp[order].tolist())
+    points: Points = tuple(table_times[order].tolist()), tuple(fp[order].tolist())
     label = next(
         (table_name for table_name, table_points in tables.items() if table_points == points),
         f"interpolated_{len(tables)}",
@@ -225,28 +216,26 @@ def _by_kinks(x: Traced, xp: Any, fp: Any) -> Any:
             f" or give it {MOST_KINKS} points at most"
         )
     slopes = np.diff(fp) / np.diff(xp)
-    clipped_x = _clip_elements(x, float(xp[0]), float(xp[-1]))
-    result = float(fp[0]) + float(slopes[0]) * (clipped_x - float(xp[0]))
+    limited = _clipped(x, float(xp[0]), float(xp[-1]))
+    result = float(fp[0]) + float(slopes[0]) * (limited - float(xp[0]))
     for start, change in zip(xp[1:-1].tolist(), np.diff(slopes).tolist(), strict=True):
         if change:
-            result = result + change * called("max", clipped_x - start, 0.0)
+            result = result + change * called("max", limited - start, 0.0)
     return result
 
 
-def _untraced_floats(value: Any) -> Any:
+def _of_floats(value: Any) -> Any:
     """Return an array of objects without traced numbers, also one in a list, as one of floats."""
     if isinstance(value, TracedArray) and not is_traced(value):
         return np.asarray(value, float)
-    return type(value)(map(_untraced_floats, value)) if type(value) in (list, tuple) else value
+    return type(value)(map(_of_floats, value)) if type(value) in (list, tuple) else value
 
 
-def _plain_objects(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return np.asarray(value, object) if is_traced(value) else _untraced_floats(value)
+        return np.asarray(value, object) if is_traced(value) else _of_floats(value)
     return (
-        type(value)(map(_plain_objects, value))
-        if isinstance(value, list | tuple) and is_traced(value)
-        else _untraced_floats(value)
+        type(value)(map(_plain, value)) if isinstance(value, list | tuple) and is_traced(value) else _of_floats(value)
     )
 
 
@@ -258,29 +247,59 @@ def _map_elements(rule: Callable[[Any], Any], values: Any) -> Any:
     return array_of(results) if array.shape else results[()]
 
 
-def _extreme_along(function: str, values: Any, axis: Any = None, *, keepdims: bool = False) -> Any:
-    return _reduce_axes(lambda x, y: called(function, x, y), np.asarray(values, object), axis, keepdims=keepdims)
-
-
-def _reduce_axes(join: Callable[[Any, Any], Any], values: Any, axis: Any, *, keepdims: Any = False) -> Any:
-    """Join the elements along an axis, ascending."""
+def _reduced(ufunc: Any, values: Any, axis: Any = None, *, keepdims: Any = False) -> Any:
+    """Join the elements along an axis, ascending: many that differ in numbers alone as a sum along a dimension."""
+    values = np.asarray(values, object)
     axes = [axis] if isinstance(axis, int) else list(range(values.ndim) if axis is None else axis)
-    axes_first = np.moveaxis(values, axes, range(len(axes)))
-    rows = axes_first.reshape(-1, *axes_first.shape[len(axes) :])
+    first = np.moveaxis(values, axes, range(len(axes)))
+    rows = first.reshape(-1, *first.shape[len(axes) :])
     results = np.empty(rows.shape[1:], object)
     for index in np.ndindex(results.shape):
-        results[index] = reduce(join, [rows[k, *index] for k in range(len(rows))]) if len(rows) else 0.0
+        results[index] = _joined_terms(ufunc, [rows[k, *index] for k in range(len(rows))])
     shape = [1 if k in {axis % values.ndim for axis in axes} else n for k, n in enumerate(values.shape)]
     return array_of(results.reshape(shape) if keepdims else results if results.shape else results[()])
 
 
-def _clip_elements(values: Any, low: Any = None, high: Any = None, **_: Any) -> Any:
+def _joined_terms(ufunc: Any, terms: list[Any]) -> Any:
+    if not terms:
+        return 0.0
+    if ufunc in _ALONG and any(isinstance(term, Traced) for term in terms):
+        nodes = [node_of(term) for term in terms]
+        if (folded := folded_terms(_ALONG[ufunc], nodes)) is not None:
+            return Traced(folded, 1 + max(term.nodes for term in terms if isinstance(term, Traced)))
+    return reduce(_JOINED[ufunc], terms)
+
+
+def _matrix_product(left: Any, right: Any) -> Any:
+    """Return a product of matrices, of which those without many zeros are sums along a dimension."""
+    a, b = (np.asarray(value, object) for value in (left, right))
+    numeric_operands = [np.asarray(value, float) for value in (a, b) if not is_traced(value)]
+    is_sparse = any(np.count_nonzero(numbers) <= numbers.size / 2 for numbers in numeric_operands)
+    if is_sparse or a.ndim > 2 or b.ndim > 2 or not a.ndim or not b.ndim or a.shape[-1] != b.shape[0]:
+        return np.matmul(a, b)
+    rows, columns = np.atleast_2d(a), b.reshape(len(b), -1)
+    results = np.empty((len(rows), columns.shape[1]), object)
+    for i, k in np.ndindex(results.shape):
+        results[i, k] = _sum_of_products(rows[i], columns[:, k])
+    return results.reshape((*a.shape[:-1], *b.shape[1:]))[()]
+
+
+def _sum_of_products(row: Any, column: Any) -> Any:
+    """Return a sum of products, none of them shortened where a number is 0 or 1: they are alike."""
+    factors = [*zip(row, column, strict=True)]
+    products = [Binary("*", node_of(x), node_of(y)) for x, y in factors]
+    if (folded := folded_terms("sum", products)) is not None:
+        return Traced(folded, 1 + max(getattr(x, "nodes", 1) + getattr(y, "nodes", 1) for x, y in factors))
+    return reduce(lambda x, y: x + y, (x * y for x, y in factors))
+
+
+def _clipped(values: Any, low: Any = None, high: Any = None, **_: Any) -> Any:
     if low is not None:
         values = array_of(apply_elementwise("maximum", [values, low]))
     return values if high is None else array_of(apply_elementwise("minimum", [values, high]))
 
 
-def _choose_elements(condition: Any, *branches: Any) -> Any:
+def _trace_where(condition: Any, *branches: Any) -> Any:
     if len(branches) != 2:
         raise InputError(f"the function asks by numpy.where which values are true; {REMEDY}")
     arrays = np.broadcast_arrays(*(np.asarray(value, object) for value in (condition, *branches)))
@@ -290,15 +309,15 @@ def _choose_elements(condition: Any, *branches: Any) -> Any:
     return array_of(results if results.shape else results[()])
 
 
-def _vector_norm(values: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:  # noqa: A002, FBT001, FBT002
+def _norm(values: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:  # noqa: A002, FBT001, FBT002
     if ord not in (None, 2):
         raise InputError(f"the function calls numpy.linalg.norm with ord = {ord!r}; sums and numpy.abs say it too")
     array = np.asarray(values, object)
-    squares = _reduce_axes(lambda x, y: x + y, array * array, axis, keepdims=keepdims)
+    squares = _reduced(np.add, array_of(apply_elementwise("multiply", [array, array])), axis, keepdims=keepdims)
     return array_of(apply_elementwise("sqrt", [squares]))
 
 
-def _cramer_solution(matrix: Any, right: Any) -> Any:
+def _solved(matrix: Any, right: Any) -> Any:
     """Solve a linear system by Cramer's rule, which needs no pivots: the numbers are not known."""
     a, b = (np.asarray(value, object) for value in (matrix, right))
     if not is_traced(a):
@@ -340,23 +359,30 @@ def _determinant(matrix: Any) -> Any:
 
 
 def _inverse(matrix: Any) -> Any:
-    return _cramer_solution(matrix, np.eye(len(matrix)).astype(object))
+    return _solved(matrix, np.eye(len(matrix)).astype(object))
 
 
-def _even_gradient(values: Any, *spacing: Any) -> Any:
-    """Return slopes of a row at even spacing, as numpy's of second order inside."""
+def _gradient(values: Any, *spacing: Any, axis: Any = None) -> Any:
+    """Return slopes at even spacing, as numpy's of second order inside: of a row, or along each axis."""
     f = np.asarray(values, object)
-    if f.ndim != 1 or len(spacing) > 1 or (spacing and np.ndim(spacing[0])):
-        raise InputError("the function calls numpy.gradient of more than a row of even spacing; write its differences")
-    h = spacing[0] if spacing else 1.0
-    interior_slopes = (f[2:] - f[:-2]) / (2.0 * h)
-    return array_of(np.concatenate([[(f[1] - f[0]) / h], interior_slopes, [(f[-1] - f[-2]) / h]]))
+    axes = [*range(f.ndim)] if axis is None else [axis]
+    steps = spacing * len(axes) if len(spacing) == 1 else spacing or (1.0,) * len(axes)
+    if len(steps) != len(axes) or any(map(np.ndim, steps)):
+        raise InputError("the function calls numpy.gradient of uneven spacing; write its differences")
+    slopes = [_slopes(np.moveaxis(f, axis, 0), h, axis) for axis, h in zip(axes, steps, strict=True)]
+    return slopes[0] if len(slopes) == 1 else slopes
+
+
+def _slopes(f: Any, h: Any, axis: int) -> Any:
+    interior = (f[2:] - f[:-2]) / (2.0 * h)
+    slopes = np.concatenate([(f[1:2] - f[:1]) / h, interior, (f[-1:] - f[-2:-1]) / h])
+    return array_of(np.moveaxis(slopes, 0, axis))
 
 
 def _piecewise(conditions: Sequence[Any], values: Sequence[Any], default: Any = 0.0) -> Any:
     result = default
     for condition, value in reversed([*zip(conditions, values, strict=True)]):
-        result = _choose_elements(condition, value, result)
+        result = _trace_where(condition, value, result)
     return result
 
 
@@ -366,18 +392,83 @@ _JOINED: dict[Any, Callable[[Any, Any], Any]] = {
     np.maximum: lambda x, y: called("max", x, y),
     np.minimum: lambda x, y: called("min", x, y),
 }
+
+
+def _by_method(method: str) -> Callable[..., Any]:
+    """Return the rule of a function that an array has as a method, which joins elements as arrays of traced numbers do."""
+
+    def along_axis(values: Any, axis: Any = None, **options: Any) -> Any:
+        if {*options} - {"keepdims", "ddof"}:
+            raise TypeError(method)
+        return array_of(getattr(array_of(np.asarray(values, object)), method)(axis=axis, **options))
+
+    return along_axis
+
+
+def _spread(values: Any, axis: Any = None, **options: Any) -> Any:
+    return _reduced(np.maximum, values, axis, **options) - _reduced(np.minimum, values, axis, **options)
+
+
+def _einstein(letters: str, *operands: Any, **options: Any) -> Any:
+    """Return Einstein's sum: of products of all operands, along the letters that the result has not."""
+    if {*options} - {"optimize"} or not isinstance(letters, str) or "." in letters:
+        raise TypeError(letters)
+    terms, _, result = letters.replace(" ", "").partition("->")
+    parts = terms.split(",")
+    if "->" not in letters:
+        result = "".join(sorted(letter for letter in {*terms} - {","} if terms.count(letter) == 1))
+    arrays = [np.asarray(operand, object) for operand in operands]
+    for k, part in enumerate(parts):  # a letter that stands twice in one is its diagonal
+        letters_once = "".join(dict.fromkeys(part))
+        parts[k], arrays[k] = letters_once, np.einsum(f"{part}->{letters_once}", arrays[k])
+    order = [*result, *dict.fromkeys(letter for part in parts for letter in part if letter not in result)]
+    spread = []
+    for part, array in zip(parts, arrays, strict=True):
+        transposed = array.transpose([part.index(letter) for letter in order if letter in part])
+        spread.append(transposed[tuple(slice(None) if letter in part else None for letter in order)])
+    product = reduce(lambda x, y: np.asarray(apply_elementwise("multiply", [x, y]), object), spread)
+    summed = tuple(range(len(result), len(order)))
+    return _reduced(np.add, product, summed) if summed else array_of(product)
+
+
+def _tensor_product(left: Any, right: Any, axes: Any = 2) -> Any:
+    """Return a product that is summed over pairs of axes."""
+    a, b = np.asarray(left, object), np.asarray(right, object)
+    if isinstance(axes, int):
+        axes = (range(a.ndim - axes, a.ndim), range(axes))
+    ends = [
+        [end % array.ndim for end in np.atleast_1d(axis_numbers).tolist()]
+        for axis_numbers, array in zip(axes, (a, b), strict=True)
+    ]
+    first = [chr(97 + k) for k in range(a.ndim)]
+    second = [chr(65 + k) for k in range(b.ndim)]
+    for i, k in zip(*ends, strict=True):
+        second[k] = first[i]
+    result_letters = [letter for letter in (*first, *second) if (letter in first) != (letter in second)]
+    return _einstein(f"{''.join(first)},{''.join(second)}->{''.join(result_letters)}", a, b)
+
+
+_ALONG = {np.add: "sum", np.maximum: "max", np.minimum: "min"}  # functions of the language along a dimension
 _RULES: dict[Any, Callable[..., Any]] = {
-    np.where: _choose_elements,
+    np.where: _trace_where,
     np.select: _piecewise,
-    np.clip: _clip_elements,
-    np.max: lambda values, axis=None, **options: _extreme_along("max", values, axis, **options),
-    np.min: lambda values, axis=None, **options: _extreme_along("min", values, axis, **options),
+    np.clip: _clipped,
+    np.max: lambda values, axis=None, **options: _reduced(np.maximum, values, axis, **options),
+    np.min: lambda values, axis=None, **options: _reduced(np.minimum, values, axis, **options),
+    **{getattr(np, method): _by_method(method) for method in ("sum", "mean", "std", "var")},
+    np.ptp: _spread,
+    np.einsum: _einstein,
+    np.tensordot: _tensor_product,
+    np.inner: lambda a, b: _tensor_product(a, b, ([-1], [-1])),
+    np.vdot: lambda a, b: array_of(_matrix_product(np.ravel(a), np.ravel(b))),
+    np.trace: lambda values: _reduced(np.add, np.einsum("ii->i", np.asarray(values, object))),
+    np.dot: lambda a, b: array_of(_matrix_product(a, b)) if np.ndim(a) and np.ndim(b) else a * b,
     np.round: lambda values, decimals=0: _map_elements(lambda value: trace_rounding(value, decimals), values),
-    np.linalg.norm: _vector_norm,
-    np.linalg.solve: _cramer_solution,
+    np.linalg.norm: _norm,
+    np.linalg.solve: _solved,
     np.linalg.inv: _inverse,
     np.linalg.det: _determinant,
-    np.gradient: _even_gradient,
+    np.gradient: _gradient,
     np.zeros_like: lambda values, **_: array_of(np.zeros(np.shape(values)).astype(object)),
     np.empty_like: lambda values, **_: array_of(np.zeros(np.shape(values)).astype(object)),
     np.ones_like: lambda values, **_: array_of(np.ones(np.shape(values)).astype(object)),

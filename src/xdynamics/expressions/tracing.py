@@ -28,10 +28,6 @@ class WholeNumberError(InputError):
     """An unknown number stands where Python needs a whole one: as an index, or in `range`."""
 
 
-class Row:
-    """An array that is traced as a whole; it joins numbers by its own rules."""
-
-
 class Traced:
     """An unknown number that records the operations on it."""
 
@@ -151,12 +147,12 @@ class Traced:
 
     def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **_: Any) -> Any:
         """Apply a function of numpy element by element."""
-        if how != "__call__" or any(isinstance(value, Row) for value in inputs):
+        if how != "__call__":
             return NotImplemented
         return apply_elementwise(ufunc.__name__, inputs)
 
 
-_ARRAYS = (np.ndarray, Row)
+_ARRAYS = np.ndarray
 
 
 def traced(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -7,10 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.cube_rules import cubes_in
 from xdynamics.expressions.traced_arrays import is_traced, of_numpy
-from xdynamics.expressions.traced_grid import IrregularError
-from xdynamics.expressions.traced_rows import lines_in
 from xdynamics.faults import InputError
 
 _REDUCING = {np.add: np.sum, np.multiply: np.prod, np.maximum: np.max, np.minimum: np.min}
@@ -47,33 +44,27 @@ class UniversalFunction(partial):  # type: ignore[type-arg]
         return self._along({}, "reduceat", array, places, options)
 
     def at(self, array: Any, places: Any, *values: Any) -> None:
-        """Change elements in place one after the other, also one that is named twice.
-
-        Raises
-        ------
-        IrregularError
-            If arrays are traced as a whole; their elements are written out instead.
-        """
+        """Change elements in place one after the other, also one that is named twice."""
         if not _is_unknown(array, *values):
             self.args[0].at(array, places, *values)
             return
-        if lines_in((array, *values)) or cubes_in((array, *values)):
-            raise IrregularError("the function fills an array by elements")
-        chosen = [*zip(*places, strict=True)] if isinstance(places, tuple) else np.atleast_1d(places).tolist()
-        for k, place in enumerate(chosen):
-            array[place] = self(array[place], *(value[k] if np.ndim(value) else value for value in values))
+        indices = [*zip(*places, strict=True)] if isinstance(places, tuple) else np.atleast_1d(places).tolist()
+        for k, index in enumerate(indices):
+            array[index] = self(array[index], *(value[k] if np.ndim(value) else value for value in values))
 
-    def _along(self, known: dict[Any, Any], method: str, array: Any, axis: Any, options: dict[str, Any]) -> Any:
+    def _along(
+        self, numpy_functions: dict[Any, Any], method: str, array: Any, axis: Any, options: dict[str, Any]
+    ) -> Any:
         ufunc = self.args[0]
         if not _is_unknown(array):
             return getattr(ufunc, method)(array, axis, **options)
-        if ufunc not in known:
+        if ufunc not in numpy_functions:
             raise InputError(
                 f"the function calls numpy.{ufunc.__name__}.{method}, which the language of expressions has not; write it"
                 " with arithmetic, sums and numpy's elementary functions"
             )
-        return of_numpy(known[ufunc], array, axis=axis, **options)
+        return of_numpy(numpy_functions[ufunc], array, axis=axis, **options)
 
 
 def _is_unknown(*values: Any) -> bool:
-    return any(map(is_traced, values)) or bool(lines_in(values)) or bool(cubes_in(values))
+    return any(map(is_traced, values))

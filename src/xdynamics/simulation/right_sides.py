@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from xdynamics.units import parse_quantity, parse_time, parse_unit
 DIRECTIONS = {0: "either", 1: "rising", -1: "falling"}
 TIMES = ("t", "time", "tau", "_t", "times")  # what functions call it
 RightSide = Callable[..., Any]
+Written = TypeVar("Written")  # functions that are written down, perhaps with what they need besides
 Floats = NDArray[np.float64]
 
 
@@ -150,8 +151,8 @@ def start_numbers(starts: list[str], unit_texts: list[str]) -> Floats:
 
 
 def write_with_arguments(
-    write: Callable[[list[Any]], list[WrittenFunction]], fun: RightSide, args: Any, taken_names: list[str]
-) -> tuple[list[WrittenFunction], list[Any], dict[str, str]]:
+    write: Callable[[list[Any]], Written], fun: RightSide, args: Any, taken_names: list[str]
+) -> tuple[Written, list[Any], dict[str, str]]:
     """Write functions down with single numbers of `args` as parameters, with their names and values."""
     try:
         arguments, parameters = arguments_of(fun, args, taken_names, float)
