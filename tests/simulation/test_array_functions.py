@@ -289,7 +289,10 @@ def test_imaginary_parts_are_not_dropped(fun: Any, size: int) -> None:
         (np.ones((2, 3)), r"y0 has shape \(2, 3\), needs one axis of at least one number; give y0.ravel\(\)"),
         ([1.0, np.nan], r"y0\[1\] is nan, needs a finite number"),
         (np.broadcast_to(1.0, 10**6 + 1), "y0 has 1000001 numbers, needs 1 to 1000000"),
-        (np.broadcast_to(1.0, 30_001), "y0 has 30001 numbers, .* write the model with .dimensions., as `xdynamics help"),
+        (
+            np.broadcast_to(1.0, 30_001),
+            "y0 has 30001 numbers, .* write the model with .dimensions., as `xdynamics help",
+        ),
     ],
 )
 def test_starts_of_no_row_are_named(start: Any, said: str) -> None:

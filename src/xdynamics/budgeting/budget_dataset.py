@@ -19,7 +19,7 @@ from xdynamics.budgeting.proven_bounds import ProvenBounds, proven_variables
 from xdynamics.budgeting.rounding import drawn_interval, rounded_result
 from xdynamics.budgeting.sources import COMPARED, NUMBER, OWN
 from xdynamics.budgeting.term import Term
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.schema import PROVEN, flag_attributes
 from xdynamics.units import parse_unit
 
@@ -63,17 +63,11 @@ def budget_dataset(request: BudgetRequest, parts: BudgetParts, monte_carlo: Draw
     variables = term_variables(model, target, unit, value, parts.terms)
     variables |= {} if compared is None else level_variables(compared, own_run, unit)
     variables |= {} if parts.proven is None else proven_variables(parts.proven, value, unit.text)
-    variables["run_outcome"] = (
-        (),
-        np.array(own_run.outcome),
-        variable_attributes("1", "outcome of the run", "outcome"),
-    )
+    variables["run_outcome"] = ((), np.array(own_run.outcome), attrs_of("1", "outcome of the run", "outcome"))
     variables["run_contradiction"] = (
         (),
         np.array(own_run.contradiction),
-        variable_attributes(
-            "1", "what contradicts itself in the run's record, in words; empty if nothing does", "outcome"
-        ),
+        attrs_of("1", "what contradicts itself in the run's record, in words; empty if nothing does", "outcome"),
     )
     late_values: dict[str, Any] = {}
     verdict, bound = NOT_CHECKED, float(variables["numerical_bound"][1])
@@ -83,14 +77,10 @@ def budget_dataset(request: BudgetRequest, parts: BudgetParts, monte_carlo: Draw
     variables["linear_verdict"] = (
         (),
         np.int8(verdict),
-        variable_attributes("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag")
+        attrs_of("1", "whether the linear budget is adequate, by JCGM 101:2008, 8", "flag")
         | flag_attributes(dict(enumerate(LINEAR))),
     )
-    variables["model_toml"] = (
-        (),
-        np.array(model.to_toml()),
-        variable_attributes("1", "the whole model as TOML", "model"),
-    )
+    variables["model_toml"] = ((), np.array(model.to_toml()), attrs_of("1", "the whole model as TOML", "model"))
     choice = _choice_text(request, parts.terms)
     result_text = rounded_result(value, float(variables["total_rss"][1]), bound, unit.text, f"k = 2{choice}")
     if monte_carlo is not None and verdict == NOT_ADEQUATE:  # the number need not lie in the middle of what was drawn

@@ -49,22 +49,20 @@ def budgets_over(
         )
     members = [
         budget(
-            grid.member_model(axis_indices),
+            grid.member_model(position),
             quantity,
             compute=False,
             **budget_arguments,
-            **grid.simulate_arguments(axis_indices),
+            **grid.simulate_arguments(position),
         )
-        for axis_indices in np.ndindex(grid.shape)
+        for position in np.ndindex(grid.shape)
     ]
     first = members[0]
-    for axis_indices, member_budget in zip(np.ndindex(grid.shape), members, strict=True):
-        if [*member_budget["term_name"].values] != [*first["term_name"].values]:
-            names = [
-                ", ".join(map(str, compared_budget["term_name"].values)) for compared_budget in (first, member_budget)
-            ]
+    for position, result in zip(np.ndindex(grid.shape), members, strict=True):
+        if [*result["term_name"].values] != [*first["term_name"].values]:
+            names = [", ".join(map(str, terms_of["term_name"].values)) for terms_of in (first, result)]
             raise InputError(
-                f"member {grid.member_name(axis_indices)} has the terms {names[1]}, and the first has {names[0]}"
+                f"member {grid.member_name(position)} has the terms {names[1]}, and the first has {names[0]}"
             )
     dims = [dim for dim in grid.dims if dim in sweep.dims]
     shape = tuple(sweep.sizes[dim] for dim in dims)

@@ -14,7 +14,7 @@ from xdynamics.budgeting.montecarlo import DrawStatistics
 from xdynamics.budgeting.numerical import LevelComparison
 from xdynamics.budgeting.own_run import OwnRun
 from xdynamics.budgeting.term import KINDS, NUMERICAL, PHYSICAL, Term
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.judgements import VERDICTS
 from xdynamics.evidence.refining.levels import STEPS
@@ -53,19 +53,18 @@ def term_variables(model: Model, target: Target, unit: Unit, value: float, terms
         ROLE,
     )
     variables = {
-        name: ((TERM,), values, variable_attributes(units, words, role))
+        name: ((TERM,), values, attrs_of(units, words, role))
         for name, (values, units, words, role) in term_columns.items()
     }
     for name, units_name in UNITS_BY_TERM.items():
         variables[name][2]["comment"] = f"in the unit that {units_name} names"
     kinds = np.array([KINDS.index(entry.kind) for entry in terms], np.int8)
-    of_kinds = variable_attributes("1", "whether it is of the march or of the model", "flag") | flag_attributes(
+    of_kinds = attrs_of("1", "whether it is of the march or of the model", "flag") | flag_attributes(
         dict(enumerate(KINDS))
     )
     variables["term_kind"] = ((TERM,), kinds, of_kinds)
     return variables | {
-        name: ((), np.float64(number), variable_attributes(unit.text, words, ROLE))
-        for name, (number, words) in scalars.items()
+        name: ((), np.float64(number), attrs_of(unit.text, words, ROLE)) for name, (number, words) in scalars.items()
     }
 
 
@@ -177,28 +176,28 @@ def level_variables(compared: LevelComparison, own_run: OwnRun, unit: Unit) -> d
     orders = observed_orders(compared.values, levels.values)
     level_units = own_run.step_units if levels.varied == STEPS else levels.varied.units
     return {
-        levels.varied.name: ((LEVEL,), levels.values, variable_attributes(level_units, levels.varied.long_name, ROLE)),
+        levels.varied.name: ((LEVEL,), levels.values, attrs_of(level_units, levels.varied.long_name, ROLE)),
         "level_value": (
             (LEVEL,),
             compared.values,
-            variable_attributes(text, "the number in each level; the first is the run's own", ROLE),
+            attrs_of(text, "the number in each level; the first is the run's own", ROLE),
         ),
         "observed_order": (
             (LEVEL,),
             orders,
-            variable_attributes("1", "observed order, from the level and its two neighbours", ROLE)
+            attrs_of("1", "observed order, from the level and its two neighbours", ROLE)
             | {"formal_order": levels.formal},
         ),
         "level_verdict": (
             (),
             np.int8(compared.judgement.verdict),
-            variable_attributes("1", "verdict on the convergence of the number", "flag")
+            attrs_of("1", "verdict on the convergence of the number", "flag")
             | flag_attributes(dict(enumerate(VERDICTS))),
         ),
         "run_digest": (
             (LEVEL,),
             np.array(compared.digests),
-            variable_attributes("1", "content digest of the level's run", "digest"),
+            attrs_of("1", "content digest of the level's run", "digest"),
         ),
     }
 
@@ -220,7 +219,7 @@ def late_variables(late_values: Mapping[str, Any], units: str, second: str) -> d
         "extreme_time": (second, "when the extreme was", "time"),
         "extreme_rule": ("1", "how the extreme was found", "rule"),
     }
-    return {name: ((), np.array(value), variable_attributes(*words[name])) for name, value in late_values.items()}
+    return {name: ((), np.array(value), attrs_of(*words[name])) for name, value in late_values.items()}
 
 
 def _unit_ratio(unit: Unit, divisor: Unit) -> str:
@@ -262,10 +261,10 @@ def draw_variables(draws: DrawStatistics, unit: Unit, coverage: float) -> dict[s
         ),
     }
     variables = {
-        name: ((), np.float64(value), variable_attributes(unit.text, description, ROLE))
+        name: ((), np.float64(value), attrs_of(unit.text, description, ROLE))
         for name, (value, description) in scalars.items()
     }
     return variables | {
-        name: ((BOUNDS,), np.array(value), variable_attributes(unit.text, description, ROLE) | {"coverage": coverage})
+        name: ((BOUNDS,), np.array(value), attrs_of(unit.text, description, ROLE) | {"coverage": coverage})
         for name, (value, description) in intervals.items()
     }

@@ -96,11 +96,7 @@ def _profile_end(problem: Problem, best: Search, low: Floats, high: Floats, i: i
     """Follow the profile of one number to an end: secants of the root of its rise, which is linear of a linear law."""
     bound = float(high[i] if step > 0 else low[i])
     centre, free = float(best.end[i]), np.delete(best.end, i)
-    inner, outer, root = (
-        0.0,
-        np.inf,
-        0.0,
-    )  # distances with less and with more than the rise, and the root at `inside`
+    inner, outer, root = (0.0, np.inf, 0.0)  # distances with less and with more than the rise, and the root at `inside`
     distance = abs(step)
     for _ in range(MAX_PROFILE_POINTS):
         distance = min(distance, abs(bound - centre))

@@ -13,7 +13,7 @@ from xdynamics.budgeting.fit_problem import SHARED, Fitting
 from xdynamics.budgeting.fit_records import owner_record
 from xdynamics.budgeting.losses import LINEAR
 from xdynamics.budgeting.multistart import Search
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.model import Model
 from xdynamics.schema import AT, AT_TIME, BOUNDS
 
@@ -73,45 +73,33 @@ def estimate_variables(problem: Fitting, best: Search, estimates: Estimates, cov
         "parameter_name": (
             (PARAMETER,),
             np.array([number.name for number in numbers]),
-            variable_attributes("1", "name of the fitted parameter or initial value", "name"),
+            attrs_of("1", "name of the fitted parameter or initial value", "name"),
         ),
         "parameter_units": (
             (PARAMETER,),
             np.array(units),
-            variable_attributes("1", "unit of the estimate and its uncertainty", "units"),
+            attrs_of("1", "unit of the estimate and its uncertainty", "units"),
         ),
-        "estimate": (
-            (PARAMETER,),
-            estimates.values,
-            variable_attributes("1", "value that fits best, in parameter_units", ROLE),
-        ),
+        "estimate": ((PARAMETER,), estimates.values, attrs_of("1", "value that fits best, in parameter_units", ROLE)),
         "standard_uncertainty": (
             (PARAMETER,),
             estimates.deviations,
-            variable_attributes("1", "standard uncertainty of the estimate, in parameter_units", ROLE),
+            attrs_of("1", "standard uncertainty of the estimate, in parameter_units", ROLE),
         ),
-        "interval": (
-            (PARAMETER, BOUNDS),
-            estimates.intervals,
-            variable_attributes("1", interval, ROLE) | {"coverage": coverage},
-        ),
+        "interval": ((PARAMETER, BOUNDS), estimates.intervals, attrs_of("1", interval, ROLE) | {"coverage": coverage}),
         "at_bound": (
             (PARAMETER,),
             best.bounded.astype(np.int8),
-            variable_attributes("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE),
+            attrs_of("1", "1 where the estimate is on its bound, and its uncertainty means nothing", ROLE),
         ),
-        "correlation": (
-            (PARAMETER, OTHER),
-            estimates.correlation,
-            variable_attributes("1", "correlation of the estimates", ROLE),
-        ),
+        "correlation": ((PARAMETER, OTHER), estimates.correlation, attrs_of("1", "correlation of the estimates", ROLE)),
     }
     if len(problem.records) > 1:
         owners = ["" if number.record == SHARED else problem.records[number.record].label for number in numbers]
         variables["parameter_record"] = (
             (PARAMETER,),
             np.array(owners),
-            variable_attributes("1", "record that has the number for itself; empty where all share it", "name"),
+            attrs_of("1", "record that has the number for itself; empty where all share it", "name"),
         )
     return variables
 
@@ -125,11 +113,11 @@ def record_variables(problem: Fitting, fitted: Sequence[Model]) -> dict[str, Any
     )
     times = np.concatenate([record.data.times for record in records])
     variables: dict[str, Any] = {
-        AT_TIME: ((AT,), times, variable_attributes(records[0].model.time_unit.text, "time of measurement", "time")),
+        AT_TIME: ((AT,), times, attrs_of(records[0].model.time_unit.text, "time of measurement", "time")),
         "model_toml": (
             (RECORD,) if len(texts) > 1 else (),
             np.array(texts if len(texts) > 1 else texts[0]),
-            variable_attributes("1", model_description, "model"),
+            attrs_of("1", model_description, "model"),
         ),
     }
     if len(records) > 1:
@@ -137,12 +125,12 @@ def record_variables(problem: Fitting, fitted: Sequence[Model]) -> dict[str, Any
         variables["record_name"] = (
             (RECORD,),
             np.array([record.label for record in records]),
-            variable_attributes("1", "name of the record", "name"),
+            attrs_of("1", "name of the record", "name"),
         )
         variables["at_record"] = (
             (AT,),
             record_indices,
-            variable_attributes("1", "record that a measurement is of, from 0", "index"),
+            attrs_of("1", "record that a measurement is of, from 0", "index"),
         )
     if any(record.data.occurrences.size for record in records):
         numbers = [
@@ -152,9 +140,7 @@ def record_variables(problem: Fitting, fitted: Sequence[Model]) -> dict[str, Any
         variables["at_occurrence"] = (
             (AT,),
             np.concatenate(numbers),
-            variable_attributes(
-                "1", "which occurrence of its event was timed, from 1; 0 where a value was measured", "index"
-            ),
+            attrs_of("1", "which occurrence of its event was timed, from 1; 0 where a value was measured", "index"),
         )
     return variables
 
@@ -195,9 +181,7 @@ def residual_variables(problem: Fitting, residual: Floats, bands: Bands) -> dict
                 columns[f"outlier_{name}"] = (outlying[all_rows].astype(float), description, ROLE)
             for key, (values, about_it, role) in columns.items():
                 units = "1" if key.startswith("outlier_") else unit.text
-                column = variables.setdefault(
-                    key, ((AT,), np.full(rows, np.nan), variable_attributes(units, about_it, role))
-                )
+                column = variables.setdefault(key, ((AT,), np.full(rows, np.nan), attrs_of(units, about_it, role)))
                 column[1][first : first + n] = values
         first, value_offset = first + n, value_offset + observed.size
     return variables
@@ -209,22 +193,22 @@ def search_variables(searches: list[Search], scales: Floats) -> dict[str, Any]:
         "start_rule": (
             (START,),
             np.array([search.rule for search in searches]),
-            variable_attributes("1", "how the starting point of the search was chosen", "rule"),
+            attrs_of("1", "how the starting point of the search was chosen", "rule"),
         ),
         "start_value": (
             (START, PARAMETER),
             np.array([search.start * scales for search in searches]),
-            variable_attributes("1", "starting values of the search, in parameter_units", ROLE),
+            attrs_of("1", "starting values of the search, in parameter_units", ROLE),
         ),
         "start_estimate": (
             (START, PARAMETER),
             np.array([search.end * scales for search in searches]),
-            variable_attributes("1", "values at which the search ended, in parameter_units", ROLE),
+            attrs_of("1", "values at which the search ended, in parameter_units", ROLE),
         ),
         "start_square": (
             (START,),
             np.array([search.square for search in searches]),
-            variable_attributes(
+            attrs_of(
                 "1",
                 "weighted sum of squared residuals at the end of the search; infinite where a run did not reach all times",
                 ROLE,
@@ -233,6 +217,6 @@ def search_variables(searches: list[Search], scales: Floats) -> dict[str, Any]:
         "start_converged": (
             (START,),
             np.array([search.converged for search in searches], np.int8),
-            variable_attributes("1", "1 where the search converged", ROLE),
+            attrs_of("1", "1 where the search converged", ROLE),
         ),
     }

@@ -22,13 +22,7 @@ from xdynamics.evidence.diagnosing.extremes import Extreme
 from xdynamics.evidence.diagnosing.heights import INTERPOLATED, SAID
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.refining.convergence import CAUTION, SAFETY, observed_orders
-from xdynamics.evidence.refining.judgements import (
-    CLOSE,
-    EVENT_LIMITED,
-    INTERPOLATION_LIMITED,
-    Judged,
-    judge,
-)
+from xdynamics.evidence.refining.judgements import CLOSE, EVENT_LIMITED, INTERPOLATION_LIMITED, Judged, judge
 from xdynamics.evidence.refining.levels import ALL, Levels, absolute_tolerances
 from xdynamics.evidence.refining.readings import estimated_error
 from xdynamics.evidence.runs import march_model

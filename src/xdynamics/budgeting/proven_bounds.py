@@ -14,7 +14,7 @@ from xdynamics.budgeting.measurand import TIME, Measurand, Target
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.enclosing.enclosure import enclosure_request
 from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED, bounded_names
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.faults import InputError
 from xdynamics.model import Model
@@ -125,16 +125,12 @@ def proven_variables(proven: ProvenBounds, value: float, unit: str) -> Mapping[s
         "proven_interval": (
             (BOUNDS,),
             interval,
-            variable_attributes(unit, "proven bounds of the number, of values as written", "budget"),
+            attrs_of(unit, "proven bounds of the number, of values as written", "budget"),
         ),
         "proven_error": (
             (),
             np.float64(error),
-            variable_attributes(unit, "what the run's own number is proven to be off by at most", "budget"),
+            attrs_of(unit, "what the run's own number is proven to be off by at most", "budget"),
         ),
-        "proven_text": (
-            (),
-            np.array(proven.text),
-            variable_attributes("1", "what is proven, or why nothing is", "rule"),
-        ),
+        "proven_text": ((), np.array(proven.text), attrs_of("1", "what is proven, or why nothing is", "rule")),
     }

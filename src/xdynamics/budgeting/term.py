@@ -134,12 +134,7 @@ class Declared:
         moment = None if self.at is None else time_in(parse_unit(target.second), self.at, f"at of term '{self.name}'")
         stated_number, required = (
             (self.quantity, moment, self.event, self.occurrence),
-            (
-                target.quantity,
-                target.at,
-                target.event,
-                target.occurrence,
-            ),
+            (target.quantity, target.at, target.event, target.occurrence),
         )
         if stated_number != required:
             description = Target(

@@ -302,13 +302,7 @@ class StepInterpolator:
         return delayed(row_links)(self.model, links_read(self.run, self.model))
 
     def _evaluated(
-        self,
-        where: Floats,
-        columns: Floats,
-        links: RowLinks | None,
-        *,
-        with_errors: bool = True,
-        **more: Any,
+        self, where: Floats, columns: Floats, links: RowLinks | None, *, with_errors: bool = True, **more: Any
     ) -> Floats:
         """Evaluate states and, if they are to be judged, their errors.
 

@@ -37,13 +37,7 @@ def blockwise(
     parts = da.concatenate([part.reshape(len(part), -1).T for part in data]).rechunk({0: -1})
     places = da.from_array(where, chunks=(len(where), parts.chunks[1]))
     return da.map_blocks(
-        function,
-        places,
-        parts,
-        dtype=float,
-        chunks=((height,), parts.chunks[1]),
-        meta=np.empty((0, 0)),
-        links=later(),
+        function, places, parts, dtype=float, chunks=((height,), parts.chunks[1]), meta=np.empty((0, 0)), links=later()
     )
 
 

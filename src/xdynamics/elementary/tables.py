@@ -287,7 +287,7 @@ _LIMBS = {
         1d63983 5339f49 c845f8b bdf9283 b1ff897 ffde059 80fef2f 118b5a0 a6d1f6d 367ecf2 7cb09b7 4f463f6
         69e5fea 2d7527b ac7ebe5 f17b3d0 739f78a 5292ea6 bfb5fb1 1f8d5d0 8560330 46fc7b6 babf0cf
     """
-    ),
+    )
 }
 TABLES: dict[str, tuple[float, ...] | tuple[int, ...]] = {
     **{name: tuple(map(float.fromhex, text.split())) for name, text in _NUMBERS.items()},

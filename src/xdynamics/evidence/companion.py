@@ -16,7 +16,7 @@ from xdynamics.dynamics.recorded_models import model_of_record
 from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.event_matching import event_rows_by_name, match_times
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
 from xdynamics.evidence.runs import march_model, prepare_record
 from xdynamics.evidence.stage_tasks import Task, march_task
@@ -240,11 +240,11 @@ def _companion_dataset(
 ) -> xr.Dataset:
     variables = {str(name): (data.dims, data.values, data.attrs) for name, data in states.variables.items()}
     unit = time_unit_of(run).text
-    variables["event_time"] = ((EVENTS,), event_times, variable_attributes(unit, "accepted time of the event", "event"))
+    variables["event_time"] = ((EVENTS,), event_times, attrs_of(unit, "accepted time of the event", "event"))
     variables["event_time_global_error"] = (
         (EVENTS,),
         event_errors,
-        variable_attributes(unit, "error of the event's time since the start of the run", "error"),
+        attrs_of(unit, "error of the event's time since the start of the run", "error"),
     )
     attributes = {"companion": states.attrs["companion"], "model_digest": run.attrs["model_digest"]}
     return evidence_dataset(
@@ -266,7 +266,7 @@ def _with_global_errors(states: xr.Dataset, errors: Mapping[str, Floats], factor
         text = f"error of {name} since the start: its difference from the run with {tightening}, times {factor:.6g}"
         state_variable = states.variables[name]
         variables[global_error(name)] = xr.Variable(
-            state_variable.dims, error, variable_attributes(str(state_variable.attrs["units"]), text, "error")
+            state_variable.dims, error, attrs_of(str(state_variable.attrs["units"]), text, "error")
         )
     return states.assign(variables).assign_attrs(companion=tightening)
 

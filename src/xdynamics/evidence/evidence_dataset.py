@@ -113,7 +113,7 @@ def _with_display_attributes(attributes: Mapping[str, Any]) -> dict[str, Any]:
     return {key: display_text(entry) if isinstance(entry, str) else entry for key, entry in attributes.items()}
 
 
-def variable_attributes(units: str, long_name: str, role: str) -> dict[str, Any]:
+def attrs_of(units: str, long_name: str, role: str) -> dict[str, Any]:
     """Return the attributes of a variable."""
     return {"units": units, "long_name": long_name, "role": role}
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.schema import flag_attributes
 
 GATE = "gate"
@@ -26,11 +26,11 @@ def gate_variables(gates: Sequence[tuple[str, str, str]], question: str) -> dict
     """Return gates as variables of a Dataset; `question` says in words what a gate asks."""
     names, verdicts, reasons = zip(*gates, strict=True)
     return {
-        "gate_name": ((GATE,), np.array(names), variable_attributes("1", question, "name")),
-        "gate_reason": ((GATE,), np.array(reasons), variable_attributes("1", "what was looked at", "rule")),
+        "gate_name": ((GATE,), np.array(names), attrs_of("1", question, "name")),
+        "gate_reason": ((GATE,), np.array(reasons), attrs_of("1", "what was looked at", "rule")),
         "gate_verdict": (
             (GATE,),
             np.array([GATES.index(verdict) for verdict in verdicts], np.int8),
-            variable_attributes("1", "what became of it", "flag") | flag_attributes(dict(enumerate(GATES))),
+            attrs_of("1", "what became of it", "flag") | flag_attributes(dict(enumerate(GATES))),
         ),
     }

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from xdynamics import schema
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 
 ROLE = "scaled"
 
@@ -72,12 +72,12 @@ def scaled_variables(
         schema.scaled_name(key): (
             tuple(dims),
             divide_by_scale(residual, scale),
-            variable_attributes("1", f"{key} over {schema.scale_name(kind, name)}", ROLE) | rule,
+            attrs_of("1", f"{key} over {schema.scale_name(kind, name)}", ROLE) | rule,
         ),
         schema.scale_name(kind, name): (
             tuple(dims)[1:],
             scale,
-            variable_attributes(units, f"scale of {key}: {scale_text}", "scale") | rule,
+            attrs_of(units, f"scale of {key}: {scale_text}", "scale") | rule,
         ),
     }
     sizes: dict[str, Callable[[Any], Any]] = {
@@ -88,7 +88,7 @@ def scaled_variables(
         schema.scaled_name(f"{norm}_{key}"): (
             tuple(dims)[1:],
             divide_by_scale(sizes[norm](residual), scale),
-            variable_attributes("1", f"{norm}_{key} over {schema.scale_name(kind, name)}", ROLE) | rule,
+            attrs_of("1", f"{norm}_{key} over {schema.scale_name(kind, name)}", ROLE) | rule,
         )
         for norm in norms
     }

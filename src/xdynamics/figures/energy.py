@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from xdynamics.dynamics.path import steps_over_impacts
-from xdynamics.figures.companions import Overlay
+from xdynamics.figures.companions import Overlay, RunCompanion
 from xdynamics.figures.curves import energy_changes, has_chords, plotted_lines
 from xdynamics.figures.element_maps import STEADY
 from xdynamics.figures.level_lines import known_model
@@ -66,11 +67,11 @@ def draw_energy(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
                 **_energy_line_style(run, *names),
             )
         axes.set(ylabel=escaped_text(f"energy ({units})"))
-        change_note = (
+        note_text = (
             f", total constant to {_departure(run):.0e} (relative)" if is_conserved else _energy_change_note(run)
         )
         axes.set_title(
-            f"energy{', each less its start' * is_flat}{change_note}{_at_rows(run, *names)}", loc="left", fontsize=10
+            f"energy{', each less its start' * is_flat}{note_text}{_at_rows(run, *names)}", loc="left", fontsize=10
         )
         axes.legend(fontsize=8, frameon=False)
         shade_regimes(run, axes)
@@ -80,19 +81,7 @@ def draw_energy(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
     label = escaped_text(overlay.run_label) if companions else None
     style = _energy_line_style(run, "total_energy", exact=True)
     axes.plot(times, values - is_relative * energy[0], color=COLOURS[0 if companions else 1], label=label, **style)
-    for k, companion in enumerate(companions):
-        times, values, _ = companion.columns["total_energy"]
-        colour, dashes = COLOURS[(k + 1) % len(COLOURS)], DASHES[k % len(DASHES)]
-        axes.plot(
-            times,
-            values - is_relative * values[0],
-            dashes,
-            color=colour,
-            linewidth=1.2,
-            label=escaped_text(companion.label),
-        )
-    if companions:
-        axes.legend(fontsize=8, frameon=False)
+    _draw_companion_energies(companions, axes, is_relative=is_relative)
     axes.set(ylabel=escaped_text(f"{'E - E(0)' if is_relative else 'E'} ({units})"))
     note = _at_rows(run, "total_energy", exact=True)
     known_digits = known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, [])
@@ -101,6 +90,15 @@ def draw_energy(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
     )
     axes.set_title(escaped_text(f"total energy{start}{note}"), loc="left", fontsize=10)
     set_run_time_axis(run, axes)
+
+
+def _draw_companion_energies(companions: Sequence[RunCompanion], axes: Axes, *, is_relative: bool) -> None:
+    for k, companion in enumerate(companions):
+        times, values, _ = companion.columns["total_energy"]
+        style: dict[str, Any] = {"color": COLOURS[(k + 1) % len(COLOURS)], "label": escaped_text(companion.label)}
+        axes.plot(times, values - is_relative * values[0], DASHES[k % len(DASHES)], linewidth=1.2, **style)
+    if companions:
+        axes.legend(fontsize=8, frameon=False)
 
 
 def _energy_line_style(run: xr.Dataset, *names: str, exact: bool = False) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Hashable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -183,13 +184,7 @@ def _draw_number_levels(study: xr.Dataset, name: str, axes: Axes) -> None:
         change, doubt = (
             np.abs(study[f"{kind}_{name}"].isel(selection).values) for kind in ("difference", "interpolation_error")
         )
-        place_text = (
-            ""
-            if not place_dim
-            else at_time(study[AT_TIME], float(study[AT_TIME][k]))
-            if place_dim == AT
-            else f"occurrence {k + 1}"
-        )
+        place_text = _place_text(study, place_dim, k)
         verdict = in_prose(words_of_flag(study[f"verdict_{name}"].isel(selection))[0]) if number else ""
         is_nonzero = change > 0.0
         uncertain = doubt > (FAR_BELOW * float(change[is_nonzero].min()) if is_nonzero.any() else 0.0)
@@ -216,11 +211,8 @@ def _draw_number_levels(study: xr.Dataset, name: str, axes: Axes) -> None:
         axes.set_xticks(steps, [escaped_text(str(level)) for level in varied.values])
     axes.set(ylabel=escaped_text(f"|difference| ({study[f'difference_{name}'].attrs['units']})"))
     first = f" at {at_time(study[AT_TIME], float(study[AT_TIME][0]))}" if place_dim == AT else ""
-    omitted = (
-        f", {MOST_PLACES} of {study.sizes[place_dim]} drawn"
-        if place_dim and study.sizes[place_dim] > MOST_PLACES
-        else ""
-    )
+    is_cut = place_dim and study.sizes[place_dim] > MOST_PLACES
+    omitted = f", {MOST_PLACES} of {study.sizes[place_dim]} drawn" if is_cut else ""
     axes.set_title(
         escaped_text(
             f"{_number_title(study, name)}{first} = {_known_value_text(study, name)}{unit_suffix(variable.attrs['units'])}{omitted}"
@@ -229,6 +221,12 @@ def _draw_number_levels(study: xr.Dataset, name: str, axes: Axes) -> None:
         fontsize=10,
     )
     axes.legend(fontsize=8, frameon=False)
+
+
+def _place_text(study: xr.Dataset, place_dim: Hashable, k: int) -> str:
+    if place_dim == AT:
+        return at_time(study[AT_TIME], float(study[AT_TIME][k]))
+    return f"occurrence {k + 1}" if place_dim else ""
 
 
 def _draw_step_defects(study: xr.Dataset, names: list[str], axes: Axes) -> None:

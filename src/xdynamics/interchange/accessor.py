@@ -9,7 +9,7 @@ import numpy as np
 from xdynamics.archive import digest_of_run, without_stale_units
 from xdynamics.documenting.summary import summary
 from xdynamics.dynamics.wanted_times import wanted_times
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.interchange.pages import page, show_pages
@@ -136,11 +136,7 @@ class Dynamics:
             if run[variable].dims == (EVENTS,) and variable not in left_out
         ]
         variables: dict[str, Any] = {
-            "event_name": (
-                (EVENTS,),
-                names[rows],
-                variable_attributes("1", "event, contact or friction element", "name"),
-            )
+            "event_name": ((EVENTS,), names[rows], attrs_of("1", "event, contact or friction element", "name"))
         }
         variables |= {
             variable: ((EVENTS,), run[variable].values[rows], without_bounds(run[variable].attrs))

@@ -14,7 +14,7 @@ from xdynamics.archive import open_run
 from xdynamics.archive.place import GIVEN, Given, location_of
 from xdynamics.archive.stores import is_folder
 from xdynamics.dynamics.recorded_models import model_of_record
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import ArchiveError, InputError, first_names
 from xdynamics.march.configuration import THINNING, unthinned_settings_for
 from xdynamics.record.arguments import recorded_arguments
@@ -126,14 +126,14 @@ def open_runs(
         variables[word] = (
             (MEMBER,),
             da.stack(cells),
-            variable_attributes(units, f"{long_name}; nan of a run that has none", "number"),
+            attrs_of(units, f"{long_name}; nan of a run that has none", "number"),
         )
     digests = [str(head.attrs[ROOT_DIGEST]) for head in heads.values()]
     runs_index = evidence_dataset(
         KIND, f"{len(heads)} archived runs", digests, variables, {"left_out": "\n".join(left_out)} if left_out else {}
     )
     return runs_index.assign_coords(
-        {MEMBER: (MEMBER, np.array(_run_names([*heads])), variable_attributes("1", "file of the run", "axis"))}
+        {MEMBER: (MEMBER, np.array(_run_names([*heads])), attrs_of("1", "file of the run", "axis"))}
     )
 
 
@@ -192,11 +192,7 @@ def _describe_runs(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
     texts = {"title": "title of the run", "run_outcome": "how the run ended", "model_digest": "sha256 of the model"}
     texts |= {ROOT_DIGEST: "content digest of the run"}
     described_variables: dict[str, Any] = {
-        name: (
-            (MEMBER,),
-            np.array([str(run.attrs.get(name, "")) for run in runs]),
-            variable_attributes("1", description, "text"),
-        )
+        name: ((MEMBER,), np.array([str(run.attrs.get(name, "")) for run in runs]), attrs_of("1", description, "text"))
         for name, description in texts.items()
     }
     for word, description in SETTINGS.items():
@@ -205,7 +201,7 @@ def _describe_runs(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
             described_variables[name] = (
                 (MEMBER,),
                 np.array([str(run.attrs[name]) for run in runs]),
-                variable_attributes("1", description, "setting"),
+                attrs_of("1", description, "setting"),
             )
             continue
         values = np.array([_scalar_number(run.attrs.get(name)) for run in runs])
@@ -214,15 +210,21 @@ def _describe_runs(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
             described_variables[name] = (
                 (MEMBER,),
                 values,
-                variable_attributes(units, f"{description}; nan of runs without one", "setting"),
+                attrs_of(units, f"{description}; nan of runs without one", "setting"),
             )
     for name in COUNT_FUNCTIONS:
         values = np.array([int(run.attrs.get(name, -1)) for run in runs])
         described_variables[name] = (
             (MEMBER,),
             values,
-            variable_attributes("1", name.removeprefix("run_").replace("_", " "), "effort"),
+            attrs_of("1", name.removeprefix("run_").replace("_", " "), "effort"),
         )
+    return described_variables | _describe_parameters(runs, {*described_variables})
+
+
+def _describe_parameters(runs: Sequence[xr.Dataset], described_names: set[str]) -> dict[str, Any]:
+    """Return the parameters of records, in one unit each, as variables along `member`."""
+    described_variables: dict[str, Any] = {}
     parameters = {
         str(name): variable
         for run in reversed(runs)
@@ -230,7 +232,7 @@ def _describe_runs(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
         if variable.attrs.get("role") == "parameter" and not variable.dims
     }
     for name, variable in parameters.items():
-        if name not in described_variables:
+        if name not in described_names:
             unit = str(variable.attrs["units"])
             values = np.array(
                 [
@@ -243,7 +245,7 @@ def _describe_runs(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
             described_variables[name] = (
                 (MEMBER,),
                 values,
-                variable_attributes(unit, str(variable.attrs["long_name"]), "parameter"),
+                attrs_of(unit, str(variable.attrs["long_name"]), "parameter"),
             )
     return described_variables
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.archive import without_stale_units
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.faults import InputError
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import check_single
@@ -59,7 +59,7 @@ def tree_nodes(run: xr.Dataset) -> xr.DataTree:
         elif name == EVENT_BOUNDS:
             unit = str(run["event_time"].attrs["units"])
             for k, end in enumerate(ENDS):
-                described = variable_attributes(unit, f"{end} end of the bracket of the event's time", "event")
+                described = attrs_of(unit, f"{end} end of the bracket of the event's time", "event")
                 variables_by_dim[EVENTS][f"{EVENT_BOUNDS}_{end}"] = xr.Variable(
                     (EVENTS,), variable.isel({BOUNDS: k}).data, described
                 )
@@ -115,8 +115,6 @@ def states_on_side(
         if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in roles:
             values = np.array(variable.isel({STEPS: np.maximum(places, 0)}).values)
             values[missing] = np.nan
-            described = variable_attributes(
-                str(variable.attrs["units"]), f"{name} {side} the event", str(variable.attrs["role"])
-            )
+            described = attrs_of(str(variable.attrs["units"]), f"{name} {side} the event", str(variable.attrs["role"]))
             states[f"{side}_{name}"] = xr.Variable((EVENTS, *variable.dims[1:]), values, described)
     return states

@@ -134,12 +134,7 @@ new_side = where(moves > 0, new_side, side)
 
 
 def stride_programs(
-    layout: Layout,
-    steps: Steps,
-    *,
-    adaptive: bool,
-    adaptive_atol: tuple[bool, ...] = (),
-    sizes: Program | None = None,
+    layout: Layout, steps: Steps, *, adaptive: bool, adaptive_atol: tuple[bool, ...] = (), sizes: Program | None = None
 ) -> tuple[Program, ...]:
     """Write the step, after the programs that it calls, those of the method among them; one gives the finite numbers of a row besides the state.
 

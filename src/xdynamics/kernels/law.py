@@ -296,11 +296,7 @@ class Law:
             python_of_set(self.scheme.math_functions)
             | PYTHON_TABLES
             | self._python_functions
-            | {
-                "_empty": np.empty,
-                "_entered": _enter_engine,
-                "_zero": np.float64(0.0),
-            }
+            | {"_empty": np.empty, "_entered": _enter_engine, "_zero": np.float64(0.0)}
         )
         exec(compile(source, "<law>", "exec"), scope)  # noqa: S102 - printed from checked trees, never from a file
         return scope

@@ -39,14 +39,7 @@ from xdynamics.expressions.evaluation import NUMERIC
 
 # operation: sign in Python and how strongly it binds
 INFIX = {"add": (" + ", 1), "subtract": (" - ", 1), "multiply": ("*", 2), "divide": ("/", 2)}
-COMPARISONS = {
-    "less": " < ",
-    "at_most": " <= ",
-    "more": " > ",
-    "at_least": " >= ",
-    "equal": " == ",
-    "unequal": " != ",
-}
+COMPARISONS = {"less": " < ", "at_most": " <= ", "more": " > ", "at_least": " >= ", "equal": " == ", "unequal": " != "}
 RULES: Mapping[str, Callable[..., Any]] = {
     "add": operator.add,
     "subtract": operator.sub,

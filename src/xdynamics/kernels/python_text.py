@@ -68,10 +68,7 @@ class _PythonPrinter:
     """Prints the lines of one scope; an unnamed value that is read once gets no line of its own."""
 
     def __init__(
-        self,
-        body: tuple[object, ...],
-        outer_texts: dict[str, Text] | None = None,
-        returned: tuple[Operand, ...] = (),
+        self, body: tuple[object, ...], outer_texts: dict[str, Text] | None = None, returned: tuple[Operand, ...] = ()
     ) -> None:
         self.lines: list[str] = []
         self._texts: dict[str, Text] = dict(outer_texts or {})

@@ -8,9 +8,7 @@ from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.line_writing import LineWriter
 from xdynamics.kernels.model_programs import changes, expanded, linearised
-from xdynamics.kernels.program import (
-    Program,
-)
+from xdynamics.kernels.program import Program
 from xdynamics.kernels.step_parts import Steps
 from xdynamics.kernels.step_polynomial import POLYNOMIAL, curve_size
 from xdynamics.methods.scheme import Scheme

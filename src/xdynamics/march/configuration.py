@@ -67,33 +67,25 @@ def settings_for(model: Model, **requested_settings: Any) -> Settings:
     check_model(model)
     if unknown := [name for name in requested_settings if name not in KEYWORDS]:
         raise InputError(f"there is no setting '{unknown[0]}'; {keyword_hint(unknown[0], tuple(KEYWORDS))}")
-    joined_settings = _join_with_run(model.run, {k: v for k, v in requested_settings.items() if v is not None})
+    merged = _join_with_run(model.run, {k: v for k, v in requested_settings.items() if v is not None})
     for key in ("method", "until"):
-        if joined_settings.get(key) is None:
+        if merged.get(key) is None:
             raise InputError(f"model '{model.name}' has no {key} in its [run]; give {key}=…")
-    if joined_settings["force_samples"] not in FORCE_SAMPLES:
-        raise InputError(f"force_samples is {joined_settings['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
-    jacobian = str(joined_settings.get("jacobian", EXACT))
-    method = method_named(str(joined_settings["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
-    step, scales = _step_setting(model, joined_settings.get("step")), Scales.parse(joined_settings["scales"])
-    tolerances = _tolerance_settings(model, joined_settings, scales)
+    if merged["force_samples"] not in FORCE_SAMPLES:
+        raise InputError(f"force_samples is {merged['force_samples']!r}; there are {', '.join(FORCE_SAMPLES)}")
+    jacobian = str(merged.get("jacobian", EXACT))
+    method = method_named(str(merged["method"]), model, METHODS, by_differences=jacobian == DIFFERENCES)
+    step, scales = _step_setting(model, merged.get("step")), Scales.parse(merged["scales"])
+    tolerances = _tolerance_settings(model, merged, scales)
     if step is None and tolerances is None:
         if not method.estimate:
             raise InputError(f"model '{model.name}' has no step in its [run]; give step=…, or rtol=… for chosen steps")
         tolerances = Tolerances(DEFAULT_RTOL, {}, _own_units(model, scales))
-    order = (
-        KEYWORDS["order"].read(joined_settings["order"], model.time_unit)
-        if joined_settings.get("order") is not None
-        else None
-    )
-    method = _method_of_order(method, order, tolerances, least_rtol(str(joined_settings.get("precision"))))
+    order = KEYWORDS["order"].read(merged["order"], model.time_unit) if merged.get("order") is not None else None
+    method = _method_of_order(method, order, tolerances, least_rtol(str(merged.get("precision"))))
     if tolerances is None:
-        _refuse_pacing([key for key in PACING if key in joined_settings])
-    read = {
-        name: KEYWORDS[name].read(value, model.time_unit)
-        for name, value in joined_settings.items()
-        if value is not None
-    }
+        _refuse_pacing([key for key in PACING if key in merged])
+    read = {name: KEYWORDS[name].read(value, model.time_unit) for name, value in merged.items() if value is not None}
     settings = Settings(
         method,
         read["until"],

@@ -27,17 +27,7 @@ from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.log import Log, allocate, unwritten
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past_arrays import delay_times, jumps_at, past_arrays
-from xdynamics.march.run import (
-    HOLD,
-    HOLD_LINKS,
-    KEPT,
-    NOW,
-    PLAN,
-    STEP_IN_TIME,
-    STEP_LINKS,
-    TRIAL,
-    Run,
-)
+from xdynamics.march.run import HOLD, HOLD_LINKS, KEPT, NOW, PLAN, STEP_IN_TIME, STEP_LINKS, TRIAL, Run
 from xdynamics.march.search_arrays import event_search_arrays
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
@@ -74,12 +64,10 @@ def pose_run(model: Model, settings: Settings, law: Law, log: Log, addresses: ND
     knots = table_nodes(model, scales)
     nodes = np.union1d(knots, requested_nodes) if requested_nodes.size else knots
     nodes = nodes[(nodes > start) & (nodes < end)]
-    plan["rest"] = BEGINNING * (
-        nodes[0] - start if len(nodes) else end - start
-    )  # nothing beyond the first node matters
-    given_steps = (
-        tuple(step / scales.si_factor(TIME) for step in settings.step) if isinstance(settings.step, tuple) else ()
-    )
+    first_node = nodes[0] if len(nodes) else end  # nothing beyond it matters
+    plan["rest"] = BEGINNING * (first_node - start)
+    steps_in_si = settings.step if isinstance(settings.step, tuple) else ()
+    given_steps = tuple(step / scales.si_factor(TIME) for step in steps_in_si)
     grid, steps = _given_grid(start, given_steps, np.append(nodes, end), float(plan["snap"][0]))
     solver, now = solver_of(law.scheme.method), np.zeros(1, NOW)
     now["rest"] = plan["start_rest"]

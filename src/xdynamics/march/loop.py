@@ -67,15 +67,7 @@ from xdynamics.march.series import choose_series_step
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
 from xdynamics.march.trial_step import copy_numbers, propose_step
 from xdynamics.model.constraint_consistency import CONSISTENT
-from xdynamics.schema import (
-    INITIAL,
-    NODE,
-    REASON_DOMAIN,
-    REASON_ERROR,
-    REASON_EVENT,
-    REASON_EVENT_FUNCTION,
-    STEP,
-)
+from xdynamics.schema import INITIAL, NODE, REASON_DOMAIN, REASON_ERROR, REASON_EVENT, REASON_EVENT_FUNCTION, STEP
 
 ROUNDS = 4  # of attitudes and constraints at a start that is moved: what is left falls as the square
 _INITIAL = np.int64(INITIAL)  # no literal: numba compiles a copy of a function for every literal argument

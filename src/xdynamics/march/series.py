@@ -83,15 +83,7 @@ def foreseen_step(run: Run, size: float, time: float, lower: float) -> float:
     top, first, second, norm_before, norm_last = _without_unit(size, norm_before, norm_last, half, lower, rest_last)
     logarithms = coarse_log2(top), coarse_log2(norm_before), coarse_log2(norm_last)
     factor, doublings = _foreseen(
-        first,
-        second,
-        logarithms[0],
-        logarithms[1],
-        logarithms[2],
-        1.0 / (order - 1),
-        1.0 / order,
-        plan.safety,
-        time,
+        first, second, logarithms[0], logarithms[1], logarithms[2], 1.0 / (order - 1), 1.0 / order, plan.safety, time
     )
     step = factor * np.int64((np.int64(doublings) + 1023) << 52).view(np.float64)
     return float(min(max(step, shortest_step(run)), plan.max_step, remaining))

@@ -15,13 +15,7 @@ from xdynamics.march.precision_faults import precision_faults
 from xdynamics.march.root_methods import EARLIEST_FIRST, EVENT_STARTS, JUDGED, ONE_BY_ONE, ROOT_METHODS
 from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS, Tolerances, least_rtol
 from xdynamics.methods import Method
-from xdynamics.methods.scheme import (
-    EMBEDDED,
-    ESTIMATORS,
-    FLOAT64,
-    NO_ESTIMATE,
-    Scheme,
-)
+from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, FLOAT64, NO_ESTIMATE, Scheme
 from xdynamics.methods.steppers import EXACT, JACOBIANS
 from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
@@ -204,13 +198,7 @@ class Settings:
         """The method with its estimator."""
         by_hermite = self.event_root_method != EARLIEST_FIRST
         return Scheme(
-            self.method,
-            self.estimator,
-            self.jacobian,
-            self.summation,
-            self.math_functions,
-            by_hermite,
-            self.precision,
+            self.method, self.estimator, self.jacobian, self.summation, self.math_functions, by_hermite, self.precision
         )
 
     def layout(self, model: Model) -> Layout:

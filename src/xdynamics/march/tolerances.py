@@ -12,10 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.faults import first_names
 from xdynamics.kernels.layout import Layout
-from xdynamics.methods.scheme import (
-    DOUBLE_DOUBLE,
-    UNIT_OF,
-)
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, UNIT_OF
 from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.runtime.cached_properties import cached_property

@@ -44,12 +44,7 @@ def of_order(order: int) -> Method:
     series = f"expand f at t, q, v, x: i*q_i = v_(i - 1), i*v_i = a_(i - 1), i*x_i = r_(i - 1), i = 1 ... {order}"
     return Method(
         name=NAME,
-        synonyms=(
-            "Taylor series integration",
-            "power series",
-            "automatic differentiation",
-            "recurrent power series",
-        ),
+        synonyms=("Taylor series integration", "power series", "automatic differentiation", "recurrent power series"),
         order=order,
         symplectic=False,
         evaluations=1,

@@ -6,14 +6,7 @@ from collections.abc import Mapping
 from itertools import count
 from typing import Any
 
-from xdynamics.expressions import (
-    Call,
-    Node,
-    dimension_of,
-    expand,
-    free_names,
-    text_of,
-)
+from xdynamics.expressions import Call, Node, dimension_of, expand, free_names, text_of
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger, ModelError, first_names

@@ -8,17 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions import (
-    Call,
-    Name,
-    Node,
-    derivative,
-    derivatives,
-    dimension_of,
-    expand,
-    free_names,
-    text_of,
-)
+from xdynamics.expressions import Call, Name, Node, derivative, derivatives, dimension_of, expand, free_names, text_of
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every, summands

@@ -11,10 +11,7 @@ from xdynamics.model.bodies import AXIS
 from xdynamics.model.controllers import trees_of
 from xdynamics.model.element_room import check_element_memory
 from xdynamics.model.elementwise import Elementwise, always
-from xdynamics.model.parts import (
-    Force,
-    Function,
-)
+from xdynamics.model.parts import Force, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.uncertainty import check_pairs
 from xdynamics.reaction_names import joint_force, joint_torque

@@ -415,7 +415,4 @@ SECTIONS: dict[str, Section] = {
 }  # fmt: skip
 
 # the keys above all sections
-HEAD = (
-    Key("name", TEXT, "of the model, first of all", NEEDED),
-    DESCRIPTION,
-)
+HEAD = (Key("name", TEXT, "of the model, first of all", NEEDED), DESCRIPTION)

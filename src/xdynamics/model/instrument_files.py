@@ -8,10 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.model.csv_sheet import (
-    COMMENTS,
-    number_in_cell,
-)
+from xdynamics.model.csv_sheet import COMMENTS, number_in_cell
 from xdynamics.model.text_cells import Cells, cells_of, first_numbers, number_cells, unit_word
 from xdynamics.units import SECONDS
 

@@ -155,12 +155,7 @@ def _write_component(value: Node | Function, *_: Unit) -> Any:
     """Write an expression as text, a Python function as the table that describes it."""
     if not isinstance(value, Function):
         return text_of(value)
-    return {
-        "function": value.name,
-        "arguments": list(value.arguments),
-        "digest": value.digest,
-        "source": value.source,
-    }
+    return {"function": value.name, "arguments": list(value.arguments), "digest": value.digest, "source": value.source}
 
 
 def _read_trees(value: Any, key: str, source: Source) -> dict[str, Node]:

@@ -4,17 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from xdynamics.expressions import (
-    CALLED_ALONE,
-    Binary,
-    Call,
-    Compare,
-    Name,
-    Negative,
-    Node,
-    Number,
-    chain,
-)
+from xdynamics.expressions import CALLED_ALONE, Binary, Call, Compare, Name, Negative, Node, Number, chain
 from xdynamics.expressions.calculus import ONE
 from xdynamics.expressions.tree import children, exponent_of
 

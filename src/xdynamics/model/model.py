@@ -103,11 +103,7 @@ class Model(ModelTrees):
 
     @classmethod
     def from_toml(
-        cls,
-        path: str | Path,
-        *,
-        functions: Mapping[str, Callable[..., float]] | None = None,
-        tables: str = BELOW,
+        cls, path: str | Path, *, functions: Mapping[str, Callable[..., float]] | None = None, tables: str = BELOW
     ) -> Model:
         """Read a model file; drive tables are looked for next to it.
 
@@ -166,11 +162,7 @@ class Model(ModelTrees):
 
     @classmethod
     def from_record(
-        cls,
-        text: Any,
-        *,
-        functions: Mapping[str, Callable[..., float]] | None = None,
-        about: Authorship = NOBODY,
+        cls, text: Any, *, functions: Mapping[str, Callable[..., float]] | None = None, about: Authorship = NOBODY
     ) -> Model:
         """Read a model from a run, or its `model_toml`, or `to_toml`, which may be as long as tables of 10^6 rows are.
 

@@ -4,15 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from xdynamics.expressions import (
-    Node,
-    Number,
-    dimension_of,
-    expand,
-    free_names,
-    shortened_text,
-    text_of,
-)
+from xdynamics.expressions import Node, Number, dimension_of, expand, free_names, shortened_text, text_of
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model.parts import Function
 from xdynamics.model.statement import Statement

@@ -5,10 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 
-from xdynamics.expressions import (
-    CALLED_ALONE,
-    FUNCTIONS,
-)
+from xdynamics.expressions import CALLED_ALONE, FUNCTIONS
 from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.claimed_names import claimed_names
 from xdynamics.model.statement import Statement

@@ -5,17 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from xdynamics.expressions import (
-    CALLED_ALONE,
-    Binary,
-    Call,
-    Compare,
-    Name,
-    Negative,
-    Node,
-    Number,
-    chain,
-)
+from xdynamics.expressions import CALLED_ALONE, Binary, Call, Compare, Name, Negative, Node, Number, chain
 from xdynamics.expressions.calculus import ONE, TWO, ZERO
 from xdynamics.expressions.tree import exponent_of
 from xdynamics.model.kinks import jump_function, kinks, rounded_argument

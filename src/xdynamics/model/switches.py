@@ -11,17 +11,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from math import inf
 
-from xdynamics.expressions import (
-    Along,
-    Binary,
-    Call,
-    Compare,
-    Name,
-    Negative,
-    Node,
-    exponent_of,
-    free_names,
-)
+from xdynamics.expressions import Along, Binary, Call, Compare, Name, Negative, Node, exponent_of, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import every
 from xdynamics.model.delays import is_before

@@ -9,12 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from xdynamics.faults import InputError
-from xdynamics.model.csv_sheet import (
-    SEPARATORS,
-    cell_excerpt,
-    number_in_cell,
-    title,
-)
+from xdynamics.model.csv_sheet import SEPARATORS, cell_excerpt, number_in_cell, title
 from xdynamics.units import parse_unit
 
 

@@ -8,14 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.schema import (
-    ATOL_FOLLOWING,
-    ATOL_FOLLOWS,
-    ATOL_RULE,
-    ELEMENT_NAME,
-    ELEMENTS,
-    OF_ELEMENTS,
-)
+from xdynamics.schema import ATOL_FOLLOWING, ATOL_FOLLOWS, ATOL_RULE, ELEMENT_NAME, ELEMENTS, OF_ELEMENTS
 from xdynamics.shapes.naming import DOT, display_text, split_element_name
 
 _LABELS = re.compile(rf"(?<=\w)(?:{DOT}(?:[0-9]+(?![0-9])|\w+))+")  # a number ends before what follows: after_hit·3_u

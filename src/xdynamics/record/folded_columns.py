@@ -15,14 +15,7 @@ from xdynamics.record.column import Column, LineOf
 from xdynamics.record.element_attributes import attributes_of_element, attributes_of_quantity
 from xdynamics.record.element_names import Names, QuantityElements
 from xdynamics.record.folding import about_dimensions
-from xdynamics.schema import (
-    DETECTOR_DIMENSIONS,
-    EVENTS,
-    NOWHERE,
-    Variable,
-    at_event,
-    flag_attributes,
-)
+from xdynamics.schema import DETECTOR_DIMENSIONS, EVENTS, NOWHERE, Variable, at_event, flag_attributes
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.shapes.extents import number_of_element
 from xdynamics.shapes.naming import DOT

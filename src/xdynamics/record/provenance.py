@@ -158,10 +158,7 @@ def _thinning(march: March) -> dict[str, Any]:
     settings = march.settings
     recorded: dict[str, Any] = {}
     if settings.keep_every > 1:
-        recorded |= {
-            schema.KEEP_EVERY: settings.keep_every,
-            f"{schema.KEEP_EVERY}_rule": KEPT_ROWS,
-        }
+        recorded |= {schema.KEEP_EVERY: settings.keep_every, f"{schema.KEEP_EVERY}_rule": KEPT_ROWS}
     if settings.log != FULL:
         log = settings.log if isinstance(settings.log, str) else schema.CHOSEN
         recorded |= {schema.LOG: log, f"{schema.LOG}_rule": KEPT_COLUMNS}
@@ -381,10 +378,7 @@ def _effort(march: March) -> dict[str, int]:
     """Count what an implicit method does besides evaluating forces."""
     if not march.settings.method.solves:
         return {}
-    return {
-        "run_jacobian_evaluations": int(march.now.jacobians),
-        "run_factorisations": int(march.now.factorisations),
-    }
+    return {"run_jacobian_evaluations": int(march.now.jacobians), "run_factorisations": int(march.now.factorisations)}
 
 
 def _last_step(march: March) -> str:

@@ -184,42 +184,40 @@ def _step_columns(about: About) -> list[Column]:
         collected.append(Column(variable, take))
 
     owners = zip(layout.coordinates.blocks, layout.velocities.blocks, layout.accelerations.blocks, strict=True)
-    for row_block, velocity, acceleration in owners:
-        name = row_block.name
-        add_column(row_block, layout.declared.coordinates[name].description or f"coordinate {name}", units.known[name])
+    for entry, velocity, acceleration in owners:
+        name = entry.name
+        add_column(entry, layout.declared.coordinates[name].description or f"coordinate {name}", units.known[name])
         add_column(velocity, f"velocity of {name}", units.known[velocity.name])
         add_column(acceleration, f"acceleration of {name}", units.known[acceleration.name])
-    for row_block, long_name in of_first_order(about):
-        add_column(row_block, long_name, units.known[row_block.name])
+    for entry, long_name in of_first_order(about):
+        add_column(entry, long_name, units.known[entry.name])
     term_components = [(term, name) for term, components in layout.terms.items() for name in components]
     for (term, name), force in zip(term_components, layout.forces.blocks, strict=True):
         label = model.forces[term].description or term
         add_column(force, f"component of force {label} along {name}", units.known[force.name])
-    for row_block in (block for block in layout.computed.blocks if block.name not in layout.constraint_outputs):
-        name = row_block.name
+    for entry in (block for block in layout.computed.blocks if block.name not in layout.constraint_outputs):
+        name = entry.name
         role = "energy" if name in schema.ENERGIES else "gap" if name in layout.gaps else "observable"
         noun = "gap of contact" if role == "gap" else "observable"
         owner = name.removeprefix(reaction_names.contact_gap("")) if role == "gap" else name
         observed = layout.declared.observed.get(name)
         description = observed.description if observed else schema.ENERGIES.get(name)
-        add_column(row_block._replace(role=role), description or f"{noun} {owner}", units.derived(row_block))
-    for k, (reaction, row_block) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
+        add_column(entry._replace(role=role), description or f"{noun} {owner}", units.derived(entry))
+    for k, (reaction, entry) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
         add_column(
-            row_block, _long_name(about, reaction), units.known[reaction.name], _declared_attributes(model, reaction)
+            entry, _long_name(about, reaction), units.known[reaction.name], _declared_attributes(model, reaction)
         )
         collected.append(Column(_state_of(about, reaction), _flag_taker(2 + k)))
     collected += of_constraints(about)
     collected += side_columns(about)
     if layout.estimates and about.tolerances is not None:
         collected.append(Column(schema.ERROR_NORM, take_row(layout.row.offset_of("error_norm"), 1.0)))
-    for row_block, error in zip(layout.used.blocks, layout.errors.blocks[1:], strict=bool(layout.errors)):
-        add_column(
-            error, f"estimated local error of {row_block.name} in the step to this state", units.known[row_block.name]
-        )
+    for entry, error in zip(layout.used.blocks, layout.errors.blocks[1:], strict=bool(layout.errors)):
+        add_column(error, f"estimated local error of {entry.name} in the step to this state", units.known[entry.name])
     if layout.low_parts:
         collected.append(Column(schema.REST_TIME, take_row(layout.row.offset_of(schema.REST_TIME.name), units.time)))
         rests = zip(layout.used.blocks, layout.low_parts.blocks[1:], strict=True)
-        collected += [rest_column(about, row_block, rest_block) for row_block, rest_block in rests]
+        collected += [rest_column(about, entry, rest_block) for entry, rest_block in rests]
     return collected + effort_columns(layout)
 
 

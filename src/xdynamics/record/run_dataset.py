@@ -56,9 +56,7 @@ KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known bef
 
 
 def dataset(
-    march: March,
-    earlier_parts: Iterable[tuple[str, Array]] = (),
-    memory: str | float | None = None,
+    march: March, earlier_parts: Iterable[tuple[str, Array]] = (), memory: str | float | None = None
 ) -> xr.Dataset:
     """March and return the whole run in memory.
 
@@ -242,10 +240,7 @@ def check_kind(run: Any) -> None:
 
 
 def _gather_columns(
-    march: March,
-    spec: Sequence[Column],
-    earlier_parts: Iterable[tuple[str, Array]],
-    memory: str | float | None,
+    march: March, spec: Sequence[Column], earlier_parts: Iterable[tuple[str, Array]], memory: str | float | None
 ) -> dict[str, GatheredColumn]:
     """March, and return the values of all columns."""
     is_lent = march.settings.log != FULL

@@ -207,8 +207,7 @@ def of_elements(verb: Callable[Given, Result]) -> Callable[Given, Result]:
         if not records:
             return verb(*arguments, **keywords)
         result: Any = verb(
-            *map(_unfolded_argument, arguments),
-            **{key: _unfolded_argument(value) for key, value in keywords.items()},
+            *map(_unfolded_argument, arguments), **{key: _unfolded_argument(value) for key, value in keywords.items()}
         )
         if isinstance(result, list):  # lines for people
             return [display_text(line) if isinstance(line, str) else line for line in result]  # type: ignore[return-value]

@@ -58,11 +58,7 @@ class LinearSystem:
 
     @classmethod
     def from_jacobian(
-        cls,
-        jacobian: Floats,
-        coordinates: int,
-        eigenvalues: Complexes | None = None,
-        normal: NormalModes | None = None,
+        cls, jacobian: Floats, coordinates: int, eigenvalues: Complexes | None = None, normal: NormalModes | None = None
     ) -> LinearSystem:
         """Scale the Jacobian of (q, v, x), of which the first `coordinates` are q; eigenvalues, modes may be known."""
         n = coordinates

@@ -20,7 +20,7 @@ from xdynamics.archive.seals import tail_of
 from xdynamics.archive.shared_handles import keep_open
 from xdynamics.archive.store import TakenError
 from xdynamics.archive.stores import is_folder, made_folder, store_of
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.schema import EVIDENCE, SWEEP
 from xdynamics.sweeping import zarr_catalogue, zarr_digests, zarr_opening
@@ -148,9 +148,9 @@ def verify(path: Given) -> xr.Dataset:
         "verdict": (
             (),
             examination.verdict,
-            variable_attributes("1", "verified: as it was written; repacked: every number agrees", "verdict"),
+            attrs_of("1", "verified: as it was written; repacked: every number agrees", "verdict"),
         ),
-        "digest": ((), examination.digest, variable_attributes("1", "content digest, a sha256", "digest")),
+        "digest": ((), examination.digest, attrs_of("1", "content digest, a sha256", "digest")),
     }
     return xr.Dataset(answer, attrs={"title": f"verification of {location.name}", "archive": str(path)})
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics.elementary import NAME, kept_set
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.grid_axes import (
     ASKED,
     AXES,
@@ -101,32 +101,22 @@ def sweep_dataset(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str,
         name_without_clash(used_names, name): (
             (),
             parameter.quantity.value,
-            variable_attributes(
-                parameter.quantity.unit.text, parameter.description or f"parameter {name}", "parameter"
-            ),
+            attrs_of(parameter.quantity.unit.text, parameter.description or f"parameter {name}", "parameter"),
         )
         for name, parameter in grid.model.statement.parameters.items()
         if name not in varying and name not in member_variables
     }
     extra: dict[str, Any] = (
-        {AT_TIME: ((AT,), times, variable_attributes(grid.model.time_unit.text, "wanted time", "time"))}
-        if times.size
-        else {}
+        {AT_TIME: ((AT,), times, attrs_of(grid.model.time_unit.text, "wanted time", "time"))} if times.size else {}
     )
     if any(OCCURRENCE in variable.dims for variable in plan.variables):
         begin, end = plan.keeping.occurrences
         extra[NUMBER] = (
             (OCCURRENCE,),
             np.arange(begin + 1, end + 1),
-            variable_attributes("1", "which occurrence it is, from 1", "index"),
+            attrs_of("1", "which occurrence it is, from 1", "index"),
         )
-    toml = {
-        "model_toml": (
-            (),
-            grid.model.to_toml(),
-            variable_attributes("1", "the model that members share, as TOML", "model"),
-        )
-    }
+    toml = {"model_toml": ((), grid.model.to_toml(), attrs_of("1", "the model that members share, as TOML", "model"))}
     axes = ", ".join(grid.dims)
     sweep = evidence_dataset(
         SWEEP,
@@ -167,13 +157,13 @@ def _coordinates(grid: SweepGrid) -> dict[str, Any]:
                 coordinates[f"{column.label}_table"] = (
                     (axis.dim,),
                     texts,
-                    variable_attributes("1", f"tables of drive {column.name}, as CSV", "table"),
+                    attrs_of("1", f"tables of drive {column.name}, as CSV", "table"),
                 )
     return coordinates
 
 
 def _axis_attributes(grid: SweepGrid, column: AxisColumn) -> dict[str, Any]:
-    return variable_attributes(column.unit.text, _meaning(grid.model, column), "axis") | {
+    return attrs_of(column.unit.text, _meaning(grid.model, column), "axis") | {
         VARIES: column.kind,
         WHAT: display_text(column.name),
     }

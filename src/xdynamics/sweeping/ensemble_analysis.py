@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
 from xdynamics.evidence.comparing.grids import judged_difference, uncertainty_of
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.grid_axes import AXES, AXIS, VARIES, WHAT, member_number_names, sweep_axis_names, sweep_of
 from xdynamics.evidence.grid_rounding import rounding_floors
 from xdynamics.evidence.refining.convergence import observed_orders
@@ -97,11 +97,7 @@ def _outcome_differs(sweep: xr.Dataset, reference: xr.Dataset) -> tuple[Any, ...
     if STOPPED_BY in sweep:
         differs = differs | (sweep[STOPPED_BY] != reference[STOPPED_BY])
     differs = differs.transpose(*sweep[OUTCOME].dims).astype(np.int8)
-    return (
-        differs.dims,
-        differs.data,
-        variable_attributes("1", "1 where the run ended in another way than the reference", ROLE),
-    )
+    return (differs.dims, differs.data, attrs_of("1", "1 where the run ended in another way than the reference", ROLE))
 
 
 def _compared_names(sweep: xr.Dataset) -> list[str]:
@@ -159,7 +155,7 @@ def sensitivities(sweep: xr.Dataset, *, compute: bool | None = None) -> xr.Datas
             variables[f"slope_{name}_{dim}"] = (
                 slope.dims,
                 slope.data,
-                variable_attributes(units, f"derivative of {name} by {dim}", ROLE),
+                attrs_of(units, f"derivative of {name} by {dim}", ROLE),
             )
     return survey_dataset("sensitivities", f"slopes along {', '.join(axes)}", sweep, variables, {})
 
@@ -249,7 +245,7 @@ def _judgement_variables(
     finest_description = f"{sweep[name].attrs['long_name']}, at the finest level"
     finest_variable = (dims, finest.transpose(*dims).data, _survey_attributes(sweep, name, finest_description))
     return {name: finest_variable} | {
-        f"{word}_{name}": (dims, entry.data, variable_attributes(units, description, "flag" if extra else ROLE) | extra)
+        f"{word}_{name}": (dims, entry.data, attrs_of(units, description, "flag" if extra else ROLE) | extra)
         for word, (entry, units, description, extra) in judgements.items()
     }
 
@@ -357,7 +353,7 @@ def _pareto_variable(
         output_dtypes=[np.int8],
     ).transpose(*error.dims)
     description = f"1 where no other run is as near to the right {name} with as few force evaluations"
-    return front.dims, front.data, variable_attributes("1", description, ROLE)
+    return front.dims, front.data, attrs_of("1", description, ROLE)
 
 
 def _pareto_mask(errors: Floats, works: NDArray[np.int64], *, is_exact: bool, dim_count: int) -> NDArray[np.int8]:
@@ -402,7 +398,7 @@ def _index_of_label(sweep: xr.Dataset, dim: str, label: Any) -> int:
 
 
 def _survey_attributes(sweep: xr.Dataset, name: str, description: str) -> dict[str, Any]:
-    return variable_attributes(str(sweep[name].attrs["units"]), description, ROLE)
+    return attrs_of(str(sweep[name].attrs["units"]), description, ROLE)
 
 
 def _method_orders(sweep: xr.Dataset) -> Any:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.stage_tasks import Gathered, Task
 from xdynamics.evidence.stages import Stage, compute_datasets, lazy_stage
 from xdynamics.faults import InputError
@@ -157,12 +157,12 @@ def _sobol_dataset(
     variables = _range_variables(request.spans, stated=request.stated)
     low, high = interval
     for i, (name, words) in enumerate(SHARES.items()):
-        variables[name] = (("parameter", *request.elements), indices[i], variable_attributes("1", words, ROLE))
+        variables[name] = (("parameter", *request.elements), indices[i], attrs_of("1", words, ROLE))
         description = f"95 % interval of {name}, percentiles of {request.resamples} resamples of the draws"
         variables[f"{name}_interval"] = (
             ("parameter", *request.elements, "bound"),
             np.stack([low[i], high[i]], axis=-1),
-            variable_attributes("1", description, ROLE),
+            attrs_of("1", description, ROLE),
         )
     model, quantity = request.model, request.quantity
     attributes = {"quantity": quantity, "draws": request.draws, "seed": request.seed, "model_digest": model.digest}
@@ -198,7 +198,7 @@ def _range_variables(spans: Mapping[str, AxisColumn | Parameter], *, stated: boo
         "highest": ([highest for _, _, highest in ends], f"{text} ends, in parameter_units", "axis"),
     }
     return {
-        name: (("parameter",), np.array(values), variable_attributes("1", description, role))
+        name: (("parameter",), np.array(values), attrs_of("1", description, role))
         for name, (values, description, role) in columns.items()
     }
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.grid_axes import member_number_names, sweep_of
 from xdynamics.evidence.stage_tasks import Gathered, Task
 from xdynamics.evidence.stages import Stage, compute_datasets, lazy_stage
@@ -88,7 +88,7 @@ def _influences_in_memory(sweep: xr.Dataset) -> xr.Dataset:
     axes = [dim for dim in axis_dims(sweep) if dim in sweep.dims]
     names = member_number_names(sweep)
     counts = [name for name in names if name.startswith(EVENT_COUNT)]
-    variables: dict[str, Any] = {"axis_name": ((AXES,), np.array(axes), variable_attributes("1", "the axis", "name"))}
+    variables: dict[str, Any] = {"axis_name": ((AXES,), np.array(axes), attrs_of("1", "the axis", "name"))}
     for name in (OUTCOME, *counts):
         values = end_descriptions(sweep).values if name == OUTCOME else sweep[name].values
         word = "outcome" if name == OUTCOME else name
@@ -96,7 +96,7 @@ def _influences_in_memory(sweep: xr.Dataset) -> xr.Dataset:
         variables[f"{word}_changes"] = (
             (AXES,),
             np.array(shares),
-            variable_attributes("1", f"share of neighbours along the axis that differ in {name}", ROLE),
+            attrs_of("1", f"share of neighbours along the axis that differ in {name}", ROLE),
         )
     for name in (number for number in names if number not in counts and not {AT, OCCURRENCE} & {*sweep[number].dims}):
         number = sweep[name].astype(float)
@@ -113,7 +113,7 @@ def _influences_in_memory(sweep: xr.Dataset) -> xr.Dataset:
         variables[f"main_effect_{name}"] = (
             (AXES, *effects[0].dims),
             np.array(effects),
-            variable_attributes("1", f"share of the variance of {name} that the axis has alone", ROLE),
+            attrs_of("1", f"share of the variance of {name} that the axis has alone", ROLE),
         )
     return survey_dataset("influences", f"what {', '.join(axes)} change", sweep, variables, {})
 

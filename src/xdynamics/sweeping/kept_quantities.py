@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID
 from xdynamics.evidence.diagnosing.heights import RULES
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.observables import is_comparable, is_observable, observables_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model
@@ -91,7 +91,7 @@ class KeptVariable:
     @property
     def attributes(self) -> dict[str, Any]:
         """The variable's attributes in a sweep."""
-        return variable_attributes(self.units, self.long_name, self.role) | dict(self.more)
+        return attrs_of(self.units, self.long_name, self.role) | dict(self.more)
 
 
 @dataclass(frozen=True)

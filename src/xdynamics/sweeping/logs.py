@@ -17,7 +17,7 @@ from xdynamics.archive.seals import Tail
 from xdynamics.dynamics.shortened_steps import sample_in_steps
 from xdynamics.dynamics.stacked_columns import step_columns
 from xdynamics.dynamics.wanted_times import wanted_times
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -104,11 +104,11 @@ def open_logs(
         name: (
             (*dims, AT),
             arrays[name],
-            variable_attributes(model.units[name].text, f"{name} of the run at a time", "coordinate"),
+            attrs_of(model.units[name].text, f"{name} of the run at a time", "coordinate"),
         )
         for name in state_names
     }
-    variables[AT_TIME] = ((AT,), sample_times, variable_attributes(model.time_unit.text, "wanted time", "time"))
+    variables[AT_TIME] = ((AT,), sample_times, attrs_of(model.time_unit.text, "wanted time", "time"))
     described = ((name, entry) for name, entry in catalogue.coords.items() if name not in TEXT_NAMES)
     axes = {name: entry for name, entry in described if {*entry.dims} <= {*dims}}
     logs = evidence_dataset(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.evidence.stages import Stage, lazy_stage
 from xdynamics.faults import InputError
@@ -155,7 +155,7 @@ def _ragged_dataset(
     variables: dict[str, Any] = {
         name: ((ROW,), values[name], dict(column.attributes)) for name, column in columns.items()
     }
-    size_attributes = variable_attributes("1", "accepted states of the run", "index") | {SAMPLE_DIMENSION: ROW}
+    size_attributes = attrs_of("1", "accepted states of the run", "index") | {SAMPLE_DIMENSION: ROW}
     variables[ROW_SIZE] = ((RUN,), sizes, size_attributes)
     axis_indices = grid.indices_in([slice(None)] * len(grid.shape))
     for k, column in grid.columns:
@@ -164,7 +164,7 @@ def _ragged_dataset(
         variables[f"{RUN}_{column.label}"] = (
             (RUN,),
             column_values if is_numeric else column_values.astype(str),
-            variable_attributes(column.unit.text, f"{column.name} of the run", "axis"),
+            attrs_of(column.unit.text, f"{column.name} of the run", "axis"),
         )
     title = f"{grid.model.name}: every state of {grid.size} runs"
     attributes = {"featureType": "timeSeries"} | dict(copied_attributes)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.diagnosing.diagnosis import diagnose, foreseen_diagnosis
 from xdynamics.evidence.diagnosing.turns import TURNS
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.march import March, Settings
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
@@ -52,7 +52,7 @@ def run_quantities(model: Model, settings: Settings) -> dict[str, RunQuantity]:
     units = dict.fromkeys(COUNTS, "1") | {"run_fastest_rate": rate, "run_slowest_period": time}
     units |= dict.fromkeys(("run_h_omega_start", "run_h_omega_largest"), "1")
     quantities = {
-        name: RunQuantity((), "f8", variable_attributes(unit, name.removeprefix("run_").replace("_", " "), ROLE))
+        name: RunQuantity((), "f8", attrs_of(unit, name.removeprefix("run_").replace("_", " "), ROLE))
         for name, unit in units.items()
     }
     diagnosis = foreseen_diagnosis(March(model, settings), 1)

@@ -71,14 +71,7 @@ class Doubleton:
     def of_box(cls, start: Box, scales: Floats) -> Doubleton:
         """Return the set of a box."""
         point, n = boxes.midpoint(start), start.shape[1]
-        return cls(
-            point,
-            np.eye(n),
-            boxes.subtract(start, boxes.point_box(point)),
-            scales,
-            np.eye(n),
-            np.zeros((2, n)),
-        )
+        return cls(point, np.eye(n), boxes.subtract(start, boxes.point_box(point)), scales, np.eye(n), np.zeros((2, n)))
 
     @property
     def parts(self) -> Box:

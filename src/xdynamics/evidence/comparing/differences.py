@@ -17,7 +17,7 @@ from xdynamics.evidence.comparing.bits import compare_bits, differing_settings
 from xdynamics.evidence.comparing.causes import cause_of, is_restated, model_differences
 from xdynamics.evidence.comparing.comparison_summary import ROLE
 from xdynamics.evidence.event_matching import Rows, event_rows_by_name, match_times
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.observables import is_comparable, observe
 from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.scaling import scale_of, scaled_variables
@@ -107,7 +107,7 @@ def title_of(first: xr.Dataset, second: xr.Dataset) -> str:
 
 def times_variable(first: xr.Dataset, times: Floats) -> tuple[tuple[str], Floats, dict[str, Any]]:
     """Return the times of a comparison as a variable."""
-    return (AT,), times, variable_attributes(time_unit_of(first).text, "time of comparison", "time")
+    return (AT,), times, attrs_of(time_unit_of(first).text, "time of comparison", "time")
 
 
 def common_times(*runs: xr.Dataset) -> Floats:
@@ -208,11 +208,11 @@ def difference_of(
     return scaled_variables(
         "difference", name, difference, scale_of(first_sample[0], second_sample[0] * factor), dims, text, scale_text
     ) | {
-        f"difference_{name}": (dims, difference, variable_attributes(text, f"{name}, second run minus first", ROLE)),
+        f"difference_{name}": (dims, difference, attrs_of(text, f"{name}, second run minus first", ROLE)),
         f"interpolation_error_{name}": (
             dims,
             second_sample[1] * factor + first_sample[1],
-            variable_attributes(
+            attrs_of(
                 text, f"estimated error of interpolating {name} between accepted states, both runs together", "error"
             ),
         ),
@@ -257,7 +257,7 @@ def event_difference(name: str, units: str, difference: Any, uncertainty: Any, s
             f"difference_event_time_{name}": (
                 (OCCURRENCE,),
                 difference,
-                variable_attributes(units, f"time of {name}, second run minus first", ROLE),
+                attrs_of(units, f"time of {name}, second run minus first", ROLE),
             )
         }
         | scaled_variables("difference", f"event_time_{name}", difference, scale, (OCCURRENCE,), units, scale_text)
@@ -265,7 +265,7 @@ def event_difference(name: str, units: str, difference: Any, uncertainty: Any, s
             f"interpolation_error_event_time_{name}": (
                 (OCCURRENCE,),
                 uncertainty,
-                variable_attributes(units, f"uncertainty of locating {name}, both runs together", "error"),
+                attrs_of(units, f"uncertainty of locating {name}, both runs together", "error"),
             )
         }
     )

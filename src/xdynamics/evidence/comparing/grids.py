@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.evidence.comparing.causes import model_differences
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.grid_axes import (
     ASKED,
     AXES,
@@ -318,19 +318,17 @@ def judged_difference(
         f"difference_{name}": (
             reference.dims,
             difference.data,
-            variable_attributes(units, f"{long_name}, {subtraction}", "difference"),
+            attrs_of(units, f"{long_name}, {subtraction}", "difference"),
         ),
         f"uncertainty_{name}": (
             reference.dims,
             doubt.data,
-            variable_attributes(
-                units, f"numerical uncertainty of difference_{name}; nan where nothing tells it", "error"
-            ),
+            attrs_of(units, f"numerical uncertainty of difference_{name}; nan where nothing tells it", "error"),
         ),
         f"verdict_{name}": (
             reference.dims,
             verdict.astype(np.int8).data,
-            variable_attributes("1", f"whether difference_{name} is more than its uncertainty", "flag")
+            attrs_of("1", f"whether difference_{name} is more than its uncertainty", "flag")
             | flag_attributes(dict(enumerate(VERDICTS))),
         ),
     }
@@ -339,11 +337,7 @@ def judged_difference(
 def _outcome(first_members: xr.Dataset, second_members: xr.Dataset) -> tuple[Any, ...]:
     first_outcomes = first_members["run_outcome"].variable
     differs = (first_outcomes != second_members["run_outcome"].variable.transpose(*first_outcomes.dims)).astype(np.int8)
-    return (
-        first_outcomes.dims,
-        differs.data,
-        variable_attributes("1", "1 where the runs ended in different ways", "difference"),
-    )
+    return (first_outcomes.dims, differs.data, attrs_of("1", "1 where the runs ended in different ways", "difference"))
 
 
 def _difference_attributes(first: xr.Dataset, second: xr.Dataset, units: list[str]) -> dict[str, Any]:

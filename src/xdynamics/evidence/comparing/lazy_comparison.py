@@ -25,7 +25,7 @@ from xdynamics.evidence.comparing.differences import (
     title_of,
 )
 from xdynamics.evidence.comparing.residuals import measured_for, residuals_of, residuals_with
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.observables import is_comparable
 from xdynamics.evidence.run_tasks import in_memory, task_of_runs
 from xdynamics.evidence.stages import Stage, foreseen_record, lazy_stage, task_of
@@ -81,7 +81,7 @@ def describe_comparison(
         str(name): (entry.dims, entry.values, entry.attrs) for name, entry in blank_bitwise_table(*records).items()
     }
     variables |= _event_variables(first, second, records, stated, marched=marched)
-    variables |= {name: ((), value, variable_attributes("1", text, "outcome")) for name, (text, value) in LATER.items()}
+    variables |= {name: ((), value, attrs_of("1", text, "outcome")) for name, (text, value) in LATER.items()}
     attributes = model_differences(first, second) | {"selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
     template = evidence_dataset(
         "comparison", title_of(first, second), [], variables, attributes, shapes=shapes_of(first)

@@ -9,7 +9,7 @@ import numpy as np
 
 from xdynamics import archive
 from xdynamics.dynamics.recorded_models import model_of_record
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.scaling import scale_of, scaled_variables
 from xdynamics.faults import InputError, Ledger
@@ -105,7 +105,7 @@ def residuals_of(
 ) -> xr.Dataset:
     """Put measured data beside what was computed at their times."""
     variables: dict[str, Any] = {
-        AT_TIME: ((AT,), data.times, variable_attributes(time_unit_of(run).text, "time of measurement", "time"))
+        AT_TIME: ((AT,), data.times, attrs_of(time_unit_of(run).text, "time of measurement", "time"))
     }
     for name in data.values:
         variables |= _residual_variables(name, str(get_column(run, name).attrs["units"]), *computed[name], data)
@@ -129,22 +129,18 @@ def _residual_variables(name: str, units: str, computed: Floats, errors: Floats,
     differences = values - computed
     scale_text = f"largest size of {name} as measured; where that is 0, as computed"
     variables: dict[str, Any] = {
-        f"measured_{name}": ((AT,), values, variable_attributes(units, f"{name} as measured", "measured")),
-        name: ((AT,), computed, variable_attributes(units, f"{name} as computed", "computed")),
-        f"difference_{name}": (
-            (AT,),
-            differences,
-            variable_attributes(units, f"{name}, measured minus computed", "difference"),
-        ),
+        f"measured_{name}": ((AT,), values, attrs_of(units, f"{name} as measured", "measured")),
+        name: ((AT,), computed, attrs_of(units, f"{name} as computed", "computed")),
+        f"difference_{name}": ((AT,), differences, attrs_of(units, f"{name}, measured minus computed", "difference")),
         f"interpolation_error_{name}": (
             (AT,),
             errors,
-            variable_attributes(units, f"estimated error of interpolating {name} between accepted states", "error"),
+            attrs_of(units, f"estimated error of interpolating {name} between accepted states", "error"),
         ),
         f"rms_difference_{name}": (
             (),
             np.sqrt(np.mean(differences**2)),
-            variable_attributes(units, f"root of the mean square of difference_{name}", "residual"),
+            attrs_of(units, f"root of the mean square of difference_{name}", "residual"),
         ),
         **scaled_variables(
             "difference", name, differences, scale_of(values, computed), (AT,), units, scale_text, ("rms",)
@@ -157,12 +153,12 @@ def _residual_variables(name: str, units: str, computed: Floats, errors: Floats,
             f"measured_uncertainty_{name}": (
                 (AT,),
                 uncertainty,
-                variable_attributes(units, f"standard uncertainty of {name} as measured", "uncertainty"),
+                attrs_of(units, f"standard uncertainty of {name} as measured", "uncertainty"),
             ),
             f"reduced_chi_square_{name}": (
                 (),
                 square,
-                variable_attributes(
+                attrs_of(
                     "1",
                     f"mean square of difference_{name} over its uncertainty; nothing was fitted, so all values are"
                     " degrees of freedom",

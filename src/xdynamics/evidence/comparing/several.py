@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import archive
 from xdynamics.evidence.comparing.comparison_summary import OF_SEVERAL, ROLE
 from xdynamics.evidence.comparing.differences import common_times, compare_runs, times_variable
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import InputError
 from xdynamics.record import shapes_of
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
@@ -62,25 +62,25 @@ def compare_each(
     variables["run_name"] = (
         (RUN,),
         np.array([*other_runs]),
-        variable_attributes("1", "which run is compared with the reference", "name"),
+        attrs_of("1", "which run is compared with the reference", "name"),
     )
     variables["identical"] = (
         (RUN,),
         np.array([int(comparison.attrs["identical"]) for comparison in comparisons], np.int8),
-        variable_attributes("1", "1 where the run is the reference, bit for bit", ROLE),
+        attrs_of("1", "1 where the run is the reference, bit for bit", ROLE),
     )
     for word, long_name in TOLD.items():
         variables[word] = (
             (RUN,),
             np.array([str(comparison.attrs.get(word, "")) for comparison in comparisons]),
-            variable_attributes("1", long_name, ROLE),
+            attrs_of("1", long_name, ROLE),
         )
     for name in shared:
         rows = [comparison[str(name)].variable for comparison in padded_comparisons]
         variables[str(name)] = (RUN, *rows[0].dims), np.stack([row.values for row in rows]), dict(rows[0].attrs)
         if str(name).startswith("difference_") and rows[0].dims:
             largest = np.array([np.nanmax(np.abs(row.values), initial=0.0) for row in rows])
-            of_largest = variable_attributes(str(rows[0].attrs["units"]), f"largest size of {name}", ROLE)
+            of_largest = attrs_of(str(rows[0].attrs["units"]), f"largest size of {name}", ROLE)
             variables[f"largest_{name}"] = (RUN,), largest, of_largest
     title = f"{first.attrs['title']}, and {len(other_runs)} runs beside it"
     digests = [archive.digest_of_run(run) for run in (first, *other_runs.values())]

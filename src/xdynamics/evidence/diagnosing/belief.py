@@ -14,7 +14,7 @@ from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, global_error
 from xdynamics.evidence.diagnosing.conservation import ROLE
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record.flag_words import time_unit_of
 
@@ -36,7 +36,7 @@ def belief_variables(rows: Chunks, tighter: Companion) -> dict[str, Any]:
     long_name = (
         "time up to which no coordinate, velocity or state is further from the solution than a tenth of its range"
     )
-    return {"believed_until": ((), until, variable_attributes(time_unit_of(rows.run).text, long_name, ROLE))}
+    return {"believed_until": ((), until, attrs_of(time_unit_of(rows.run).text, long_name, ROLE))}
 
 
 def _believed_until(rows: Chunks, tighter: Companion) -> float:

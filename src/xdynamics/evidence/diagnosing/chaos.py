@@ -11,7 +11,7 @@ from xdynamics.dynamics import exponents as rules
 from xdynamics.dynamics.tangents import TOLERANCE, count_of, local_growth
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import log
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.motion import variables as variables_of
@@ -121,7 +121,7 @@ def _exponent_variables(unit: str, numbers: Mapping[str, Any], rule_attributes: 
         variables[name] = (
             (EXPONENT,) if np.ndim(value) else (),
             value,
-            variable_attributes(units, LONG_NAMES[name], role) | extra,
+            attrs_of(units, LONG_NAMES[name], role) | extra,
         )
     return variables
 

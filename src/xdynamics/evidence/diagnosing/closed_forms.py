@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.chunks import Chunks
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.scaling import scale_of, scaled_variables
 from xdynamics.expressions import Node, dimension_of, free_names, parse
 from xdynamics.faults import InputError, Ledger
@@ -36,21 +36,17 @@ def closed_form_residuals(rows: Chunks, exact: Mapping[str, str]) -> Iterator[tu
     for (name, text, _), computed, expected in zip(forms, *_computed_and_expected(rows, forms), strict=True):
         residual = computed - expected
         units = str(run[name].attrs["units"])
-        yield f"residual_{name}", ((STEPS,), residual, variable_attributes(units, f"{name} less {text}", "residual"))
+        yield f"residual_{name}", ((STEPS,), residual, attrs_of(units, f"{name} less {text}", "residual"))
         yield (
             f"largest_residual_{name}",
-            (
-                (),
-                float(np.max(np.abs(residual))),
-                variable_attributes(units, f"largest size of residual_{name}", "residual"),
-            ),
+            ((), float(np.max(np.abs(residual))), attrs_of(units, f"largest size of residual_{name}", "residual")),
         )
         yield (
             f"rms_residual_{name}",
             (
                 (),
                 float(np.sqrt(np.mean(residual**2))),
-                variable_attributes(units, f"root of the mean square of residual_{name}", "residual"),
+                attrs_of(units, f"root of the mean square of residual_{name}", "residual"),
             ),
         )
         scale_text = f"largest size of {text} at the accepted times; where that is 0, of {name} as computed"

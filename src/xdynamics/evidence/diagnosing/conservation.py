@@ -16,7 +16,7 @@ from xdynamics.dynamics.shortened_steps import sample_in_steps
 from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.diagnosing.cycles import Cycles
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.observables import evaluate_at_states, evaluate_quantity, is_comparable, momenta_on
 from xdynamics.expressions import Binary, Name, Node, dimension_of
 from xdynamics.kernels.layout import layout_of
@@ -48,11 +48,7 @@ def bands(rows: Chunks) -> Iterator[tuple[str, Any]]:
         dims = rows.run.variables[name].dims[1:]
         yield (
             _band_name(name),
-            (
-                dims,
-                high - low + 0.0,
-                variable_attributes(units, f"largest minus smallest {name} over the accepted states", ROLE),
-            ),
+            (dims, high - low + 0.0, attrs_of(units, f"largest minus smallest {name} over the accepted states", ROLE)),
         )
 
 
@@ -157,7 +153,7 @@ def conservation_variables(
         watched = _ConservedQuantity(name, is_computed=is_known, factor=factor, dims=dims, shape=variable.shape[1:])
         drift, rule = _drift_and_rule(rows, watched, cycles)
         key = "energy_drift" if name == "total_energy" else f"drift_{name}"
-        yield key, (watched.dims, drift / factor, variable_attributes(units.text, f"drift of {name}: {rule}", ROLE))
+        yield key, (watched.dims, drift / factor, attrs_of(units.text, f"drift of {name}: {rule}", ROLE))
     if model.python_functions:
         return
     for name, mass, momentum in _dimensional_momenta(model) if model_dimensions(run) else _scalar_momenta(model):
@@ -168,14 +164,14 @@ def conservation_variables(
         band_text = f"largest minus smallest momentum (M v) of {momentum_name} over the accepted states"
         yield (
             f"band_momentum_{momentum_name}",
-            (momentum.dims, high - low + 0.0, variable_attributes(units.text, band_text, ROLE)),
+            (momentum.dims, high - low + 0.0, attrs_of(units.text, band_text, ROLE)),
         )
         yield (
             f"drift_momentum_{momentum_name}",
             (
                 momentum.dims,
                 drift,
-                variable_attributes(units.text, f"drift of the momentum (M v) of {momentum_name}: {rule}", ROLE),
+                attrs_of(units.text, f"drift of the momentum (M v) of {momentum_name}: {rule}", ROLE),
             ),
         )
 

@@ -13,7 +13,7 @@ from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.diagnosing.conservation import spans
-from xdynamics.evidence.evidence_dataset import stated_value, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, stated_value
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import INTERPOLANT, REINTEGRATE, UNIT_OF
 from xdynamics.record.arguments import precision_of
@@ -200,29 +200,21 @@ def _continuity_variables(rows: Chunks, worst: dict[str, Worst], steps: int) -> 
         )
         defect, bound = schema.continuity_defect(name)
         known_factor = np.nan if not steps else 1.0
-        variables[defect] = (
-            dims,
-            entry.defects * known_factor,
-            variable_attributes(described["units"], defect_said, CONTINUITY),
-        )
+        variables[defect] = (dims, entry.defects * known_factor, attrs_of(described["units"], defect_said, CONTINUITY))
         long_name = f"largest {defect} that rounding explains: of the recorded state and of the arithmetic of the step"
-        variables[bound] = (
-            dims,
-            entry.bounds * known_factor,
-            variable_attributes(described["units"], long_name, CONTINUITY),
-        )
+        variables[bound] = (dims, entry.bounds * known_factor, attrs_of(described["units"], long_name, CONTINUITY))
     verdict = NOT_CHECKED if not every.size else PASSED if (every <= 1.0).all() else FAILED
     when = times[int(np.argmax(every))] if every.size else np.nan
     unit, long_name = time_unit_of(rows.run).text, "start of the step whose defect is largest relative to its bound"
-    variables[CONTINUITY_TIME] = ((), when, variable_attributes(unit, long_name, CONTINUITY))
+    variables[CONTINUITY_TIME] = ((), when, attrs_of(unit, long_name, CONTINUITY))
     variables[CONTINUITY_STEPS] = (
         (),
         np.int64(steps),
-        variable_attributes("1", "number of steps that were recomputed", CONTINUITY),
+        attrs_of("1", "number of steps that were recomputed", CONTINUITY),
     )
     long_name = "whether recomputed steps lead from each recorded state to the next one, within rounding"
     meanings = schema.flag_attributes(dict(enumerate(VERDICTS)))
-    variables[CONTINUITY_VERDICT] = ((), np.int8(verdict), variable_attributes("1", long_name, "flag") | meanings)
+    variables[CONTINUITY_VERDICT] = ((), np.int8(verdict), attrs_of("1", long_name, "flag") | meanings)
     return variables
 
 

@@ -250,11 +250,7 @@ def _rising_rows(rows: Chunks, name: str, levels: Sequence[float]) -> list[Rows]
 
 
 def _locate_crossings(
-    rows: Chunks,
-    name: str,
-    level: float,
-    risen: Rows,
-    functions: Mapping[str, Callable[..., float]] | None,
+    rows: Chunks, name: str, level: float, risen: Rows, functions: Mapping[str, Callable[..., float]] | None
 ) -> tuple[Floats, Floats]:
     """Locate all crossings at once, by Newton steps that stay inside brackets, and by bisection."""
     run, _ = rows.nearby_record(np.concatenate([risen, risen + 1]))

@@ -29,12 +29,7 @@ from xdynamics.evidence.diagnosing.phases import (
     reference_times,
 )
 from xdynamics.evidence.diagnosing.turns import turn_variables
-from xdynamics.evidence.evidence_dataset import (
-    evidence_dataset,
-    relative_uncertainty,
-    stated_value,
-    variable_attributes,
-)
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset, relative_uncertainty, stated_value
 from xdynamics.evidence.gates import NOT_CHECKED, Gate, gate_variables
 from xdynamics.evidence.run_tasks import task_of_runs
 from xdynamics.evidence.runs import prepare_record
@@ -263,19 +258,17 @@ def _diagnosis_dataset(
             "level_rule": coordinate_cycles.rule,
             "maxima": coordinate_cycles.maxima,
             "reference": source,
+            "cycle_doubt": coordinate_cycles.doubt,
         }
-        rule |= {"cycle_doubt": coordinate_cycles.doubt}
     attributes |= {name: value for name, value in rule.items() if value != ""}
     if isinstance(rows, Unread):  # attributes that are not known yet are variables
         variables |= {
-            name: ((), value, variable_attributes(units if name == "level" else "1", SAID[name], "rule"))
+            name: ((), value, attrs_of(units if name == "level" else "1", SAID[name], "rule"))
             for name, value in rule.items()
         }
     variables = limit_occurrences(variables, request.occurrences)
-    if model_dimensions(run):
-        variables |= extremes_by_quantities(rows, functions)
-    else:
-        variables |= extremes_of(rows, sought_names(run, rows.model), functions)
+    has_dimensions, names = model_dimensions(run), sought_names(run, rows.model)
+    variables |= extremes_by_quantities(rows, functions) if has_dimensions else extremes_of(rows, names, functions)
     variables |= steps
     variables |= dict(closed_form_residuals(rows, {} if request.exact is None else request.exact))
     if request.exact:

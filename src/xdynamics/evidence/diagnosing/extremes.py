@@ -20,7 +20,7 @@ from xdynamics.evidence.diagnosing.states_inside import (
     variable_numbers,
 )
 from xdynamics.evidence.diagnosing.summits import Summits
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.observed_quantities import widest
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -219,12 +219,12 @@ def extreme_variables(
     word, adjective = ("maximum", "largest") if sign > 0 else ("minimum", "least")
     extreme_name, time_unit = f"{word}_{name}", str(run.variables["time"].attrs["units"])
     numbers = [np.reshape(number, shape) for number in result]
-    of_rule = variable_attributes("1", RULE_SAID, "flag") | schema.flag_attributes(dict(enumerate(RULES)))
+    of_rule = attrs_of("1", RULE_SAID, "flag") | schema.flag_attributes(dict(enumerate(RULES)))
     described = {
-        "": variable_attributes(units, f"{adjective} {name} of the run", "diagnostic"),
-        "_time": variable_attributes(time_unit, f"when {name} was {adjective}", "diagnostic"),
+        "": attrs_of(units, f"{adjective} {name} of the run", "diagnostic"),
+        "_time": attrs_of(time_unit, f"when {name} was {adjective}", "diagnostic"),
         "_rule": of_rule,
-        "_uncertainty": variable_attributes(units, DOUBT_SAID.format(extreme_name), "error"),
+        "_uncertainty": attrs_of(units, DOUBT_SAID.format(extreme_name), "error"),
     }
     patterns = {end: {schema.ELEMENT_NAME: f"{extreme_name}{{}}{end}"} if shape and end else {} for end in described}
     numbers[2] = numbers[2].astype(np.int8)

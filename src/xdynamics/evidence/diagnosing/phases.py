@@ -17,7 +17,7 @@ from xdynamics.evidence.companion import Companion, check_whole, reached_only
 from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.diagnosing.cycles import TURN, Cycles, check_coordinate, cycles
 from xdynamics.evidence.diagnosing.turns import TURNS
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.stage_tasks import Task, march_task
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
@@ -166,38 +166,30 @@ def cycle_variables(
         "cycle_time": (
             dims,
             coordinate_cycles.times[1:],
-            variable_attributes(
+            attrs_of(
                 seconds, f"end of the cycle, where {name} rises through {level_text(coordinate_cycles, units)}", ROLE
             ),
         ),
         "period": (
             dims,
             coordinate_cycles.periods,
-            variable_attributes(seconds, "time from one located crossing of the level to the next", ROLE),
+            attrs_of(seconds, "time from one located crossing of the level to the next", ROLE),
         ),
         "period_uncertainty": (
             dims,
             uncertainties[1:] + uncertainties[:-1],
-            variable_attributes(seconds, "uncertainty of the period from locating its two crossings", "error"),
+            attrs_of(seconds, "uncertainty of the period from locating its two crossings", "error"),
         ),
         "phase_offset": (
             dims,
             offsets,
-            variable_attributes(
-                "rad",
-                "phase at the end of the cycle minus that of the reference; negative: the run lags",
-                ROLE,
-            ),
+            attrs_of("rad", "phase at the end of the cycle minus that of the reference; negative: the run lags", ROLE),
         ),
-        "amplitude": (
-            dims,
-            amplitude,
-            variable_attributes(units, f"half the peak-to-peak range of {name} over the cycle", ROLE),
-        ),
+        "amplitude": (dims, amplitude, attrs_of(units, f"half the peak-to-peak range of {name} over the cycle", ROLE)),
         "phase_space_area": (
             dims,
             area,
-            variable_attributes(
+            attrs_of(
                 parse_unit(f"{units} {speed}").text,
                 f"area enclosed in the plane of {name} and its velocity: time integral of the velocity squared over the cycle",
                 ROLE,

@@ -12,7 +12,7 @@ from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.evidence.diagnosing.conservation import ROLE
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.named_elements import get_column
@@ -48,8 +48,8 @@ def turn_variables(rows: Chunks, name: str, functions: Mapping[str, Callable[...
     units = str(get_column(rows.run, name).attrs["units"])
     located = f"time at which {name} turns, located with steps of the run's own method"
     return {
-        "turning_time": ((TURNS,), high, variable_attributes(time_unit_of(rows.run).text, located, ROLE)),
-        "turning_point": ((TURNS,), points, variable_attributes(units, f"{name} at the turning point", ROLE)),
+        "turning_time": ((TURNS,), high, attrs_of(time_unit_of(rows.run).text, located, ROLE)),
+        "turning_point": ((TURNS,), points, attrs_of(units, f"{name} at the turning point", ROLE)),
     }
 
 

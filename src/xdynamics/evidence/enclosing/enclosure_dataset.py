@@ -10,7 +10,7 @@ import numpy as np
 
 from xdynamics.elementary import NAME
 from xdynamics.evidence.enclosing.tube import EventBounds, Tube
-from xdynamics.evidence.evidence_dataset import evidence_dataset, stated_value, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset, stated_value
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record.column import About
@@ -33,12 +33,12 @@ def enclosure_dataset(
     """Return the evidence, with as many zeros of events as are to be listed."""
     axis, unit = (AT, AT_TIME) if tube.at_times else (STEPS, "time"), model.time_unit.text
     long_name = "time at which bounds were asked for" if tube.at_times else "time after a step"
-    variables: dict[str, Any] = {axis[1]: ((axis[0],), tube.times, variable_attributes(unit, long_name, "time"))}
+    variables: dict[str, Any] = {axis[1]: ((axis[0],), tube.times, attrs_of(unit, long_name, "time"))}
     variables |= dict(_bound_variables(model, tube, axis[0]))
     variables |= dict(_event_bound_variables(model, tube, occurrences))
     later = _proof_statements(model, tube)
     variables |= {name: ((), np.array(value), attributes) for name, (value, attributes) in later.items()}
-    variables[MODEL] = ((), np.array(model.to_toml()), variable_attributes("1", "the whole model as TOML", "model"))
+    variables[MODEL] = ((), np.array(model.to_toml()), attrs_of("1", "the whole model as TOML", "model"))
     attributes = {name: value for name, (value, _) in later.items()} | {
         PROVEN: 1,
         "solver_method": "Taylor series in intervals, carried as Lohner's set",
@@ -61,23 +61,17 @@ def _proof_statements(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str
         else f"proven {where if tube.stopped else f'to the end, t = {tube.reached!r}{suffix}'}, in {tube.steps} steps{_parts_text(tube)}"
     )
     statements: dict[str, tuple[Any, dict[str, Any]]] = {
-        "summary": (proposition(model, tube), variable_attributes("1", "what is proven", "rule")),
-        "proven_until": (
-            tube.reached,
-            variable_attributes(model.time_unit.text, "time up to which it is proven", "time"),
-        ),
-        "outcome": (
-            NOT_PROVEN if tube.reason else COMPLETED,
-            variable_attributes("1", "outcome of the proof", "outcome"),
-        ),
-        "outcome_text": (ended, variable_attributes("1", "why it went no further", "outcome")),
-        "solver_steps": (tube.steps, variable_attributes("1", "steps of the proof", "count")),
-        "solver_parts": (tube.parts, variable_attributes("1", "parts that the set was cut into", "count")),
+        "summary": (proposition(model, tube), attrs_of("1", "what is proven", "rule")),
+        "proven_until": (tube.reached, attrs_of(model.time_unit.text, "time up to which it is proven", "time")),
+        "outcome": (NOT_PROVEN if tube.reason else COMPLETED, attrs_of("1", "outcome of the proof", "outcome")),
+        "outcome_text": (ended, attrs_of("1", "why it went no further", "outcome")),
+        "solver_steps": (tube.steps, attrs_of("1", "steps of the proof", "count")),
+        "solver_parts": (tube.parts, attrs_of("1", "parts that the set was cut into", "count")),
     }
     if tube.events:
         proven = tube.reached if tube.reason else np.inf
         event_text = " ".join(_event_sentence(event, proven, suffix) for event in tube.events)
-        statements["events_text"] = event_text, variable_attributes("1", "what is known of zeros of events", "rule")
+        statements["events_text"] = event_text, attrs_of("1", "what is known of zeros of events", "rule")
     return statements
 
 
@@ -124,10 +118,7 @@ def _bound_variables(model: Model, tube: Tube, dim: str) -> Iterator[tuple[str, 
 
 def _bound_pair(name: str, dim: str, bounds: Box, unit: str, quantity_text: str) -> Iterator[tuple[str, Any]]:
     for key, side, values in zip(bounds_of(name), ("lower", "upper"), bounds, strict=True):
-        yield (
-            key,
-            ((dim,), values, variable_attributes(unit, f"proven {side} bound of {quantity_text}", f"{side}_bound")),
-        )
+        yield (key, ((dim,), values, attrs_of(unit, f"proven {side} bound of {quantity_text}", f"{side}_bound")))
 
 
 def _event_bound_variables(model: Model, tube: Tube, occurrences: int | None) -> Iterator[tuple[str, Any]]:
@@ -145,15 +136,11 @@ def _event_bound_variables(model: Model, tube: Tube, occurrences: int | None) ->
     none = occurrences is not None  # proven, of those that are listed
     words = ({-1: "none"} if none else {}) | dict(enumerate(names))
     directions = ({0: "none"} if none else {}) | EVENT_DIRECTIONS
-    yield "event_detector", ((EVENTS,), detectors, variable_attributes("1", "event", "flag") | flag_attributes(words))
+    yield "event_detector", ((EVENTS,), detectors, attrs_of("1", "event", "flag") | flag_attributes(words))
     rising = np.array([1 if crossing.rising else -1 for _, crossing in met] + [0] * missing, np.int8)
     yield (
         "event_direction",
-        (
-            (EVENTS,),
-            rising,
-            variable_attributes("1", "direction of the crossing", "flag") | flag_attributes(directions),
-        ),
+        ((EVENTS,), rising, attrs_of("1", "direction of the crossing", "flag") | flag_attributes(directions)),
     )
     for i, name in enumerate(layout_of(model).used):
         unit = model.units[name]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.evidence_dataset import variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.refining.convergence import observed_orders
 from xdynamics.evidence.refining.judgements import UNCERTAINTY_RULES, VERDICTS, Judged, judge
 from xdynamics.evidence.refining.levels import RTOLS, TIME_TOLERANCES, Levels
@@ -102,31 +102,31 @@ def family(number: TrackedValue, levels: Levels, accepted: int, estimated: float
     gate = (~(number.errors <= last)).astype(np.int8)
     size = scale_name("difference", name)
     variables: dict[str, Any] = {
-        name: (dims, levels_first(number.values), variable_attributes(units, number.long_name, ROLE)),
+        name: (dims, levels_first(number.values), attrs_of(units, number.long_name, ROLE)),
         f"difference_{name}": (
             dims,
             levels_first(changes),
-            variable_attributes(units, f"{name} at the next finer level minus {name} at this level", ROLE),
+            attrs_of(units, f"{name} at the next finer level minus {name} at this level", ROLE),
         ),
         f"scaled_difference_{name}": (
             dims,
             levels_first(changes / np.asarray(number.scale)[..., np.newaxis]),
-            variable_attributes("1", f"difference_{name} over {size}", ROLE),
+            attrs_of("1", f"difference_{name} over {size}", ROLE),
         ),
         size: (
             number.dims[1:],
             np.asarray(number.scale, float),
-            variable_attributes(units, f"scale of difference_{name}, never zero", "scale"),
+            attrs_of(units, f"scale of difference_{name}, never zero", "scale"),
         ),
         f"interpolation_error_{name}": (
             dims,
             levels_first(number.errors),
-            variable_attributes(units, f"estimated error of {name} by interpolation, or by locating the event", ROLE),
+            attrs_of(units, f"estimated error of {name} by interpolation, or by locating the event", ROLE),
         ),
         f"gate_{name}": (
             dims,
             levels_first(gate),
-            variable_attributes(
+            attrs_of(
                 "1",
                 f"passed where interpolation_error_{name} is at most the difference to the next finer level",
                 "flag",
@@ -149,7 +149,7 @@ def _judgement_variables(number: TrackedValue, levels: Levels, accepted: int, es
         f"order_{name}": (
             (LEVEL, *number.dims),
             np.moveaxis(orders, -1, 0) if number.dims else orders[0],
-            variable_attributes(
+            attrs_of(
                 "1",
                 f"observed order of {name}, from this level and its two neighbours; negative where differences grow",
                 ROLE,
@@ -157,20 +157,19 @@ def _judgement_variables(number: TrackedValue, levels: Levels, accepted: int, es
         ),
         f"verdict_{name}": (
             *once(judgement.verdict, np.int8),
-            variable_attributes("1", f"verdict on the convergence of {name}", "flag")
-            | flag_attributes(dict(enumerate(VERDICTS))),
+            attrs_of("1", f"verdict on the convergence of {name}", "flag") | flag_attributes(dict(enumerate(VERDICTS))),
         ),
         f"limit_{name}": (
             *once(judgement.limit, float),
-            variable_attributes(units, f"limit of {name} as {levels.varied.name} tends to zero", ROLE),
+            attrs_of(units, f"limit of {name} as {levels.varied.name} tends to zero", ROLE),
         ),
         f"uncertainty_{name}": (
             *once(judgement.uncertainty, float),
-            variable_attributes(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE),
+            attrs_of(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE),
         ),
         f"uncertainty_rule_{name}": (
             *once(RULE_NUMBERS[judgement.rule], np.int8),
-            variable_attributes("1", f"rule by which the uncertainty of {name} was found", "flag")
+            attrs_of("1", f"rule by which the uncertainty of {name} was found", "flag")
             | flag_attributes(dict(enumerate(RULE_WORDS))),
         ),
     }

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.refining.defects import DEFECT
 from xdynamics.evidence.refining.family import ROLE, TrackedValue, family
 from xdynamics.evidence.refining.judgements import FEW_STEPS
@@ -126,14 +126,10 @@ def study_dataset(subjects: StudyQuantities, findings: StudyResults, attributes:
     levels, unit = subjects.levels, subjects.levels.model.time_unit.text
     varied = levels.varied
     variables: dict[str, Any] = {
-        varied.name: ((LEVEL,), levels.values, variable_attributes(varied.units or unit, varied.long_name, ROLE)),
-        "run_digest": (
-            (LEVEL,),
-            findings.digests,
-            variable_attributes("1", "content digest of the level's run", "digest"),
-        ),
-        "run_outcome": ((LEVEL,), findings.outcomes, variable_attributes("1", "outcome of the level's run", "outcome")),
-        AT_TIME: ((AT,), findings.times, variable_attributes(unit, "time of comparison", "time")),
+        varied.name: ((LEVEL,), levels.values, attrs_of(varied.units or unit, varied.long_name, ROLE)),
+        "run_digest": ((LEVEL,), findings.digests, attrs_of("1", "content digest of the level's run", "digest")),
+        "run_outcome": ((LEVEL,), findings.outcomes, attrs_of("1", "outcome of the level's run", "outcome")),
+        AT_TIME: ((AT,), findings.times, attrs_of(unit, "time of comparison", "time")),
     }
     for number in findings.numbers:
         added = family(number, levels, findings.accepted, findings.estimated)
@@ -144,11 +140,7 @@ def study_dataset(subjects: StudyQuantities, findings: StudyResults, attributes:
             )
         variables |= added
     variables |= _of_runs(subjects, findings)
-    variables[MODEL] = (
-        (),
-        np.array(levels.model.to_toml()),
-        variable_attributes("1", "the whole model as TOML", "model"),
-    )
+    variables[MODEL] = ((), np.array(levels.model.to_toml()), attrs_of("1", "the whole model as TOML", "model"))
     method = subjects.march.settings.method.name
     return evidence_dataset(
         "refinement",
@@ -172,14 +164,14 @@ def study_dataset(subjects: StudyQuantities, findings: StudyResults, attributes:
 def _of_runs(subjects: StudyQuantities, findings: StudyResults) -> dict[str, Any]:
     """Return how often events were met, the levels that cycles begin at, and local errors, as variables."""
     variables: dict[str, Any] = {
-        f"event_count_{name}": ((LEVEL,), counts, variable_attributes("1", f"how often {name} was met", ROLE))
+        f"event_count_{name}": ((LEVEL,), counts, attrs_of("1", f"how often {name} was met", ROLE))
         for name, counts in findings.counts.items()
     }
     variables |= {
         crossing_level(name): (
             (),
             np.float64(level),
-            variable_attributes(subjects.recorded(name).units, f"level of {name} that begins a cycle", ROLE),
+            attrs_of(subjects.recorded(name).units, f"level of {name} that begins a cycle", ROLE),
         )
         for name, level in findings.crossed.items()
     }
@@ -187,7 +179,7 @@ def _of_runs(subjects: StudyQuantities, findings: StudyResults) -> dict[str, Any
         f"{DEFECT}{name}": (
             (LEVEL, *subjects.dims(name)),
             defects,
-            variable_attributes(subjects.recorded(name).units, DEFECT_SAID.format(name), ROLE),
+            attrs_of(subjects.recorded(name).units, DEFECT_SAID.format(name), ROLE),
         )
         for name, defects in findings.defects.items()
     }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.kept_results import ResultForm
 from xdynamics.evidence.scaling import ROLE as SCALED
 from xdynamics.evidence.scaling import divide_by_scale
@@ -83,19 +83,15 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
         "case_worst_element": ("worst", "element of the largest residual, where several are judged as one case"),
     }
     variables: dict[str, Any] = {
-        name: (
-            (CASE,),
-            np.array([display_text(getattr(row, key)) for row in rows]),
-            variable_attributes("1", long_name, ROLE),
-        )
+        name: ((CASE,), np.array([display_text(getattr(row, key)) for row in rows]), attrs_of("1", long_name, ROLE))
         for name, (key, long_name) in words.items()
     }
-    numbers = variable_attributes("1", "", ROLE) | IN_UNITS
+    numbers = attrs_of("1", "", ROLE) | IN_UNITS
     variables |= {
         "case_stage": (
             (CASE,),
             np.array([row.stage for row in rows]),
-            variable_attributes("1", "stage of the ledger; 0 of a model's own closed forms", ROLE),
+            attrs_of("1", "stage of the ledger; 0 of a model's own closed forms", ROLE),
         ),
         "residual": (
             (CASE,),
@@ -111,12 +107,12 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
         SCALED_RESIDUAL: (
             (CASE,),
             divide_by_scale(*np.array([(row.residual, row.scale) for row in rows]).reshape(-1, 2).T),
-            variable_attributes("1", "residual over residual_scale", SCALED) | {"scale_rule": SCALE_RULE},
+            attrs_of("1", "residual over residual_scale", SCALED) | {"scale_rule": SCALE_RULE},
         ),
         "verdict": (
             (CASE,),
             np.array([row.verdict for row in rows], np.int8),
-            variable_attributes("1", "result of the case", "flag") | flag_attributes(dict(enumerate(VERDICTS))),
+            attrs_of("1", "result of the case", "flag") | flag_attributes(dict(enumerate(VERDICTS))),
         ),
     }
     variables |= _parts_of_bounds(rows)
@@ -132,11 +128,7 @@ def _parts_of_bounds(rows: Sequence[LedgerRow]) -> dict[str, Any]:
         "bound_start": ("of_start", "part of bound: rounding of the start's expressions, carried by another march"),
     }
     return {
-        name: (
-            (CASE,),
-            np.array([getattr(row, key) for row in rows]),
-            variable_attributes("1", long_name, ROLE) | IN_UNITS,
-        )
+        name: ((CASE,), np.array([getattr(row, key) for row in rows]), attrs_of("1", long_name, ROLE) | IN_UNITS)
         for name, (key, long_name) in parts.items()
     }
 
@@ -148,7 +140,7 @@ def _element_counts(rows: Sequence[LedgerRow]) -> dict[str, Any]:
         "case_elements_failed": ("failed_elements", "how many of these have a residual above their bound"),
     }
     return {
-        name: ((CASE,), np.array([getattr(row, key) for row in rows]), variable_attributes("1", long_name, ROLE))
+        name: ((CASE,), np.array([getattr(row, key) for row in rows]), attrs_of("1", long_name, ROLE))
         for name, (key, long_name) in counts.items()
     }
 

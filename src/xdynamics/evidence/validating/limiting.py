@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xdynamics import archive
 from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.elementary.arrays import log
-from xdynamics.evidence.evidence_dataset import evidence_dataset, variable_attributes
+from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.observables import observables_of, observe
 from xdynamics.evidence.stage_tasks import Task, march_task, results_of
 from xdynamics.evidence.stages import Stage, blank_run, lazy_stage
@@ -193,18 +193,10 @@ def _limiting_dataset(
     """Return how each observable, given with the limit's last, comes closer to it."""
     model, parameter, unit, end = approach.model, approach.parameter, approach.unit.text, approach.limit
     variables: dict[str, Any] = {
-        "parameter_value": ((LEVEL,), approach.values, variable_attributes(unit, f"{parameter} of the level", ROLE)),
-        "run_digest": (
-            (LEVEL,),
-            np.array(level_digests),
-            variable_attributes("1", "content digest of the level's run", "digest"),
-        ),
-        "run_outcome": (
-            (LEVEL,),
-            np.array(outcomes),
-            variable_attributes("1", "outcome of the level's run", "outcome"),
-        ),
-        AT_TIME: ((AT,), approach.times, variable_attributes(model.time_unit.text, "time of comparison", "time")),
+        "parameter_value": ((LEVEL,), approach.values, attrs_of(unit, f"{parameter} of the level", ROLE)),
+        "run_digest": ((LEVEL,), np.array(level_digests), attrs_of("1", "content digest of the level's run", "digest")),
+        "run_outcome": ((LEVEL,), np.array(outcomes), attrs_of("1", "outcome of the level's run", "outcome")),
+        AT_TIME: ((AT,), approach.times, attrs_of(model.time_unit.text, "time of comparison", "time")),
     }
     distances, order_in = _limit_distances(parameter, approach.values, end)
     for name, numbers in values.items():
@@ -274,20 +266,18 @@ def _approach(name: str, units: str, values: Floats, limit: Floats, parameter_di
     closer = ((np.diff(sizes, axis=0) < 0.0) | (sizes[1:] == 0.0)).all(axis=0)
     dims = (LEVEL, AT)
     return {
-        name: (dims, values, variable_attributes(units, name, ROLE)),
-        f"distance_{name}": (dims, distance, variable_attributes(units, f"{name} less that of the limit", ROLE)),
+        name: (dims, values, attrs_of(units, name, ROLE)),
+        f"distance_{name}": (dims, distance, attrs_of(units, f"{name} less that of the limit", ROLE)),
         f"order_{name}": (
             dims,
             np.vstack([np.full(len(limit), np.nan)[None], orders]),
-            variable_attributes(
-                "1", f"order of the distance of {name} in that of the parameter, from the level before", ROLE
-            ),
+            attrs_of("1", f"order of the distance of {name} in that of the parameter, from the level before", ROLE),
         ),
-        f"limit_{name}": ((AT,), limit, variable_attributes(units, f"{name} with the parameter at its limit", ROLE)),
+        f"limit_{name}": ((AT,), limit, attrs_of(units, f"{name} with the parameter at its limit", ROLE)),
         f"approached_{name}": (
             (AT,),
             closer.astype(np.int8),
-            variable_attributes("1", "1 where every distance is less than the one before", ROLE),
+            attrs_of("1", "1 where every distance is less than the one before", ROLE),
         ),
     }
 

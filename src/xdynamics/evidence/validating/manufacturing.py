@@ -8,18 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions import (
-    Along,
-    Binary,
-    Call,
-    Compare,
-    Node,
-    Number,
-    dimension_of,
-    free_names,
-    parse,
-    text_of,
-)
+from xdynamics.expressions import Along, Binary, Call, Compare, Node, Number, dimension_of, free_names, parse, text_of
 from xdynamics.expressions.calculus import ONE, ZERO, add, derivative, expand, multiply
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every

@@ -45,13 +45,7 @@ class InElements(InLoops):
     """
 
     def __init__(
-        self,
-        forces: Program,
-        body: Sequence[Line],
-        motion: Motion,
-        degree: int,
-        first: int,
-        moving: frozenset[str],
+        self, forces: Program, body: Sequence[Line], motion: Motion, degree: int, first: int, moving: frozenset[str]
     ) -> None:
         self._own: dict[int, set[str]] = {}  # of every loop: arrays whose elements are those of its passes
         self._counts: dict[str, int] = {}

@@ -10,14 +10,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from xdynamics.kernels.compiling import jit_separate
-from xdynamics.march.assembly.broad_phase import (
-    LOSS,
-    ROWS,
-    STRAIN,
-    TERMS,
-    TOGETHER,
-    WORK,
-)
+from xdynamics.march.assembly.broad_phase import LOSS, ROWS, STRAIN, TERMS, TOGETHER, WORK
 from xdynamics.march.assembly.closed_links import (
     DRAG,
     FRICTIONLESS,

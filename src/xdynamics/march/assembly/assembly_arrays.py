@@ -91,18 +91,13 @@ def arrays_of_assemblies(
     _check_assembly_settings(law, settings)
     # links are looked for between states, whatever polynomial a step leaves
     bare = replace(settings, tolerances=None, nodes=(), event_root_method=ON_HERMITE)
-    patterns = [
-        _pattern_run(pattern_model, bare, pose) for assembly in all_assemblies for pattern_model in assembly.pattern
-    ]
-    rows, pattern_inputs, members = _concatenate_tables(
-        [_AssemblyTables(assembly, law, settings) for assembly in all_assemblies]
-    )
+    patterns = [_pattern_run(single, bare, pose) for assembly in all_assemblies for single in assembly.pattern]
+    tables = [_AssemblyTables(assembly, law, settings) for assembly in all_assemblies]
+    rows, pattern_inputs, members = _concatenate_tables(tables)
     n, max_touching, widest = layout.coordinates.size, max_simultaneous(model), max(row.coordinates for row in rows)
     slots, width = slots_of(model, layout.coordinates)
-    rows_each, counters = (
-        2 if any(assembly.contact.slip is not None for assembly in all_assemblies) else 1,
-        np.zeros(TALLIES, np.int64),
-    )
+    rows_each = 2 if any(assembly.contact.slip is not None for assembly in all_assemblies) else 1
+    counters = np.zeros(TALLIES, np.int64)
     counters[SLOTS], counters[ROWS] = width, rows_each
     room = min(sum(node.links for node in all_assemblies), max(FEWEST_CANDIDATES, CANDIDATES_EACH * n))
     arrays: dict[str, NDArray[Any]] = {
@@ -156,11 +151,7 @@ def _system_arrays(n: int, max_touching: int, rows_each: int, steps: bool) -> di
 def _problem_arrays(unknowns: int) -> dict[str, NDArray[Any]]:
     """Return room for a complementarity problem."""
     shape = (unknowns, 2 * unknowns + 2)
-    return {
-        "problem": np.zeros(shape),
-        "basis": np.zeros(3 * unknowns + 1, np.int64),
-        "solution": np.zeros(unknowns),
-    }
+    return {"problem": np.zeros(shape), "basis": np.zeros(3 * unknowns + 1, np.int64), "solution": np.zeros(unknowns)}
 
 
 def _check_assembly_settings(law: Law, settings: Settings) -> None:

@@ -9,13 +9,7 @@ than needs holding; y, from before, is what they are nearly.
 from __future__ import annotations
 
 from xdynamics.kernels.compiling import jit_separate
-from xdynamics.march.assembly.banded_factors import (
-    add_product,
-    change_factors,
-    factor_band,
-    pose_masses,
-    solve_factors,
-)
+from xdynamics.march.assembly.banded_factors import add_product, change_factors, factor_band, pose_masses, solve_factors
 from xdynamics.march.assembly.closed_links import GRIP, PIECE, SCALE
 from xdynamics.march.assembly.responses import clear_responses, response_along
 from xdynamics.march.run import Run

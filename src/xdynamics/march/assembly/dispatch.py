@@ -58,12 +58,7 @@ from xdynamics.march.assembly.holding import put_on_closed_links, release_moved
 from xdynamics.march.assembly.impact import any_open_approaches, collide_links, weigh_link_impulses
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, NOISE, evaluate_candidate, pattern_at
 from xdynamics.march.assembly.margins import SINCE
-from xdynamics.march.assembly.narrow_phase import (
-    fastest_velocity,
-    find_first,
-    finest_resolution,
-    remember_fastest,
-)
+from xdynamics.march.assembly.narrow_phase import fastest_velocity, find_first, finest_resolution, remember_fastest
 from xdynamics.march.assembly.normal_forces import ALLOWED
 from xdynamics.march.assembly.patterns import prepare_patterns
 from xdynamics.march.assembly.releases import find_release

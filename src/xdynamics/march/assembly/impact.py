@@ -9,16 +9,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from xdynamics.kernels.compiling import jit_separate
-from xdynamics.march.assembly.broad_phase import (
-    LOSS,
-    RESIDUAL,
-    ROWS,
-    TERMS,
-    TOGETHER,
-    UNSOLVED,
-    WORK,
-    blame,
-)
+from xdynamics.march.assembly.broad_phase import LOSS, RESIDUAL, ROWS, TERMS, TOGETHER, UNSOLVED, WORK, blame
 from xdynamics.march.assembly.closed_links import DRAG, GRIP, OWN_SCALE, RETURNED, RIGHT, SCALE, X
 from xdynamics.march.assembly.friction import solve_links
 from xdynamics.march.assembly.links import ASSEMBLY, LINK, NOISE

@@ -17,11 +17,7 @@ from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import FORCES
 from xdynamics.kernels.program import T
 from xdynamics.march.assembly.broad_phase import CLOSE, COUNT, FASTEST, LEFT, ROWS, WHOLE_STEP
-from xdynamics.march.assembly.closed_links import (
-    SCALE,
-    closed_index,
-    closed_link_row,
-)
+from xdynamics.march.assembly.closed_links import SCALE, closed_index, closed_link_row
 from xdynamics.march.assembly.links import (
     ASSEMBLY,
     LINK,

@@ -21,13 +21,7 @@ from xdynamics.march.assembly.closed_links import (
     closed_link_row,
     rows_of_closed,
 )
-from xdynamics.march.assembly.friction import (
-    RESTLESS,
-    bound_row,
-    pose_press_bounds,
-    solve_from,
-    try_contact_sets,
-)
+from xdynamics.march.assembly.friction import RESTLESS, bound_row, pose_press_bounds, solve_from, try_contact_sets
 from xdynamics.march.assembly.margins import BREAKS, LIFTS, release_of, size_of_forces
 from xdynamics.march.assembly.normal_forces import ALLOWED, largest_entry
 from xdynamics.march.run import Run

@@ -31,13 +31,7 @@ from xdynamics.march.assembly.closed_links import DRAG, GRIP, RIGHT, SCALE, SLID
 from xdynamics.march.assembly.friction import RESTLESS
 from xdynamics.march.assembly.link_forces import solve_forces
 from xdynamics.march.assembly.links import ASSEMBLY, LINK
-from xdynamics.march.assembly.low_motions import (
-    bounce_time,
-    falling,
-    is_short,
-    passes_soon,
-    slip_falling,
-)
+from xdynamics.march.assembly.low_motions import bounce_time, falling, is_short, passes_soon, slip_falling
 from xdynamics.march.assembly.normal_forces import ALLOWED, largest_entry, solve_equations
 from xdynamics.march.assembly.touching import (
     ACTS,

@@ -6,12 +6,7 @@ factorised (Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8).
 
 from __future__ import annotations
 
-from xdynamics.kernels.band import (
-    factorise_band,
-    factorise_complex_band,
-    substitute_band,
-    substitute_complex_band,
-)
+from xdynamics.kernels.band import factorise_band, factorise_complex_band, substitute_band, substitute_complex_band
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.linear import factorise, factorise_complex, substitute, substitute_complex
 from xdynamics.march.force_evaluation import State
