@@ -90,7 +90,7 @@ def budget_by_hand(**more: Any) -> xr.Dataset:
 def test_each_gate_has_its_own_border(more: dict[str, Any], verdicts: list[int], failed: str) -> None:
     """Assert which gate a number fails by hand-made figures, that the border is passed, and what is said of it."""
     ledger = xr.Dataset({"verdict": ("case", np.array(verdicts))})
-    found = _decide_gates(budget_by_hand(**more), ledger, drawn=False)
+    found = _decide_gates(budget_by_hand(**more), ledger, has_draws=False)
     assert [name for name, verdict, _ in found if verdict != "passed"] == [failed] * bool(failed)
     assert [verdict for *_, verdict, _ in found if verdict not in ("passed", "failed")] == []
     said = {name: why for name, _, why in found}
@@ -109,7 +109,7 @@ def test_gates_of_levels_and_draws_have_their_words() -> None:
     for verdict in range(len(VERDICTS)):
         budget = budget_by_hand(verdict=verdict)
         budget["level_verdict"].attrs["flag_meanings"] = " ".join(VERDICTS)
-        gate = _decide_gates(budget, ledger, drawn=False)[2]
+        gate = _decide_gates(budget, ledger, has_draws=False)[2]
         word = VERDICTS[verdict].replace("pre_", "pre-").replace("_", " ")
         assert gate == (
             "convergence",
@@ -121,9 +121,13 @@ def test_gates_of_levels_and_draws_have_their_words() -> None:
         (NOT_ADEQUATE, "failed", "the linear budget is not adequate"),
         (NOT_CHECKED, "not_checked", "the linear budget is not checked: nothing was drawn; 10000 draws tell as a rule"),
     ):
-        assert _decide_gates(budget_by_hand(linear=linear), ledger, drawn=True)[-1] == ("linear_budget", verdict, said)
+        assert _decide_gates(budget_by_hand(linear=linear), ledger, has_draws=True)[-1] == (
+            "linear_budget",
+            verdict,
+            said,
+        )
     few = budget_by_hand(linear=NOT_CHECKED, attributes={"draws_needed": 2300.0, "draws": 400})
-    assert _decide_gates(few, ledger, drawn=True)[-1][2].endswith(
+    assert _decide_gates(few, ledger, has_draws=True)[-1][2].endswith(
         "checked: 400 draws leave it open, about 2300 settle it"
     )
 

@@ -90,9 +90,9 @@ def test_without_uncertainties_residuals_tell_them() -> None:
 class ByHand(FitRecord):
     """A fit of x = a t + b**3 and v = a, whose numbers are known without a march."""
 
-    def computed(self, values: np.ndarray, *, whole: bool = True) -> np.ndarray:
-        """Rows of x at all times, then of v; nothing of a march is missing, `whole` or not."""
-        assert isinstance(whole, bool)
+    def computed(self, values: np.ndarray, *, require_all: bool = True) -> np.ndarray:
+        """Rows of x at all times, then of v; nothing of a march is missing, `require_all` or not."""
+        assert isinstance(require_all, bool)
         a, b = values[:, :1], values[:, 1:]
         return np.concatenate([a * self.data.times + b**3, np.tile(a, self.data.times.size)], axis=1)
 

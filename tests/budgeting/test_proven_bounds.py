@@ -118,7 +118,7 @@ def test_the_gate_of_proven_bounds(interval: tuple[float, float], verdict: str) 
     }
     budget = budget.assign({name: ((), number) for name, number in numbers.items()} | {"proven_text": ((), "why")})
     ledger = xr.Dataset({"verdict": ("case", np.array([0]))})
-    found = {name: became for name, became, _ in _decide_gates(budget, ledger, drawn=False)}
+    found = {name: became for name, became, _ in _decide_gates(budget, ledger, has_draws=False)}
     assert found["proven"] == verdict
 
 

@@ -386,7 +386,7 @@ def uneven_path(case: int) -> Along:
 def test_blocks_are_parts_of_the_time(case: int) -> None:
     """Assert that blocks follow each other from first to last, each step is in its own, and none is longer than a part."""
     path = uneven_path(case)
-    times, (parts, counts, first), ends = path.times, path._blocks, path.block_times
+    times, (parts, counts, first), ends = path.times, path._time_blocks, path.block_times
     width, sizes = (times[-1] - times[0]) / BLOCKS, np.diff(path.times)
     assert (ends[0], ends[-1], len(ends) - 1) == (times[0], times[-1], int(counts.sum()))
     assert (np.diff(ends) > 0.0).mean() > 0.95
@@ -425,9 +425,9 @@ def test_steps_know_their_middles_sides_and_pieces() -> None:
         assert path._middles[name][moving] == pytest.approx(wanted[moving], rel=1e-5, abs=1e-12), name
     assert path.sizes == pytest.approx([8e-3, 12e-3, 4e-3], rel=1e-6)
     assert path.states[-1] == pytest.approx([8e-3, 12e-3, 4e-3], rel=1e-6)
-    assert path._sides[:, 0].tolist() == np.sign(path._middles["x"] - 1.1e-3).tolist()
-    assert {-1.0, 1.0} <= set(path._sides[:, 0].tolist())
-    assert path._pieces[:, 0].tolist() == np.searchsorted([0.0, 1.0, 1.5], middles, side="right").tolist()
+    assert path._switch_sides[:, 0].tolist() == np.sign(path._middles["x"] - 1.1e-3).tolist()
+    assert {-1.0, 1.0} <= set(path._switch_sides[:, 0].tolist())
+    assert path._table_pieces[:, 0].tolist() == np.searchsorted([0.0, 1.0, 1.5], middles, side="right").tolist()
 
 
 # ------------------------------------------------------------------------------------------------- linear systems

@@ -270,7 +270,9 @@ def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPa
 
         other = run.isel(step=run.time.values <= companions_end)
         stub: Any = type(
-            "Beside", (), {"run": other, "functions": None, "beside": staticmethod(beside), "holding": lambda *_: other}
+            "Beside",
+            (),
+            {"run": other, "functions": None, "with_global_errors": staticmethod(beside), "holding": lambda *_: other},
         )()
         return float(belief.belief_variables(Chunks.of(run), stub)["believed_until"][1])
 

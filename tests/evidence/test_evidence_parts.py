@@ -81,7 +81,7 @@ def test_a_family_judges_every_place_by_its_own_numbers(case: int, varied: Varie
             2.0,
             float(one.rounding[k]),
             max(one.errors[k, 2:].tolist()),
-            float(one.moved[k]),
+            float(one.event_errors[k]),
             smooth=varied is not RTOLS,
             kink=math.inf if varied is TIME_TOLERANCES else float(one.kinks[k]),
             accepted=accepted,
@@ -345,7 +345,7 @@ def test_changes_are_those_to_the_last_level_at_every_place() -> None:
     )
     for rows, tolerance, changing in ((slice(2), 0.5, False), (slice(2), 0.49, True), (slice(3), 9.0, True)):
         some = TrackedValue(
-            "x", "m", "x", ("at",), two.values[rows], two.errors[rows], two.rounding[rows], two.moved[rows], 1.0
+            "x", "m", "x", ("at",), two.values[rows], two.errors[rows], two.rounding[rows], two.event_errors[rows], 1.0
         )
         study = SimpleNamespace(outlines=[None, None], numbers=lambda one=some: [one])
         assert _changing(study, {"x": tolerance}) == ["x"] * changing
@@ -748,14 +748,14 @@ def test_events_before_a_time_move_what_is_compared_there() -> None:
     row = int(run.event_row_before[0])
     rate = abs(float(run.v_y[row] - run.v_y[row - 1]) / float(run.time[row] - run.time[row - 1]))
     assert float(run.event_time[0]) < 3.0
-    assert speed.moved.tolist() == pytest.approx([0.0, rate * float(run.event_time_uncertainty[0])])
-    assert (speed.moved[1] > 0.0, speed.scale) == (True, float(np.abs(run.v_y).max()))
+    assert speed.event_errors.tolist() == pytest.approx([0.0, rate * float(run.event_time_uncertainty[0])])
+    assert (speed.event_errors[1] > 0.0, speed.scale) == (True, float(np.abs(run.v_y).max()))
     eps = float(np.finfo(float).eps)
     largest = np.abs(speed.values).max(axis=1)
     assert speed.rounding == pytest.approx(4.0 * eps * largest * math.sqrt(run.sizes["step"]), rel=1e-12, abs=0.0)
     first, last = (float(run.event_time[0]) for run in study.runs)
     between = studied(xd.Model.from_text(text), [0.1, 0.05], 5.0, ("v_y",), [(first + last) / 2, last])
-    assert np.isinf(next(between.numbers()).moved).all()
+    assert np.isinf(next(between.numbers()).event_errors).all()
 
 
 def test_a_study_of_events_scales_by_the_span_of_the_run() -> None:
@@ -1144,7 +1144,7 @@ def test_what_located_switches_change_is_added_once_and_a_quarter() -> None:
     ]
     off = np.abs(exact - plain.values[0])
     assert off[0] > off[1:].max() > 0.0
-    assert watched.moved == pytest.approx(plain.moved + 1.25 * off[1:].max(), rel=1e-12)
+    assert watched.event_errors == pytest.approx(plain.event_errors + 1.25 * off[1:].max(), rel=1e-12)
 
 
 def test_a_smooth_table_leaves_the_second_order() -> None:
@@ -1199,8 +1199,8 @@ def test_an_event_in_the_first_step_moves_what_follows() -> None:
     assert run.event_row_before.values.tolist() == [1]
     time, doubt = float(run.event_time[0]), float(run.event_time_uncertainty[0])
     place, speed = [number for number in study.numbers() if number.dims == ("at",)]
-    assert place.moved == pytest.approx(abs(1.0 - 5.0 * time) * doubt, rel=1e-9)
-    assert speed.moved == pytest.approx(10.0 * doubt, rel=1e-9)
+    assert place.event_errors == pytest.approx(abs(1.0 - 5.0 * time) * doubt, rel=1e-9)
+    assert speed.event_errors == pytest.approx(10.0 * doubt, rel=1e-9)
 
 
 def test_a_run_that_was_just_written_is_not_examined_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

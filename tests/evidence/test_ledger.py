@@ -334,13 +334,13 @@ def test_what_is_no_observable_is_compared_at_accepted_times_alone() -> None:
     """Assert the row of each time, also a rounding beside it, and what is said of one between."""
     fall = falling_from(2.0)
     times = np.array([2.2, 2.3 * (1 - 2e-16), 2.0])
-    assert fall._at(fall.run, "step_size", times) == pytest.approx([0.1, 0.1, 0.0], abs=1e-12)
+    assert fall._values_at(fall.run, "step_size", times) == pytest.approx([0.1, 0.1, 0.0], abs=1e-12)
     counted = fall.run.assign(step_size=("step", np.arange(fall.run.sizes["step"])))
-    assert fall._at(counted, "step_size", times).tolist() == [2.0, 3.0, 0.0]
-    assert fall._at(fall.run, "y", np.array([2.05])) == pytest.approx([1000 - 4905 * 0.0025], rel=1e-9)
+    assert fall._values_at(counted, "step_size", times).tolist() == [2.0, 3.0, 0.0]
+    assert fall._values_at(fall.run, "y", np.array([2.05])) == pytest.approx([1000 - 4905 * 0.0025], rel=1e-9)
     for off in (2.2 + 1e-9, 2.2 - 1e-9):
         with pytest.raises(xd.InputError, match="'step_size' is known at accepted states alone"):
-            fall._at(fall.run, "step_size", np.array([off]))
+            fall._values_at(fall.run, "step_size", np.array([off]))
 
 
 def test_bounds_are_given_derived_or_of_two_runs() -> None:

@@ -215,7 +215,7 @@ def test_bodies_move_with_their_links(name: str, lines: int) -> None:
     assert isinstance(scene, BodiesScene)
     axes = Figure().subplots()
     scene.start(axes)
-    _, *links, _ = scene.at(float(run.time[-1]))
+    _, *links, _ = scene.move_to(float(run.time[-1]))
     assert len(links) == (2 if lines else 0)  # bars, and hangers from fixed places
     ends = {tuple(np.round(ends, 12).ravel()) for each in links for ends in each.get_segments()}
     r = run.r.values[-1]
@@ -235,7 +235,7 @@ def test_a_field_has_a_film(tmp_path: Path) -> None:
     axes = Figure().subplots()
     scene.start(axes)
     times = run.time.values
-    (line,) = scene.at(0.25 * times[2] + 0.75 * times[3])
+    (line,) = scene.move_to(0.25 * times[2] + 0.75 * times[3])
     assert line.get_ydata() == pytest.approx(0.25 * run["T"].values[2] + 0.75 * run["T"].values[3])
     film = xd.animate(run, tmp_path / "heat.gif", seconds=0.3, rate=10, dpi=40)
     assert Path(str(film)).stat().st_size > 1000

@@ -157,13 +157,13 @@ def test_a_crossing_is_uncertain_by_the_error_of_the_place_over_the_speed() -> N
 
 def test_a_crossing_takes_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that Newton's steps come to all crossings of a swing at once in seven looks at the run, where halving takes fifty."""
-    looks, look = list[int](), StepInterpolator.at
+    looks, look = list[int](), StepInterpolator.states_at
 
     def counted(*given: Any, **more: Any) -> Any:
         looks.append(1)
         return look(*given, **more)
 
-    monkeypatch.setattr(StepInterpolator, "at", counted)
+    monkeypatch.setattr(StepInterpolator, "states_at", counted)
     assert cycles(swing(method="rk4", step=0.1), "x").times.size == 6
     assert 3 <= len(looks) <= 8
 

@@ -61,7 +61,7 @@ def test_a_tolerance_of_a_block_stays_one() -> None:
     given = settings_for(model, atol={"T[3]": "1e-3 K", "T": "1e-9 K"}).tolerances
     assert given is not None
     assert dict(given.atol) == {"T": 1e-9, "T·3": 1e-3}
-    assert (given.of("T·3"), given.of("T·4")) == (1e-3, 1e-9)
+    assert (given.atol_of("T·3"), given.atol_of("T·4")) == (1e-3, 1e-9)
     atols = given.of_all(layout_of(model).used)
     assert atols[3] == 1e-3
     assert set(np.delete(atols, 3).tolist()) == {1e-9}

@@ -48,7 +48,7 @@ def test_delays_that_nearly_agree(settings: dict[str, float | str]) -> None:
 @pytest.mark.cases(300)
 def test_chosen_steps_meet_their_tolerance(method: str, case: int) -> None:
     """Assert an error of at most ten tolerances at every row, of those that the rates pass on."""
-    drawn, rtol = Delayed.marked_events(case), METHODS[method]
+    drawn, rtol = Delayed.drawn(case), METHODS[method]
     run = xd.simulate(drawn.model, method=method, rtol=rtol, atol=rtol, until=f"{END} s")
     assert run.attrs["run_outcome"] == "completed"
     assert worst(run, drawn) < 10.0 * rtol * max(1.0, float(abs(run.y).max()))
@@ -58,7 +58,7 @@ def test_chosen_steps_meet_their_tolerance(method: str, case: int) -> None:
 @pytest.mark.cases(300)
 def test_given_steps_are_as_accurate_as_their_order(method: str, case: int) -> None:
     """Assert the errors of steps that are far below the delays."""
-    drawn = Delayed.marked_events(case)
+    drawn = Delayed.drawn(case)
     run = xd.simulate(drawn.model, method=method, step=STEPS[method], until=f"{END} s")
     assert run.attrs["run_outcome"] == "completed"
     assert worst(run, drawn) < {"dop853": 1e-13, "dormand_prince": 1e-9, "rk4": 1e-7}[method]
@@ -67,7 +67,7 @@ def test_given_steps_are_as_accurate_as_their_order(method: str, case: int) -> N
 @pytest.mark.cases(300)
 def test_states_between_rows_are_as_accurate(case: int) -> None:
     """Assert the same between rows, whose past is made again from the record."""
-    drawn = Delayed.marked_events(case)
+    drawn = Delayed.drawn(case)
     run = xd.simulate(drawn.model, method="dop853", rtol=1e-11, atol=1e-11, until=f"{END} s")
     times = np.random.default_rng(case).uniform(0.0, END, 40)
     states = xd.sample(run, times)
@@ -80,7 +80,7 @@ REFINED = {"dop853": [1e-8, 1e-9, 1e-10], "dormand_prince": [1e-7, 1e-8, 1e-9], 
 
 def stated(case: int, method: str) -> float:
     """The error of the finest level of a refinement over the uncertainty that it states."""
-    drawn = Delayed.marked_events(case)
+    drawn = Delayed.drawn(case)
     study = xd.refine(
         drawn.model, method=method, rtols=REFINED[method], until=f"{END} s", observables=["y"], occurrences=0
     )

@@ -243,9 +243,9 @@ def test_tolerances_of_a_variable() -> None:
     """Assert that its own goes first, then that of all in its unit, else none."""
     units = {"x": parse_unit("mm"), "v_x": parse_unit("m s-1")}
     some = Tolerances(1e-6, {"x": 0.5}, units)
-    assert (some.of("x"), some.of("v_x")) == (0.5, None)
+    assert (some.atol_of("x"), some.atol_of("v_x")) == (0.5, None)
     bare = Tolerances(1e-6, {"v_x": 0.5}, units, 2.0)
-    assert (bare.of("x"), bare.of("v_x")) == (2e-3, 0.5)
+    assert (bare.atol_of("x"), bare.atol_of("v_x")) == (2e-3, 0.5)
     assert hash(some) == hash(Tolerances(1e-6, {"x": 0.5}, {}))
     assert hash(some) != hash(bare)
 

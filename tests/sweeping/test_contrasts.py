@@ -133,10 +133,10 @@ def test_a_run_that_costs_more_and_is_no_nearer_is_on_no_front() -> None:
     """Assert rows by hand: a little worse, as good for more work, as cheap and worse, not finite."""
     errors = np.array([[1.0, 0.5, 0.7, 0.1, 0.1, 2.0, np.nan], [4.0, 3.0, 2.0, 1.0, 0.0, 5.0, 6.0]])
     works = np.array([[1, 2, 3, 4, 5, 1, 0], [1, 2, 3, 4, 5, 6, 0]])
-    front = _pareto_mask(errors, works, is_exact=False, along=1)
+    front = _pareto_mask(errors, works, is_exact=False, dim_count=1)
     assert front[0].tolist() == [1, 1, 0, 1, 0, 0, 0]
     assert front[1].tolist() == [1, 1, 1, 1, 0, 0, 1]
-    assert _pareto_mask(errors, works, is_exact=True, along=1)[1].tolist() == [1, 1, 1, 1, 1, 0, 1]
+    assert _pareto_mask(errors, works, is_exact=True, dim_count=1)[1].tolist() == [1, 1, 1, 1, 1, 0, 1]
 
 
 def test_what_is_taken_for_exact_betters_none(methods: xr.Dataset) -> None:

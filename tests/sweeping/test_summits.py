@@ -201,7 +201,7 @@ def test_brackets_are_where_the_rate_changes_its_sign(sign: float) -> None:
         assert (search.members.size, search.borders.ravel().tolist()) == (0, borders)
     unknown = begun(sign, values, time, None, [1])
     assert (unknown.members.size, unknown.blind.tolist(), unknown.borders.ravel().tolist()) == (0, [0], [1.0, 4.0])
-    assert unknown.asked.tolist() == [0] * 9
+    assert unknown.place_members.tolist() == [0] * 9
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

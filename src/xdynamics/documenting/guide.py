@@ -224,13 +224,13 @@ use
   np.roll, loops over range, functions of yours.
 Arrays of any number of axes, u = y.reshape(n, m), are traced number by number, and numbers whose
 expressions are alike become one expression of the element's number, however many they are: windows
-u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff, np.gradient, np.pad, np.where, np.hstack, u.T. Sums, means
-and extremes go in loops, along an axis too, as do bodies by pairs, x[None, :, :] - x[:, None, :], and
-products of matrices: @, np.einsum, np.outer, np.tensordot, np.trace. Spreads are np.std, np.var, np.ptp,
-and functions have their methods: np.add.at(d, i, f), np.subtract.outer(y, y), np.maximum.reduce(y). With
-names="u" a function that returns a list has one state u(u_index), too. A pair costs some 0.1 ms once: of
-over a few hundred bodies, or some ten thousand numbers, write the model with [dimensions] (`xdynamics
-help shapes`), which is read at once.
+u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff, np.gradient, np.pad, np.where, np.hstack, u.T. Sums,
+means and extremes go in loops, along an axis too, as do bodies by pairs, x[None, :, :] - x[:, None,
+:], and products of matrices: @, np.einsum, np.outer, np.tensordot, np.trace. Spreads are np.std,
+np.var, np.ptp, and functions have their methods: np.add.at(d, i, f), np.subtract.outer(y, y),
+np.maximum.reduce(y). With names="u" a function that returns a list has one state u(u_index), too. A
+pair costs some 0.1 ms once: of over a few hundred bodies, or some ten thousand numbers, write the
+model with [dimensions] (`xdynamics help shapes`), which is read at once.
 It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a
 contact. Comparisons are joined by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic;
 np.interp takes left, right and period.
