@@ -70,14 +70,14 @@ def pytest_collection_finish() -> None:
     if (worker := os.environ.get("PYTEST_XDIST_WORKER")) is None:
         return
     from xdynamics.dynamics.growth import GROWTH
-    from xdynamics.kernels import cache
+    from xdynamics.kernels import machine
     from xdynamics.march.engine import PARTS
 
     parts, number = (*PARTS, GROWTH), int(worker.removeprefix("gw"))
     for part in parts:
         if number == min(int(part.name in APART), int(os.environ["PYTEST_XDIST_WORKER_COUNT"]) - 1):
             part.entries()
-    kept, end = [cache.folder() / part.name_of_code(part.origin()) for part in parts], time.monotonic() + 60.0
+    kept, end = [machine.folder() / part.name_of_code(part.origin()) for part in parts], time.monotonic() + 60.0
     while not all(path.exists() for path in kept) and time.monotonic() < end:
         time.sleep(0.1)
 

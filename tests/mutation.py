@@ -88,9 +88,11 @@ TRANSITIONS = (
     "test_contacts.py -k plastic or impulses or no_answer or lifts or same_floor",
 )
 TOUCHED = {
-    **{f"units/{name}.py": ("test_units.py",) for name in ("dimension", "reading", "scales", "spelling", "unit")},
     "units/digits.py": ("test_digits.py",),
-    "keywords.py": ("test_keywords.py -k not (chosen or stiff)", "test_settings.py"),
+    "keywords.py": (
+        "test_keywords.py -k not (chosen or stiff)",
+        "test_settings.py",
+    ),
     "model/drives.py": (
         "test_drives.py",
         "test_splines.py",
@@ -106,8 +108,16 @@ TOUCHED = {
         "test_python_detectors.py -k jump or slopes",
         "test_root_state.py -k bogacki or dormand",
     ),
-    "march/events/zero_tests.py": ("test_certainty.py", CLASSES, "test_python_detectors.py -k jump"),
-    "march/events/isolation.py": ("test_certainty.py", "test_isolation.py -k rejected", CLASSES),
+    "march/events/zero_tests.py": (
+        "test_certainty.py",
+        CLASSES,
+        "test_python_detectors.py -k jump",
+    ),
+    "march/events/isolation.py": (
+        "test_certainty.py",
+        "test_isolation.py -k rejected",
+        CLASSES,
+    ),
     "march/events/switch_sides.py": (
         "test_pieces.py",
         "test_switches.py -k (relay and not midpoint) or stop or start or sliding or sides_are",
@@ -115,28 +125,59 @@ TOUCHED = {
         "test_nested_switches.py -k reproduced or met_in",
         "test_table_switches.py -k reset_beyond and 9 or told_of and rows0",
     ),
-    "march/chattering.py": ("test_chattering.py", "test_switches.py -k told_from"),
-    "march/events/event_free_region.py": ("test_silence.py", "test_several_events.py -k box or region and (46 or 69)"),
-    "march/contacts/complementarity.py": ("test_complementarity.py", CONTACTS),
+    "march/unlocated_switches.py": (
+        "test_chattering.py",
+        "test_switches.py -k told_from",
+    ),
+    "march/events/enclosures.py": (
+        "test_silence.py",
+        "test_several_events.py -k box or region and (46 or 69)",
+        ENCLOSED,
+        PHASES,
+        "test_isolation.py -k slab",
+    ),
+    "march/contacts/delassus.py": (
+        "test_complementarity.py",
+        CONTACTS,
+        FRICTION,
+    ),
     "march/contacts/balance.py": ("test_balance.py -k parts",),
-    "march/contacts/active_set.py": (CONTACTS, FRICTION),
-    "march/contacts/zeno.py": (CONTACTS, FRICTION),
-    "march/contacts/gaps.py": (CONTACTS, FRICTION),
-    "march/contacts/projection.py": (CONTACTS, FRICTION),
-    "march/contacts/impact.py": (CONTACTS, FRICTION),
-    "march/contacts/delassus.py": ("test_complementarity.py", CONTACTS, FRICTION),
-    "march/contacts/event_rows.py": (CONTACTS, FRICTION),
-    "march/contacts/time_stepping.py": ("test_contacts.py -k second_scheme",),
-    "march/contacts/dispatch.py": (CONTACTS, FRICTION),
+    "march/contacts/active_set.py": (
+        CONTACTS,
+        FRICTION,
+    ),
+    "march/contacts/impact.py": (
+        CONTACTS,
+        FRICTION,
+    ),
+    "march/contacts/dispatch.py": (
+        CONTACTS,
+        FRICTION,
+        "test_contacts.py -k second_scheme",
+    ),
     "march/tolerance_sizes.py": ("test_sizes.py -k parts",),
-    "figures/curves.py": ("test_curves.py -k parts", "test_curves.py -k joined or closed_form"),
-    "march/control.py": ("test_controller.py", "test_phases.py", f"test_control.py -k {CONTROL}"),
+    "figures/curves.py": (
+        "test_curves.py -k parts",
+        "test_curves.py -k joined or closed_form",
+    ),
+    "march/control.py": (
+        "test_controller.py",
+        "test_phases.py",
+        f"test_control.py -k {CONTROL}",
+    ),
     "dynamics/shortened_steps.py": ("test_sampling.py -k not (radau or archive)",),
     "evidence/diagnosing/chaos.py": (
         "test_lyapunov.py -k is_certain or their_digits or largest_exponent",
         "test_lyapunov.py -k units_of or counts_that or without_variational",
     ),
-    "evidence/evidence_dataset.py": ("test_evidence_parts.py -k exhibit", "test_scaling.py -k units"),
+    "evidence/evidence_dataset.py": (
+        "test_evidence_parts.py -k exhibit",
+        "test_scaling.py -k units",
+        "test_evidence_parts.py -k matched or known",
+        "test_comparison.py -k matched",
+        "test_verdicts.py -k missed",
+        "test_scaling.py -k expected or nothing or divides or norm or measured or units",
+    ),
     "evidence/runs.py": (
         "test_evidence_parts.py -k location or study or interrupted or just_written",
         "test_signs_of_studies.py -k room or beyond",
@@ -147,18 +188,21 @@ TOUCHED = {
         "test_evidence_parts.py -k derived or contacts_do",
         "test_curves.py -k contact_forces",
     ),
-    "evidence/refining/defects.py": ("test_evidence_parts.py -k defects", "test_refinement.py -k local_errors"),
-    "evidence/refining/forecast.py": ("test_evidence_parts.py -k next_level or needed or no_level or rows_of",),
-    "evidence/refining/levels.py": (
-        "test_evidence_parts.py -k levels or finer",
-        "test_refinement.py -k absolute or wrong",
-        "test_smooth_switches.py -k clean or located",
+    "evidence/refining/readings.py": (
+        "test_evidence_parts.py -k defects",
+        "test_refinement.py -k local_errors",
     ),
     "evidence/refining/refinement.py": (
+        "test_evidence_parts.py -k next_level or needed or no_level or rows_of",
         "test_evidence_parts.py -k numbers_unit or last_level_at or why_none or refinement_in_words",
         "test_signs_of_studies.py -k gates or errors_of or behind or beyond or ended",
         "test_refinement.py -k wrong_studies or energies or added or local_errors",
         "test_verdicts.py -k names",
+    ),
+    "evidence/refining/levels.py": (
+        "test_evidence_parts.py -k levels or finer",
+        "test_refinement.py -k absolute or wrong",
+        "test_smooth_switches.py -k clean or located",
     ),
     "evidence/refining/study.py": (
         "test_evidence_parts.py -k study or events_before or end_apart or occurrences or ended_before or stepped_over or count_from or once_and_a or smooth_table or never_0 or first_step",
@@ -172,9 +216,11 @@ TOUCHED = {
         "test_signs.py -k global",
     ),
     "evidence/validating/impacts.py": ("test_impact_ledger.py",),
-    "dynamics/exponents.py": (
+    "dynamics/tangents.py": (
         "test_lyapunov.py -k behind_the_transient or is_gone",
         "test_lyapunov.py -k saddle or power_of_time",
+        "test_lyapunov.py -k noted_of or of_dop853 or part_at_a_time",
+        "test_lyapunov.py -k saddle or some_of or chunks",
     ),
     "dynamics/growth.py": (
         "test_lyapunov.py -k taken_apart or noted_of or of_dop853 or units_of_each or errors_allow or the_derivatives",
@@ -190,40 +236,49 @@ TOUCHED = {
         "test_variational.py -k resets or jumps or impact",
         "test_lyapunov.py -k table or kicked",
     ),
-    "dynamics/tangents.py": (
-        "test_lyapunov.py -k noted_of or of_dop853 or part_at_a_time",
-        "test_lyapunov.py -k saddle or some_of or chunks",
-    ),
     "dynamics/variational.py": (
         "test_variational.py -k bounce_are or gauss",
         "test_variational.py -k resets or jumps or matrix or drives",
     ),
-    "march/events/enclosures.py": (ENCLOSED,),
-    "march/events/interval_operations.py": (ENCLOSED, PHASES, "test_isolation.py -k slab"),
     "kernels/program.py": ("test_loops.py",),
-    "kernels/llvm_places.py": ("test_loops.py",),
-    "kernels/llvm_program.py": ("test_loops.py", "test_intervals.py"),
+    "kernels/llvm_loops.py": ("test_loops.py",),
+    "kernels/llvm_program.py": (
+        "test_loops.py",
+        "test_intervals.py",
+    ),
     "kernels/python_text.py": (
         "test_python_text.py",
         "test_loops.py",
         "test_programs.py -k grouping or stores or powers or unsound or (printed and (pendulum or kepler))",
     ),
-    "kernels/step_control.py": ("test_step_control.py", "test_controller.py", f"test_control.py -k {CONTROL}"),
-    "kernels/interval_program.py": ("test_interval_program.py", "test_intervals.py", ENCLOSED),
-    "methods/steppers.py": ("test_steppers.py", "test_coefficients.py"),
-    "march/settings.py": ("test_settings.py",),
-    "elementary/piecewise.py": ("test_piecewise.py", "test_drives.py"),
-    "elementary/intervals.py": ("test_interval_rules.py", ENCLOSED, PHASES, "test_isolation.py -k slab"),
-    "march/events/transition.py": TRANSITIONS,
-    "march/events/actions.py": TRANSITIONS,
-    "march/events/arming.py": TRANSITIONS,
-    "march/events/dispatch.py": TRANSITIONS,
-    "march/events/event_rows.py": TRANSITIONS,
-    "evidence/event_matching.py": (
-        "test_evidence_parts.py -k matched or known",
-        "test_comparison.py -k matched",
-        "test_verdicts.py -k missed",
+    "kernels/formulas.py": (
+        "test_step_control.py",
+        "test_controller.py",
+        f"test_control.py -k {CONTROL}",
     ),
+    "kernels/interval_program.py": (
+        "test_interval_program.py",
+        "test_intervals.py",
+        ENCLOSED,
+    ),
+    "methods/steppers.py": (
+        "test_steppers.py",
+        "test_coefficients.py",
+    ),
+    "march/settings.py": ("test_settings.py",),
+    "elementary/piecewise.py": (
+        "test_piecewise.py",
+        "test_drives.py",
+    ),
+    "elementary/intervals.py": (
+        "test_interval_rules.py",
+        ENCLOSED,
+        PHASES,
+        "test_isolation.py -k slab",
+    ),
+    "march/events/transition.py": (*TRANSITIONS,),
+    "march/events/departures.py": (*TRANSITIONS,),
+    "march/events/dispatch.py": (*TRANSITIONS,),
     "evidence/refining/convergence.py": (
         "test_convergence.py -k not smooth_cases and not power",
         "test_convergence.py -k power",
@@ -238,9 +293,15 @@ TOUCHED = {
         "test_scaling.py -k units or times_of or lines",
         "test_comparison.py -k not (lazy or schema or rerun)",
     ),
-    "evidence/diagnosing/belief.py": ("test_cycles.py -k believed", "test_belief.py"),
-    "model/workbook.py": ("test_instruments.py -k workbook or far_below",),
-    "units/ranges.py": ("test_bare_numbers.py -k axis", "test_units.py -k range"),
+    "evidence/diagnosing/conservation.py": (
+        "test_cycles.py -k believed",
+        "test_belief.py",
+    ),
+    "model/file_access.py": ("test_instruments.py -k workbook or far_below",),
+    "units/reading.py": (
+        "test_bare_numbers.py -k axis",
+        "test_units.py -k range",
+    ),
     "evidence/comparing/measured.py": (
         "test_signs.py -k measured",
         "test_scaling.py -k measured",
@@ -266,14 +327,16 @@ TOUCHED = {
         "test_chunks.py -k diagnosis",
         "test_diagnosis.py -k verlet or wrong or references or residuals or observables or ellipse or saved",
     ),
-    "evidence/modes.py": ("test_signs.py -k decay or radians", "test_modes.py -k not compiled_forces"),
-    "evidence/refining/family.py": (
+    "evidence/modes.py": (
+        "test_signs.py -k decay or radians",
+        "test_modes.py -k not compiled_forces",
+    ),
+    "evidence/refining/subjects.py": (
         "test_evidence_parts.py -k family or whole_run",
         "test_signs_of_studies.py -k gates or errors_of or orders_have",
         "test_signs.py -k coarser or euler_is or true_fall",
         "test_refinement.py -k energies",
     ),
-    "evidence/scaling.py": ("test_scaling.py -k expected or nothing or divides or norm or measured or units",),
     "evidence/validating/limiting.py": (
         "test_signs.py -k distances",
         "test_ledger.py -k goes or vanishes or limits",
@@ -294,17 +357,32 @@ TOUCHED = {
         QUANTITIES,
         "test_budget.py -k cannot_be or declared or none_are or not_smooth or warned",
     ),
-    "budgeting/budget_request.py": (
+    "budgeting/budget_dataset.py": (
         "test_budget_parts.py -k is_checked or are_declared or have_no_budget",
         "test_budget_choice.py",
+        "test_budget_choice.py -k record_says or every_term",
+        QUANTITIES,
+        "test_budget_parts.py -k terms_add or slopes_keep or levels_and",
+        "test_budget.py -k spelled or cancel or without_one",
     ),
-    "budgeting/budget_dataset.py": ("test_budget_choice.py -k record_says or every_term", QUANTITIES),
-    "budgeting/sources.py": ("test_budget_choice.py",),
+    "budgeting/term.py": (
+        "test_budget_choice.py",
+        "test_budget_parts.py -k declared",
+        QUANTITIES,
+        "test_budget.py -k declared",
+    ),
     "budgeting/certificate.py": (
         "test_certificate.py -k border or their_words or apart or in_words",
         "test_certificate.py -k all_that_defends or forgeries or changed or open or defended_fails or ledger",
     ),
-    "budgeting/random_draws.py": ("test_budget_parts.py -k is_added or doubled or well_ends", DRAWN),
+    "budgeting/montecarlo.py": (
+        "test_budget_parts.py -k is_added or doubled or well_ends",
+        DRAWN,
+        "test_budget_parts.py -k interval or ends",
+        "test_budget_quantities.py -k few_draws or settles",
+        "test_budget.py -k intervals_and",
+        "test_certificate.py -k settles_it",
+    ),
     "budgeting/fit_summary.py": (
         "test_budget_parts.py -k fit_in",
         "test_fitting.py -k told or warned_of",
@@ -316,44 +394,35 @@ TOUCHED = {
     "budgeting/fit_problem.py": (
         "test_fitting.py -k models_units or in_the_order_of_time or ends_before or sizes_and or inverse_of or keeps_the_rest",
         "test_fitting.py -k straight or speak or order_of or named",
-    ),
-    "budgeting/montecarlo.py": (
-        "test_budget_parts.py -k interval or ends",
-        "test_budget_quantities.py -k few_draws or settles",
-        "test_budget.py -k intervals_and",
-        "test_certificate.py -k settles_it",
-        DRAWN,
+        "test_budget_quantities.py -k residuals",
+        "test_fitting.py -k runs",
     ),
     "budgeting/numerical.py": (
         "test_budget_parts.py -k rounding or tolerances or extreme",
         "test_budget_bounds.py -k allowance or rounding_tell",
         QUANTITIES,
+        "test_budget.py -k undo or marching_back",
     ),
     "budgeting/physical.py": (
         "test_budget_parts.py -k spacing or known_better or rounding_is or terms_add",
         QUANTITIES,
         "test_budget.py -k slope or undo or cancel",
         "test_variational.py -k not_small or rule_says",
+        "test_variational.py -k bounce_are or very or collocation_bears",
+        "test_variational.py -k told or tenth or resets",
+        "test_budget_parts.py -k rows",
+        "test_tabulated.py -k not (columns or kept_in)",
     ),
-    "budgeting/residuals.py": ("test_budget_quantities.py -k residuals", "test_fitting.py -k runs"),
-    "budgeting/time_reversal.py": ("test_budget.py -k undo or marching_back",),
-    "budgeting/rounding.py": ("test_budget_quantities.py -k rounded",),
+    "budgeting/budget_summary.py": (
+        "test_budget_quantities.py -k rounded",
+        "test_budget_parts.py -k words",
+        QUANTITIES,
+        "test_tabulated.py -k says_so",
+        "test_certificate.py -k open",
+    ),
     "budgeting/multistart.py": (
         "test_budget_parts.py -k search or starts",
         "test_fitting.py -k straight or speak or astray",
-    ),
-    "budgeting/slopes.py": (
-        "test_variational.py -k bounce_are or very or collocation_bears",
-        "test_variational.py -k told or tenth or resets",
-    ),
-    "budgeting/budget_variables.py": (
-        "test_budget_parts.py -k terms_add or slopes_keep or levels_and",
-        QUANTITIES,
-        "test_budget.py -k spelled or cancel or without_one",
-    ),
-    "budgeting/tabulated.py": (
-        "test_budget_parts.py -k rows",
-        "test_tabulated.py -k not (columns or kept_in)",
     ),
     "budgeting/measurand.py": (
         "test_budget_parts.py -k places or extreme",
@@ -361,18 +430,17 @@ TOUCHED = {
         "test_extremes.py -k budget or named",
         "test_budget.py -k cannot_be or without_a_unit",
     ),
-    "budgeting/term.py": ("test_budget_parts.py -k declared", QUANTITIES, "test_budget.py -k declared"),
-    "budgeting/budget_summary.py": (
-        "test_budget_parts.py -k words",
-        QUANTITIES,
-        "test_tabulated.py -k says_so",
-        "test_certificate.py -k open",
+    "sweeping/axes.py": (
+        "test_sweep.py -k wrong or drawn or tables or settings",
+        "test_sweep.py -k draws or drawn",
     ),
-    "sweeping/axes.py": ("test_sweep.py -k wrong or drawn or tables or settings",),
-    "sweeping/designs.py": ("test_sweep.py -k draws or drawn",),
-    "sweeping/extrema.py": ("test_sweep.py -k alone and not file",),
+    "sweeping/kept_quantities.py": ("test_sweep.py -k alone and not file",),
     "sweeping/ensemble_analysis.py": ("test_surveying.py",),
-    "record/run_columns.py": ("test_columns.py", "test_record.py", "test_scales.py"),
+    "record/run_columns.py": (
+        "test_columns.py",
+        "test_record.py",
+        "test_scales.py",
+    ),
     "record/run_dataset.py": (
         "test_record.py",
         "test_reading.py",
@@ -381,16 +449,16 @@ TOUCHED = {
         "test_archive.py -k streamed_equals",
     ),
     "record/conformity.py": ("test_conformity.py",),
-    "record/run_identity.py": ("test_march_identity.py",),
-    "record/partial_records.py": ("test_kinds.py",),
-    "record/arguments.py": (
+    "record/provenance.py": (
+        "test_march_identity.py",
         "test_provenance.py",
         "test_record.py",
         "test_sampling.py -k rules",
         "test_golden.py -k reproduced",
         "test_identity.py -k tolerances",
     ),
-    "record/provenance.py": (
+    "record/schemas.py": ("test_kinds.py",),
+    "record/arguments.py": (
         "test_provenance.py",
         "test_record.py",
         "test_sampling.py -k rules",
@@ -402,14 +470,17 @@ TOUCHED = {
         "test_tail.py -k hurt or cut_seal or behind or less_than_half or before_seals",
         f"test_archive.py -k {ARCHIVE}",
     ),
-    "archive/origin.py": (
+    "archive/integrity.py": (
         "test_origin.py",
         "test_identity.py -k (edited or rows or copy or writing or arithmetic or over or remembered) and not opened",
+        "test_standing.py",
+        "test_identity.py -k edited or selection",
     ),
-    "archive/integrity.py": ("test_standing.py", "test_identity.py -k edited or selection"),
     "archive/target.py": (
         "test_durability.py",
         "test_target.py -k not interrupt and not sigterm and not command and not killed and not any_name",
+        "test_leftovers.py",
+        "test_target.py -k parts or others or killed or name",
     ),
     "archive/reading.py": (
         "test_reading.py",
@@ -417,17 +488,14 @@ TOUCHED = {
         "test_identity.py -k (derived and marched) or forged",
         "test_bounds.py -k more_than_there_is and small",
     ),
-    "archive/writer.py": (
+    "archive/writing.py": (
         "test_writer.py",
         "test_durability.py",
         f"test_archive.py -k {ARCHIVE} or dask or streamed_equals or never_writes",
         "test_tail.py -k word",
         "test_target.py -k complete_archive or bad_end",
         "test_extend.py -k streamed",
-    ),
-    "archive/writing.py": (
         "test_writing.py",
-        "test_durability.py",
         f"test_archive.py -k {ARCHIVE} or dask",
         "test_target.py -k complete_archive or bad_end or models_own",
         "test_identity.py -k stay_derived or text or selection_keeps or selection_of",
@@ -435,9 +503,9 @@ TOUCHED = {
     "archive/segments.py": (
         "test_segments.py",
         f"test_resume.py -k {SEGMENTS}",
-    ),
-    "archive/segment.py": ("test_segment.py", "test_durability.py", "test_resume.py -k resumed_is or damaged_segment"),
-    "archive/streaming.py": (
+        "test_segment.py",
+        "test_durability.py",
+        "test_resume.py -k resumed_is or damaged_segment",
         "test_streaming.py",
         "test_archive.py -k streamed_equals",
         "test_resume.py -k resumed_is or short_runs or sealed or follows or interrupted",
@@ -462,22 +530,22 @@ TOUCHED = {
         "test_odd_archives.py -k utf_8 or says_where",
         "test_target.py -k complete_archive or bad_end",
     ),
-    "archive/temporary_files.py": (
-        "test_leftovers.py",
-        "test_target.py -k parts or others or killed or name",
-    ),
-    "archive/source.py": (
+    "archive/store.py": (
         "test_source.py",
         "test_bounds.py -k no_file_is",
         "test_target.py -k name or links",
         "test_archive.py -k no_path or is_no",
     ),
-    "archive/declared_sizes.py": ("test_bounds.py -k told or declared or disk or more_than", "test_tail.py -k added"),
-    "archive/values.py": (
+    "archive/file_structure.py": (
+        "test_bounds.py -k told or declared or disk or more_than",
+        "test_tail.py -k added",
+    ),
+    "archive/stored_values.py": (
         "test_values.py",
         "test_archive.py -k opened_equals or dask",
         "test_library.py -k one_is_alone or few",
     ),
+    **{f"units/{name}.py": ("test_units.py",) for name in ("dimension", "reading", "scales", "spelling", "unit")},
 }
 PLAIN = ("march/", "kernels/drive_tables", "kernels/linear", "dynamics/growth")  # what numba compiles
 
@@ -638,7 +706,7 @@ def run(module: str, code: CodeType | None, tests: tuple[str, ...], taken: Path)
     SourceFileLoader.get_code = lambda self, name: code if code and name == module else found(self, name)  # type: ignore[method-assign]
     plain = module.startswith(tuple(f"xdynamics.{one.replace('/', '.')}" for one in PLAIN))
     os.environ["NUMBA_DISABLE_JIT"] = str(int(plain))
-    law_cache = import_module("xdynamics.kernels.law_cache")  # whose keys are of the files, which are not changed
+    law_cache = import_module("xdynamics.kernels.law")  # whose keys are of the files, which are not changed
     vars(law_cache).update(read=lambda _key: None, write=lambda *_: None)
     spent: list[float] = []
     with tempfile.TemporaryDirectory() as folder:

@@ -12,7 +12,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
-from xdynamics.sweeping.zarr_digests import quietly
+from xdynamics.sweeping.zarr_blocks import quietly
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 RUN = xd.simulate(OSCILLATOR, method="rk4", step=0.1, until=1.0)

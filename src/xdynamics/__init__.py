@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.runtime.import_hooks import when_imported
-from xdynamics.runtime.lazy_imports import entrance
+from xdynamics.runtime.lazy_imports import entrance, when_imported
 
 if TYPE_CHECKING:
     from xdynamics.archive import content_digest, discard, open_run, save
@@ -57,14 +56,12 @@ if TYPE_CHECKING:
     from xdynamics.simulation.extension import extend
     from xdynamics.simulation.scipy_interface import solve
     from xdynamics.simulation.single_run import reproduce, simulate
+    from xdynamics.sweeping.axes import Draws
     from xdynamics.sweeping.catalogue import open_sweep, verify
-    from xdynamics.sweeping.designs import Draws
     from xdynamics.sweeping.ensemble_analysis import contrast, convergence, precision, sensitivities
-    from xdynamics.sweeping.indices import sobol_indices
-    from xdynamics.sweeping.influences import influences
-    from xdynamics.sweeping.logs import open_logs
+    from xdynamics.sweeping.indices import influences, sobol_indices
+    from xdynamics.sweeping.logs import open_logs, ragged
     from xdynamics.sweeping.member import member
-    from xdynamics.sweeping.ragged import ragged
     from xdynamics.sweeping.sweep import sweep
 
 # room -> the public names that live in it; a room is entered when one of its names is first used
@@ -112,13 +109,11 @@ _ROOMS = {
     "simulation.scipy_interface": ("solve",),
     "simulation.single_run": ("reproduce", "simulate"),
     "sweeping.catalogue": ("open_sweep", "verify"),
-    "sweeping.designs": ("Draws",),
+    "sweeping.axes": ("Draws",),
     "sweeping.ensemble_analysis": ("contrast", "convergence", "precision", "sensitivities"),
-    "sweeping.indices": ("sobol_indices",),
-    "sweeping.influences": ("influences",),
-    "sweeping.logs": ("open_logs",),
+    "sweeping.indices": ("influences", "sobol_indices"),
+    "sweeping.logs": ("open_logs", "ragged"),
     "sweeping.member": ("member",),
-    "sweeping.ragged": ("ragged",),
     "sweeping.sweep": ("sweep",),
 }
 
@@ -214,7 +209,7 @@ _entered = entrance(
     companion_module="interchange.accessor",
     through={
         "keywords.checked_keywords": tuple(name for name in __all__ if name[0].islower()),
-        "record.unmarched.marching": _OF_RECORDS,
+        "record.arguments.marching": _OF_RECORDS,
         "record.pint_records.taking": _OF_RECORDS,
     },
 )

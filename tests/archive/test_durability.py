@@ -11,13 +11,13 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS, oscillator
-from xdynamics.archive import segment
+from xdynamics.archive import segments
 from xdynamics.archive.target import check_path_target, taking_path_name
 
 WAYS = {
     "save": lambda path: xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), path),
     "simulate": lambda path: xd.simulate(oscillator().model, step=0.1, until=1.0, path=path).close(),
-    "segment": lambda path: segment.write_segment(path, {}, {"a": np.ones(3)}, [("b", "f8", (2,))], [np.ones(2)]),
+    "segment": lambda path: segments.write_segment(path, {}, {"a": np.ones(3)}, [("b", "f8", (2,))], [np.ones(2)]),
 }
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import xdynamics as xd
-from xdynamics.archive.folder import BUILT, new_folder_at
+from xdynamics.archive.folder_store import BUILT, new_folder_at
 
 FILES = {f"part{k}": bytes([65 + k]) * 20_000 for k in range(12)}
 

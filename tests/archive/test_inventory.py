@@ -15,7 +15,7 @@ from cases.planting import PLANTS, planted
 from cases.problems import oscillator
 from cases.verdicts import verified
 from xdynamics.archive import reading
-from xdynamics.archive.inventory import inventory
+from xdynamics.archive.file_structure import inventory
 from xdynamics.archive.seals import MARK, seal_file, tail_of
 from xdynamics.archive.signatures import new_key
 

@@ -24,7 +24,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.verdicts import verified
 from xdynamics.archive import segments, target
-from xdynamics.archive.writer import Writer
+from xdynamics.archive.writing import Writer
 from xdynamics.cli import main
 
 pytestmark = [
@@ -319,7 +319,7 @@ def stages(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stages]:
         patch.setattr(segments, "EVERY", 0.0)
         patch.setattr(segments, "SHARE", 0.0)
         patch.setattr(segments.Segments, "patience", float("inf"))
-        patch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 200)
+        patch.setattr("xdynamics.archive.segments.BLOCK_ROWS", 200)
         yield Stages(tmp_path_factory.mktemp("kills"))
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from xdynamics.archive import temporary_files
-from xdynamics.archive.temporary_files import TemporaryFile, sweep_temporary_files, try_lock
+from xdynamics.archive import target
+from xdynamics.archive.target import TemporaryFile, sweep_temporary_files, try_lock
 
 HDF = b"\x89HDF\r\n\x1a\n"
 
@@ -29,7 +29,7 @@ def test_a_part_stands_beside_its_target(tmp_path: Path, name: str) -> None:
         lock = f"{part.path.name}.lock"
         assert names(tmp_path) == [part.path.name, lock]
         assert len(os.fsencode(lock)) == min(255, len(os.fsencode(name)) + 20)
-        assert all(temporary_files._OURS.fullmatch(os.fsencode(one)) for one in names(tmp_path))
+        assert all(target._OURS.fullmatch(os.fsencode(one)) for one in names(tmp_path))
         assert os.fsencode(part.path.name).startswith(b"." + os.fsencode(name)[:230])
         assert (part.path.stat().st_size, part.path.stat().st_mode & 0o777) == (0, 0o640 & ~mask)
         assert (tmp_path / lock).stat().st_mode & 0o777 == 0o600 & ~mask
@@ -53,7 +53,7 @@ def test_a_name_that_is_taken_is_passed_over(tmp_path: Path, monkeypatch: pytest
         return try_lock(handle, needed=needed)
 
     with TemporaryFile.create_beside(tmp_path / "run.nc", 0o600) as first:
-        monkeypatch.setattr(temporary_files, "try_lock", swept_once)
+        monkeypatch.setattr(target, "try_lock", swept_once)
         with TemporaryFile.create_beside(tmp_path / "run.nc", 0o600) as second:
             assert [one.path.name for one in (first, second)] == [".run.nc.aaaaaaaa.part", ".run.nc.cccccccc.part"]
             assert second.handle == swept[0]  # closed, and given again
@@ -68,7 +68,7 @@ def test_an_interrupt_leaves_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyP
         held.append(handle)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(temporary_files, "try_lock", interrupt)
+    monkeypatch.setattr(target, "try_lock", interrupt)
     with pytest.raises(KeyboardInterrupt), TemporaryFile.create_beside(tmp_path / "run.nc", 0o600):
         pass
     assert names(tmp_path) == []

@@ -19,12 +19,11 @@ import xdynamics as xd
 from cases.object_server import Way, bucket
 from cases.problems import MODELS
 from cases.verdicts import verified
-from xdynamics.archive import lease, object_upload
+from xdynamics.archive import object_calls, object_upload
 from xdynamics.archive.object_calls import call_store
 from xdynamics.archive.object_store import OBJECTS
 from xdynamics.archive.object_upload import BATCH, LOCK, uploads_of
-from xdynamics.archive.place import ObjectName, location_of
-from xdynamics.archive.store import TakenError
+from xdynamics.archive.store import ObjectName, TakenError, location_of
 
 pytest.importorskip("s3fs")
 pytest.importorskip("moto")
@@ -213,9 +212,9 @@ def test_uploads_under_way_are_not_cleared_away(folder: ObjectName, monkeypatch:
     call_store(upload, "create_multipart_upload", Key=upload.key)
     OBJECTS.clear(folder)
     assert sorted(left_in(folder)) == [lock.key, upload.key]  # it may still live
-    monkeypatch.setattr(lease, "LEASE", 0.0)
+    monkeypatch.setattr(object_calls, "LEASE", 0.0)
     monkeypatch.setattr(
-        lease, "_Lease", lambda lock, *_: type("Taken", (), {"release": lambda _: OBJECTS.remove(lock)})()
+        object_calls, "_Lease", lambda lock, *_: type("Taken", (), {"release": lambda _: OBJECTS.remove(lock)})()
     )
     OBJECTS.clear(folder)
     assert left_in(folder) == []

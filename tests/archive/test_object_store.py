@@ -20,13 +20,12 @@ from cases.object_server import Way, bucket
 from cases.problems import oscillator
 from cases.stages import no_march
 from cases.verdicts import verified
-from xdynamics.archive import lease, object_calls, object_store, object_upload, segments
+from xdynamics.archive import object_calls, object_store, object_upload, segments
 from xdynamics.archive.object_calls import call_store
 from xdynamics.archive.object_store import OBJECTS
 from xdynamics.archive.object_upload import LOCK
-from xdynamics.archive.place import ObjectName, location_of
 from xdynamics.archive.signatures import new_key
-from xdynamics.archive.store import LockedError, TakenError
+from xdynamics.archive.store import LockedError, ObjectName, TakenError, location_of
 
 pytest.importorskip("s3fs")
 pytest.importorskip("moto")
@@ -221,7 +220,7 @@ def test_an_interrupted_march_is_resumed(place: ObjectName, monkeypatch: pytest.
     """Assert that segments are objects beside it, are gone on from to the same bits, and are removed then."""
     monkeypatch.setattr(segments, "EVERY", 0.0)
     monkeypatch.setattr(segments, "SHARE", 0.0)
-    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 50)
+    monkeypatch.setattr("xdynamics.archive.segments.BLOCK_ROWS", 50)
     long = ASKED | {"until": 20.0}
 
     def interrupt(_done: float, t: float, _rows: int) -> None:
@@ -255,13 +254,13 @@ def test_a_lock_is_one_process_s(place: ObjectName, monkeypatch: pytest.MonkeyPa
     call_store(lock, "put_object", Key=lock.key, Body=b'{"token": "aa", "host": "far", "process": 1}')
     with pytest.raises(LockedError, match="by process 1 of far"):
         OBJECTS.locked(folder).__enter__()
-    lease._witness("aa").touch()  # of this machine, and nobody has it open
+    object_calls._witness("aa").touch()  # of this machine, and nobody has it open
     with OBJECTS.locked(folder):
         pass
-    assert not lease._witness("aa").exists()
+    assert not object_calls._witness("aa").exists()
     call_store(lock, "put_object", Key=lock.key, Body=b'{"token": "bb", "host": "far", "process": 1}')
-    monkeypatch.setattr(lease, "LEASE", 0.0)
-    monkeypatch.setattr(lease, "_Lease", lambda *_: type("Ended", (), {"release": lambda _: None})())
+    monkeypatch.setattr(object_calls, "LEASE", 0.0)
+    monkeypatch.setattr(object_calls, "_Lease", lambda *_: type("Ended", (), {"release": lambda _: None})())
     with OBJECTS.locked(folder):
         pass
 
@@ -270,14 +269,14 @@ def test_a_lock_is_renewed(store: Way, place: ObjectName, monkeypatch: pytest.Mo
     """Assert that a holder that lives renews its lock more often than it would end, and releases its own alone."""
     import time
 
-    monkeypatch.setattr(lease, "LEASE", 1.2)
+    monkeypatch.setattr(object_calls, "LEASE", 1.2)
     lock = place.parent / LOCK
     with OBJECTS.locked(place.parent):
         written, begun = call_store(lock, "head_object", Key=lock.key)["LastModified"], time.monotonic()
         store.log = []
         time.sleep(3.0)
         renewals = [path for method, path, _ in store.log if method == "PUT" and path.split("?")[0].endswith(LOCK)]
-        assert len(renewals) * lease.LEASE >= time.monotonic() - begun
+        assert len(renewals) * object_calls.LEASE >= time.monotonic() - begun
         assert call_store(lock, "head_object", Key=lock.key)["LastModified"] > written
         call_store(lock, "put_object", Key=lock.key, Body=b"of another")
     assert OBJECTS.content(lock, 100) == b"of another"
@@ -287,7 +286,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from xdynamics.archive import object_store, object_upload
-from xdynamics.archive.place import location_of
+from xdynamics.archive.store import location_of
 object_upload.SINGLE = 5 << 20
 call = object_upload.call_store
 def killed(place, method, **how):

@@ -41,7 +41,7 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(segments, "EVERY", 0.0)
     monkeypatch.setattr(segments, "SHARE", 0.0)
     monkeypatch.setattr(segments.Segments, "patience", float("inf"))
-    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 5_000)
+    monkeypatch.setattr("xdynamics.archive.segments.BLOCK_ROWS", 5_000)
 
 
 @pytest.fixture
@@ -190,7 +190,7 @@ def test_a_run_that_broke_off_while_it_was_sealed(often: None, tmp_path: Path, m
     """Assert that no segment is of a run that is over, so that what stopped it is found out again."""
     rocket, path = xd.Model.from_toml(MODELS / "rocket_c6.toml"), tmp_path / "run.nc"
     with monkeypatch.context() as patch:
-        patch.setattr("xdynamics.archive.writer.Writer.finish", lambda *_: (_ for _ in ()).throw(PowerCut))
+        patch.setattr("xdynamics.archive.writing.Writer.finish", lambda *_: (_ for _ in ()).throw(PowerCut))
         with pytest.raises(PowerCut):
             xd.simulate(rocket, step=1e-3, path=path)
     assert names(path)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from xdynamics.archive import segment
+from xdynamics.archive import segments
 from xdynamics.archive.seals import Seal
 from xdynamics.faults import ArchiveError
 
@@ -44,13 +44,13 @@ def digests() -> dict[str, str]:
 def path(tmp_path: Path) -> Path:
     """A segment."""
     shapes = [(name, row.dtype, row.shape) for name, row in ROWS.items()]
-    segment.write_segment(tmp_path / "1.segment", {"of": "a run", "digests": digests()}, MEMORY, shapes, ROWS.values())
+    segments.write_segment(tmp_path / "1.segment", {"of": "a run", "digests": digests()}, MEMORY, shapes, ROWS.values())
     return tmp_path / "1.segment"
 
 
 def test_a_segment_comes_back(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert memory and rows bit by bit, rows in pieces, one at least of every variable, and the digest of the head."""
-    found = segment.read_segment(path)
+    found = segments.read_segment(path)
     assert (found.header["of"], found.path) == ("a run", path)
     head = path.read_bytes().partition(b"\nsha256 ")[0]
     assert found.digest == hashlib.sha256(head).hexdigest()
@@ -62,7 +62,7 @@ def test_a_segment_comes_back(path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     none = [(0,), (0, 2)]
     by_pairs = [(4,), (4,), (2,), (2, 2), (2, 2), (2, 2), (1, 2)]
     for piece, shapes in ((1 << 22, [(10,), (7, 2)]), (32, by_pairs), (8, [(1,)] * 10 + [(1, 2)] * 7)):
-        monkeypatch.setattr(segment, "_PIECE", piece)
+        monkeypatch.setattr(segments, "_PIECE", piece)
         parts = list(found.rows())
         assert [one.shape for _, one in parts] == shapes + none
         for name, row in ROWS.items():
@@ -72,8 +72,8 @@ def test_a_segment_comes_back(path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 def test_rows_come_four_megabytes_at_a_time(tmp_path: Path) -> None:
     """Assert that the memory a segment takes is bounded, however long it is."""
     values = np.arange(600_000.0)
-    segment.write_segment(tmp_path / "1.segment", {}, {}, [("x", values.dtype, values.shape)], [values])
-    assert [len(part) for _, part in segment.read_segment(tmp_path / "1.segment").rows()] == [
+    segments.write_segment(tmp_path / "1.segment", {}, {}, [("x", values.dtype, values.shape)], [values])
+    assert [len(part) for _, part in segments.read_segment(tmp_path / "1.segment").rows()] == [
         1 << 19,
         600_000 - (1 << 19),
     ]
@@ -81,7 +81,7 @@ def test_rows_come_four_megabytes_at_a_time(tmp_path: Path) -> None:
 
 def test_rows_are_held_against_digests(path: Path) -> None:
     """Assert that a digest of all rows so far passes, and that what differs in kind or value is named."""
-    found = segment.read_segment(path)
+    found = segments.read_segment(path)
     found.check(seals())
     for missing in ROWS:
         with pytest.raises(ArchiveError, match=f"has a variable '{missing}' that the run has not"):
@@ -126,20 +126,20 @@ def test_what_is_no_segment_is_told(tmp_path: Path, content: bytes, fault: str) 
     """Assert a predicate for whatever a file may hold."""
     (tmp_path / "1.segment").write_bytes(content)
     with pytest.raises(ArchiveError, match=f"^{fault}$"):
-        segment.read_segment(tmp_path / "1.segment")
+        segments.read_segment(tmp_path / "1.segment")
 
 
 def test_what_cannot_be_read_is_told(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a folder, a file that the system does not open and a line without an end are told from damage."""
     with pytest.raises(ArchiveError, match="^is no file$"):
-        segment.read_segment(path.parent)
+        segments.read_segment(path.parent)
     with monkeypatch.context() as patch:
-        patch.setattr(segment, "_read_segment_head", refuse)
+        patch.setattr(segments, "_read_segment_head", refuse)
         with pytest.raises(ArchiveError, match="^cannot be read: Input/output error$"):
-            segment.read_segment(path)
-    monkeypatch.setattr(segment, "_LONGEST_LINE", 100)
+            segments.read_segment(path)
+    monkeypatch.setattr(segments, "_LONGEST_LINE", 100)
     with pytest.raises(ArchiveError, match="is damaged, or no segment"):
-        segment.read_segment(path)
+        segments.read_segment(path)
 
 
 def refuse(*_: object) -> Any:
@@ -151,6 +151,6 @@ def test_a_segment_is_whole_or_not_there(path: Path) -> None:
     """Assert that a write that breaks off leaves the old one as it was, and no part."""
     before = path.read_bytes()
     with pytest.raises(ArchiveError, match="1.segment' cannot be written: Input/output error; nothing is changed"):
-        segment.write_segment(path, {}, {}, [("x", "f8", (2,))], (refuse() if n else np.ones(1) for n in range(2)))
+        segments.write_segment(path, {}, {}, [("x", "f8", (2,))], (refuse() if n else np.ones(1) for n in range(2)))
     assert path.read_bytes() == before
     assert [entry.name for entry in path.parent.iterdir()] == ["1.segment"]

@@ -12,7 +12,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import oscillator
-from xdynamics.archive import segment, segments
+from xdynamics.archive import segments
 from xdynamics.archive.segments import Segments, discard, has_segments, segments_folder
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
@@ -64,7 +64,7 @@ def test_a_segment_says_the_time_in_seconds(tmp_path: Path) -> None:
             made.keep(writer, {"now": np.array([(0.125,)], dtype=[("t", "f8")])}, {})
     names = segments._segment_names(segments_folder(tmp_path / "run.nc"))
     assert [name.name for name in names] == ["000001.segment", "000002.segment"]
-    first, second = (segment.read_segment(name) for name in names)
+    first, second = (segments.read_segment(name) for name in names)
     assert (first.header["t"], first.header["before"], second.header["before"]) == (0.5, "", first.digest)
 
 

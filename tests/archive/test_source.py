@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from xdynamics.archive.source import check_source
+from xdynamics.archive.store import check_source
 from xdynamics.faults import InputError
 
 

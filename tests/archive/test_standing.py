@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from xdynamics.archive.content import content_digest
-from xdynamics.archive.integrity import check_unchanged, record_standing, rows_within, selected_like
-from xdynamics.archive.origin import marched, variable_digest
+from xdynamics.archive.integrity import (
+    check_unchanged,
+    marched,
+    record_standing,
+    rows_within,
+    selected_like,
+    variable_digest,
+)
+from xdynamics.archive.seals import content_digest
 from xdynamics.faults import InputError
 from xdynamics.schema import LEFT_OUT_ATOL, SELECTION, SELECTION_OF
 

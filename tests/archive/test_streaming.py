@@ -12,9 +12,9 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS, oscillator
 from cases.verdicts import verified
-from xdynamics.archive import segments, streaming
+from xdynamics.archive import segments
 from xdynamics.archive.seals import CHUNKS
-from xdynamics.archive.writer import Writer
+from xdynamics.archive.writing import Writer
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS
@@ -39,7 +39,7 @@ def test_a_block_is_bounded(columns: int, elements: bool, expected: int, rows: i
     shapes = SimpleNamespace(shapes=SimpleNamespace(dims={"u": ("site",)} if elements else {}))
     layout = SimpleNamespace(row=SimpleNamespace(size=columns), watched=(), model=shapes)
     march: Any = SimpleNamespace(layout=layout, expected_rows=expected)
-    assert streaming._rows_per_block(march) == rows
+    assert segments._rows_per_block(march) == rows
 
 
 def test_a_run_of_one_block_is_as_long_as_it_is(tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ def test_rows_at_events_leave_a_short_run_short(tmp_path: Path) -> None:
 
 def test_a_run_of_blocks_may_grow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that where the end is not in sight the steps are unlimited, and the content is the same."""
-    monkeypatch.setattr(streaming, "BLOCK_ROWS", 50)
+    monkeypatch.setattr(segments, "BLOCK_ROWS", 50)
     streamed = xd.simulate(MODEL, step=0.01, until=2.0, path=tmp_path / "run.nc")
     assert verified(tmp_path / "run.nc") == xd.content_digest(xd.simulate(MODEL, step=0.01, until=2.0))
     streamed.close()
@@ -82,18 +82,18 @@ def test_segments_are_kept_while_the_run_is_not_over(tmp_path: Path, monkeypatch
         kept.append(writer.filled["x"])
         keep(one, writer, *given)
 
-    monkeypatch.setattr(streaming, "BLOCK_ROWS", 50)
+    monkeypatch.setattr(segments, "BLOCK_ROWS", 50)
     monkeypatch.setattr(segments.Segments, "due", property(lambda _: due.pop(0) if due else True))
     monkeypatch.setattr(segments.Segments, "keep", kept_too)
     march = March(MODEL, settings_for(MODEL, step=0.01, until=2.0))
-    assert streaming.stream(march, str(tmp_path / "run.nc")) == tmp_path / "run.nc"
+    assert segments.stream(march, str(tmp_path / "run.nc")) == tmp_path / "run.nc"
     assert kept == [108, 162]
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.nc"]
 
 
 def test_a_write_that_fails_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that what goes wrong while the next block is marched, or behind the last, is told."""
-    monkeypatch.setattr(streaming, "BLOCK_ROWS", 50)
+    monkeypatch.setattr(segments, "BLOCK_ROWS", 50)
 
     write = Writer.write
 
@@ -106,7 +106,7 @@ def test_a_write_that_fails_ends_the_run(tmp_path: Path, monkeypatch: pytest.Mon
     for until in (0.1, 2.0):
         march = March(MODEL, settings_for(MODEL, step=0.01, until=until))
         with pytest.raises(xd.ArchiveError, match="cannot be written: No space left on device"):
-            streaming.stream(march, tmp_path / "run.nc")
+            segments.stream(march, tmp_path / "run.nc")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -117,7 +117,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.M
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(streaming, "BLOCK_ROWS", 50)
+    monkeypatch.setattr(segments, "BLOCK_ROWS", 50)
     monkeypatch.setattr(segments.Segments, "due", property(lambda self: not self.failed))
     monkeypatch.setattr(segments.segment, "write_segment", full)
     monkeypatch.setattr(Writer, "finish", full)
@@ -135,5 +135,5 @@ def test_the_model_s_own_file_is_no_target(tmp_path: Path) -> None:
     path.write_text(MODEL.to_toml())
     model = xd.Model.from_toml(path)
     with pytest.raises(xd.InputError, match="is the model file itself"):
-        streaming.stream(March(model, settings_for(model, step=0.1, until=1.0)), path)
+        segments.stream(March(model, settings_for(model, step=0.1, until=1.0)), path)
     assert [entry.name for entry in tmp_path.iterdir()] == ["free.toml"]

@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.archive.chunk_reading import read_elements
 from xdynamics.archive.netcdf_library import opened_file
+from xdynamics.archive.stored_values import read_elements
 
 
 class Watched:
@@ -55,7 +55,7 @@ def test_any_choice_is_that_of_numpy(case: int, tmp_path: Path, monkeypatch: pyt
     shape = tuple(rng.integers(1, 40, rng.integers(1, 4)).tolist())
     values = rng.integers(0, 120, shape).astype(rng.choice(["f8", "i1", "i8"]))
     chunks = None if case % 3 == 0 else [int(rng.integers(1, length + 1)) for length in shape]
-    monkeypatch.setattr("xdynamics.archive.chunk_reading.LARGEST", int(rng.integers(1, 4000)))
+    monkeypatch.setattr("xdynamics.archive.stored_values.LARGEST", int(rng.integers(1, 4000)))
     with opened_file(tmp_path / "any.nc", "w") as file:
         names = [file.createDimension(f"d{i}", length).name for i, length in enumerate(shape)]
         stored = file.createVariable("any", values.dtype, names, chunksizes=chunks, contiguous=chunks is None)

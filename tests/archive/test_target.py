@@ -23,8 +23,7 @@ import xdynamics as xd
 from cases.problems import MODELS, oscillator
 from cases.stages import no_march
 from cases.verdicts import verified
-from xdynamics.archive.target import check_path_no_table, taking_path_name
-from xdynamics.archive.temporary_files import TemporaryFile, sweep_temporary_files
+from xdynamics.archive.target import TemporaryFile, check_path_no_table, sweep_temporary_files, taking_path_name
 from xdynamics.cli import main
 
 

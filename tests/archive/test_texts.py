@@ -14,9 +14,9 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import without_dates
 from cases.verdicts import verified
-from xdynamics.archive import writer
+from xdynamics.archive import writing
 from xdynamics.archive.seals import seal_file, utf8_letters
-from xdynamics.archive.text_encoding import encoded_texts, text_form
+from xdynamics.archive.stored_values import encoded_texts, text_form
 
 ASKED: dict[str, Any] = {"method": "heun", "rtol": 1e-6, "members_per_task": 2}
 AXES = {"vt": "20:40:5 m s-1", "y": [0.0, 1.0]}
@@ -58,7 +58,7 @@ def test_texts_come_back_from_numbers(case: int) -> None:
 def test_a_catalogue_of_numbers_is_that_of_letters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert words, types, attributes and digests of a catalogue as it was kept before, whose file still opens."""
     new = swept(tmp_path / "new")
-    monkeypatch.setattr(writer, "encoded_texts", lambda *_: None)
+    monkeypatch.setattr(writing, "encoded_texts", lambda *_: None)
     old = swept(tmp_path / "old")
     with netCDF4.Dataset(new) as one, netCDF4.Dataset(old) as other:
         kinds = [[file[name].dtype.str for name in ("run_outcome", "run_digest")] for file in (one, other)]

@@ -10,7 +10,7 @@ import xarray as xr
 
 from xdynamics.archive.netcdf_library import opened_file
 from xdynamics.archive.shared_handles import SharedArchive
-from xdynamics.archive.values import StoredValues, VariableStore
+from xdynamics.archive.stored_values import StoredValues, VariableStore
 
 TABLE = np.arange(12, dtype="i2").reshape(4, 3)
 

@@ -9,9 +9,9 @@ import netCDF4
 import numpy as np
 import pytest
 
-from xdynamics.archive import writer
+from xdynamics.archive import writing
 from xdynamics.archive.seals import CHUNKS, OTHER_CHUNK
-from xdynamics.archive.writer import Writer
+from xdynamics.archive.writing import Writer
 from xdynamics.schema import BOUNDS, EVENTS, STEPS
 
 FLOAT = np.dtype("f8")
@@ -79,7 +79,7 @@ def test_a_variable_has_room_for_two_chunks(file: netCDF4.Dataset) -> None:
 
 def test_what_was_given_is_read_back(file: netCDF4.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert names, types, shapes and values of all that came since a moment, in parts of a bounded length."""
-    monkeypatch.setattr(writer, "BACK", 4)
+    monkeypatch.setattr(writing, "BACK", 4)
     made = filled(file, 5)
     before = made.filled
     assert before == {"x": 5, "pairs": 3, "g": 0, "text": 0}

@@ -20,7 +20,7 @@ from typing import Any
 
 import xdynamics as xd
 from xdynamics.faults import InputError
-from xdynamics.kernels import cache
+from xdynamics.kernels import machine
 from xdynamics.march.configuration import settings_for
 from xdynamics.methods import METHODS
 
@@ -95,7 +95,7 @@ def measured(name: str, method: str) -> dict[str, Any]:
 
 def kept_laws() -> list[Path]:
     """Return the files of laws in the folder."""
-    return [path for kind in ("law", "form") for path in cache.folder().glob(f"{kind}-*.o")]
+    return [path for kind in ("law", "form") for path in machine.folder().glob(f"{kind}-*.o")]
 
 
 def remove_laws() -> None:
@@ -126,7 +126,7 @@ def main() -> None:
         print(json.dumps(simulated(*sys.argv[2:4])))
         return
     with tempfile.TemporaryDirectory() as folder:
-        os.environ[cache.ENVIRONMENT] = sys.argv[1] if len(sys.argv) > 1 else folder
+        os.environ[machine.ENVIRONMENT] = sys.argv[1] if len(sys.argv) > 1 else folder
         begin = time.perf_counter()
         measured(PENDULUM, "heun")  # compiles the engine where it is not at hand
         print(f"a whole process before, which leaves the engine in the folder: {time.perf_counter() - begin:.1f} s")

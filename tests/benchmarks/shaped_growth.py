@@ -31,7 +31,7 @@ from many_bodies import CHAIN, CLUSTER
 import xdynamics as xd
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
-from xdynamics.record.size import sizes_of_march
+from xdynamics.record.run_dataset import sizes_of_march
 
 SIZES = {"chain": (10, 30, 100, 1000, 10_000), "bodies": (10, 30, 100, 300, 1000)}
 STEPS = {"chain": 2_000_000, "bodies": 200_000}  # times coordinates, of the longer run

@@ -17,7 +17,7 @@ from cases.verdicts import verified
 from xdynamics.budgeting.budget_summary import budget_lines as lines_of_budget
 from xdynamics.budgeting.measurand import Measurand, Target
 from xdynamics.budgeting.montecarlo import draw_statistics, judge_linear, tolerance_of
-from xdynamics.budgeting.time_reversal import reversal_distance
+from xdynamics.budgeting.numerical import reversal_distance
 from xdynamics.units import parse_quantity
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")

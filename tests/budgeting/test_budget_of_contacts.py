@@ -7,7 +7,7 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.budgeting.budget_summary import budget_lines
-from xdynamics.budgeting.met_events import MetEvents
+from xdynamics.budgeting.numerical import MetEvents
 from xdynamics.faults import InputError
 
 BALLS = xd.Model.from_text("""

@@ -14,25 +14,26 @@ import xarray as xr
 from scipy.stats import chi2, norm
 
 import xdynamics as xd
-from xdynamics.budgeting import tabulated
+from xdynamics.budgeting import physical
 from xdynamics.budgeting.budget import _doubt_slopes
-from xdynamics.budgeting.budget_request import _check_draw_settings, _checked_declared
+from xdynamics.budgeting.budget_dataset import _check_draw_settings, _checked_declared, draw_variables, term_variables
 from xdynamics.budgeting.budget_summary import budget_lines
-from xdynamics.budgeting.budget_variables import draw_variables, term_variables
 from xdynamics.budgeting.fit_summary import fit_lines as fit_in_lines
-from xdynamics.budgeting.losses import Loss
 from xdynamics.budgeting.measurand import Target
 from xdynamics.budgeting.montecarlo import (
     ADEQUATE,
+    MAX_DRAWS,
     NOT_ADEQUATE,
     NOT_CHECKED,
     DrawStatistics,
+    Propagation,
     draw_statistics,
+    draw_until_known,
+    end_tolerance_of,
     judge_linear,
 )
-from xdynamics.budgeting.multistart import drawn_starts, search_from_start, search_growing, searches
+from xdynamics.budgeting.multistart import Loss, drawn_starts, search_from_start, search_growing, searches
 from xdynamics.budgeting.numerical import Estimate, LevelComparison
-from xdynamics.budgeting.random_draws import MAX_DRAWS, Propagation, draw_until_known, end_tolerance_of
 from xdynamics.budgeting.term import Declared, Term
 from xdynamics.model import toml
 from xdynamics.model.parts import Fitted
@@ -195,7 +196,7 @@ def test_independent_rows_add_their_squares(bend: float, doubtful: bool) -> None
     def number(change: np.ndarray) -> float:
         return 5.0 + float(weights @ change) + bend * float(weights @ change) ** 2
 
-    found = tabulated.independent_rows_term(copies(number), sizes)
+    found = physical.independent_rows_term(copies(number), sizes)
     assert found.standard == pytest.approx(math.sqrt(0.01 + 0.36 + 0.64))
     assert found.bound == pytest.approx(2.0 * found.standard)
     points = norm.ppf(np.random.default_rng(3).random((32, 4)))[:4] * sizes @ weights
@@ -212,12 +213,12 @@ def test_rows_that_are_not_in_proportion_are_drawn() -> None:
     def number(change: np.ndarray) -> float:
         return float(slope @ change) ** 2 - 3.0
 
-    found = tabulated.independent_rows_term(copies(number), sizes)
+    found = physical.independent_rows_term(copies(number), sizes)
     assert found.standard == pytest.approx(math.sqrt(np.mean((points @ slope) ** 4)))
     assert found.standard_doubt == pytest.approx(found.standard / 8.0)
     assert found.bound == pytest.approx(2.0 * found.standard)
     for rows, said in ((256, "slopes by all 256"), (257, "64 tables with every row drawn")):
-        linear = tabulated.independent_rows_term(copies(lambda change: float(change.sum())), np.full(rows, 0.1))
+        linear = physical.independent_rows_term(copies(lambda change: float(change.sum())), np.full(rows, 0.1))
         assert said in linear.rule
         assert abs(linear.standard - 0.1 * math.sqrt(rows)) <= 3.0 * linear.standard_doubt + 1e-9
 
@@ -228,7 +229,7 @@ def test_rows_that_are_not_in_proportion_are_drawn() -> None:
 def test_what_rows_have_together_is_one_input(sizes: list[float], size: float, unit: str) -> None:
     """Assert slope, size and doubt of a number that goes as -a p + b p**3 with the whole table's shift."""
     given = np.array(sizes)
-    found = tabulated.common_term(
+    found = physical.common_term(
         copies(lambda change: 2.0 - 0.7 * (change[0] / given[0]) + 0.1 * (change[0] / given[0]) ** 3), given
     )
     assert found.standard == pytest.approx(0.7)

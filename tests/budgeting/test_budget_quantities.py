@@ -12,9 +12,9 @@ from scipy.stats import chi2, norm
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.budgeting import residuals
+from xdynamics.budgeting import fit_problem
+from xdynamics.budgeting.budget_summary import rounded_result
 from xdynamics.budgeting.montecarlo import DrawStatistics, draw_statistics, draws_needed
-from xdynamics.budgeting.rounding import rounded_result
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.diagnosing.cycles import cycles
 
@@ -234,12 +234,12 @@ def test_the_number_of_draws_that_settles_a_verdict(standard: float, apart: floa
 def test_residuals_far_below_their_uncertainties_are_no_matter(size: float, adequate: bool, said: str) -> None:
     """Assert a tenth of the uncertainties as the border, under which the order of residuals does not count."""
     row = size * np.repeat([1.0, -1.0], 20)
-    found = residuals.judge_residuals(float(row @ row), 40, [row], [np.arange(40.0)], has_uncertainties=True)
+    found = fit_problem.judge_residuals(float(row @ row), 40, [row], [np.arange(40.0)], has_uncertainties=True)
     assert found.adequate is adequate
     assert said in found.text
     noise = np.tile([1.0, 1.0, -1.0, -1.0], 10) * 0.5
     assert (
-        residuals.judge_residuals(float(noise @ noise), 40, [noise], [np.arange(40.0)], has_uncertainties=True).text
+        fit_problem.judge_residuals(float(noise @ noise), 40, [noise], [np.arange(40.0)], has_uncertainties=True).text
         == "residuals are no more than noise"
     )
 
@@ -248,20 +248,22 @@ def test_residuals_far_below_their_uncertainties_are_no_matter(size: float, adeq
 def test_residuals_that_are_less_likely_than_a_thousandth_are_no_noise(probability: float, adequate: bool) -> None:
     """Assert the border of sums of squares, and that of runs of one sign of as many quantities as there are."""
     square, noise = float(chi2.isf(probability, 40)), np.tile([1.0, 1.0, -1.0, -1.0], 10)
-    found = residuals.judge_residuals(square, 40, [noise], [np.arange(40.0)], has_uncertainties=True)
+    found = fit_problem.judge_residuals(square, 40, [noise], [np.arange(40.0)], has_uncertainties=True)
     assert found.adequate is adequate
     assert found.chi_square_probability == pytest.approx(probability, rel=1e-9)
     for above, below in ((30, 10), (1, 20), (8, 8), (0, 20)):
         row, n = np.concatenate([np.ones(above), -np.ones(below)]), above + below
         mean, variance = 1 + 2 * above * below / n, 2 * above * below * (2 * above * below - n) / (n**2 * (n - 1))
         wanted = norm.cdf((2.5 - mean) / math.sqrt(variance)) if above else 0.5 ** (n - 1)
-        assert residuals.runs_probability(row) == pytest.approx(wanted, rel=1e-9)
-    assert math.isnan(residuals.runs_probability(np.ones(15)))
+        assert fit_problem.runs_probability(row) == pytest.approx(wanted, rel=1e-9)
+    assert math.isnan(fit_problem.runs_probability(np.ones(15)))
     row = np.concatenate([np.repeat([1.0, -1.0], 11), np.tile([1.0, -1.0], 1)])
-    one = residuals.runs_probability(row)
+    one = fit_problem.runs_probability(row)
     assert 1.9e-4 < one < 2e-4
     for count, fits in ((1, False), (5, False), (6, True)):
-        several = residuals.judge_residuals(40.0, 40, [row] * count, [np.arange(24.0)] * count, has_uncertainties=True)
+        several = fit_problem.judge_residuals(
+            40.0, 40, [row] * count, [np.arange(24.0)] * count, has_uncertainties=True
+        )
         assert several.runs_probability == pytest.approx(count * one, rel=1e-12)
         assert several.adequate is fits
 
@@ -272,7 +274,7 @@ def test_without_uncertainties_all_residuals_have_to_be_slight(sizes: tuple[floa
     rows = [size * np.repeat([1.0, -1.0], 20) for size in sizes]
     measured = [np.tile([1.0, -1.0], 20)] * 2
     assert (
-        residuals.judge_residuals(
+        fit_problem.judge_residuals(
             float(sum(row @ row for row in rows)), 80, rows, measured, has_uncertainties=False
         ).adequate
         is adequate

@@ -14,8 +14,8 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.budgeting.budget_summary import rounded_result
 from xdynamics.budgeting.certificate import _decide_gates, _differences, certificate_lines
-from xdynamics.budgeting.rounding import rounded_result
 
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
 ASKED: dict[str, Any] = {
@@ -103,7 +103,7 @@ def test_each_gate_has_its_own_border(more: dict[str, Any], verdicts: list[int],
 def test_gates_of_levels_and_draws_have_their_words() -> None:
     """Assert that levels which do not converge fail, and of a linear budget passed, failed, and open with what settles it."""
     from xdynamics.budgeting.montecarlo import ADEQUATE, NOT_ADEQUATE, NOT_CHECKED
-    from xdynamics.evidence.refining.judgements import NOT_CONVERGING, VERDICTS
+    from xdynamics.evidence.refining.convergence import NOT_CONVERGING, VERDICTS
 
     ledger = xr.Dataset({"verdict": ("case", np.array([0]))})
     for verdict in range(len(VERDICTS)):

@@ -8,7 +8,7 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.budgeting.measurand import Target
-from xdynamics.budgeting.slopes import variational_slopes
+from xdynamics.budgeting.physical import variational_slopes
 from xdynamics.dynamics.variational import NotVariedError
 
 ROD = """

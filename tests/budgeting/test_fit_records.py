@@ -15,10 +15,8 @@ from scipy.stats import t as student
 
 import xdynamics as xd
 from cases.command_line import call
-from xdynamics.budgeting.fit_intervals import quantile
 from xdynamics.budgeting.fit_problem import FitRecord
-from xdynamics.budgeting.losses import Loss, loss_by_name
-from xdynamics.budgeting.multistart import search_from_start
+from xdynamics.budgeting.multistart import Loss, loss_by_name, quantile, search_from_start
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.comparing.measured import read_measured_data
 from xdynamics.units import parse_unit

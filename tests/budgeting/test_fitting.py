@@ -16,7 +16,7 @@ from scipy.stats import chi2
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.verdicts import verified
-from xdynamics.budgeting import residuals
+from xdynamics.budgeting import fit_problem
 from xdynamics.budgeting.fit_problem import FitRecord, FittedNumber, Fitting, with_slopes
 from xdynamics.budgeting.fit_records import fit_bounds, number_scales
 from xdynamics.budgeting.fitting import _covariance, _fitted_model
@@ -228,7 +228,7 @@ def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
     own = by_hand()
     asked = FitRecord(own.model, ("a", "c", "v_x"), own.data, own.quantities, {})
     correlation = np.array([[1.0, -0.5, 1.0 + 1e-12], [-0.5, 1.0, -0.5], [1.0 + 1e-12, -0.5, 1.0]])
-    mark = residuals.ResidualTests(0.5, 0.5, True, "residuals are no more than noise")
+    mark = fit_problem.ResidualTests(0.5, 0.5, True, "residuals are no more than noise")
     found = _fitted_model(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.25, 0.125]), correlation, mark)
     numbers = {
         name: (found.uncertain[name].quantity.value, found.uncertain[name].uncertainty)
@@ -575,7 +575,7 @@ def test_runs_of_one_sign() -> None:
     """Assert probabilities of few, usual and many runs, against all arrangements counted."""
     from itertools import combinations
 
-    from xdynamics.budgeting.residuals import runs_probability
+    from xdynamics.budgeting.fit_problem import runs_probability
 
     def signs(places: tuple[int, ...]) -> np.ndarray:
         return np.where(np.isin(np.arange(16), places), 1.0, -1.0)

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.elementary.double_double.operations import DoubleDoubles
+from xdynamics.elementary.double_double.functions import DoubleDoubles
 from xdynamics.elementary.intervals import Intervals
 from xdynamics.kernels import machine
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
-from xdynamics.kernels.llvm_text import llvm_of
-from xdynamics.kernels.operations import PYTHON
+from xdynamics.kernels.llvm_program import llvm_of
 from xdynamics.kernels.program import (
     ARRAYS,
     INTERVAL,
@@ -32,7 +31,7 @@ from xdynamics.kernels.program import (
     Reduction,
     StoreTo,
 )
-from xdynamics.kernels.python_text import python_of
+from xdynamics.kernels.python_text import PYTHON, python_of
 
 Floats = NDArray[np.float64]
 AXES = "xyz"

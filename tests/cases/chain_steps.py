@@ -10,9 +10,8 @@ import numpy as np
 import xdynamics as xd
 from xdynamics.elementary import NAME
 from xdynamics.kernels import Law, law_of
-from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import Program
-from xdynamics.kernels.python_text import python_of
+from xdynamics.kernels.python_text import python_of, python_of_set
 from xdynamics.march.configuration import settings_for
 
 SITES = 7

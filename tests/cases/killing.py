@@ -23,8 +23,8 @@ from typing import Any
 
 import xdynamics as xd
 from cases.verdicts import verified
-from xdynamics.archive import segment, segments, writing
-from xdynamics.archive.writer import Writer
+from xdynamics.archive import segments, writing
+from xdynamics.archive.writing import Writer
 from xdynamics.march import March
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
@@ -47,8 +47,8 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 # where a run is killed, by the function in which it is: (where it is looked up, its name, times it may be called before)
 PLACES: dict[str, tuple[Any, str, int]] = {
-    "a segment is written": (segment, "write_segment", 3),
-    "segments are compared": (segment.Segment, "check", 3),
+    "a segment is written": (segments, "write_segment", 3),
+    "segments are compared": (segments.Segment, "check", 3),
     "rows are taken over": (segments.Segments, "rows", 0),
     "the march is put behind them": (March, "go_on_from", 0),
     "the archive is finished": (Writer, "finish", 0),

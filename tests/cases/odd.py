@@ -10,9 +10,9 @@ import netCDF4
 import xarray as xr
 
 from xdynamics.archive.seals import seal_file, stored_digest
-from xdynamics.archive.text_encoding import text_form
-from xdynamics.archive.writer import Writer
-from xdynamics.record.variable_attributes import own_attributes
+from xdynamics.archive.stored_values import text_form
+from xdynamics.archive.writing import Writer
+from xdynamics.record.flag_words import own_attributes
 
 
 def changed(source: Path, target: Path, change: Callable[[xr.Dataset], xr.Dataset | None]) -> Path:

@@ -151,7 +151,7 @@ def rules_in_python() -> Any:
     """Put the operations on intervals behind addresses, as plain Python."""
     import numpy as np
 
-    from xdynamics.march.events.interval_operations import ROUGH, in_python
+    from xdynamics.march.events.enclosures import ROUGH, in_python
 
     rules = [in_python(name, NAME, rough=rough and name in ROUGH) for rough in (False, True) for name in RULES]
     return np.array(keys_of(rules), np.int64)

@@ -9,7 +9,7 @@ from unittest import mock
 
 import xarray as xr
 
-from xdynamics.evidence.remembered_results import REMEMBERED
+from xdynamics.evidence.stage_tasks import REMEMBERED
 from xdynamics.march import March
 
 KNOWN_LATER = {

@@ -17,7 +17,7 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.verdicts import verified
 from xdynamics.cli import main
-from xdynamics.cli.streams import Stream, surviving_streams
+from xdynamics.cli.command import Stream, surviving_streams
 
 KEPLER = MODELS / "kepler.toml"
 LONG = f"run {KEPLER} -o run.nc --method dop853 --rtol 1e-12 --force-samples none --until 3000s"  # over a second

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.documenting.archives_page import ARCHIVES_PAGE
+from xdynamics.documenting.manual_pages import ARCHIVES_PAGE
 
 TIMES = "0:2:5 s"
 NESTED = {"engine": "xdynamics", "combine": "nested", "concat_dim": "run", "coords": "different", "compat": "equals"}

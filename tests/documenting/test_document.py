@@ -11,8 +11,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.documenting.document_blocks import TextTable, formula_svg
-from xdynamics.documenting.equations import model_blocks
+from xdynamics.documenting.equations import TextTable, formula_svg, model_blocks
 from xdynamics.expressions import latex, parse
 
 

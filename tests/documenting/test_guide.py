@@ -11,9 +11,8 @@ import pytest
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS, ROOT
-from xdynamics.documenting.folding import WIDTH
 from xdynamics.documenting.guide import PAGES_ABOUT, SAID, STARTER, guide
-from xdynamics.documenting.shapes_page import MEANINGS, MODEL
+from xdynamics.documenting.model_pages import MEANINGS, MODEL, WIDTH
 from xdynamics.expressions.element_folding import MOST_FAMILIES
 from xdynamics.expressions.parser import FORMS
 from xdynamics.expressions.traced_arrays import LARGEST_SOLVED, MOST_KINKS

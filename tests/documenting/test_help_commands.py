@@ -15,8 +15,8 @@ from cases.command_line import call
 from cases.problems import ROOT
 from xdynamics.cli import main
 from xdynamics.cli.examples import EXAMPLES
-from xdynamics.documenting.folding import WIDTH
 from xdynamics.documenting.guide import topics
+from xdynamics.documenting.model_pages import WIDTH
 
 LONGEST_PAGE = 12_000  # characters
 PAGES = {name: "\n".join(page()) for name, page in topics().items()}

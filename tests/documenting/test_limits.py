@@ -5,9 +5,8 @@ from __future__ import annotations
 from xdynamics.documenting.guide import FILES
 from xdynamics.documenting.manual_pages import GRIDS_PAGE
 from xdynamics.march.simd_ensemble import LARGEST_ROW
-from xdynamics.model.file_access import LARGEST_TABLE
+from xdynamics.model.file_access import LARGEST, LARGEST_RECORDED, LARGEST_TABLE, MOST_RECORDED, MOST_VALUES
 from xdynamics.model.model import LARGEST_FILE
-from xdynamics.model.text_limits import LARGEST, LARGEST_RECORDED, MOST_RECORDED, MOST_VALUES
 
 
 def test_limits_of_tables_and_model_files() -> None:

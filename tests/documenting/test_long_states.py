@@ -103,7 +103,7 @@ def test_numbers_that_are_not_shown_are_not_parted(monkeypatch: pytest.MonkeyPat
         return unfolded
 
     monkeypatch.setattr(unfolding, "unfold", counted)
-    monkeypatch.setattr("xdynamics.documenting.shown_elements.MOST_PARTED", 100)
+    monkeypatch.setattr("xdynamics.documenting.summary.MOST_PARTED", 100)
     assert summary(chain) == usual
     assert line_of(usual, "end").endswith(", and 150 numbers more in the record")
     assert len(unfold(chain).variables) > 300

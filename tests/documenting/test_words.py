@@ -9,11 +9,10 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.cli import main
-from xdynamics.documenting.folding import WIDTH
+from xdynamics.documenting.manual_pages import OF_EVIDENCE, OF_FILES, OF_RECORDS, words_page
+from xdynamics.documenting.model_pages import WIDTH
 from xdynamics.documenting.summary import summary
-from xdynamics.documenting.words_page import OF_EVIDENCE, OF_FILES, OF_RECORDS, words_page
-from xdynamics.evidence.refining.judgements import VERDICTS
-from xdynamics.evidence.refining.verdict_words import MEANINGS
+from xdynamics.evidence.refining.convergence import MEANINGS, VERDICTS
 
 # words for things, which are no names in a Dataset
 THINGS = {

@@ -15,10 +15,17 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.dynamics import growth
-from xdynamics.dynamics.exponents import Exponents, exponents_of
 from xdynamics.dynamics.path import BLOCKS
 from xdynamics.dynamics.path import RunPath as Along
-from xdynamics.dynamics.tangents import FEW, LocalGrowth, _initial_tangent, _row_chunks, _scheme
+from xdynamics.dynamics.tangents import (
+    FEW,
+    Exponents,
+    LocalGrowth,
+    _initial_tangent,
+    _row_chunks,
+    _scheme,
+    exponents_of,
+)
 from xdynamics.evidence.diagnosing.chaos import exponents_in_words, lyapunov
 from xdynamics.evidence.diagnosing.diagnosis import diagnosis_lines
 
@@ -324,7 +331,7 @@ def test_a_time_is_of_the_largest_exponent(doubts: list[float], time: float, mon
     asked: list[Any] = []
     monkeypatch.setattr("xdynamics.evidence.diagnosing.chaos.local_growth", lambda *given: asked.append(given[2]))
     found = Exponents(np.array([0.5, 0.1]), np.array(doubts), 0.4, 2.0, 9, 2)
-    monkeypatch.setattr("xdynamics.dynamics.exponents.exponents_of", lambda _: found)
+    monkeypatch.setattr("xdynamics.dynamics.tangents.exponents_of", lambda _: found)
     run = xr.Dataset({"time": ("step", [0.0, 30.0], {"units": "s"})})
     assert [float(exponents(run, wanted=wanted).lyapunov_time) for wanted in (True, 1, 2)] == [time] * 3
     assert asked == [None, 1, 2]

@@ -14,8 +14,13 @@ import xdynamics as xd
 from cases.problems import MODELS
 from cases.uncertain_models import doubtful, slope
 from xdynamics.budgeting.measurand import Measurand, Target
-from xdynamics.budgeting.physical import difference_slopes, shifted_copies
-from xdynamics.budgeting.slopes import _check_open, _variational_equations, variational_slopes
+from xdynamics.budgeting.physical import (
+    _check_open,
+    _variational_equations,
+    difference_slopes,
+    shifted_copies,
+    variational_slopes,
+)
 from xdynamics.dynamics.variational import NotVariedError, gauss
 
 TIGHT: dict[str, Any] = {"method": "dop853", "rtol": 1e-12}
@@ -257,7 +262,7 @@ def test_as_many_variables_as_collocation_bears(method: str, most: int, monkeypa
     """Assert the largest model of each method: variables times stages of a collocation of its order are 96 at most."""
     model, run = falling(), xr.Dataset(attrs={"solver_order": xd.METHODS[method].order})
     for size, fits in ((most, True), (most + 1, False)):
-        monkeypatch.setattr("xdynamics.budgeting.slopes.Equations", lambda *_, size=size: SimpleNamespace(size=size))
+        monkeypatch.setattr("xdynamics.budgeting.physical.Equations", lambda *_, size=size: SimpleNamespace(size=size))
         if fits:
             assert _variational_equations(run, model, ()).size == size
             continue

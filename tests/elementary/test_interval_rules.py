@@ -7,9 +7,8 @@ from math import inf, pi
 import pytest
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.elementary.bounds import Interval
+from xdynamics.elementary.bounds import BREAKS, SMOOTH, UNBOUNDED, Interval
 from xdynamics.elementary.intervals import Intervals
-from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH, UNBOUNDED
 
 KIND = Intervals(FUNCTIONS)
 LOW, HIGH, WIDE = Interval(1.0, 2.0), Interval(2.0, 3.0), Interval(1.5, 2.5)

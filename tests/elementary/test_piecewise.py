@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
+from xdynamics.elementary.numbers import FunctionLines, LaneValue
 from xdynamics.elementary.piecewise import bend_at, cube_at, find_piece, last_piece_begun, slope_at, value_at
 from xdynamics.elementary.text import declarations
 from xdynamics.kernels import drive_tables, machine

@@ -12,7 +12,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.chunked import chunked, ragged
 from cases.problems import MODELS
-from xdynamics.evidence.remembered_results import LIMIT
+from xdynamics.evidence.stage_tasks import LIMIT
 
 DIAGNOSED: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "harmonic_oscillator": (

@@ -10,8 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xdynamics.evidence.refining.convergence import SAFETY, extrapolated, fitted, fitted_uncertainty, observed_orders
-from xdynamics.evidence.refining.judgements import VERDICTS, are_restrained, judge
+from xdynamics.evidence.refining.convergence import (
+    SAFETY,
+    VERDICTS,
+    are_restrained,
+    extrapolated,
+    fitted,
+    fitted_uncertainty,
+    judge,
+    observed_orders,
+)
 
 # Celik and others 2008, table 1: a reattachment length on 4500, 8000 and 18000 cells in two dimensions
 CELIK = np.array([5.863, 5.972, 6.063])

@@ -14,7 +14,7 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
 from xdynamics.evidence.chunks import Chunks
-from xdynamics.evidence.diagnosing import belief, diagnosis
+from xdynamics.evidence.diagnosing import conservation, diagnosis
 from xdynamics.evidence.diagnosing.cycles import Cycles, Turns, _choose_level, _rising_rows, _turning_points, cycles
 
 
@@ -274,10 +274,10 @@ def test_a_run_is_believed_until_it_is_off_for_good(monkeypatch: pytest.MonkeyPa
             (),
             {"run": other, "functions": None, "with_global_errors": staticmethod(beside), "holding": lambda *_: other},
         )()
-        return float(belief.belief_variables(Chunks.of(run), stub)["believed_until"][1])
+        return float(conservation.belief_variables(Chunks.of(run), stub)["believed_until"][1])
 
     times = run.time.values
-    monkeypatch.setattr(belief, "sample_in_steps", lambda _, t, **__: xr.Dataset({"time": ("at", np.asarray(t))}))
+    monkeypatch.setattr(conservation, "sample_in_steps", lambda _, t, **__: xr.Dataset({"time": ("at", np.asarray(t))}))
     step = 2 * 0.02 + 1e-9
     late = times > 6.0  # by when the range is that of the whole run
     assert np.ptp(run.x.values[~late]) == pytest.approx(span, rel=0.005)

@@ -13,7 +13,7 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.smooth_models import of_rate, oscillator
 from cases.stages import assert_described, assert_same_bits
-from xdynamics.evidence.enclosing.parts import split_box
+from xdynamics.evidence.enclosing.tube import split_box
 from xdynamics.tubes import Flow
 
 SHORT = {"until": "0.5 s", "order": 12, "rtol": 1e-10}

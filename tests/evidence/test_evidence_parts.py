@@ -25,25 +25,24 @@ from xdynamics.evidence.comparing.differences import (
     parting_text,
     times_between,
 )
-from xdynamics.evidence.event_matching import event_rows_by_name, match_times
-from xdynamics.evidence.evidence_dataset import evidence_dataset
+from xdynamics.evidence.evidence_dataset import event_rows_by_name, evidence_dataset, match_times
 from xdynamics.evidence.observables import comparable, modes_behind, observe
 from xdynamics.evidence.refining import readings
-from xdynamics.evidence.refining.convergence import observed_orders
-from xdynamics.evidence.refining.defects import step_defects
-from xdynamics.evidence.refining.family import TrackedValue, family
-from xdynamics.evidence.refining.forecast import Bounds, level_obstacle
-from xdynamics.evidence.refining.judgements import EVENT_LIMITED, judge
+from xdynamics.evidence.refining.convergence import EVENT_LIMITED, judge, observed_orders
 from xdynamics.evidence.refining.levels import ALL, CHOICES, RTOLS, STEPS, TIME_TOLERANCES, Levels, Varied
+from xdynamics.evidence.refining.readings import step_defects
 from xdynamics.evidence.refining.refinement import (
+    Bounds,
     _change_tolerances,
     _changing,
     _known_observables,
     _level_limits,
     _stopped,
+    level_obstacle,
 )
 from xdynamics.evidence.refining.refinement import refinement_lines as refinement_in_words
 from xdynamics.evidence.refining.study import Study
+from xdynamics.evidence.refining.subjects import TrackedValue, family
 from xdynamics.evidence.runs import march_model
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
@@ -238,7 +237,7 @@ def test_the_next_level_is_held_against_rows_and_memory(monkeypatch: pytest.Monk
     assert level_obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 * 8)) == ""
     assert "of memory were allowed" in level_obstacle(study, {"x": 1e-2}, Bounds(rows=1e9, memory=802 * 16.0 - 1.0))
     for free, room in ((802 * 16.0 / 0.8 * 2.0 * 1.01, True), (802 * 16.0 / 0.8 * 2.0 * 0.99, False)):
-        monkeypatch.setattr("xdynamics.evidence.refining.forecast.free_memory", lambda free=free: free)
+        monkeypatch.setattr("xdynamics.evidence.refining.refinement.free_memory", lambda free=free: free)
         assert ("of memory can be had" in level_obstacle(study, {"x": 0.1}, Bounds(rows=1e9))) is not room
 
 

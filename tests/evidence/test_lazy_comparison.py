@@ -15,7 +15,7 @@ from cases.problems import MODELS, ROOT
 from cases.stages import CIRCUMSTANCES, assert_same_bits, marches, no_march
 from cases.verdicts import verified
 from xdynamics.documenting.summary import summary
-from xdynamics.evidence.comparing.lazy_comparison import LATER
+from xdynamics.evidence.comparing.comparison import LATER
 from xdynamics.evidence.stages import compute_datasets
 
 BALL = xd.Model.from_toml(MODELS / "bouncing_ball.toml")

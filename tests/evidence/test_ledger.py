@@ -15,7 +15,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.evidence.enclosing.enclosure import enclosure_request
-from xdynamics.evidence.validating import proven_bounds
+from xdynamics.evidence.validating import ledger as ledger_room
 from xdynamics.evidence.validating.case_runs import CaseRuns, times_in_words
 from xdynamics.evidence.validating.ledger import validate
 from xdynamics.evidence.validating.ledger_rows import FAILED, PASSED, REFUSED, VERDICTS, LedgerRow, ledger_lines
@@ -128,7 +128,7 @@ def test_a_model_is_compared_with_proven_bounds() -> None:
     assert words_of_flag(found.verdict) == ["passed"] * 2
     assert (found.residual.values > 1e-9).all()  # the bounds are far narrower than what the method errs by
     other = enclosure_request(swing.replace(parameters={"J": "1 kg m2", "M": "1.0001 N m"}), at=np.arange(1, 9) / 8)
-    with mock.patch.object(proven_bounds, "enclosure_request", return_value=other):
+    with mock.patch.object(ledger_room, "enclosure_request", return_value=other):
         assert words_of_flag(xd.validate(model=swing, proven=True).verdict) == ["failed"] * 2
     early = swing.replace(forces={"weight": {"q": "-M*(1 + abs(q - 1.8))"}})
     refused = xd.validate(model=early, proven=True)

@@ -9,9 +9,8 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.evidence.validating import case_runs, ledger, proven_bounds
-from xdynamics.evidence.validating.ledger_rows import ledger_lines
-from xdynamics.evidence.validating.worst_elements import MOST_ALONE
+from xdynamics.evidence.validating import case_runs, ledger
+from xdynamics.evidence.validating.ledger_rows import MOST_ALONE, ledger_lines
 from xdynamics.record.flag_words import words_of_flag
 
 # links are one fewer
@@ -161,7 +160,7 @@ def test_proven_bounds_of_many_elements_are_one_line(monkeypatch: pytest.MonkeyP
     """Assert that a line has the digits of its worst element's own line, and names it and how many there are."""
     model = xd.Model.from_text(CHAIN.format(n=3))
     every = xd.validate(model, proven=True)
-    monkeypatch.setattr(proven_bounds, "MOST_ALONE", 2)
+    monkeypatch.setattr(ledger, "MOST_ALONE", 2)
     found = xd.validate(model, proven=True)
     assert found.case_observable.values.tolist() == ["u", "v_u"]
     assert found.case_elements.values.tolist() == [3, 3]

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.evidence.diagnosing import element_extremes, extremes, heights
+from xdynamics.evidence.diagnosing import extremes, summits
 
 CLUSTER = """
 name = "cluster"
@@ -69,11 +69,11 @@ def test_elements_side_by_side_have_the_bits_of_elements(
         xd.save(run, tmp_path / "run.nc")
         run = xd.open_run(tmp_path / "run.nc", chunks={"step": chunks})
     expected = xd.diagnose(run, of="r[2, y]", companion=chunks is None)
-    monkeypatch.setattr(element_extremes, "MOST_NAMES", 0)
+    monkeypatch.setattr(extremes, "MOST_NAMES", 0)
     monkeypatch.setattr("xdynamics.record.unfolding._split_elements", told_apart)
     large = xd.diagnose(run, of="r[2, y]", companion=chunks is None)
     for word in ("v_r", "heat"):
-        assert (expected[f"maximum_{word}_rule"] == heights.INTERPOLATED).any()
+        assert (expected[f"maximum_{word}_rule"] == summits.INTERPOLATED).any()
     assert {"energy_drift", "drift_spread", "drift_momentum_r", "maximum_heat"} <= {*large.data_vars}
     assert large.sizes["cycle"] > 1
     assert large.sizes["turn"] > 3
@@ -87,11 +87,11 @@ def test_too_many_states_are_not_evaluated(run: xr.Dataset, monkeypatch: pytest.
     between = found(run)
     monkeypatch.setattr(extremes, "MOST_NUMBERS", 1)
     accepted = found(run)
-    monkeypatch.setattr(element_extremes, "MOST_NAMES", 0)
+    monkeypatch.setattr(extremes, "MOST_NAMES", 0)
     large = found(run)
     xr.testing.assert_identical(large.drop_attrs(deep=False), accepted.drop_attrs(deep=False))
     for name in ("r", "v_r", "heat"):
-        assert (accepted[f"maximum_{name}_rule"] == heights.SAMPLED).all()
+        assert (accepted[f"maximum_{name}_rule"] == summits.SAMPLED).all()
         np.testing.assert_array_equal(accepted[f"maximum_{name}"], run[name].max("step"))
         off = between[f"maximum_{name}"] - accepted[f"maximum_{name}"]
         assert (off >= 0.0).all()

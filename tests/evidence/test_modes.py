@@ -17,8 +17,7 @@ from xdynamics.cli import main
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.modes import modes
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.model.derivatives import force_totals
-from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.model.linearisation import force_totals, initial_state, linearise
 from xdynamics.model.motion import variables
 
 GRAVITY = 9.8  # of the pendulum of 1 m, m s-2

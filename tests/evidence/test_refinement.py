@@ -17,7 +17,7 @@ import xdynamics as xd
 from cases.contacts import ball
 from cases.problems import MODELS
 from cases.verdicts import verified
-from xdynamics.evidence.refining.judgements import VERDICTS, judge
+from xdynamics.evidence.refining.convergence import VERDICTS, judge
 
 STEPS = {1: 0.01, 2: 0.02, 3: 0.05, 4: 0.05, 5: 0.1, 6: 0.2, 8: 0.3}
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t

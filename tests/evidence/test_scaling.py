@@ -14,7 +14,7 @@ import xdynamics as xd
 from xdynamics.cli import main
 from xdynamics.evidence.comparing.comparison_summary import comparison_lines
 from xdynamics.evidence.diagnosing.diagnosis import diagnosis_lines as lines_of_diagnosis
-from xdynamics.evidence.scaling import divide_by_scale, scale_of, scaled_variables
+from xdynamics.evidence.evidence_dataset import divide_by_scale, scale_of, scaled_variables
 from xdynamics.evidence.validating.ledger_rows import ledger_lines as lines_of_ledger
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.documenting.summary import summary
-from xdynamics.evidence.diagnosing import element_extremes
+from xdynamics.evidence.diagnosing import extremes
 from xdynamics.expressions import parse
 from xdynamics.figures.bodies_scene import BodiesScene
 from xdynamics.figures.scenes import Profile, scene_of
@@ -100,7 +100,7 @@ def test_a_comparison_names_the_element_that_parts_first(springs: xd.Model, run:
 def test_a_closed_form_is_read_once_for_all_elements(run: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a form of a quantity is parsed once, that an element's own form stands beside it, and what is refused."""
     texts = []
-    module = "xdynamics.evidence.diagnosing.closed_forms"
+    module = "xdynamics.evidence.diagnosing.conservation"
     monkeypatch.setattr(f"{module}.parse", lambda text: texts.append(text) or parse(text))
     found = xd.diagnose(run, exact=FORM | {"v_x[b]": "-A*sqrt(k[b]/m)*sin(sqrt(k[b]/m)*t)"}, companion=False)
     assert len(texts) == 2
@@ -275,10 +275,10 @@ until = "20 s"
 """
 
 
-@pytest.mark.parametrize("most", [element_extremes.MOST_NAMES, 0])
+@pytest.mark.parametrize("most", [extremes.MOST_NAMES, 0])
 def test_drifts_are_the_last_cycle_less_the_first(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
     """Assert by elements, and side by side, that speeds a t and momenta m a t grow by what is between cycles."""
-    monkeypatch.setattr(element_extremes, "MOST_NAMES", most)
+    monkeypatch.setattr(extremes, "MOST_NAMES", most)
     found = xd.diagnose(xd.simulate(xd.Model.from_text(SPEEDING)), of="x", companion=False)
     assert found.sizes["cycle"] == 2
     rate, mass, between = np.array([1.0, -2.0, 4.0]), np.array([1.0, 3.0, 0.5]), found.period.values.mean()

@@ -11,8 +11,8 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.evidence.refining.convergence import observed_orders
-from xdynamics.evidence.refining.family import TrackedValue, family
 from xdynamics.evidence.refining.levels import STEPS, Levels
+from xdynamics.evidence.refining.subjects import TrackedValue, family
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
 DRAG = xd.Model.from_toml(MODELS / "ball_drag.toml")

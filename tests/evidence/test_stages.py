@@ -17,8 +17,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import assert_described, assert_same_bits, marches, no_march
-from xdynamics.evidence.remembered_results import LIMIT, Memory, remembered_megabytes
-from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.stage_tasks import LIMIT, Memory, Task, remembered_megabytes
 from xdynamics.evidence.stages import compute_datasets
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")

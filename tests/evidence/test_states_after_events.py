@@ -8,7 +8,7 @@ import xarray as xr
 from scipy.optimize import brentq
 
 import xdynamics as xd
-from xdynamics.evidence.refining import states_after
+from xdynamics.evidence.refining import subjects
 from xdynamics.evidence.refining.refinement import refinement_lines
 from xdynamics.faults import DOT
 from xdynamics.methods import METHODS
@@ -180,7 +180,7 @@ def test_states_after_bounces_of_elements_stand_under_plain_names() -> None:
 
 def test_too_many_states_after_events_are_left_out_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that numbers over the limit are left out, that an attribute says which and why, and what to ask for."""
-    monkeypatch.setattr(states_after, "MOST_NUMBERS", 35)
+    monkeypatch.setattr(subjects, "MOST_NUMBERS", 35)
     model = xd.Model.from_text(BALLS)
     study = xd.refine(model, steps=STEPS)
     lazy = xd.refine(model, steps=STEPS, occurrences=1, compute=False)

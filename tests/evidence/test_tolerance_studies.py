@@ -11,7 +11,7 @@ import pytest
 
 import xdynamics as xd
 from cases.kinds import model_of
-from xdynamics.evidence.refining.judgements import VERDICTS, judge
+from xdynamics.evidence.refining.convergence import VERDICTS, judge
 
 TAU = 1e-3 / 10.0 ** np.arange(5)
 

@@ -11,7 +11,7 @@ import pytest
 import xdynamics as xd
 from cases.exact_problems import METHODS, SMOOTH, falling, known
 from cases.problems import MODELS, oscillator
-from xdynamics.evidence.refining.judgements import VERDICTS, judge
+from xdynamics.evidence.refining.convergence import VERDICTS, judge
 
 
 def studied(model: xd.Model, method: str, step: float, **asked: Any) -> Any:

@@ -10,14 +10,13 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.evidence.refining.judgements import UNCERTAINTY_RULES, judge
+from xdynamics.evidence.refining.convergence import UNCERTAINTY_RULES, judge
 from xdynamics.evidence.refining.refinement import refinement_lines
 from xdynamics.faults import DOT
 from xdynamics.kernels import law_of
 from xdynamics.march.configuration import settings_for
-from xdynamics.march.ensemble_part import log_of_many
 from xdynamics.march.settings import Settings
-from xdynamics.march.simd_ensemble import lanes_for
+from xdynamics.march.simd_ensemble import lanes_for, log_of_many
 from xdynamics.methods import METHODS
 from xdynamics.model.elements import Elements
 from xdynamics.sweeping.ensemble_records import MemberRuns

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from xdynamics.expressions import parse, text_of
+from xdynamics.expressions.calculus import polynomial_coefficients
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.expressions.polynomial import polynomial_coefficients
 
 
 @pytest.mark.parametrize("text", ["a + s*(b + (1 - s)*c)", "-(s - a)**3/b", "(a*s - b)*(s - c)*s", "a - s", "a*b/c"])

@@ -12,7 +12,7 @@ from cases.problems import MODELS
 from xdynamics.expressions import derivative, parse, text_of
 from xdynamics.expressions.calculus import ONE
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.expressions.simplification import printed_simply, simplified
+from xdynamics.expressions.latex import printed_simply, simplified
 
 SIMPLER = {
     "-(k*(2*x)/2)": "-k*x",

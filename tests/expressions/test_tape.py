@@ -11,11 +11,9 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, Number
-from xdynamics.expressions.evaluation import evaluate
-from xdynamics.expressions.tape import Tape
+from xdynamics.expressions.evaluation import Tape, evaluate
 from xdynamics.faults import InputError
-from xdynamics.model.derivatives import derivative_assignments
-from xdynamics.model.linearisation import initial_state, linearise
+from xdynamics.model.linearisation import derivative_assignments, initial_state, linearise
 from xdynamics.model.motion import constants, drive_pieces, motion
 
 MODELS = sorted((Path(__file__).parents[2] / "data" / "models").glob("*.toml"))

@@ -11,9 +11,17 @@ import xarray as xr
 
 import xdynamics as xd
 from xdynamics.faults import DOT
-from xdynamics.figures import hermite
-from xdynamics.figures.curves import _inner_times, energy_changes, has_chords, plotted_lines, thinned_rows
-from xdynamics.figures.hermite import StatePolynomials, _hermite, derivative_chain
+from xdynamics.figures import curves
+from xdynamics.figures.curves import (
+    StatePolynomials,
+    _hermite,
+    _inner_times,
+    derivative_chain,
+    energy_changes,
+    has_chords,
+    plotted_lines,
+    thinned_rows,
+)
 from xdynamics.figures.plane import views
 
 Floats = Any
@@ -44,7 +52,7 @@ def bent(run: xr.Dataset, name: str, times: Floats, rows: Floats) -> Floats | No
 def test_elements_are_evaluated_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that 600 elements take three evaluations, to the bits of each alone; where one has no acceleration, four."""
     count, names, called = 600, [f"u{DOT}{i}" for i in range(600)], []
-    inside = hermite._inner_polynomials
+    inside = curves._inner_polynomials
 
     def counted(*arguments: Any) -> Any:
         called.append(arguments)
@@ -54,7 +62,7 @@ def test_elements_are_evaluated_together(monkeypatch: pytest.MonkeyPatch) -> Non
     columns = {f"{head}u{DOT}{i}": ("step", random.normal(size=4)) for head in ("", "v_", "a_") for i in range(count)}
     run = xr.Dataset({"time": ("step", time), **columns})
     times, rows = np.array([0.25, 0.5, 1.25, 2.0]), np.array([0, 0, 1, 2])
-    monkeypatch.setattr(hermite, "_inner_polynomials", counted)
+    monkeypatch.setattr(curves, "_inner_polynomials", counted)
     for lacking, evaluations in ((run, 3), (run.drop_vars(f"a_u{DOT}7"), 4)):
         together = StatePolynomials(lacking, times, rows, dict.fromkeys(names))
         called.clear()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.figures import hermite
+from xdynamics.figures import curves
 from xdynamics.figures.element_maps import colours
 
 ROW = """
@@ -58,9 +58,9 @@ def test_rows_of_a_map_are_made_once_each(monkeypatch: pytest.MonkeyPatch) -> No
     text = ROW.replace("1300", "700").replace("LEVEL", "2").replace("AMOUNT", "1")
     run = xd.simulate(xd.Model.from_text(text), log="states")
     asked = list[str]()
-    made = hermite.StatePolynomials._evaluate
+    made = curves.StatePolynomials._evaluate
     monkeypatch.setattr(
-        hermite.StatePolynomials, "_evaluate", lambda self, names: (asked.extend(names), made(self, names))[1]
+        curves.StatePolynomials, "_evaluate", lambda self, names: (asked.extend(names), made(self, names))[1]
     )
     xd.plot(run, only="trajectory")
     assert len({*asked}) == len(asked) == 700

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.figures.contrast import contrast_ratio, legible
 from xdynamics.figures.framing import frame_of
+from xdynamics.figures.marks import contrast_ratio, legible
 from xdynamics.figures.scenes import scene_of
 from xdynamics.record import unfold
 

@@ -12,7 +12,7 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.figures.picture import Picture
+from xdynamics.figures.sheet import Picture
 
 
 @pytest.fixture(scope="module")

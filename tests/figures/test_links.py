@@ -9,8 +9,8 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
+from xdynamics.figures.boundaries import fastenings_of
 from xdynamics.figures.plane import views
-from xdynamics.figures.scenery import fastenings_of
 from xdynamics.figures.scenes import scene_of
 from xdynamics.record import unfold
 

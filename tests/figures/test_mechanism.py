@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 import xdynamics as xd
-from xdynamics.figures.mechanism import Mechanism, ellipses, projected
+from xdynamics.figures.bodies_scene import Mechanism, ellipses, projected
 from xdynamics.figures.scenes import scene_of
 from xdynamics.record import unfold
 

@@ -16,8 +16,7 @@ import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
 from xdynamics.figures.event_marks import IN_LEGEND
-from xdynamics.figures.placing import EVENT, dense, place_legends_and_names
-from xdynamics.figures.sheet import sheet, write_figure
+from xdynamics.figures.sheet import EVENT, dense, place_legends_and_names, sheet, write_figure
 
 SHORT = {"rocket_c6": {}, "moving_table": {"until": "1 s"}, "ball_in_box": {}, "block_on_incline": {}}
 

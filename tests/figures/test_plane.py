@@ -14,7 +14,7 @@ from PIL import Image
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
-from xdynamics.figures.film import drawn_frames
+from xdynamics.figures.animation import drawn_frames
 from xdynamics.figures.marks import typeset
 from xdynamics.figures.plane import views
 from xdynamics.figures.scenes import scene_of

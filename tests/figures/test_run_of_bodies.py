@@ -10,7 +10,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.bodies import of_body
-from xdynamics.figures.contrast import legible
+from xdynamics.figures.marks import legible
 
 
 def titles(run: Any, **settings: Any) -> list[str]:

@@ -9,11 +9,10 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.figures.plane import views
+from xdynamics.figures.plane import spaces, views
 from xdynamics.figures.run import panels_of
 from xdynamics.figures.scenes import scene_of
 from xdynamics.figures.sheet import sheet
-from xdynamics.figures.space import spaces
 from xdynamics.record import unfold
 
 SPRINGS = """

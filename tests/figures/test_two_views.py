@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 import xdynamics as xd
+from xdynamics.figures.bodies_scene import TwoViews
 from xdynamics.figures.scenes import scene_of
-from xdynamics.figures.two_views import TwoViews
 from xdynamics.record import unfold
 
 

@@ -17,7 +17,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.archive.integrity import edited_variables, without_stale_units
-from xdynamics.documenting.archives_page import ARCHIVES_PAGE
+from xdynamics.documenting.manual_pages import ARCHIVES_PAGE
 from xdynamics.record.folding import labelled
 
 WAYS: dict[str, Callable[[xr.Dataset, Path], xr.Dataset]] = {

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import solve_banded
 
 from cases.plain import plain
-from xdynamics.kernels import band
+from xdynamics.kernels import linear
 
 BANDS = [(0, 0), (1, 1), (2, 2), (0, 3), (3, 0), (1, 4), (4, 1), (7, 5)]
 
@@ -49,8 +49,8 @@ def test_real(n: int, lower: int, upper: int) -> None:
     wide, right = in_band(n, lower, upper, 10 * n + lower)
     expected = solve_banded((lower, upper), rows_of(wide, lower, upper), right)
     matrix, pivots = stored(wide, lower, upper), np.zeros(n, np.int64)
-    assert plain(band.factorise_band)(matrix, pivots, n, lower, upper)
-    plain(band.substitute_band)(matrix, pivots, right, n, lower, upper)
+    assert plain(linear.factorise_band)(matrix, pivots, n, lower, upper)
+    plain(linear.substitute_band)(matrix, pivots, right, n, lower, upper)
     scale = np.abs(expected).max() * np.linalg.cond(wide)
     np.testing.assert_allclose(right, expected, rtol=0, atol=1e-15 * scale + 1e-15)
     assert (pivots != np.arange(n)).any() or n <= 2 or not (lower and upper)
@@ -66,8 +66,8 @@ def test_complex(n: int, lower: int, upper: int) -> None:
     expected = solve_banded((lower, upper), rows_of(wide, lower, upper), right + 1j * other)
     matrix = np.concatenate([np.zeros(n * height), stored(re, lower, upper), stored(im, lower, upper)])
     pivots, found = np.zeros(6 * n, np.int64), np.concatenate([right, other])
-    assert plain(band.factorise_complex_band)(matrix, pivots, n, lower, upper)
-    plain(band.substitute_complex_band)(matrix, pivots, found, n, lower, upper)
+    assert plain(linear.factorise_complex_band)(matrix, pivots, n, lower, upper)
+    plain(linear.substitute_complex_band)(matrix, pivots, found, n, lower, upper)
     scale = np.abs(expected).max() * np.linalg.cond(wide)
     np.testing.assert_allclose(found[:n] + 1j * found[n:], expected, rtol=0, atol=1e-15 * scale + 1e-15)
 
@@ -77,5 +77,5 @@ def test_singular(wrong: float) -> None:
     """Assert that a column without a pivot is said to have none."""
     wide = np.diag([1.0, wrong, 1.0])
     matrix = np.tile(stored(wide, 0, 0), 3)
-    assert not plain(band.factorise_band)(matrix, np.zeros(3, np.int64), 3, 0, 0)
-    assert not plain(band.factorise_complex_band)(matrix, np.zeros(18, np.int64), 3, 0, 0)
+    assert not plain(linear.factorise_band)(matrix, np.zeros(3, np.int64), 3, 0, 0)
+    assert not plain(linear.factorise_complex_band)(matrix, np.zeros(18, np.int64), 3, 0, 0)

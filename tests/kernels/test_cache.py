@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from cases.problems import MODELS
-from xdynamics.kernels import cache, engine_part
+from xdynamics.kernels import engine_part, machine
 from xdynamics.kernels.engine_part import NUMBA, EnginePart, source_digest
 from xdynamics.march.engine import ENGINE, engine
 
@@ -52,7 +52,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A cache that holds the engine and one law, copied from this session's, and the digest of the run."""
     engine()
     folder = tmp_path_factory.mktemp("kept")
-    shutil.copy(cache.folder() / CODE, folder / CODE)
+    shutil.copy(machine.folder() / CODE, folder / CODE)
     digest, _, _ = told(folder)
     return folder, digest
 
@@ -110,9 +110,9 @@ def test_no_flipped_bit_is_loaded(kept: tuple[Path, str], tmp_path: Path, monkey
             changed = bytearray(whole)
             changed[places.randrange(len(whole))] ^= 1 << places.randrange(8)
             (tmp_path / entry.name).write_bytes(changed)
-            assert cache.read(entry.name) is None
+            assert machine.read(entry.name) is None
         (tmp_path / entry.name).write_bytes(whole)
-        assert cache.read(entry.name) == whole[32:]
+        assert machine.read(entry.name) == whole[32:]
 
 
 KNOWN = """
@@ -152,8 +152,8 @@ def test_a_damaged_engine_is_compiled_anew(kept: tuple[Path, str], known: str, t
 def test_the_bytes_that_were_verified_are_loaded(kept: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a file that is exchanged after its digest was compared changes nothing: it is not read again."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(kept[0]))
-    content = cache.read(CODE)
-    monkeypatch.setattr(cache, "read", lambda _name: content)
+    content = machine.read(CODE)
+    monkeypatch.setattr(machine, "read", lambda _name: content)
     monkeypatch.setenv("XDYNAMICS_CACHE", "/nowhere")
     loaded = EnginePart("engine", "the engine", 10, ENGINE.functions)
     assert len(loaded.entries()) == len(ENGINE.functions)
@@ -216,8 +216,8 @@ def test_a_user_without_a_home_has_one_temporary_folder(monkeypatch: pytest.Monk
     """Assert that it is this user's, and the same one in every process."""
     homeless(monkeypatch, tmp_path)
     for name in ("law-x.o", "law-y.o"):
-        cache.write(name, b"code")
-        assert cache.read(name) == b"code"
+        machine.write(name, b"code")
+        assert machine.read(name) == b"code"
     names = [f"xdynamics-{os.getuid()}", f"xdynamics-{os.getuid()}.secret"]
     assert sorted(entry.name for entry in tmp_path.iterdir()) == names
 
@@ -227,16 +227,16 @@ def test_somebody_elses_temporary_folder_is_not_believed(
 ) -> None:
     """Assert that code is neither read from nor written to a folder that others can write to, or a link."""
     homeless(monkeypatch, tmp_path)
-    monkeypatch.setattr(cache, "_ADVISED", [])
-    cache.write("law-x.o", b"code")
-    cache.folder().chmod(0o777)
-    assert cache.read("law-x.o") is None
-    cache.write("law-y.o", b"code")
-    assert "others may write to the folder" in cache.caching_obstacle()
-    cache.folder().rename(tmp_path / "theirs")
+    monkeypatch.setattr(machine, "_ADVISED", [])
+    machine.write("law-x.o", b"code")
+    machine.folder().chmod(0o777)
+    assert machine.read("law-x.o") is None
+    machine.write("law-y.o", b"code")
+    assert "others may write to the folder" in machine.caching_obstacle()
+    machine.folder().rename(tmp_path / "theirs")
     (tmp_path / "theirs").chmod(0o700)
-    cache.folder().symlink_to(tmp_path / "theirs")
-    assert cache.read("law-x.o") is None
+    machine.folder().symlink_to(tmp_path / "theirs")
+    assert machine.read("law-x.o") is None
     assert [entry.name for entry in (tmp_path / "theirs").iterdir()] == ["law-x.o"]
     assert len(caplog.records) == 1
 
@@ -262,43 +262,43 @@ def test_what_others_can_write_is_not_executed(
     for name in ("XDYNAMICS_CACHE", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(variable, str(tmp_path))
-    cache.write("law-x.o", b"code")
-    assert cache.read("law-x.o") == b"code"
-    PLANTS[plant](cache.folder(), cache.folder() / "law-x.o")
-    assert cache.read("law-x.o") is None
+    machine.write("law-x.o", b"code")
+    assert machine.read("law-x.o") == b"code"
+    PLANTS[plant](machine.folder(), machine.folder() / "law-x.o")
+    assert machine.read("law-x.o") is None
 
 
 def test_a_file_from_an_open_folder_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that neither an unkeyed digest, nor another user's secret, nor another file's seal passes."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path / "cache"))
-    cache.write("law-x.o", b"code")
-    whole = (cache.folder() / "law-x.o").read_bytes()
-    (cache.folder() / "law-y.o").write_bytes(whole)
-    (cache.folder() / "law-z.o").write_bytes(hashlib.sha256(b"code").digest() + b"code")
-    assert (cache.read("law-x.o"), cache.read("law-y.o"), cache.read("law-z.o")) == (b"code", None, None)
+    machine.write("law-x.o", b"code")
+    whole = (machine.folder() / "law-x.o").read_bytes()
+    (machine.folder() / "law-y.o").write_bytes(whole)
+    (machine.folder() / "law-z.o").write_bytes(hashlib.sha256(b"code").digest() + b"code")
+    assert (machine.read("law-x.o"), machine.read("law-y.o"), machine.read("law-z.o")) == (b"code", None, None)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another user's"))
-    cache.write("law-z.o", b"theirs")
+    machine.write("law-z.o", b"theirs")
     monkeypatch.delenv("XDG_CACHE_HOME")
-    assert (cache.read("law-x.o"), cache.read("law-z.o")) == (b"code", None)
+    assert (machine.read("law-x.o"), machine.read("law-z.o")) == (b"code", None)
 
 
 def test_the_secret_is_the_users_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that it has mode 600, lies in no folder that XDYNAMICS_CACHE names, and that another one is refused by name."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path / "shared"))
-    monkeypatch.setattr(cache, "_ADVISED", [])
-    cache.write("law-x.o", b"code")
+    monkeypatch.setattr(machine, "_ADVISED", [])
+    machine.write("law-x.o", b"code")
     secret = tmp_path / "home" / "xdynamics.secret"
     assert (secret.stat().st_mode & 0o777, secret.stat().st_size) == (0o600, 32)
     assert [path.name for path in (tmp_path / "shared").iterdir()] == ["law-x.o"]
     secret.chmod(0o640)
-    assert cache.read("law-x.o") is None
-    assert "others may read" in cache.caching_obstacle()
+    assert machine.read("law-x.o") is None
+    assert "others may read" in machine.caching_obstacle()
     secret.chmod(0o600)
     secret.write_bytes(b"short")
-    assert "holds no secret" in cache.caching_obstacle()
+    assert "holds no secret" in machine.caching_obstacle()
     secret.unlink()
-    assert cache.read("law-x.o") is None
+    assert machine.read("law-x.o") is None
     assert not secret.exists()
 
 
@@ -307,16 +307,16 @@ def test_old_and_seldom_used_files_are_pruned(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
     monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", "0.003")
     for days, name in enumerate(("new", "used", "older", "oldest")):
-        cache.write(f"law-{name}.o", bytes(950))
+        machine.write(f"law-{name}.o", bytes(950))
         os.utime(tmp_path / f"law-{name}.o", (time.time() - 86400.0 * (1 + days),) * 2)
-    assert cache.read("law-used.o") == bytes(950)  # marks it as used
-    cache.write("law-last.o", bytes(950))
+    assert machine.read("law-used.o") == bytes(950)  # marks it as used
+    machine.write("law-last.o", bytes(950))
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         f"law-{name}.o" for name in ("last", "new", "older", "used")
     ]
     monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", "0.03")
-    os.utime(tmp_path / "law-new.o", (time.time() - 86400.0 * (cache.MOST_DAYS + 1),) * 2)
-    cache.write("law-last.o", bytes(950))
+    os.utime(tmp_path / "law-new.o", (time.time() - 86400.0 * (machine.MOST_DAYS + 1),) * 2)
+    machine.write("law-last.o", bytes(950))
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"law-{name}.o" for name in ("last", "older", "used")]
 
 
@@ -324,10 +324,10 @@ def test_the_folder_is_looked_through_seldom(tmp_path: Path, monkeypatch: pytest
     """Assert that writing a limit's worth of small files prunes about 32 times, and that more than the limit never stays long."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
     monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", "0.3")
-    looks, prune = [], cache._prune
-    monkeypatch.setattr(cache, "_prune", lambda *given: (looks.append(given), prune(*given)))
+    looks, prune = [], machine._prune
+    monkeypatch.setattr(machine, "_prune", lambda *given: (looks.append(given), prune(*given)))
     for number in range(900):
-        cache.write(f"law-{number}.o", bytes(1000 - cache._SEAL))
+        machine.write(f"law-{number}.o", bytes(1000 - machine._SEAL))
     assert 45 < len(looks) < 160  # 96 are expected; either bound is missed once in 10^7 runs
     assert sum(path.stat().st_size for path in tmp_path.iterdir()) < 0.3e6 * 1.6  # no look in 170 writes: once in 10^8
 
@@ -336,17 +336,17 @@ def test_the_folder_is_looked_through_seldom(tmp_path: Path, monkeypatch: pytest
 def test_the_limit_of_the_cache(text: str, limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that a limit that is no size is not followed."""
     monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", text)
-    assert cache.max_megabytes() == limit
+    assert machine.max_megabytes() == limit
 
 
 def test_parts_of_dead_processes_are_removed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Assert that a part older than an hour goes when the folder is pruned, and a younger one stays."""
     monkeypatch.setenv("XDYNAMICS_CACHE", str(tmp_path))
     monkeypatch.setenv("XDYNAMICS_CACHE_LIMIT", "0.001")
-    for name, age in (("old.part", 2 * cache.ABANDONED), ("young.part", 0.0)):
+    for name, age in (("old.part", 2 * machine.ABANDONED), ("young.part", 0.0)):
         (tmp_path / name).write_bytes(b"half")
         os.utime(tmp_path / name, (time.time() - age,) * 2)
-    cache.write("law-x.o", b"code")
+    machine.write("law-x.o", b"code")
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["law-x.o", "young.part"]
 
 
@@ -359,7 +359,7 @@ def test_an_interrupted_write_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tm
 
     monkeypatch.setattr(os, "replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        cache.write("law-x.o", b"code")
+        machine.write("law-x.o", b"code")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -394,9 +394,9 @@ def test_a_relative_cache_stays_where_it_was(monkeypatch: pytest.MonkeyPatch, tm
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDYNAMICS_CACHE", "kept here")
-    first = cache.folder()
+    first = machine.folder()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert cache.folder() == first == tmp_path / "kept here"
+    assert machine.folder() == first == tmp_path / "kept here"
 
 
 def test_the_key_watches_all_that_is_compiled_in() -> None:

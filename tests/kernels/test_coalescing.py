@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from cases.chain_steps import EXPLICIT, SITES, chain_law, executed, left_by, lengths_of
-from xdynamics.kernels.coalescing import coalesce_copies
 from xdynamics.kernels.program import Compute, Load, Loop, Program, ProgramCall, StoreTo, loop_element
+from xdynamics.kernels.shared_storage import coalesce_copies
 
 
 @pytest.mark.parametrize("name", EXPLICIT)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 import xdynamics as xd
 from cases.array_programs import compiled, in_python
 from xdynamics.kernels.jets import Expansion, Motion, expansion
-from xdynamics.kernels.jets.powers import powers_of
+from xdynamics.kernels.jets.elements import powers_of
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.link_rows import link_rows
-from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.llvm_program import llvm_of
 from xdynamics.kernels.model_programs import expanded, forces_by_elements
 from xdynamics.kernels.program import Compute, Line, Load, Location, Loop, Program, Reduction, StoreTo, nested_lines
 from xdynamics.march.configuration import settings_for

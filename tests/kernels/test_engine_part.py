@@ -14,7 +14,7 @@ import pytest
 from numba.core.errors import TypingError
 
 from xdynamics.dynamics.growth import GROWTH
-from xdynamics.kernels import cache, engine_part, numba_text
+from xdynamics.kernels import engine_part, machine, numba_text
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.engine_part import NUMBA, WHEEL, EnginePart, toolchain_versions
 from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Fields, array_kind, signature_of
@@ -144,7 +144,7 @@ def test_what_was_interrupted_is_compiled_anew(monkeypatch: pytest.MonkeyPatch) 
         with pytest.raises(KeyboardInterrupt):
             part.entries()
     assert not engine_part.is_being_made()
-    assert not [*cache.folder().glob("tiny*")]
+    assert not [*machine.folder().glob("tiny*")]
     found = np.zeros((2, 3))
     assert part.entries()[0](Pair(np.ones(3), np.ones((2, 3))), 1.5, 2, True, found) == 6
     assert (found == 3.5).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.elementary.curve_bounds import POLYNOMIALS, on_curve
+from xdynamics.elementary.bounds import POLYNOMIALS, on_curve
 from xdynamics.kernels.interval_program import (
     CONSTANT,
     NUMBER,

@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.elementary.curve_bounds import POLYNOMIALS, on_curve
+from xdynamics.elementary.bounds import POLYNOMIALS, on_curve
 from xdynamics.elementary.intervals import Intervals
 from xdynamics.kernels import machine
 from xdynamics.kernels.interval_program import OPERANDS, VARIABLES
-from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.llvm_program import llvm_of
 from xdynamics.kernels.program import INTERVAL, TABLE, WORDS, Compute, Load, Location, Program, StoreTo
 from xdynamics.kernels.python_text import python_of
 

@@ -13,7 +13,7 @@ from cases.array_programs import compiled, in_python
 from cases.shaped_laws import MODELS
 from xdynamics.kernels import Layout, layout_of, model_programs
 from xdynamics.kernels.drive_tables import concatenated_tables
-from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
+from xdynamics.kernels.newton_matrix import is_compressed, pattern_of
 from xdynamics.kernels.program import AT
 from xdynamics.model import Model
 from xdynamics.model.linearisation import linearise

@@ -18,8 +18,8 @@ from xdynamics.elementary.fma import fma
 from xdynamics.expressions import parse
 from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.jets import Motion, UnexpandedError, expansion
-from xdynamics.kernels.jets.looped_order import Looped
-from xdynamics.kernels.jets.series import Series, reciprocal
+from xdynamics.kernels.jets.looped import Looped
+from xdynamics.kernels.jets.recurrences import Series, reciprocal
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import expanded, forces, forces_by_elements
 from xdynamics.kernels.program import (

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from xdynamics.kernels.link_patterns import PIECES, Pattern, patterns
+from xdynamics.kernels.nests import PIECES, Pattern, patterns
 from xdynamics.shapes import Relation
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from cases.array_programs import compiled, in_python
 from xdynamics.kernels.link_rows import link_rows
-from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.llvm_program import llvm_of
 from xdynamics.kernels.program import Compute, Line, Load, Location, Loop, Program, Reduction, StoreTo, loop_element
 
 WIDTHS = (1, 4, 8, 16)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cases.array_programs import compiled, enclosed, gravity, in_python, plain_gravity
-from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.llvm_program import llvm_of
 from xdynamics.kernels.program import (
     AT,
     INTERVAL,

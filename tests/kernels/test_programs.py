@@ -16,14 +16,12 @@ from cases.problems import MODELS, coupled_springs, particle
 from xdynamics.expressions import Name, parse
 from xdynamics.kernels import Law, law_of, layout_of
 from xdynamics.kernels.assignments import Assignments
-from xdynamics.kernels.law import CONTROL, FORCE_SAMPLES, ROW_ENERGIES
-from xdynamics.kernels.law_cache import key_of
+from xdynamics.kernels.law import CONTROL, FORCE_SAMPLES, ROW_ENERGIES, key_of
 from xdynamics.kernels.llvm_loops import UNROLLED
 from xdynamics.kernels.program import UNSOUND, Compute, Load, Location, Program, StoreTo
 from xdynamics.kernels.python_text import python_of
-from xdynamics.methods.scheme import Scheme
-from xdynamics.methods.summation import COMPENSATED, updates
-from xdynamics.methods.summation import PLAIN as PLAIN_SUMS
+from xdynamics.methods.scheme import COMPENSATED, Scheme, updates
+from xdynamics.methods.scheme import PLAIN as PLAIN_SUMS
 
 EXPLICIT = [one for one in xd.METHODS.values() if not one.solves]
 LANES = (2, 4, 8, 16)
@@ -275,7 +273,7 @@ def test_the_source_in_a_record_is_the_law() -> None:
 def test_powers_are_the_language_s(exponent: str) -> None:
     """Assert that a power comes out as `evaluate` has it, whose products and roots the language defines."""
     from xdynamics.expressions.evaluation import evaluate
-    from xdynamics.kernels.operations import PYTHON
+    from xdynamics.kernels.python_text import PYTHON
 
     tree = parse(f"a**({exponent})")
     lines = Assignments(lambda own, name: own.load(Location("y"), name))

@@ -8,14 +8,12 @@ import pytest
 
 import xdynamics as xd
 from cases.chain_steps import EXPLICIT, chain_law, executed, left_by, lengths_of
-from xdynamics.documenting.shapes_page import shapes_page
-from xdynamics.kernels.array_effects import effects_of
-from xdynamics.kernels.coalescing import coalesce_copies
+from xdynamics.documenting.model_pages import shapes_page
 from xdynamics.kernels.program import Compute, Gather, Load, Location, Loop, Program, ProgramCall, StoreTo, loop_element
-from xdynamics.kernels.shared_storage import with_shared_storage
+from xdynamics.kernels.shared_storage import coalesce_copies, effects_of, with_shared_storage
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
-from xdynamics.record.size import sizes_of_march
+from xdynamics.record.run_dataset import sizes_of_march
 
 # numbers for each site in arrays of a step: of dop853 velocities and accelerations at its eight stages that the result
 # is made of, where all the others stood before; of methods that drift and kick those at one state

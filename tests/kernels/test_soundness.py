@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cases.array_programs import bound, in_python
-from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.llvm_program import llvm_of
 from xdynamics.kernels.program import AT, Compute, Load, Loop, Program, StoreTo, loop_element
 
 UNSOUND = AT.index("unsound")

@@ -7,40 +7,36 @@ import math
 import pytest
 
 from cases.plain import plain
-from xdynamics.kernels import step_control
+from xdynamics.kernels import formulas
 from xdynamics.kernels.formulas import compiled_function_of
-from xdynamics.methods import radau
+from xdynamics.methods import implicit
 
 LEAST, GREATEST, SAFETY = 0.125, 8.0, 0.9
 
-tolerance = plain(compiled_function_of(step_control.TOLERANCE, "rtol size floor top", "atol"))
-allowed = plain(compiled_function_of(step_control.ALLOWED, "atol rtol rest floor top slope", "allowed"))
-ratio = plain(compiled_function_of(step_control.RATIO, "error before after allowed rtol", "ratio"))
-worst = plain(compiled_function_of(step_control.NORM, "norm error before after allowed rtol", "norm"))
+tolerance = plain(compiled_function_of(formulas.TOLERANCE, "rtol size floor top", "atol"))
+allowed = plain(compiled_function_of(formulas.ALLOWED, "atol rtol rest floor top slope", "allowed"))
+ratio = plain(compiled_function_of(formulas.RATIO, "error before after allowed rtol", "ratio"))
+worst = plain(compiled_function_of(formulas.NORM, "norm error before after allowed rtol", "norm"))
 proportional = plain(
     compiled_function_of(
-        step_control.PROPORTIONAL,
+        formulas.PROPORTIONAL,
         "norm logarithm power safety least greatest",
         "factor next_log shrink",
-        step_control.CONSTANTS,
+        formulas.CONSTANTS,
     )
 )
 growth = plain(
     compiled_function_of(
-        step_control.PREDICTIVE,
+        formulas.PREDICTIVE,
         "norm turn turns theta width before norm_before safety least greatest",
         "growth",
-        step_control.CONSTANTS,
+        formulas.CONSTANTS,
     )
 )
 predicted = plain(
-    compiled_function_of(
-        step_control.PREDICTED, "growth least greatest", "factor next_log shrink", step_control.CONSTANTS
-    )
+    compiled_function_of(formulas.PREDICTED, "growth least greatest", "factor next_log shrink", formulas.CONSTANTS)
 )
-next_step = plain(
-    compiled_function_of(step_control.NEXT, "width factor cut rejected step min_step max_step", "next_step")
-)
+next_step = plain(compiled_function_of(formulas.NEXT, "width factor cut rejected step min_step max_step", "next_step"))
 
 
 @pytest.mark.parametrize(
@@ -81,8 +77,8 @@ def test_the_norm_is_the_largest_ratio() -> None:
     ("norm", "power", "found"),
     [
         (0.5, 2.0, (1.8, math.log(0.5), 0.9)),
-        (1e-9, 99.0, (GREATEST, step_control.LEAST_LOGARITHM, 0.9)),
-        (0.0, 1.0, (GREATEST, step_control.LEAST_LOGARITHM, 0.9)),
+        (1e-9, 99.0, (GREATEST, formulas.LEAST_LOGARITHM, 0.9)),
+        (0.0, 1.0, (GREATEST, formulas.LEAST_LOGARITHM, 0.9)),
         (9.0, 0.5, (0.45, math.log(9.0), 0.45)),
         (1e9, 1e-3, (LEAST, math.log(1e9), LEAST)),
     ],
@@ -99,7 +95,7 @@ def by_the_book(norm: float, turns: int, theta: float, width: float, before: flo
     The factor is 0.9 (2 k + 1)/(2 k + n) of n Newton iterations out of k, and the smaller of both predictions counts
     after an accepted step; a growth of 1 to 1.2 is left out where iterations converge so fast that factors are kept.
     """
-    most = radau.MOST_TURNS
+    most = implicit.MOST_TURNS
     norm = max(norm, 1e-10)
     factor = SAFETY * min(1.0, (2 * most + 1) / (2 * most + turns)) * norm**-0.25
     if norm <= 1.0 and before > 0.0:
@@ -133,7 +129,7 @@ def test_small_growth_is_left_out_to_its_very_limits() -> None:
 )
 def test_predicted_growth_keeps_to_the_limits(own: float, found: tuple[float, float]) -> None:
     """Assert the bounds of growth, that no norm is remembered, and at most 0.9 after a rejection."""
-    assert predicted(own, LEAST, GREATEST) == (found[0], step_control.LEAST_LOGARITHM, found[1])
+    assert predicted(own, LEAST, GREATEST) == (found[0], formulas.LEAST_LOGARITHM, found[1])
 
 
 @pytest.mark.parametrize(

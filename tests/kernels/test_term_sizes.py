@@ -9,9 +9,8 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.kernels.layout import layout_of
-from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import AT
-from xdynamics.kernels.python_text import python_of
+from xdynamics.kernels.python_text import python_of, python_of_set
 from xdynamics.kernels.term_sizes import TERM_SIZES, term_sizes_program
 from xdynamics.model.motion import constant_names, constant_values
 

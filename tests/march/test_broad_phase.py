@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from cases.balls import balls
 from cases.plain import between_states, made_by_hand, plain
 from xdynamics.march import March
-from xdynamics.march.assembly.broad_phase import stays_in_narrow_box
-from xdynamics.march.assembly.links import ASSEMBLY, FIRST, LINK, NARROW, NEAR, SECOND, WIDE
+from xdynamics.march.assembly.broad_phase import ASSEMBLY, FIRST, LINK, NARROW, NEAR, SECOND, WIDE, stays_in_narrow_box
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.run import Run
 

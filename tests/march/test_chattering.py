@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from xdynamics.march.chattering import CLOSE, NOWHERE, PASSAGES, SMALL, chattering
+from xdynamics.march.unlocated_switches import CLOSE, NOWHERE, PASSAGES, SMALL, chattering
 from xdynamics.model.detectors import SWITCH
 
 DETECTORS = np.array([(SWITCH + 1, 1.0), (SWITCH, 1.0)], dtype=[("role", int), ("tolerance", float)])

@@ -10,11 +10,10 @@ from stiff_problems import STIFF
 
 import xdynamics as xd
 from cases.plain import plain
-from xdynamics.kernels import elimination, law_of, linear
+from xdynamics.kernels import collocation, law_of, linear
 from xdynamics.kernels.assignments import Assignments
-from xdynamics.kernels.operations import PYTHON
 from xdynamics.kernels.program import Compute, Load, Location, Operand, Program, ProgramCall, StoreTo, When, While
-from xdynamics.kernels.python_text import python_of
+from xdynamics.kernels.python_text import PYTHON, python_of
 from xdynamics.march import Runs, march_many
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.simd_ensemble import lanes_for
@@ -135,8 +134,8 @@ def real_solved(lines: Assignments, given: list[Operand], n: int) -> list[Operan
     """Factorise a matrix, column by column, and solve for what stands behind it."""
     m = [[(one,) for one in given[j * n : (j + 1) * n]] for j in range(n)]
     right = [(one,) for one in given[n * n :]]
-    pivots, sound = elimination.factorise_columns(lines, m)
-    elimination.substitute_columns(lines, m, pivots, right)
+    pivots, sound = collocation.factorise_columns(lines, m)
+    collocation.substitute_columns(lines, m, pivots, right)
     return [one for column in m for (one,) in column] + pivots + [one for (one,) in right] + [sound]
 
 
@@ -145,8 +144,8 @@ def complex_solved(lines: Assignments, given: list[Operand], n: int) -> list[Ope
     entries = list(zip(given[: n * n], given[n * n : 2 * n * n], strict=True))
     m = [entries[j * n : (j + 1) * n] for j in range(n)]
     right = list(zip(given[2 * n * n : 2 * n * n + n], given[2 * n * n + n :], strict=True))
-    pivots, sound = elimination.factorise_columns(lines, m)
-    elimination.substitute_columns(lines, m, pivots, right)
+    pivots, sound = collocation.factorise_columns(lines, m)
+    collocation.substitute_columns(lines, m, pivots, right)
     planes = [entry[part] for part in range(2) for column in m for entry in column]
     return planes + pivots + [entry[part] for part in range(2) for entry in right] + [sound]
 

@@ -12,8 +12,8 @@ import pytest
 
 import xdynamics as xd
 from cases.problems import oscillator
-from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.fork_safety import waited_for
+from xdynamics.runtime.lazy_imports import cached_property
 
 SECONDS = 60  # after which a child is ended that waits for a lock
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")

@@ -316,7 +316,7 @@ def test_what_does_not_fit_is_refused_before_it_is_made(monkeypatch: pytest.Monk
     with pytest.raises(xd.ModelError, match=r"'u': has 1000000000000 elements along site, column, which take 240 TB"):
         xd.Model.from_text(wide)
     model = xd.Model.from_text(text)
-    monkeypatch.setattr("xdynamics.record.size.free_memory", lambda: 1e8)
+    monkeypatch.setattr("xdynamics.record.run_dataset.free_memory", lambda: 1e8)
     with pytest.raises(
         xd.InputError, match=r"a march of 2000000 numbers by velocity_verlet takes about .* 80 MB of memory"
     ):

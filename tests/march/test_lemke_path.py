@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cases.plain import made_by_hand, plain
-from xdynamics.march.assembly import banded_factors, cone_pieces, friction, lemke_path, sweeps
+from xdynamics.march.assembly import banded_factors, friction, lemke_path
 from xdynamics.march.assembly.banded_factors import CHANGE, COORDINATE, MOST_CHANGES, ORDERS
 from xdynamics.march.assembly.closed_links import FORCE, GRIP, PIECE, RIGHT, SCALE, VECTORS, X
-from xdynamics.march.assembly.cone_pieces import GIVES, HOLDS, OPENS, SLIDES_BACK, SLIDES_FORTH
+from xdynamics.march.assembly.lemke_path import GIVES, HOLDS, OPENS, SLIDES_BACK, SLIDES_FORTH
 from xdynamics.march.run import Run
 
 Floats = NDArray[np.float64]
@@ -107,12 +107,12 @@ def test_factors_and_their_changes_solve(seed: int) -> None:
     used = run.ordering[COORDINATE, :n]
     assert sorted(used) == np.flatnonzero(np.abs(pushed.rows).sum(0)).tolist()
     run.vectors[PIECE, :count:2] = pieces
-    plain(cone_pieces.pose_pieces)(run, 0, count, n)
+    plain(lemke_path.pose_pieces)(run, 0, count, n)
     changes = 0
     steps = [(0, SLIDES_FORTH), (1, SLIDES_BACK), (2, OPENS), (0, OPENS), (3, HOLDS), (4, SLIDES_BACK), (1, HOLDS)]
     for link, piece in [(-1, OPENS), *steps]:
         if link >= 0:
-            changes, pieces[link] = plain(cone_pieces.take_up)(run, 2 * link, n, changes, piece), piece
+            changes, pieces[link] = plain(lemke_path.take_up)(run, 2 * link, n, changes, piece), piece
         run.swing[:] = right = random.normal(size=run.swing.size)
         plain(banded_factors.solve_factors)(run, n, changes)
         expected = np.linalg.solve(stiffened(pushed, pieces)[np.ix_(used, used)], right[used])
@@ -164,7 +164,7 @@ def test_links_are_solved_for_where_sweeps_circle(seed: int, ratio: float) -> No
     run = pushed.run()
     plain(friction.pose_press_bounds)(run, 0, 22)
     for _ in range(300):
-        plain(sweeps.sweep_links)(run, 0, 22, 1.6, False)
+        plain(friction.sweep_links)(run, 0, 22, 1.6, False)
     assert pushed.residual(impulses_of(run, 22)) > 1e-3
     run.vectors[X, :22] = 0.0
     assert plain(friction.relax_all)(run, 0, 22) < 1e-9

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.documenting.shapes_page import shapes_page
+from xdynamics.documenting.model_pages import shapes_page
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.dense_output import posed_inside
-from xdynamics.march.lifetimes import Lifetime
-from xdynamics.march.run import ARRAYS
-from xdynamics.record.size import sizes_of_march
+from xdynamics.march.run import ARRAYS, Lifetime
+from xdynamics.record.run_dataset import sizes_of_march
 
 CELLS = 4000
 BLOCK = 64  # numbers that are looked at together
@@ -70,7 +69,7 @@ def test_radau_takes_for_a_cell_what_is_told(tolerances, monkeypatch):
 def test_what_would_not_fit_is_named_before_the_march(monkeypatch):
     """Assert that a wide band, whose factors are the most, is refused with its size, the largest part and a remedy."""
     model = xd.Model.from_text(PLATE)
-    monkeypatch.setattr("xdynamics.record.size.free_memory", lambda: 1e8)
+    monkeypatch.setattr("xdynamics.record.run_dataset.free_memory", lambda: 1e8)
     with pytest.raises(xd.InputError) as caught:
         xd.simulate(model, method="radau_iia", rtol=1e-4, until="1 s")
     said = str(caught.value)

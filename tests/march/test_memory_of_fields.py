@@ -12,7 +12,7 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.kernels import layout_of
-from xdynamics.kernels.jacobian_pattern import pattern_of
+from xdynamics.kernels.newton_matrix import pattern_of
 from xdynamics.march.configuration import settings_for
 
 FIELD = """

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from xdynamics.kernels.heap_arrays import forget_refusal, note_refusal, was_refused
+from xdynamics.kernels.shared_storage import forget_refusal, note_refusal, was_refused
 
 pytest.importorskip("resource")
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cases.plain import entries, kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
-from xdynamics.march import acceptance, control, loop, trial_step
-from xdynamics.march.events import arming, event_rows, root_finding, transition, zero_tests
+from xdynamics.march import control, loop, trial_step
+from xdynamics.march.events import departures, root_finding, transition, zero_tests
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, WATCH, Run
@@ -35,7 +35,7 @@ def test_aim_at_the_grid() -> None:
     run = made_by_hand()
     run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
     plain(loop.aim_step)(run)
-    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (3 * 0.1, 0.1, acceptance.AT_GRID)
+    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (3 * 0.1, 0.1, control.AT_GRID)
 
 
 def test_aim_at_a_node_before_the_grid() -> None:
@@ -43,7 +43,7 @@ def test_aim_at_a_node_before_the_grid() -> None:
     run = made_by_hand(nodes=np.array([0.25]))
     run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
     plain(loop.aim_step)(run)
-    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (0.25, 0.25 - 0.2, acceptance.AT_NODE)
+    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (0.25, 0.25 - 0.2, control.AT_NODE)
 
 
 def test_aim_at_a_node_on_the_grid() -> None:
@@ -51,7 +51,7 @@ def test_aim_at_a_node_on_the_grid() -> None:
     run = made_by_hand(nodes=np.array([0.5]))
     run.plan[0].step_size, run.plan[0].snap, run.now[0].grid, run.now[0].t = 0.25, 1e-15, 1, 0.25
     plain(loop.aim_step)(run)
-    assert (run.trial[0].t, run.trial[0].landing) == (0.5, acceptance.AT_BOTH)
+    assert (run.trial[0].t, run.trial[0].landing) == (0.5, control.AT_BOTH)
 
 
 def test_aim_freely_stretches_to_the_end() -> None:
@@ -87,14 +87,14 @@ def test_judge_names_one_reason(state: list[float], limited: int, iterations: in
     run = made_by_hand(z=np.array(state))
     run.plan[0].limited, run.trial[0].iterations = limited, iterations
     run.trial[0].unsound = 0.0 if np.isfinite(state).all() else np.nan
-    assert plain(acceptance.judge_trial)(run) == reason
+    assert plain(control.judge_trial)(run) == reason
 
 
 def test_judge_event_functions() -> None:
     """Assert that an event function that is no number has a reason of its own."""
     run = made_by_hand(detectors=np.zeros(1, DETECTOR), g1=np.array([np.nan]))
     run.trial[0].unsound_events = np.nan
-    assert plain(acceptance.judge_trial)(run) == REASON_EVENT_FUNCTION
+    assert plain(control.judge_trial)(run) == REASON_EVENT_FUNCTION
 
 
 def test_judge_errors() -> None:
@@ -103,14 +103,14 @@ def test_judge_errors() -> None:
         e=np.array([1e-3, 3e-3]), atol=np.array([1e-2, 1e-3]), y=np.array([0.0, 1.0, 0.0]), z=np.zeros(3)
     )
     run.plan[0].estimates, run.plan[0].adaptive, run.plan[0].rtol = 1, 1, 1e-3
-    assert plain(acceptance.judge_trial)(run) == REASON_ERROR
+    assert plain(control.judge_trial)(run) == REASON_ERROR
     assert run.now[0].norm == 3e-3 / (1e-3 + 1e-3)
 
 
 def test_accept_notes_and_moves() -> None:
     """Assert that an accepted trial is a row and the place to go on from."""
     run = made_by_hand(z=np.array([1.0, 2.0, 3.0]))
-    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.25, acceptance.AT_GRID
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.25, control.AT_GRID
     plain(loop.accept)(run)
     assert run.y.tolist() == [1.0, 2.0, 3.0]
     assert run.log_rows[:5, 1].tolist() == [0.5, 0.25, 1.0, 2.0, 3.0]
@@ -121,10 +121,10 @@ def test_accept_notes_and_moves() -> None:
 def test_accept_at_a_node_and_at_the_end() -> None:
     """Assert that a breakpoint is a node, and that the end completes the run and is none."""
     run = made_by_hand(nodes=np.array([0.5]))
-    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.5, acceptance.AT_NODE
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 0.5, 0.5, control.AT_NODE
     plain(loop.accept)(run)
     assert (run.log_flags[0, 1], run.now[0].node, run.now[0].on_grid) == (NODE, 1, 0)
-    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 10.0, 9.5, acceptance.AT_BOTH
+    run.trial[0].t, run.trial[0].h, run.trial[0].landing = 10.0, 9.5, control.AT_BOTH
     plain(loop.accept)(run)
     assert (run.log_flags[0, 2], run.now[0].status) == (STEP, COMPLETED)
 
@@ -394,8 +394,8 @@ def test_hand_over_writes_both_sides_without_another_step(monkeypatch: pytest.Mo
     """Assert two rows at one time, one event, and that the event's state is the located trial, not made again."""
     run = dropped(stops)
     found(run, 1.5)
-    run.located[0].landing = acceptance.AT_GRID
-    for phase, name in ((event_rows.note_events, "function_uncertainty"), (arming.rearm, "arm_event")):
+    run.located[0].landing = control.AT_GRID
+    for phase, name in ((transition.note_events, "function_uncertainty"), (departures.rearm, "arm_event")):
         monkeypatch.setitem(plain(phase).__globals__, name, lambda *_: 0.0)
     plain(transition.locate_and_land)(run)
     assert run.now[0].evaluations == run.now[0].trials

@@ -27,8 +27,8 @@ from xdynamics.march.assembly.broad_phase import (
     WHOLE_STEP,
 )
 from xdynamics.march.assembly.dispatch import note_idleness
-from xdynamics.march.assembly_failures import assembly_dispute
 from xdynamics.march.configuration import settings_for
+from xdynamics.march.contact_failures import assembly_dispute
 
 Floats = NDArray[np.float64]
 G = 9.81

@@ -13,8 +13,8 @@ from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import log_of
-from xdynamics.march.recurring_runs import recurs
 from xdynamics.march.run import ARRAYS, Run
+from xdynamics.march.runner import recurs
 
 CASES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("harmonic_oscillator", {"method": "velocity_verlet", "step": 0.05}),

@@ -10,8 +10,7 @@ from tests.cases.rooted_laws import random_case
 import xdynamics as xd
 from xdynamics.expressions import parse, text_of
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.model.kinks import kinks
-from xdynamics.model.one_sided_trees import on_sides
+from xdynamics.model.kinks import kinks, on_sides
 
 HERTZ = {
     "max": {"x": "k*(max(-x, 0*metre)/L)**1.5"},

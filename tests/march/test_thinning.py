@@ -130,7 +130,7 @@ def test_rows_have_the_bits_of_the_whole_march(case: int, tmp_path: Path, monkey
     block = rng.choice([5, 17, 100, 4000])
     monkeypatch.setattr("xdynamics.march.runner.THINNED_BLOCK", block)
     monkeypatch.setattr("xdynamics.march.runner.SHORTEST_PART", block)
-    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", block)
+    monkeypatch.setattr("xdynamics.archive.segments.BLOCK_ROWS", block)
     monkeypatch.setattr(segments, "EVERY", 0.0)
     monkeypatch.setattr(segments.Segments, "patience", float("inf"))
     path = tmp_path / "run.nc"
@@ -178,7 +178,7 @@ def test_rows_of_states_have_the_bits_of_the_whole_march(
     """Assert the rows of a run without columns of force samples, of which none are then copied, row by row."""
     asked: dict[str, Any] = {"method": "rk4", "step": 0.02, "until": 2.0, "log": "states"}
     whole = xd.simulate(PENDULUM, **asked)
-    for place in ("march.runner.RECYCLED_NUMBERS", "march.runner.SHORTEST_PART", "archive.streaming.BLOCK_ROWS"):
+    for place in ("march.runner.RECYCLED_NUMBERS", "march.runner.SHORTEST_PART", "archive.segments.BLOCK_ROWS"):
         monkeypatch.setattr(f"xdynamics.{place}", 1)
     monkeypatch.setattr(segments, "EVERY", 0.0)
     monkeypatch.setattr(segments.Segments, "patience", float("inf"))
@@ -345,7 +345,7 @@ def test_left_out_columns_come_back_to_the_bits(case: int, tmp_path: Path, monke
     more = {"log": log, "keep_every": rng.choice([1, 1, 4, 1000]), "compress": rng.random() < 0.5}
     monkeypatch.setattr("xdynamics.march.runner.THINNED_BLOCK", rng.choice([17, 4000]))
     way, path = rng.choice(["memory", "streamed", "resumed"]), tmp_path / "run.nc"
-    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 100)
+    monkeypatch.setattr("xdynamics.archive.segments.BLOCK_ROWS", 100)
     monkeypatch.setattr(segments, "EVERY", 0.0)
     monkeypatch.setattr(segments.Segments, "patience", float("inf"))
     run = marched(model, asked | more, way, path, rng)
@@ -459,17 +459,17 @@ def test_compressed_archive_has_the_same_digest_in_fewer_bytes(tmp_path: Path) -
         assert xd.save(run, tmp_path / "again.nc").stat().st_size < 0.7 * plain.stat().st_size
         xd.save(run, tmp_path / "loose.nc", compress=False)
     assert small.stat().st_size < 0.6 * plain.stat().st_size < 0.7 * (tmp_path / "loose.nc").stat().st_size
-    from xdynamics.archive import sandboxed_reading
+    from xdynamics.archive import sandbox
     from xdynamics.archive.seals import tail_of
 
-    found = sandboxed_reading._EXAMINER.examine(small, tail_of(small))
+    found = sandbox._EXAMINER.examine(small, tail_of(small))
     assert (found.faults, found.digest) == ((), verified(plain))
 
 
 @pytest.mark.dear
 def test_compressed_zeros_are_read_however_many(tmp_path: Path) -> None:
     """Assert that what compresses best, a body at rest in many columns, stays within what a reader takes for sound."""
-    from xdynamics.archive import sandboxed_reading
+    from xdynamics.archive import sandbox
     from xdynamics.archive.seals import tail_of
 
     names = [f"q{i}" for i in range(12)]
@@ -483,7 +483,7 @@ def test_compressed_zeros_are_read_however_many(tmp_path: Path) -> None:
     )
     path = tmp_path / "still.nc"
     xd.simulate(still, method="rk4", step=0.5, until=100_000.0, force_samples="none", path=path, compress=True).close()
-    found = sandboxed_reading._EXAMINER.examine(path, tail_of(path))
+    found = sandbox._EXAMINER.examine(path, tail_of(path))
     assert found.faults == ()
 
 

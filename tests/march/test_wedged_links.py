@@ -14,8 +14,8 @@ import pytest
 import xdynamics as xd
 from cases.plain import made_by_hand, plain
 from xdynamics.march.assembly.broad_phase import NEEDED, OUTSIDE, OUTSIDE_LINK, OUTSIDE_OF, TALLIES
-from xdynamics.march.assembly.slip_stops import check_cone
-from xdynamics.march.assembly.touching import DRAGS, FORCE, HALTED, NUMBERS, SLIP_ENDED, STATIC
+from xdynamics.march.assembly.impact import DRAGS, FORCE, HALTED, NUMBERS, SLIP_ENDED, STATIC
+from xdynamics.march.assembly.link_forces import check_cone
 from xdynamics.schema import IMPACT
 
 RODS = """

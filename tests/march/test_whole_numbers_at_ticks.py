@@ -8,7 +8,7 @@ import pytest
 import xdynamics as xd
 from xdynamics.expressions import parse
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.model.whole_numbers import with_whole_numbers
+from xdynamics.model.kinks import with_whole_numbers
 
 WAVES = (
     "where(mod(t, T) < T/2, 1, 0)",

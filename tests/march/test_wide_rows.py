@@ -92,7 +92,7 @@ def test_rows_of_a_million_numbers_are_streamed_one_by_one(
         rows.append(count)
         return log_of(layout, settings, count, *more)
 
-    monkeypatch.setattr("xdynamics.archive.streaming.WIDE_NUMBERS", 1)
+    monkeypatch.setattr("xdynamics.archive.segments.WIDE_NUMBERS", 1)
     monkeypatch.setattr("xdynamics.march.runner.log_of", counted)
     with usual, xd.simulate(model, **asked, path=tmp_path / "run.nc") as run:
         assert [count for count in rows if count] == [1] * (1 + ("keep_every" in asked))

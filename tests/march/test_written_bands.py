@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.kernels.jacobian_pattern import Band, band_as_written
+from xdynamics.kernels.newton_matrix import Band, band_as_written
 from xdynamics.march import equation_solvers
 
 CELLS = 40

@@ -11,7 +11,7 @@ from scipy import linalg
 
 import xdynamics as xd
 from xdynamics.methods import METHODS
-from xdynamics.runtime.blas_threads import one_blas_thread, thread_counts
+from xdynamics.runtime.fork_safety import one_blas_thread, thread_counts
 from xdynamics.stability import LinearSystem, NormalModes
 from xdynamics.stability.limits import largest_step
 

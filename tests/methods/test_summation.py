@@ -13,7 +13,7 @@ from cases.problems import MODELS, damped, oscillator, particle
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.ensemble import march_many
 from xdynamics.methods import METHODS, Method
-from xdynamics.methods.summation import updates
+from xdynamics.methods.scheme import updates
 from xdynamics.record.arguments import recorded_arguments
 
 COMPOSITIONS = [one for one in METHODS.values() if one.symplectic and updates(one)]

@@ -128,7 +128,7 @@ def test_thirty_digits_of_a_parsec() -> None:
     from fractions import Fraction
 
     from xdynamics.units import parse_quantity
-    from xdynamics.units.rounded import exact_value
+    from xdynamics.units.unit import exact_value
 
     pi = Fraction("3.14159265358979323846264338327950288419716939937510")
     exact = Fraction("1.9") * 648000 / pi * 149597870700

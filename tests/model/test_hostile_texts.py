@@ -16,7 +16,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.model.drives import Table
-from xdynamics.sweeping.table_columns import csv_text
+from xdynamics.sweeping.axes import csv_text
 
 HEAD = 'name = "m"\n[coordinates]\nx = "m"\n[mass]\nx = "1*kilogram"\n[initial]\nx = "0 m"\nv_x = "0 m s-1"\n'
 TABLE = "[drives.pull]\ntable = 'a.csv'\ncsv = '''\nt [s],pull [N]\n0,0\n{}\n'''\n"

@@ -193,7 +193,7 @@ def test_a_run_goes_on_by_the_other_text(
     monkeypatch.setattr(segments, "EVERY", 0.0)
     monkeypatch.setattr(segments, "SHARE", 0.0)
     monkeypatch.setattr(segments.Segments, "patience", float("inf"))
-    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 100)
+    monkeypatch.setattr("xdynamics.archive.segments.BLOCK_ROWS", 100)
     path, asked = tmp_path / "run.nc", SETTINGS | {"until": "10 s"}
 
     def cut(_done: float, t: float, _rows: int) -> None:

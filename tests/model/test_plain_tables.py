@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from xdynamics.faults import InputError
-from xdynamics.model.csv_sheet import Sheet
+from xdynamics.model.csv_sheet import PlainTable, Sheet
 from xdynamics.model.drives import Table
 from xdynamics.model.links import Links
-from xdynamics.model.plain_table import PlainTable
 from xdynamics.model.table_values import columns_by_element
 from xdynamics.shapes import Extent
 from xdynamics.units import parse_unit

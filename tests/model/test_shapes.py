@@ -16,7 +16,7 @@ from xdynamics.model.links import Links
 from xdynamics.model.motion import constant_names, constant_values, constants
 from xdynamics.shapes import Extent, Relation, Shapes, at_element
 from xdynamics.shapes.extents import every_two
-from xdynamics.units import UNSCALED, Scales, parse_quantity, rounded
+from xdynamics.units import UNSCALED, Scales, parse_quantity, unit
 
 PLANETS = """
 name = "three bodies"
@@ -103,8 +103,8 @@ def test_numbers_of_a_list_are_taken_as_they_are(monkeypatch: pytest.MonkeyPatch
     model = xd.Model.from_text(changed(CHAIN, "[1, 1, 2, 1, 1, 1]", str(listed)))
     assert [model.parameters[f"m·{i}"].quantity.value for i in range(6)] == listed
     assert not any(isinstance(entry, float) for entry in read)
-    monkeypatch.setattr("xdynamics.units.rounded.Fraction", None)
-    assert [rounded.read_decimal(repr(number)) for number in listed] == listed
+    monkeypatch.setattr("xdynamics.units.unit.Fraction", None)
+    assert [unit.read_decimal(repr(number)) for number in listed] == listed
 
 
 def test_a_cross_product_is_right_handed() -> None:

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 import xdynamics as xd
-from xdynamics.model.splines import hermite_pieces, monotone_slopes, spline_slopes
+from xdynamics.model.drives import hermite_pieces, monotone_slopes, spline_slopes
 
 
 def table(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

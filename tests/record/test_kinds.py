@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from xdynamics.faults import InputError
-from xdynamics.record.partial_records import is_derived, is_selection, is_whole, kind_description, left_out_atols
+from xdynamics.record.schemas import is_derived, is_selection, is_whole, kind_description, left_out_atols
 
 DERIVED = {"derived": "halved", "derived_from": "0a"}
 SELECTION = {"selection_of": "0b", "selection": "3 of 9 rows of 'step'"}

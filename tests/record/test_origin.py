@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from xdynamics.archive import origin
-from xdynamics.archive.content import content_digest
-from xdynamics.archive.origin import Origin, OriginalVariable, marched, remember_archive, variable_digest
+from xdynamics.archive import integrity
+from xdynamics.archive.integrity import Origin, OriginalVariable, marched, remember_archive, variable_digest
+from xdynamics.archive.seals import content_digest
 
 
 def record() -> xr.Dataset:
@@ -66,7 +66,7 @@ def test_a_copy_is_the_same_past_and_a_sent_one_its_digests() -> None:
     kept: Origin = marched(record()).attrs["origin"]
     assert copy.copy(kept) is copy.deepcopy(kept) is kept
     sent = pickle.loads(pickle.dumps(kept))
-    assert (sent, sent.attributes, sent.content_digest) == ([origin.TEXT], record().attrs, kept.content_digest)
+    assert (sent, sent.attributes, sent.content_digest) == ([integrity.TEXT], record().attrs, kept.content_digest)
     assert sent.parts == {
         name: OriginalVariable(name, part.dims, part.shape, part.attributes, None, part.digest)
         for name, part in kept.parts.items()

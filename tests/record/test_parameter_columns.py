@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import xdynamics as xd
-from xdynamics.record import parameter_columns
-from xdynamics.units.rounded import Rounded
+from xdynamics.record import folded_columns
+from xdynamics.units.unit import Rounded
 
 MODEL = """
 name = "three bodies"
@@ -35,10 +35,10 @@ def test_parameters_whole_are_those_of_their_elements(monkeypatch: pytest.Monkey
     found = []
     for _ in range(2):
         model = xd.Model.from_text(MODEL)
-        entries = parameter_columns.parameter_variables(model)
+        entries = folded_columns.parameter_variables(model)
         values = [(variable, variable.attributes, getattr(value, "tolist", float)()) for variable, value in entries]
         found.append(values)
-        monkeypatch.setattr(parameter_columns, "parameter_numbers", lambda *_: None)
+        monkeypatch.setattr(folded_columns, "parameter_numbers", lambda *_: None)
     assert found[0] == found[1]
     assert [variable.dims for variable, *_ in found[0]] == [(), ("b",), ("b", "axis"), ("b",)]
 

@@ -14,9 +14,9 @@ from cases.problems import oscillator
 from xdynamics.march.control import FIRST_STEP
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED
-from xdynamics.methods.radau import SHARE
+from xdynamics.methods.implicit import SHARE
 from xdynamics.record.arguments import recorded_arguments, recorded_scales
-from xdynamics.record.circumstances import _versions_and_processor, xdynamics_version
+from xdynamics.record.provenance import _versions_and_processor, xdynamics_version
 
 FIXED = {"rtol": None, "atol": None, "step": 0.1}
 SCALED = {"length": "3.0 m", "time": "0.5 s", "mass": "2.0 kg"}

@@ -53,7 +53,7 @@ def test_a_march_of_too_many_chosen_steps_says_so_without_events():
 
 def test_memory_that_is_left_is_asked_for_while_rows_come(monkeypatch):
     """Assert that the memory of the machine is looked at as rows of events come."""
-    monkeypatch.setattr("xdynamics.record.size.free_memory", lambda: 1.5e6)
+    monkeypatch.setattr("xdynamics.record.run_dataset.free_memory", lambda: 1.5e6)
     with pytest.raises(xd.InputError, match="1.2 MB more can be had"):
         xd.simulate(passing(step="0.5 s"))
 

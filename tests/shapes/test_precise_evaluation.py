@@ -7,8 +7,7 @@ import pytest
 from mpmath import mp, mpf
 
 import xdynamics as xd
-from xdynamics.shapes.evaluation import evaluate_elements
-from xdynamics.shapes.precise_evaluation import rounding_errors
+from xdynamics.shapes.evaluation import evaluate_elements, rounding_errors
 
 N = 7
 MODEL = f"""

@@ -161,7 +161,7 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(segments, "EVERY", 0.0)
     monkeypatch.setattr(segments, "SHARE", 0.0)
     monkeypatch.setattr(segments.Segments, "patience", float("inf"))
-    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 100)
+    monkeypatch.setattr("xdynamics.archive.segments.BLOCK_ROWS", 100)
     asked: dict[str, Any] = {"method": "rk4", "step": "3 ms", "until": "1.7 s", "nodes": ["0.7 s"]} | LONG
     with pytest.raises(PowerCut):
         xd.simulate(swing(), **asked, path=tmp_path / "run.nc", progress=cut)

@@ -79,7 +79,7 @@ def test_an_extension_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(segments, "EVERY", 0.0)
     monkeypatch.setattr(segments.Segments, "patience", float("inf"))
-    monkeypatch.setattr("xdynamics.archive.streaming.BLOCK_ROWS", 5_000)
+    monkeypatch.setattr("xdynamics.archive.segments.BLOCK_ROWS", 5_000)
     asked = {"method": "rk4", "step": 1e-3}
     start, path = tmp_path / "start.nc", tmp_path / "run.nc"
     xd.simulate(PENDULUM, **asked, until=20.0, path=start)

@@ -27,7 +27,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
-from xdynamics.archive import origin
+from xdynamics.archive import integrity
 from xdynamics.evidence import cluster
 from xdynamics.evidence.cluster import check_workers, cluster_of, connected
 from xdynamics.evidence.stages import STAGE, compute_datasets
@@ -104,7 +104,7 @@ def test_a_script_without_a_main_guard_is_told(tmp_path: Path, guard: str) -> No
 def test_a_main_guard_is_known(tmp_path: Path, script: str) -> None:
     """Assert that a script which its processes do not run again may start them."""
     path = tmp_path / "study.py"
-    path.write_text(f"from xdynamics.evidence.main_guard import check_main_guard as check\n{script}\n")
+    path.write_text(f"from xdynamics.evidence.cluster import check_main_guard as check\n{script}\n")
     assert subprocess.run([sys.executable, path], capture_output=True, timeout=60, check=False).returncode == 0
 
 
@@ -212,7 +212,7 @@ def test_what_came_back_from_a_cluster_is_saved_without_a_march(client: Any, mon
         grid.compute,
         lambda: compute_datasets(grid)[0],
     )
-    digest_of = origin.variable_digest
+    digest_of = integrity.variable_digest
 
     def unless_lazy(name: str, variable: xr.Variable) -> str:
         assert variable.chunks is None, f"{name} is marched again"
@@ -221,7 +221,7 @@ def test_what_came_back_from_a_cluster_is_saved_without_a_march(client: Any, mon
     for way in ways:
         found = way()
         with monkeypatch.context() as patch:
-            patch.setattr(origin, "variable_digest", unless_lazy)
+            patch.setattr(integrity, "variable_digest", unless_lazy)
             xd.archive.check_unchanged(found)
         with pytest.raises(xd.InputError, match="variable 'end_y'"):
             xd.archive.check_unchanged(found.assign(end_y=found.end_y.copy(data=found.end_y.values + 1e-9)))

@@ -10,7 +10,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import MODELS
 from xdynamics.documenting.summary import summary
-from xdynamics.march import ensemble_part
+from xdynamics.march import simd_ensemble
 
 RESTITUTIONS = [0.0, 0.5]
 COUNT = 30  # more contacts than are written out one by one
@@ -33,8 +33,8 @@ def falling(restitution: float) -> xd.Model:
 @pytest.mark.parametrize("keep", [["end"], ["end", "maximum_kinetic_energy"]])
 def test_members_go_on_where_their_log_is_full(monkeypatch: pytest.MonkeyPatch, keep: list[str]) -> None:
     """Assert the bits of single runs, in logs with room for a part of the impacts and of the rows of closed links."""
-    rows = ensemble_part.FEWEST_ROWS
-    monkeypatch.setattr(ensemble_part, "LOG_ROWS", rows)
+    rows = simd_ensemble.FEWEST_ROWS
+    monkeypatch.setattr(simd_ensemble, "LOG_ROWS", rows)
     asked = {"method": "velocity_verlet", "step": "2 ms", "until": "0.4 s"}
     found = xd.sweep(falling(0.5), {"e": RESTITUTIONS}, keep=keep, **asked).load()
     assert found.attrs["comment"].startswith("members are marched one after the other")
@@ -50,13 +50,13 @@ def test_members_go_on_where_their_log_is_full(monkeypatch: pytest.MonkeyPatch, 
 
 def test_states_at_times_are_those_of_single_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the bits of `sample` of each run of a heap that rubs, whose steps go on with the closed links of their rows."""
-    monkeypatch.setattr(ensemble_part, "LOG_ROWS", ensemble_part.FEWEST_ROWS)  # of a member there are several logs
+    monkeypatch.setattr(simd_ensemble, "LOG_ROWS", simd_ensemble.FEWEST_ROWS)  # of a member there are several logs
     pile, frictions = xd.Model.from_toml(MODELS / "rough_pile.toml"), ["0.4", "0.35"]
     times, until = np.linspace(0.005, 0.245, 49), "0.25 s"
     found = xd.sweep(pile, {"mu": frictions}, keep=["theta", "v_theta"], times=times, until=until).load()
     for k, friction in enumerate(frictions):
         run = xd.simulate(pile.replace(parameters={"mu": friction}), until=until)
-        assert run.sizes["step"] > 2 * ensemble_part.FEWEST_ROWS
+        assert run.sizes["step"] > 2 * simd_ensemble.FEWEST_ROWS
         expected = xd.sample(run, times)
         for name in ("theta", "v_theta"):
             assert np.array_equal(found[name].values[k], expected[name].values)

@@ -20,7 +20,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import oscillator
 from cases.verdicts import verified
-from xdynamics.sweeping import member_files, zarr_blocks, zarr_digests
+from xdynamics.sweeping import members, zarr_blocks
 
 pytest.importorskip("zarr")
 MODEL = oscillator().model
@@ -135,7 +135,7 @@ LOGGED: dict[str, Any] = ASKED | {"axes": {"k": "1:2:3 N m-1"}, "keep": ["log", 
 
 def killed_in_a_run(folder: Path) -> None:
     """March the sweep in a copy of this process, which is killed when the third run has been archived."""
-    streamed, files = member_files._stream_member, list[Path]()
+    streamed, files = members._stream_member, list[Path]()
 
     def broken_off(march: Any, file: Path, **asked: Any) -> tuple[str, str]:
         files.append(file)
@@ -147,7 +147,7 @@ def killed_in_a_run(folder: Path) -> None:
     if not (child := os.fork()):
         try:
             with (
-                mock.patch.object(member_files, "_stream_member", broken_off),
+                mock.patch.object(members, "_stream_member", broken_off),
                 dask.config.set(scheduler="synchronous"),
             ):
                 xd.sweep(MODEL, **LOGGED, path=folder, members_per_task=2)
@@ -187,24 +187,24 @@ def test_whole_runs_stand_beside_the_arrays(tmp_path: Path) -> None:
 def test_a_digest_says_nothing_of_the_machine() -> None:
     """Assert that metadata, in which processor and versions are, change no digest, and that values do."""
     facts = {"sweep": "a", "axes": {"k": "b"}, "arrays": {"x": "c"}, "metadata": "d", "blocks": {}}
-    digest = zarr_digests.sweep_content_digest(facts)
-    assert zarr_digests.sweep_content_digest(facts | {"metadata": "e"}) == digest
+    digest = zarr_blocks.sweep_content_digest(facts)
+    assert zarr_blocks.sweep_content_digest(facts | {"metadata": "e"}) == digest
     for name, other in (("sweep", "b"), ("axes", {"k": "c"}), ("arrays", {"x": "d"})):
-        assert zarr_digests.sweep_content_digest(facts | {name: other}) != digest
+        assert zarr_blocks.sweep_content_digest(facts | {name: other}) != digest
 
 
 @pytest.mark.dear
 def test_a_digest_does_not_depend_on_how_members_are_cut(stored: Path, tmp_path: Path) -> None:
     """Assert one content digest of one sweep in blocks of one, two and all members, and another of another value."""
     digests = {verified(stored)}
-    for members in (1, 3, 10):
-        path = tmp_path / f"{members}.zarr"
-        xd.sweep(MODEL, **ASKED, path=path, members_per_task=members)
+    for count in (1, 3, 10):
+        path = tmp_path / f"{count}.zarr"
+        xd.sweep(MODEL, **ASKED, path=path, members_per_task=count)
         digests.add(verified(path))
     assert len(digests) == 1
-    array = zarr_digests.arrays_in(stored, "r+")["end_x"]
+    array = zarr_blocks.arrays_in(stored, "r+")["end_x"]
     array[0, 0] += 1e-16
-    assert zarr_digests.digest_of_array(stored, "end_x", 2) != zarr_digests.facts_of(stored)["arrays"]["end_x"]
+    assert zarr_blocks.digest_of_array(stored, "end_x", 2) != zarr_blocks.facts_of(stored)["arrays"]["end_x"]
 
 
 @pytest.mark.parametrize(
@@ -216,8 +216,8 @@ def test_stretches_follow_each_other_as_members_do(
     """Assert that parts, put one behind the other, are the array, and that no chunk is in two of them, also of few members."""
     numbers = np.arange(np.prod(shape)).reshape(shape)
     for stretch in (1, 4, 1 << 16):
-        monkeypatch.setattr(zarr_digests, "MEMBERS_PER_READ", stretch)
-        parts = [*zarr_digests.chunk_blocks(shape, widths)]
+        monkeypatch.setattr(zarr_blocks, "MEMBERS_PER_READ", stretch)
+        parts = [*zarr_blocks.chunk_blocks(shape, widths)]
         assert np.concatenate([numbers[part].ravel() for part in parts]).tolist() == numbers.ravel().tolist()
         assert len(parts) == 1 or stretch < 1 << 16
         assert all(s.start % w == 0 for part in parts for s, w in zip(part, widths, strict=True))
@@ -275,7 +275,7 @@ def test_a_full_disk_is_named_and_the_store_goes_on(
     def synchronise(*given: Any) -> None:
         if next(written) == 2:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        zarr_digests.synchronise(*given)
+        zarr_blocks.synchronise(*given)
 
     with monkeypatch.context() as patch:
         patch.setattr(zarr_blocks, "synchronise", synchronise)

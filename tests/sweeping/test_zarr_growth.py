@@ -22,9 +22,9 @@ import xdynamics as xd
 from cases.object_server import bucket
 from cases.problems import oscillator
 from cases.verdicts import verified
-from xdynamics.archive.place import location_of
+from xdynamics.archive.store import location_of
 from xdynamics.cli import main
-from xdynamics.sweeping import grid, zarr_blocks, zarr_growth
+from xdynamics.sweeping import grid, zarr_blocks, zarr_catalogue
 
 pytest.importorskip("zarr")
 MODEL = oscillator().model
@@ -155,26 +155,31 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
 @pytest.mark.dear
 def test_at_every_moment_of_the_exchange_there_is_one_sweep_or_the_other(stored: Path, tmp_path: Path) -> None:
     """Assert a sweep that is verified, whichever file was to be replaced when it was stopped, and that the call goes on."""
-    after, exchange, replace, given = BEFORE | STIFFER, zarr_growth._exchange_metadata, zarr_growth._replace_file, []
-    with mock.patch.object(zarr_growth, "_exchange_metadata", lambda *about: given.extend(about)):
+    after, exchange, replace, given = (
+        BEFORE | STIFFER,
+        zarr_catalogue._exchange_metadata,
+        zarr_catalogue._replace_file,
+        [],
+    )
+    with mock.patch.object(zarr_catalogue, "_exchange_metadata", lambda *about: given.extend(about)):
         xd.sweep(MODEL, after, path=stored, **ASKED)
     plan, _, work = given
-    most = len(zarr_growth.arrays_in(stored, metadata=work / "zarr.json").attrs["sweep_variables"]) + 4
+    most = len(zarr_catalogue.arrays_in(stored, metadata=work / "zarr.json").attrs["sweep_variables"]) + 4
     digests = {}
     for moment in (0, 1, most - 2, most - 1, most):
         folder = Path(shutil.copytree(stored, tmp_path / f"{moment}.zarr"))
-        with mock.patch.object(zarr_growth, "_replace_file", broken(moment, replace)):
+        with mock.patch.object(zarr_catalogue, "_replace_file", broken(moment, replace)):
             stopped = stops(exchange, plan, folder, folder / ".xdynamics" / work.name)
         assert stopped == (moment < most)  # the metadata of every array and of one axis, the blocks, metadata, digests
         digests[moment] = verified(folder)
         assert xd.open_sweep(folder).sizes["k"] == xr.open_zarr(folder).sizes["k"] == (3, 5)[moment > most - 2]
-        assert bool(zarr_growth.growth_folders(folder)) == stopped
+        assert bool(zarr_catalogue.growth_folders(folder)) == stopped
     assert digests[0] == digests[1] == digests[most - 2] != digests[most - 1] == digests[most]
     for moment in (1, most - 1):
         folder = tmp_path / f"{moment}.zarr"
         assert xd.sweep(MODEL, after, path=folder, **ASKED).attrs["content_digest"] == digests[most]
         assert verified(folder) == digests[most]
-        assert zarr_growth.growth_folders(folder) == []
+        assert zarr_catalogue.growth_folders(folder) == []
 
 
 def stops(function: Any, *given: Any) -> bool:
@@ -212,7 +217,7 @@ def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, whole
     assert faults[0].startswith("  1. ")
     assert remedy.startswith(("name another folder", "give first what it has"))
     assert xd.open_sweep(whole).attrs["content_digest"] == before
-    assert not zarr_growth.growth_folders(whole)
+    assert not zarr_catalogue.growth_folders(whole)
 
 
 def test_damage_is_found_before_members_are_added(stored: Path) -> None:
@@ -297,7 +302,7 @@ def test_members_are_added_in_an_object_store(tmp_path: Path, marched: list[int]
             grown = xd.sweep(MODEL, after, path=place, **ASKED)
         assert 0 < sum(marched) < 15 - 6
         assert verified(place) == verified(once(after, tmp_path)) == grown.attrs["content_digest"]
-        assert zarr_growth.growth_folders(location_of(place)) == []
+        assert zarr_catalogue.growth_folders(location_of(place)) == []
 
 
 @pytest.mark.dear

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from xdynamics.tubes import boxes
-from xdynamics.tubes.polynomials import Polynomials
+from xdynamics.tubes.boxes import Polynomials
 
 POLYNOMIALS = Polynomials(2, 4)
 OPERATIONS: dict[str, Callable[..., Any]] = {

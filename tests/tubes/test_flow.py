@@ -8,8 +8,8 @@ import pytest
 
 from cases.smooth_models import lorenz, of_rate, oscillator
 from xdynamics.tubes import Flow, boxes, interval_problem_of
+from xdynamics.tubes.boxes import Polynomials
 from xdynamics.tubes.interval_problem import time_box
-from xdynamics.tubes.polynomials import Polynomials
 from xdynamics.tubes.series import MotionSeries
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from xdynamics.tubes import boxes
-from xdynamics.tubes.frames import FAR, off_orthogonal, orthogonal, solve_in_frame
+from xdynamics.tubes.boxes import FAR, off_orthogonal, orthogonal, solve_in_frame
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-9, 0.02])

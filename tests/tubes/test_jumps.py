@@ -11,11 +11,10 @@ import pytest
 
 import xdynamics as xd
 from xdynamics.evidence.enclosing import tube as tube_module
-from xdynamics.evidence.enclosing.parts import join_tubes
+from xdynamics.evidence.enclosing.tube import join_tubes
 from xdynamics.tubes import Flow, Proof
 from xdynamics.tubes.acting import ActingEvent
-from xdynamics.tubes.crossings import Crossing, Crossings
-from xdynamics.tubes.passages import Passage
+from xdynamics.tubes.crossings import Crossing, Crossings, Passage
 
 
 def drifting(observable: str = "0", event: str = "", action: str = "record", half_width: float = 0.5) -> xd.Model:

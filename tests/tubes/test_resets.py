@@ -9,9 +9,9 @@ import pytest
 import xdynamics as xd
 from xdynamics.kernels.layout import layout_of
 from xdynamics.tubes import interval_problem_of
+from xdynamics.tubes.boxes import AffineImage
+from xdynamics.tubes.crossings import Reset
 from xdynamics.tubes.functions import Functions
-from xdynamics.tubes.passages import Reset
-from xdynamics.tubes.sets import AffineImage
 
 
 def ball(half_width: float = 0.0, new: str = "-v_y/2", *, e: str = '"0.5"', potential: str = "m*g*y") -> xd.Model:

@@ -7,41 +7,41 @@ from typing import TYPE_CHECKING
 from xdynamics.runtime.lazy_imports import entrance
 
 if TYPE_CHECKING:
-    from xdynamics.archive.content import content_digest
+    from xdynamics.archive.folder_store import check_archive, check_target
     from xdynamics.archive.integrity import (
         check_states,
         check_unchanged,
         digest_of_run,
+        evaluated,
+        marched,
         selected_like,
         without_stale_units,
     )
-    from xdynamics.archive.origin import evaluated, marched
     from xdynamics.archive.reading import open_run, verify
-    from xdynamics.archive.segments import clear_rest, discard, has_segments
-    from xdynamics.archive.source import check_source
-    from xdynamics.archive.stores import check_archive, check_target
-    from xdynamics.archive.streaming import stream
+    from xdynamics.archive.seals import content_digest
+    from xdynamics.archive.segments import clear_rest, discard, has_segments, stream
+    from xdynamics.archive.store import check_source
     from xdynamics.archive.writing import save, save_many
 
 # name -> its room, entered when the name is first used: who only reads, like the examining process, loads no engine
 _ROOMS = {
-    "check_source": "source",
+    "check_source": "store",
     "clear_rest": "segments",
-    "check_archive": "stores",
+    "check_archive": "folder_store",
     "check_states": "integrity",
-    "check_target": "stores",
+    "check_target": "folder_store",
     "check_unchanged": "integrity",
-    "content_digest": "content",
+    "content_digest": "seals",
     "digest_of_run": "integrity",
     "discard": "segments",
-    "evaluated": "origin",
+    "evaluated": "integrity",
     "has_segments": "segments",
-    "marched": "origin",
+    "marched": "integrity",
     "open_run": "reading",
     "save": "writing",
     "save_many": "writing",
     "selected_like": "integrity",
-    "stream": "streaming",
+    "stream": "segments",
     "verify": "reading",
     "without_stale_units": "integrity",
 }

@@ -1,24 +1,139 @@
-"""The file system as a store: temporary names, synchronisation and renaming, and locks of the system."""
+"""The file system as a store: temporary names, synchronisation and renaming, and locks of the system.
+
+Folders written whole or not at all: built under another name, and renamed when every file is on the disk.
+
+The store of a place.
+"""
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
+import re
+import secrets
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.archive import folder as folders
-from xdynamics.archive import source, target
+from xdynamics.archive import store, target
 from xdynamics.archive.shared_handles import identity_of
-from xdynamics.archive.store import LocalFile, LockedError, NewFile
-from xdynamics.archive.temporary_files import is_ours, sweep_temporary_files, try_lock
-from xdynamics.runtime.files import ask_path, make_folder, path_kind, read_bounded
+from xdynamics.archive.store import FOLDER, LocalFile, LockedError, NewFile, ObjectName, Place, Store
+from xdynamics.archive.target import LONGEST, is_ours, sweep_temporary_files, try_lock
+from xdynamics.faults import ArchiveError, InputError
+from xdynamics.runtime.files import ask_path, make_folder, path_kind, read_bounded, synced
 
 if TYPE_CHECKING:
     from xdynamics.archive.target import Batch
     from xdynamics.model import Model
+
+BUILT = ".building"
+
+
+@contextmanager
+def new_folder_at(path: Path) -> Iterator[Path]:
+    """Lend a folder beside a path; when the `with` block is done, it takes the path's name, whole.
+
+    Remains of killed processes under the same name are removed. Of two processes the first takes the name.
+
+    Raises
+    ------
+    InputError
+        If something has that name: before anything is done, or in the end if another process was faster.
+    ArchiveError
+        If it cannot be written.
+    """
+    target = ask_path(path, Path.resolve)
+    check_folder_empty(path)
+    make_folder(target.parent)
+    try:
+        _sweep_dead_folders(target)
+        built, handle = _make_locked_folder(target)
+        try:
+            yield built
+            _rename_built_folder(built, target)
+        finally:
+            os.close(handle)
+            shutil.rmtree(built, ignore_errors=True)
+    except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            check_folder_empty(path)
+        raise ArchiveError(
+            f"'{path}' cannot be written: {error.strerror or error}; nothing is changed there"
+        ) from error
+
+
+def check_folder_empty(path: Path) -> None:
+    """Check that a path is an empty folder, or does not exist.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
+    kind = ask_path(path, path_kind)
+    if kind not in ("", "a directory"):
+        raise InputError(f"'{path}' is {kind or 'a file'}; name a folder")
+    if kind and (names := sorted(entry.name for entry in path.iterdir())):
+        raise InputError(f"'{path}' holds '{names[0]}' already; name a folder that is empty, or not there")
+
+
+def _rename_built_folder(built: Path, target: Path) -> None:
+    if target.is_dir():
+        shutil.copymode(target, built)
+    for file in built.iterdir():
+        with synced(file):
+            pass
+    with synced(built):
+        pass
+    built.rename(target)  # replaces an empty folder, and fails on any other
+    with synced(target.parent):
+        pass
+
+
+def _make_locked_folder(target: Path) -> tuple[Path, int]:
+    """Make a folder beside a path, locked as long as this process lives."""
+    while True:
+        built = target.with_name(f"{_stem(target)}{secrets.token_hex(4)}{BUILT}")
+        built.mkdir()
+        with suppress(FileNotFoundError):  # another process may sweep it away before it is locked, or even opened
+            handle = os.open(built, os.O_RDONLY | os.O_CLOEXEC)
+            if _try_folder_lock(handle) and built.exists():
+                return built, handle
+            os.close(handle)
+
+
+def _sweep_dead_folders(target: Path) -> None:
+    """Remove the folders that dead processes began under the same name."""
+    names = re.compile(re.escape(_stem(target)) + r"[0-9a-f]{8}" + re.escape(BUILT))
+    for folder in target.parent.iterdir():
+        if not names.fullmatch(folder.name) or folder.is_symlink() or not folder.is_dir():
+            continue
+        with suppress(OSError):
+            handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+            try:
+                if _try_folder_lock(handle):
+                    shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(handle)
+
+
+def _try_folder_lock(handle: int) -> bool:
+    """Lock a folder, unless another process has it locked; on a file system without locks it counts as this one's."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _stem(target: Path) -> str:
+    room = LONGEST - len(BUILT) - 8 - 2
+    return f".{os.fsdecode(os.fsencode(target.name)[:room])}."
 
 
 class FolderStore:
@@ -26,7 +141,7 @@ class FolderStore:
 
     def check_source(self, location: Path) -> None:
         """Check that there is a regular file."""
-        source.check_source(location)
+        store.check_source(location)
 
     def check_target(self, location: Path, model: Model | None = None) -> None:
         """Check the name, what it leads to, its folder, and that it is no file of the model nor open here."""
@@ -80,11 +195,11 @@ class FolderStore:
 
     def check_empty(self, location: Path) -> None:
         """Check that a path is an empty folder, or does not exist."""
-        folders.check_folder_empty(location)
+        check_folder_empty(location)
 
     def taking_folder(self, location: Path) -> AbstractContextManager[Path]:
         """Lend a folder beside it, which is renamed."""
-        return folders.new_folder_at(location)
+        return new_folder_at(location)
 
     def made_folder(self, location: Path) -> Path:
         """Make a folder, and those that it is in."""
@@ -128,3 +243,70 @@ class FolderStore:
 
 
 FOLDERS = FolderStore()
+
+
+ARCHIVES = (".nc", ".nc4", ".netcdf", ".cdf", ".h5", ".hdf5", ".hdf", ".he5")  # ends of names of archives
+
+
+def store_of(location: Place) -> Store[Any]:
+    """Return the store that a place is of; what object stores need is imported with the first of them."""
+    if isinstance(location, ObjectName):
+        from xdynamics.archive.object_store import OBJECTS
+
+        return OBJECTS
+    return FOLDERS
+
+
+def made_folder(location: Place) -> Any:
+    """Return a folder, made if it does not exist."""
+    return store_of(location).made_folder(location)
+
+
+def check_target(location: Place, model: Model | None = None) -> None:
+    """Check before any work that a file can be written to a place, and that nothing is lost there; see `Store`."""
+    store_of(location).check_target(location, model)
+
+
+def check_archive(location: Place, model: Model | None = None) -> None:
+    """Check the same of an archive, and that its name ends like one.
+
+    Raises
+    ------
+    InputError
+        If the name says that it is a file of another kind.
+    """
+    check_target(location, model)
+    check_suffix(location)
+
+
+def check_suffix(location: Place) -> None:
+    """Refuse to write an archive under a name of another kind of file; what follows a point need not be a suffix.
+
+    Raises
+    ------
+    InputError
+        With a name that would do.
+    """
+    suffix = location.suffix
+    if suffix[1:].isalpha() and suffix.lower() not in ARCHIVES:
+        raise InputError(
+            f"'{location}' ends in '{suffix}', and an archive is netCDF: name it like '{location.with_suffix('.nc')}'; states"
+            " become a table by `xdynamics sample`, a figure by `xdynamics plot`"
+        )
+
+
+def taking_name(location: Place) -> AbstractContextManager[NewFile[Any]]:
+    """Lend a temporary file, which takes its name whole when the `with` block is done; see `Store`."""
+    return store_of(location).taking_name(location)
+
+
+def is_same(location: Place, second_location: Place) -> bool:
+    """Whether two places are one file that is there."""
+    if isinstance(location, Path) and isinstance(second_location, Path):
+        return location.exists() and location.samefile(second_location)
+    return location == second_location
+
+
+def is_folder(location: Place) -> bool:
+    """Whether there is a folder at a place."""
+    return store_of(location).kind(location) == FOLDER

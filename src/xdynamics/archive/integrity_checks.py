@@ -10,15 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.declared_sizes import declared_bytes, size_faults, unused_dimensions
-from xdynamics.archive.inventory import Inventory, inventory
+from xdynamics.archive.file_structure import Inventory, declared_bytes, inventory, size_faults, unused_dimensions
 from xdynamics.archive.netcdf_library import DAMAGE, error_text, opened_file, read_stored, with_library_lock
 from xdynamics.archive.netcdf_library import stored_attributes as attributes_of
-from xdynamics.archive.place import Place
 from xdynamics.archive.seals import Seal, Tail, digests_in, letters_of, root_digest, stored_digest, volatile_digest
-from xdynamics.archive.text_encoding import bytes_dim, text_form
+from xdynamics.archive.store import Place
+from xdynamics.archive.stored_values import bytes_dim, text_form
 from xdynamics.faults import ArchiveError, numbered_lines
-from xdynamics.record.variable_attributes import own_attributes
+from xdynamics.record.flag_words import own_attributes
 from xdynamics.schema import (
     DIGEST,
     DIGESTS,

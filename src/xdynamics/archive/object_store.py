@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary, finalize
 
-from xdynamics.archive.lease import leased
-from xdynamics.archive.object_calls import ATTEMPTS, RefusedError, body_of, call_store, pieces_of, refusal_error
+from xdynamics.archive.object_calls import ATTEMPTS, RefusedError, body_of, call_store, leased, pieces_of, refusal_error
 from xdynamics.archive.object_upload import (
     LOCK,
     ObjectBatch,
@@ -32,9 +31,8 @@ from xdynamics.archive.object_upload import (
     upload_file,
     uploads_of,
 )
-from xdynamics.archive.place import ObjectName
-from xdynamics.archive.store import FOLDER, LocalFile, LockedError, NewFile
-from xdynamics.archive.temporary_files import TemporaryFile, sweep_temporary_files
+from xdynamics.archive.store import FOLDER, LocalFile, LockedError, NewFile, ObjectName
+from xdynamics.archive.target import TemporaryFile, sweep_temporary_files
 from xdynamics.faults import ArchiveError, InputError
 
 if TYPE_CHECKING:

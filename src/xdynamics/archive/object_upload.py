@@ -10,11 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from xdynamics.archive.lease import leased
-from xdynamics.archive.object_calls import RefusedError, call_store, client, refusal_error
-from xdynamics.archive.place import ObjectName
-from xdynamics.archive.store import LockedError, NewFile, TakenError
-from xdynamics.archive.temporary_files import TemporaryFile
+from xdynamics.archive.object_calls import RefusedError, call_store, client, leased, refusal_error
+from xdynamics.archive.store import LockedError, NewFile, ObjectName, TakenError
+from xdynamics.archive.target import TemporaryFile
 from xdynamics.faults import InputError
 
 SINGLE = 1 << 26  # bytes up to which a file is uploaded in one call

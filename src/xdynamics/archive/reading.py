@@ -10,22 +10,21 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.archive.file_structure import inventory
+from xdynamics.archive.folder_store import store_of
+from xdynamics.archive.integrity import remember_archive
 from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination, harmed
-from xdynamics.archive.inventory import inventory
 from xdynamics.archive.netcdf_library import DAMAGE, error_text, opened_file, stored_attributes, with_library_lock
-from xdynamics.archive.origin import remember_archive
-from xdynamics.archive.place import Given, Place, location_of
-from xdynamics.archive.sandboxed_reading import examine_sandboxed, is_known, is_seen, see
+from xdynamics.archive.sandbox import examine_sandboxed, is_known, is_seen, see
 from xdynamics.archive.seals import Tail, tail_of
 from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_of, open_shared
-from xdynamics.archive.store import LocalFile
-from xdynamics.archive.stores import store_of
-from xdynamics.archive.text_encoding import text_form
+from xdynamics.archive.store import Given, LocalFile, Place, location_of
+from xdynamics.archive.stored_values import text_form
 from xdynamics.faults import ArchiveError, EditedWarning, InputError, KindWarning, first_names, numbered_lines, warn
 from xdynamics.record import faults_of
-from xdynamics.record.circumstances import xdynamics_version
-from xdynamics.record.partial_records import is_evidence, kind_description
 from xdynamics.record.pint_records import quantified
+from xdynamics.record.provenance import xdynamics_version
+from xdynamics.record.schemas import is_evidence, kind_description
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import FORMER_SCHEMAS, ROOT_DIGEST, SCHEMA_VERSION, SEALED, is_former
 

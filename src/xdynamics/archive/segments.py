@@ -1,29 +1,190 @@
-"""The segments of a march that streams into an archive: kept beside it until the archive is whole."""
+"""The segments of a march that streams into an archive: kept beside it until the archive is whole.
+
+One finished stretch of a march as a file: its identity, the march's memory at its end, its rows.
+
+The first line is JSON: name, type and shape of every array, and for every variable the digest of all its rows up to here. The arrays of the memory follow, then a line with the sha256 of everything before it, then the rows.
+
+A march straight into a file, in bounded memory; finished parts of it outlive the process.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass
+from itertools import chain
+from math import prod
+from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive import segment
-from xdynamics.archive.place import Given, Place, location_of, resolve_links
+from xdynamics.archive.folder_store import check_archive, check_target, is_folder, store_of, taking_name
 from xdynamics.archive.seals import Seal
-from xdynamics.archive.segment import Part, Segment
-from xdynamics.archive.store import LockedError
-from xdynamics.archive.stores import check_target, is_folder, store_of
-from xdynamics.archive.temporary_files import fitting_name
-from xdynamics.archive.writer import Writer
+from xdynamics.archive.store import Given, LocalFile, LockedError, Place, location_of, resolve_links
+from xdynamics.archive.target import fitting_name
+from xdynamics.archive.writing import Writer, new_file
 from xdynamics.faults import ArchiveError, InputError, ResumeWarning, warn
-from xdynamics.march import March
-from xdynamics.record import identity, word_differences
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.march import LogBlock, March
+from xdynamics.march.log import is_wide
+from xdynamics.record import identity, provenance, word_differences
+from xdynamics.runtime.lazy_imports import cached_property
+from xdynamics.schema import CLOSED_LINKS, EVENTS, SAMPLES, STEPS, TRIALS
 from xdynamics.units import TIME, unit_suffix
+
+Array = NDArray[Any]
+Part = tuple[str, Array]
+Shape = tuple[str, Any, tuple[int, ...]]  # name, type, shape of an array
+
+MEMORY, ROWS = "memory", "rows"
+_KIND = "xdynamics segment 1"
+_MARK = b"\nsha256 "
+_LONGEST_LINE = 1 << 26
+_PIECE = 1 << 22  # bytes that are read at once
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A segment whose first line and memory are whole: the content of the line, where arrays begin, a digest of both."""
+
+    local_file: LocalFile
+    header: Mapping[str, Any]
+    first: int
+    digest: str
+
+    @property
+    def path(self) -> Path:
+        """The file on this machine."""
+        return self.local_file.path
+
+    def memory(self) -> dict[str, Array]:
+        """Return the march's memory."""
+        with self.path.open("rb") as file:
+            file.seek(self.first)
+            return {
+                name: _array_from_bytes(file.read(_array_bytes(kind, shape)), kind, shape)
+                for name, kind, shape in self.header[MEMORY]
+            }
+
+    def rows(self) -> Iterator[Part]:
+        """Yield the rows of one variable after the other, some megabytes at a time."""
+        with self.path.open("rb") as file:
+            file.seek(_behind_head(self.header, self.first))
+            for name, kind, (rows, *inner) in self.header[ROWS]:
+                max_rows = max(1, _PIECE // _array_bytes(kind, inner))
+                for start in range(
+                    0, max(1, rows), max_rows
+                ):  # an empty array is yielded too: its shape is in the digests
+                    shape = (min(max_rows, rows - start), *inner)
+                    yield name, _array_from_bytes(file.read(_array_bytes(kind, shape)), kind, shape)
+
+    def check(self, seals: Mapping[str, Seal]) -> None:
+        """Add its rows to digests of those before it, and compare.
+
+        Raises
+        ------
+        ArchiveError
+            Naming the first variable that differs.
+        """
+        for name, values in self.rows():
+            if name not in seals or seals[name].dtype != values.dtype:
+                raise ArchiveError(f"has a variable '{name}' that the run has not")
+            seals[name].update(values)
+        for name, seal in seals.items():
+            if self.header["digests"].get(name) != seal.hexdigest():
+                raise ArchiveError(f"differs from the digest of '{name}'")
+
+
+def write_segment(
+    location: Place,
+    march_header: Mapping[str, Any],
+    memory: Mapping[str, Array],
+    rows: list[Shape],
+    values: Iterable[Array],
+) -> str:
+    """Write a segment whole or not at all; return its digest."""
+    shapes = [(name, array.dtype, array.shape) for name, array in memory.items()]
+    header = {"kind": _KIND} | dict(march_header) | {MEMORY: _array_headers(shapes), ROWS: _array_headers(rows)}
+    head = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in memory.values())
+    digest = hashlib.sha256(head).hexdigest()
+    with taking_name(location) as new, new.part.open("wb") as file:
+        file.write(head + _MARK + digest.encode() + b"\n")
+        for array in values:
+            file.write(np.ascontiguousarray(array).data)
+    return digest
+
+
+def read_segment(location: Place) -> Segment:
+    """Read the first line of a segment, and compare that and its memory with their digest.
+
+    Raises
+    ------
+    ArchiveError
+        With a predicate: what the segment is or does that no segment should.
+    """
+    store = store_of(location)
+    if store.kind(location) is not None:
+        raise ArchiveError("is no file")
+    local_file = store.local_file(location)
+    try:
+        with local_file.path.open("rb") as file:
+            header, first, digest = _read_segment_head(file)
+            size = os.fstat(file.fileno()).st_size
+        needed = _behind_head(header, first) + sum(_array_bytes(kind, shape) for _, kind, shape in header[ROWS])
+    except OSError as error:
+        raise ArchiveError(f"cannot be read: {error.strerror or error}") from None
+    except ArchiveError:
+        raise
+    except (ValueError, LookupError, TypeError, AttributeError, MemoryError, OverflowError):
+        raise ArchiveError("is damaged, or no segment of this version") from None
+    if size != needed:
+        raise ArchiveError(f"has {size} bytes and says {needed}")
+    return Segment(local_file, header, first, digest)
+
+
+def _read_segment_head(file: IO[bytes]) -> tuple[dict[str, Any], int, str]:
+    """Return the content of the first line, where the memory begins, and the digest of both."""
+    line = file.readline(_LONGEST_LINE)
+    header = json.loads(line)
+    if header["kind"] != _KIND:
+        raise ArchiveError("is of another version")
+    size = sum(_array_bytes(kind, shape) for _, kind, shape in header[MEMORY])
+    if not 0 <= size <= os.fstat(file.fileno()).st_size:
+        raise ArchiveError("is cut off")
+    digest = hashlib.sha256(line + file.read(size)).hexdigest()
+    if file.read(len(_MARK) + len(digest) + 1) != _MARK + digest.encode() + b"\n":
+        raise ArchiveError("differs from its digest")
+    return header, len(line), digest
+
+
+def _behind_head(header: Mapping[str, Any], first: int) -> int:
+    return first + sum(_array_bytes(kind, shape) for _, kind, shape in header[MEMORY]) + len(_MARK) + 64 + 1
+
+
+def _array_headers(shapes: Iterable[Shape]) -> list[Any]:
+    kinds = [(name, np.dtype(kind), shape) for name, kind, shape in shapes]
+    return [(name, kind.descr if kind.names else kind.str, shape) for name, kind, shape in kinds]
+
+
+def _array_dtype(described: Any) -> np.dtype[Any]:
+    return np.dtype(described if isinstance(described, str) else [(name, kind) for name, kind in described])
+
+
+def _array_bytes(described: Any, shape: Iterable[int]) -> int:
+    return prod(shape) * _array_dtype(described).itemsize
+
+
+def _array_from_bytes(content: bytes, described: Any, shape: Iterable[int]) -> Array:
+    return np.frombuffer(content, _array_dtype(described)).reshape(tuple(shape))
+
 
 EVERY = 10.0  # s between two segments: a run that is over sooner has none
 SHARE = 0.01  # of a run's time, between two segments of one that lasts long
@@ -110,7 +271,7 @@ class Segments:
             self._number, self._last_digest = self._number + 1, whole_segment.digest
 
     def _check_segment(self, name: Place) -> Segment:
-        candidate = segment.read_segment(name)
+        candidate = read_segment(name)
         if different := word_differences(candidate.header["of"], self._march_identity):
             raise InputError(
                 f"the segments of '{self.archive}' are of another run: {'; '.join(different)}; resume it as it was"
@@ -157,7 +318,7 @@ class Segments:
                 self.store.new_folder(self.folder)
                 self._claim()
             rows, values = writer.shapes_since(self._written_rows), writer.since(self._written_rows)
-            self._last_digest = segment.write_segment(self._next_location, segment_header, memory, rows, values)
+            self._last_digest = write_segment(self._next_location, segment_header, memory, rows, values)
             self._number += 1
         except (OSError, InputError) as error:
             self.failed = True
@@ -263,3 +424,140 @@ def _lock_segments(folder: Place, archive: Place) -> ExitStack:
     except LockedError as error:
         raise InputError(f"'{archive}' is being marched by another process; wait for it, or end it ({error})") from None
     return stack
+
+
+BLOCK_ROWS = 131_072
+ROWS_AT_EVENTS = 4096  # a short run has no more of them
+BLOCK_NUMBERS = 32_000_000  # of a block, which has fewer rows where there are many columns
+WIDE_NUMBERS = 4_000_000  # the same where columns have many elements, so that they are fewer
+
+
+def stream(march: March, path: Given, *, earlier_parts: Iterable[Part] = (), resume: bool = False) -> Place:
+    """March straight into a file, and return where it is; see `stream_to_writer`."""
+    return stream_to_writer(march, path, earlier_parts=earlier_parts, resume=resume).path
+
+
+def stream_to_writer(
+    march: March, path: Given, *, earlier_parts: Iterable[Part] = (), resume: bool = False, read_back: bool = True
+) -> Writer:
+    """March straight into a file, in bounded memory; one block is written while the next is marched.
+
+    Every ten seconds or so the rows since are kept in a segment beside the file, with the march's memory.
+
+    Parameters
+    ----------
+    march : March
+    path : str or Path
+    earlier_parts : iterable of (str, ndarray)
+        Rows that precede those of the march, which goes on after them once they are all taken.
+    resume : bool
+        Whether to go on from existing segments; the rows before are in them.
+    read_back : bool
+        Whether the values are read again before the file takes its name; see `new_file`.
+
+    Raises
+    ------
+    InputError
+        If there are segments without `resume`, or they are of another run.
+    ArchiveError
+        If the file cannot be written; the final name is untouched, and the segments stay.
+    """
+    location = location_of(path)
+    check_archive(location, march.model)
+    with Segments(location, march, resume=resume) as segments:
+        with new_file(location, keeps=True, read_back=read_back) as writer:
+            _write_all_rows(writer, march, segments, segments.rows() if len(segments) else earlier_parts)
+            _write_constants(writer, march)
+            for name, attributes in record.followed_tolerances(march).items():
+                writer.describe(name, attributes)
+            writer.finish(provenance.run_attributes(march))
+        if not march.unfinished:
+            segments.remove()
+    return writer
+
+
+def _write_all_rows(writer: Writer, march: March, segments: Segments, earlier_parts: Iterable[Part]) -> None:
+    """Write all rows: those before, then block by block those of the march."""
+    spec, rows = record.columns(march), iter(earlier_parts)
+    first = next(rows, None)
+    if first:
+        _define_columns(writer, spec, march, {})
+        for name, values in chain([first], rows):
+            writer.append(name, values)
+        if len(segments):
+            segments.go_on(writer)
+    pending: list[Future[None]] = []
+    rows_of_block = _rows_per_block(march)
+    with ThreadPoolExecutor(1) as pool, closing(march.blocks(rows_of_block, segments.patience)) as blocks:
+        for block in blocks:
+            if not writer.filled:
+                sizes = _block_sizes(block) if march.is_over and not march.waits else {}
+                _define_columns(writer, spec, march, sizes)
+            parts = [(column.variable.name, column.take(block)) for column in spec]
+            _await_writes(pending)
+            pending = [pool.submit(writer.write, parts)]
+            writer.hash(parts)
+            if segments.due and march.unfinished:
+                pending.append(pool.submit(segments.keep, writer, march.memory(), writer.digests()))
+            if rows_of_block == 1:  # the next one is marched into the same
+                _await_writes(pending)
+        _await_writes(pending)
+    if march.unfinished:
+        segments.keep(writer, march.memory(), writer.digests())
+    if (remaining_rows := march.waiting_block()) is not None:  # the end of an interrupted march
+        for column in spec:
+            writer.append(column.variable.name, column.take(remaining_rows))
+
+
+def _write_constants(writer: Writer, march: March) -> None:
+    """Write what has no rows: none of it is held while the attributes are found."""
+    for variable, value in record.constants(march):
+        dtype = np.dtype(object) if variable.dtype == "U" else np.dtype(variable.dtype)
+        sizes = dict(zip(variable.dims, np.shape(value), strict=True))
+        writer.define(variable.name, variable.dims, dtype, variable.attributes, sizes)
+        writer.append(variable.name, np.asarray(value, dtype=dtype))
+
+
+def _define_columns(writer: Writer, spec: Sequence[record.Column], march: March, sizes: Mapping[str, int]) -> None:
+    elements = record.sizes_of(march)
+    sizes = {**sizes, **elements}
+    if march.settings.compress:
+        widths = {
+            variable.name: prod(elements.get(dim, 1) for dim in variable.dims)
+            for variable in (column.variable for column in spec)
+        }
+        writer.pack(
+            {
+                variable.name: (variable.dims[0], np.dtype(variable.dtype).itemsize * widths[variable.name])
+                for variable in (column.variable for column in spec)
+            }
+        )
+    for column in spec:
+        column_variable = column.variable
+        writer.define(
+            column_variable.name,
+            column_variable.dims,
+            np.dtype(column_variable.dtype),
+            column_variable.attributes,
+            sizes,
+        )
+
+
+def _rows_per_block(march: March) -> int:
+    """Return the rows of a block: a short run fits into one, so that its chunks are no larger than it is."""
+    expected = march.expected_rows or BLOCK_ROWS
+    numbers = WIDE_NUMBERS if is_wide(march.layout) else BLOCK_NUMBERS
+    max_rows = max(1, numbers // march.layout.row.size)
+    return min(BLOCK_ROWS, max_rows, expected + ROWS_AT_EVENTS * bool(march.layout.watched))
+
+
+def _block_sizes(block: LogBlock) -> dict[str, int]:
+    """Return the sizes of a run that one block holds."""
+    sizes = {STEPS: block.rows, TRIALS: block.trials, EVENTS: block.events, SAMPLES: block.samples}
+    sizes |= {CLOSED_LINKS: block.log.closed_rows.shape[1]}
+    return {dim: size for dim, size in sizes.items() if size}
+
+
+def _await_writes(pending: list[Future[None]]) -> None:
+    for future in pending:
+        future.result()

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from weakref import WeakSet, ref
 
-from xdynamics.archive.declared_sizes import size_faults
+from xdynamics.archive.file_structure import size_faults
 from xdynamics.archive.netcdf_library import close_later, close_left, file_at, with_library_lock
 from xdynamics.archive.store import LocalFile
 from xdynamics.faults import ArchiveError, numbered_lines
@@ -139,7 +139,7 @@ def open_shared(path: Path, identity: Identity | None = None, local_file: LocalF
     """
     import xarray as xr
 
-    from xdynamics.archive.values import VariableStore
+    from xdynamics.archive.stored_values import VariableStore
 
     archive = _open_untorn(path) if identity is None else SharedArchive(path, identity, local_file)
     if faults := size_faults(path, archive.acquire()):

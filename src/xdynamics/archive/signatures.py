@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from xdynamics.archive.folder_store import store_of, taking_name
 from xdynamics.archive.integrity_checks import VERIFIED
-from xdynamics.archive.place import Given, Place, location_of
 from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import bytes_digest
-from xdynamics.archive.stores import store_of, taking_name
-from xdynamics.archive.temporary_files import fitting_name
+from xdynamics.archive.store import Given, Place, location_of
+from xdynamics.archive.target import fitting_name
 from xdynamics.faults import ArchiveError, InputError, SignatureWarning, warn
 from xdynamics.runtime.files import displayed_path, write_new
 from xdynamics.schema import VOLATILE_DIGEST

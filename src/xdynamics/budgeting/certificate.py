@@ -12,26 +12,32 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive
-from xdynamics.archive.place import GIVEN, Given
+from xdynamics.archive.store import GIVEN, Given
 from xdynamics.budgeting.budget import budget_stage, error_budget
-from xdynamics.budgeting.budget_request import BudgetRequest, budget_request
-from xdynamics.budgeting.budget_summary import draws_needed_text, extreme_lines
+from xdynamics.budgeting.budget_dataset import BudgetRequest, budget_request
+from xdynamics.budgeting.budget_summary import draws_needed_text, extreme_lines, rounded_result, same_number, short_size
 from xdynamics.budgeting.montecarlo import ADEQUATE, LINEAR, NOT_ADEQUATE
 from xdynamics.budgeting.montecarlo import NOT_CHECKED as OPEN
 from xdynamics.budgeting.proven_bounds import ProvenBounds
-from xdynamics.budgeting.rounding import rounded_result, same_number, short_size
 from xdynamics.elementary.arrays import apply_elementary
-from xdynamics.evidence.evidence_dataset import evidence_dataset, stated_value
-from xdynamics.evidence.gates import FAILED, GATE, GATES, NOT_CHECKED, PASSED, gate_variables
-from xdynamics.evidence.refining.judgements import NOT_CONVERGING
-from xdynamics.evidence.refining.verdict_words import verdict_text
+from xdynamics.evidence.evidence_dataset import (
+    FAILED,
+    GATE,
+    GATES,
+    NOT_CHECKED,
+    PASSED,
+    evidence_dataset,
+    gate_variables,
+    stated_value,
+)
+from xdynamics.evidence.refining.convergence import NOT_CONVERGING, verdict_text
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.evidence.stages import Stage, compute_datasets, lazy_stage
 from xdynamics.evidence.validating.ledger import own_ledger, validate
 from xdynamics.evidence.validating.ledger_rows import VERDICTS as CASES
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.march.outcomes import GOOD
-from xdynamics.march.root_methods import WAITING
+from xdynamics.march.settings import WAITING
 from xdynamics.march.tolerances import NO_FLOOR
 from xdynamics.model import Model, check_model
 from xdynamics.record.flag_words import in_prose, words_of_flag

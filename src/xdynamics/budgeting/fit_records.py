@@ -16,10 +16,10 @@ from xdynamics.evidence.observables import comparable
 from xdynamics.faults import InputError, Ledger, brief_repr
 from xdynamics.march.configuration import settings_for
 from xdynamics.model import Model, check_model
-from xdynamics.record.element_attributes import elements_of, quantity_names
+from xdynamics.record.folding import elements_of, quantity_names
 from xdynamics.record.run_columns import named_columns
 from xdynamics.shapes.naming import split_element_name
-from xdynamics.sweeping.axis_values import axis_numbers
+from xdynamics.sweeping.axes import axis_numbers
 from xdynamics.units import Unit, parse_unit, unit_suffix
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from xdynamics.budgeting.fit_problem import SHARED, Fitting
 from xdynamics.budgeting.fit_records import owner_record
-from xdynamics.budgeting.losses import LINEAR
-from xdynamics.budgeting.multistart import Search
+from xdynamics.budgeting.multistart import LINEAR, Search
 from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.model import Model
 from xdynamics.schema import AT, AT_TIME, BOUNDS

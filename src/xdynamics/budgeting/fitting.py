@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.fit_intervals import COVARIANCE, PROFILE, intervals_as, profile_intervals, quantile
-from xdynamics.budgeting.fit_problem import FitRecord, Fitting
+from xdynamics.budgeting.fit_problem import FitRecord, Fitting, ResidualTests
 from xdynamics.budgeting.fit_records import (
     fit_bounds,
     number_label,
@@ -27,9 +26,19 @@ from xdynamics.budgeting.fit_variables import (
     residual_variables,
     search_variables,
 )
-from xdynamics.budgeting.losses import LINEAR, loss_by_name, residual_spread
-from xdynamics.budgeting.multistart import Search, search_from_start, searches
-from xdynamics.budgeting.residuals import ResidualTests
+from xdynamics.budgeting.multistart import (
+    COVARIANCE,
+    LINEAR,
+    PROFILE,
+    Search,
+    intervals_as,
+    loss_by_name,
+    profile_intervals,
+    quantile,
+    residual_spread,
+    search_from_start,
+    searches,
+)
 from xdynamics.evidence.evidence_dataset import evidence_dataset
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.model import Model

@@ -1,20 +1,25 @@
-"""The number that a budget is about: a quantity at a time, at an occurrence of an event, or its extreme in a run."""
+"""The number that a budget is about: a quantity at a time, at an occurrence of an event, or its extreme in a run.
+
+What a budget says of the run that its number is of.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.elementary.bounds import EPS
+from xdynamics.evidence.audit import contradiction
 from xdynamics.evidence.diagnosing.extremes import Extreme, find_extreme, values_between_rows
-from xdynamics.evidence.diagnosing.heights import LOCATED
-from xdynamics.evidence.kept_results import Keep
+from xdynamics.evidence.diagnosing.summits import LOCATED, RULES
+from xdynamics.evidence.kept_results import Keep, ResultForm
 from xdynamics.evidence.observables import comparable, observables_of, observe
 from xdynamics.evidence.runs import march_model
-from xdynamics.evidence.stage_tasks import setting_words
+from xdynamics.evidence.stage_tasks import Task, setting_words
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.march.configuration import settings_for
@@ -22,10 +27,10 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
 from xdynamics.record import unfold
-from xdynamics.record.circumstances import xdynamics_version
-from xdynamics.record.element_attributes import elements_of, quantity_names
-from xdynamics.record.named_elements import element_array, event_words, get_column
-from xdynamics.schema import EVENT_AFTER, OCCURRENCE
+from xdynamics.record.folding import elements_of, quantity_names
+from xdynamics.record.provenance import xdynamics_version
+from xdynamics.record.unfolding import element_array, event_words, get_column
+from xdynamics.schema import EVENT_AFTER, OCCURRENCE, STEPS
 from xdynamics.sweeping.sweep import sweep
 from xdynamics.units import SECONDS, Unit, parse_unit, time_in
 
@@ -335,3 +340,57 @@ def _clip_to_run(moment: float, time: Floats) -> float:
     rounding_tolerance = ROUNDED * max(abs(float(time[0])), abs(float(time[-1])))
     clipped = min(max(moment, float(time[0])), float(time[-1]))
     return clipped if abs(clipped - moment) <= rounding_tolerance else moment
+
+
+class OwnRun(NamedTuple):
+    """The run of a budget, as far as its Dataset names it: a few words, so that the run stays where it was marched.
+
+    Attributes
+    ----------
+    method, outcome : str
+    units : str
+        Of the number.
+    step_units : str
+        Of its steps, which are pure numbers where its time is.
+    extreme_rule : str, optional
+        How an extreme was found; None for other numbers.
+    extreme_time : float
+        When it was, in the model's unit of time.
+    contradiction : str
+        What contradicts itself in its record, in words; nothing if nothing does. See `evidence.audit`.
+    """
+
+    method: str
+    outcome: str
+    units: str
+    step_units: str
+    extreme_rule: str | None
+    extreme_time: float
+    contradiction: str = ""
+
+    @classmethod
+    def from_run(cls, measurand: Measurand, run: xr.Dataset) -> OwnRun:
+        """Describe a run; one without rows is still to be marched.
+
+        Raises
+        ------
+        InputError
+            If it does not have the number.
+        """
+        target = measurand.target
+        rule, time = (None if target.extreme is None else ""), float("nan")
+        if run.sizes[STEPS] and (extreme := target.extreme_in(run, measurand.model)) is not None:
+            rule, time = RULES[extreme.rule], extreme.time
+        units, step_units = target.units(run).text, str(run["step_size"].attrs["units"])
+        method, outcome = str(run.attrs["solver_method"]), str(run.attrs["run_outcome"])
+        contradiction_text = contradiction(run, measurand.model.functions) if run.sizes[STEPS] else ""
+        return cls(method, outcome, units, step_units, rule, time, contradiction_text)
+
+
+OWN_RUNS = ResultForm(list, lambda entries: OwnRun(*entries))
+
+
+def own_run_task(measurand: Measurand, run: Task) -> Task:
+    """Return the task that describes a run."""
+    task = Task.of("own_run", partial(OwnRun.from_run, measurand.unkept), (run,), *measurand.inputs)
+    return task if measurand.keep is None else measurand.keep.task(task, OWN_RUNS)

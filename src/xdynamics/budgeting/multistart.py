@@ -1,19 +1,111 @@
-"""Searches of a fit: from the model's own values, over growing parts of the data, and from drawn starts."""
+"""Searches of a fit: from the model's own values, over growing parts of the data, and from drawn starts.
+
+Losses of a fit: how much a residual counts that is many times its uncertainty.
+
+With z the square of a residual over its scale, a loss rho(z) takes the place of z in the sum of squares; near zero it is z.
+A residual has the influence psi(r) = r rho'(z): bounded, of `cauchy` falling again, so that an outlier moves the estimate by
+no more than a good value does. The scales are those at which an estimate from normal residuals is 95 % as sharp as that of
+least squares (Holland, Welsch 1977, doi:10.1080/03610927708827533).
+
+Intervals of fitted numbers: by their covariance, or by the profile of the sum of squares.
+
+A profile holds one number at a value, fits all others again, and asks how much larger the smallest sum of squares is. It
+needs no law to be linear: its ends may lie at unlike distances (Bates, Watts 1988, Nonlinear Regression Analysis and Its
+Applications, section 6.1). Where the data have no uncertainties their variance is that of the residuals, and few of them tell
+it badly: Student's t takes the place of the normal distribution.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.budgeting.losses import Loss
-from xdynamics.elementary.arrays import power
+from xdynamics.elementary.arrays import log, power
 from xdynamics.faults import InputError
 
 Floats = NDArray[np.float64]
+
+LINEAR = "linear"
+LOSS_WIDTHS = {LINEAR: 1.0, "soft_l1": 1.287, "huber": 1.345, "cauchy": 2.385}  # scales, in standard uncertainties
+NORMAL = 0.6744897501960817  # median size of a normal residual, in standard deviations
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A loss with its scale.
+
+    Attributes
+    ----------
+    name : {"linear", "soft_l1", "huber", "cauchy"}
+    spread : float
+        Standard deviation of good residuals, in the units of the weighted ones: 1 where uncertainties are known.
+    """
+
+    name: str = LINEAR
+    spread: float = 1.0
+
+    @property
+    def scale(self) -> float:
+        """Size of a residual at which it begins to count less."""
+        return LOSS_WIDTHS[self.name] * self.spread
+
+    def sizes(self, residuals: Floats) -> Floats:
+        """Return what each residual adds to the sum that is made small."""
+        z = (residuals / self.scale) ** 2
+        if self.name == "soft_l1":
+            z = 2.0 * (np.sqrt(1.0 + z) - 1.0)
+        elif self.name == "huber":
+            z = np.where(z <= 1.0, z, 2.0 * np.sqrt(z) - 1.0)
+        elif self.name == "cauchy":
+            z = log(1.0 + z)
+        return z * self.scale**2
+
+    def influences(self, residuals: Floats) -> tuple[Floats, Floats]:
+        """Return psi of each residual, and its derivative."""
+        z = (residuals / self.scale) ** 2
+        if self.name == "soft_l1":
+            return residuals / np.sqrt(1.0 + z), (1.0 + z) ** -1.5
+        if self.name == "huber":
+            is_near = z <= 1.0
+            return np.clip(residuals, -self.scale, self.scale), is_near.astype(float)
+        if self.name == "cauchy":
+            return residuals / (1.0 + z), (1.0 - z) / (1.0 + z) ** 2
+        return residuals, np.ones_like(residuals)
+
+    def variance(self, residuals: Floats, fitted: int) -> float:
+        """Return the factor of (J^T J)^-1 that makes it the covariance of the estimates.
+
+        Huber 1981, Robust Statistics, equation 7.6.8; with a linear loss it is the variance of the residuals.
+        """
+        psi, slope = self.influences(residuals)
+        share, mean = fitted / residuals.size, float(slope.mean())
+        if not mean > 0.0:
+            return float("inf")
+        correction = 1.0 + share * float(slope.var()) / mean**2
+        return correction**2 * float(psi @ psi) / (residuals.size - fitted) / mean**2
+
+
+def loss_by_name(name: str) -> Loss:
+    """Return a loss by its name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if name not in LOSS_WIDTHS:
+        raise InputError(f"loss is {name!r}; there are {', '.join(LOSS_WIDTHS)}")
+    return Loss(name)
+
+
+def residual_spread(residuals: Floats) -> float:
+    """Return the standard deviation of good residuals: the median size over that of normal ones."""
+    return float(np.median(np.abs(residuals))) / NORMAL
+
 
 OWN, GROWING, DRAWN = (
     "the model's own values",
@@ -174,3 +266,121 @@ def _search_or_fail(
         return search_from_start(problem, rule, start, low, high, share)
     except InputError as error:
         return Search(rule, start, start, np.inf, 0, converged=False, stopped=str(error))
+
+
+COVARIANCE, PROFILE = "covariance", "profile"
+MAX_PROFILE_POINTS = 20  # values at which a profile is asked for an end
+NEAR = 1e-4  # of the distance in units of the quantile, at which an end is found
+WIDEST = 3.0  # largest factor from one value to the next
+
+
+@dataclass(frozen=True)
+class ProfilePoint:
+    """The problem in which one number is held at a value."""
+
+    problem: Problem
+    held_index: int
+    value: float
+
+    @property
+    def loss(self) -> Loss:
+        """That of the problem."""
+        return self.problem.loss
+
+    def all_numbers(self, free: Floats) -> Floats:
+        """Return all numbers, from the others."""
+        return np.insert(free, self.held_index, self.value)
+
+    def weighted_residuals(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
+        """Return weighted residuals and their slopes by the others."""
+        residuals, slopes = self.problem.weighted_residuals(self.all_numbers(scaled), share)
+        return residuals, np.delete(slopes, self.held_index, axis=1)
+
+    def squares(self, scaled: Floats, share: float) -> Floats:
+        """Return the sums of squares of many starts of the others."""
+        return self.problem.squares(np.insert(scaled, self.held_index, self.value, axis=1), share)
+
+
+def quantile(coverage: float, freedom: int, *, has_uncertainties: bool) -> float:
+    """Return the half width of an interval in standard uncertainties.
+
+    Examples
+    --------
+    >>> round(quantile(0.95, 3, has_uncertainties=True), 3), round(quantile(0.95, 3, has_uncertainties=False), 3)
+    (1.96, 3.182)
+    """
+    from scipy.special import ndtri, stdtrit
+
+    upper = 0.5 + coverage / 2.0
+    return float(ndtri(upper) if has_uncertainties else stdtrit(freedom, upper))
+
+
+def profile_intervals(
+    problem: Problem, best: Search, low: Floats, high: Floats, deviations: Floats, rise: float, width: float
+) -> Floats:
+    """Return both ends of each number's interval, shape (n, 2); infinite where the profile does not rise enough.
+
+    Parameters
+    ----------
+    problem : Problem
+    best : Search
+    low, high : ndarray, shape (n,)
+        Bounds, scaled; an interval ends there at the latest.
+    deviations : ndarray, shape (n,)
+        Standard uncertainties, scaled.
+    rise : float
+        By how much the sum of squares is larger at an end.
+    width : float
+        How many standard uncertainties an end is away, of a linear law.
+    """
+    return np.array(
+        [
+            [_profile_end(problem, best, low, high, i, side * width * deviations[i], rise) for side in (-1.0, 1.0)]
+            for i in range(best.end.size)
+        ]
+    )
+
+
+def _profile_end(problem: Problem, best: Search, low: Floats, high: Floats, i: int, step: float, rise: float) -> float:
+    """Follow the profile of one number to an end: secants of the root of its rise, which is linear of a linear law."""
+    bound = float(high[i] if step > 0 else low[i])
+    centre, free = float(best.end[i]), np.delete(best.end, i)
+    inner, outer, root = (0.0, np.inf, 0.0)  # distances with less and with more than the rise, and the root at `inside`
+    distance = abs(step)
+    for _ in range(MAX_PROFILE_POINTS):
+        distance = min(distance, abs(bound - centre))
+        risen, free = _profile_rise(ProfilePoint(problem, i, centre + np.sign(step) * distance), free, best, low, high)
+        distance_share = float(np.sqrt(max(risen, 0.0) / rise))
+        if abs(distance_share - 1.0) < NEAR:
+            return centre + float(np.sign(step)) * distance
+        if distance_share < 1.0 and distance == abs(bound - centre):
+            return bound
+        slope = (distance_share - root) / (distance - inner) if np.isfinite(distance_share) else np.inf
+        inner, root, outer = (distance, distance_share, outer) if distance_share < 1.0 else (inner, root, distance)
+        next_distance = distance + (1.0 - distance_share) / slope if np.isfinite(slope) and slope > 0.0 else np.inf
+        if not inner < next_distance < outer:
+            next_distance = 0.5 * (inner + outer) if np.isfinite(outer) else WIDEST * distance
+        distance = min(next_distance, WIDEST * distance)
+    return float(np.sign(step)) * np.inf
+
+
+def _profile_rise(point: ProfilePoint, free: Floats, best: Search, low: Floats, high: Floats) -> tuple[float, Floats]:
+    """Return by how much the sum of squares is larger with one number held, and the others there."""
+    from xdynamics.faults import InputError
+
+    try:
+        if not free.size:
+            residuals, _ = point.weighted_residuals(free)
+            return float(residuals @ residuals) - best.square, free
+        optimum = search_from_start(
+            point, PROFILE, free, np.delete(low, point.held_index), np.delete(high, point.held_index)
+        )
+    except InputError:
+        return np.inf, free
+    return optimum.square - best.square, optimum.end
+
+
+def intervals_as(values: Floats, deviations: Floats, half: float) -> Floats:
+    """Return intervals of estimates by their standard uncertainties."""
+    ends: Any = values[:, None] + half * deviations[:, None] * np.array([-1.0, 1.0])
+    return np.asarray(ends, float)

@@ -1,7 +1,16 @@
-"""Numerical errors of one number: truncation, rounding, interpolation, location of events."""
+"""Numerical errors of one number: truncation, rounding, interpolation, location of events.
+
+The events that a run met before its number: runs that met different ones are different motions, not better and worse ones.
+
+Rounding by the twin of a run: the same steps with numbers of 31 digits, whose number differs by rounding alone.
+
+Rounding by time reversal: a symmetric method undoes its own steps, except for rounding.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,32 +19,190 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive import digest_of_run
-from xdynamics.budgeting.measurand import Measurand
-from xdynamics.budgeting.met_events import MetEvents
-from xdynamics.budgeting.precise_twin import twin_distance
-from xdynamics.budgeting.sources import COMPARED, NUMBER, RUN, ErrorSource
-from xdynamics.budgeting.term import BOUNDED, NUMERICAL, Term
-from xdynamics.budgeting.time_reversal import reversal_distance
+from xdynamics.budgeting.measurand import TIME, Measurand, Target
+from xdynamics.budgeting.term import BOUNDED, COMPARED, NUMBER, NUMERICAL, RUN, ErrorSource, Term
 from xdynamics.elementary.arrays import exp, power
-from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.diagnosing.extremes import Extreme
-from xdynamics.evidence.diagnosing.heights import INTERPOLATED, SAID
+from xdynamics.evidence.diagnosing.summits import INTERPOLATED, SAID
 from xdynamics.evidence.kept_results import ResultForm
-from xdynamics.evidence.refining.convergence import CAUTION, SAFETY, observed_orders
-from xdynamics.evidence.refining.judgements import CLOSE, EVENT_LIMITED, INTERPOLATION_LIMITED, Judged, judge
+from xdynamics.evidence.refining.convergence import (
+    CAUTION,
+    CLOSE,
+    EVENT_LIMITED,
+    INTERPOLATION_LIMITED,
+    SAFETY,
+    Judged,
+    judge,
+    observed_orders,
+)
 from xdynamics.evidence.refining.levels import ALL, Levels, absolute_tolerances
 from xdynamics.evidence.refining.readings import estimated_error
 from xdynamics.evidence.runs import march_model
 from xdynamics.evidence.stage_tasks import Task, march_task
-from xdynamics.faults import InputError, ModelError
+from xdynamics.faults import InputError, ModelError, first_names
+from xdynamics.keywords import PACING
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.tolerances import LEAST_RTOL
-from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
-from xdynamics.model import Model
+from xdynamics.methods import METHODS
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, NO_ESTIMATE, PLAIN, Scheme
+from xdynamics.model import Model, Trait, traits_of
+from xdynamics.model.parts import Function
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.record.unfolding import get_column
+from xdynamics.schema import velocity
+from xdynamics.shapes.naming import display_text
 from xdynamics.units import NONE, Quantity
 
 if TYPE_CHECKING:
     import xarray as xr
+
+REMEDY = "they are different motions, and no distance between them tells how far the number is off"
+
+
+class MetEvents(NamedTuple):
+    """How many events a run met.
+
+    Attributes
+    ----------
+    counts_before : dict of str to int
+        By detector, before the time of the number.
+    compared : int
+        By all together, as far as other runs are compared with it: up to the time that was asked for, or, where the number
+        is at an event or an extreme, in the whole run, since equal extremes may be at different times.
+    """
+
+    counts_before: dict[str, int]
+    compared: int
+
+    @classmethod
+    def from_run(cls, target: Target, run: xr.Dataset, model: Model) -> MetEvents:
+        """Count the events of a run that has the number."""
+        if not run.sizes.get("event", 0):
+            return cls({}, 0)
+        is_earlier = run["event_time"].values < target.moment_in(run, model)
+        counts = Counter(
+            name for name, is_met in zip(words_of_flag(run["event_detector"]), is_earlier, strict=True) if is_met
+        )
+        return cls(dict(counts), int(is_earlier.sum()) if target.at is not None else len(is_earlier))
+
+    def are_apart(self, second_run: MetEvents) -> bool:
+        """Whether the number is behind different events, as `refine` tells it: by how many there were."""
+        return (
+            sum(self.counts_before.values()) != sum(second_run.counts_before.values())
+            and self.compared != second_run.compared
+        )
+
+    def in_words(self, second_run: MetEvents) -> str:
+        """Say which events were met unequally often.
+
+        Examples
+        --------
+        >>> MetEvents({"floor": 3, "discs": 7}, 10).in_words(MetEvents({"floor": 3, "discs": 9}, 12))
+        'did not meet the same events (discs 7 and 9 times): they are different motions, and no distance between them tells how far the number is off'
+        """
+        names = dict.fromkeys((*self.counts_before, *second_run.counts_before))
+        counts = {name: (self.counts_before.get(name, 0), second_run.counts_before.get(name, 0)) for name in names}
+        unequal_text = first_names(
+            f"{display_text(name)} {count} and {second_count}"
+            for name, (count, second_count) in counts.items()
+            if count != second_count
+        )
+        return f"did not meet the same events ({unequal_text} times): {REMEDY}"
+
+
+CHOOSING = ("rtol", "atol", "order", *PACING)  # settings by which steps are chosen, which the twin takes as they are
+
+
+def twin_distance(run: xr.Dataset, measurand: Measurand, value: float) -> float | None:
+    """March a run again with 31 digits by its own steps; return how far its number is from the twin's, in its unit.
+
+    None where there is no twin, as of implicit methods, contacts and forces in Python, and for what is computed in
+    floats in the twin too: energies, observables, forces, and extremes inside steps.
+    """
+    target = measurand.target
+    if target.extreme is not None or target.quantity not in (*measurand.model.units, TIME):
+        return None
+    twin_settings = _twin_settings(run, measurand)
+    with suppress(InputError):  # what a twin cannot have; the settings of the run itself are in order
+        settings_for(measurand.model, **twin_settings)
+        twin = march_model(measurand.model, **{"force_samples": "none"} | twin_settings)
+        return abs(value - target.in_run(twin, measurand.model)[0])
+    return None
+
+
+def _twin_settings(run: xr.Dataset, measurand: Measurand) -> dict[str, Any]:
+    """Return the settings of the twin: the run's own, with steps that are given where they were chosen."""
+    settings = settings_for(measurand.model, **measurand.settings)
+    twin_settings = measurand.settings | {"precision": DOUBLE_DOUBLE, "summation": PLAIN, "estimator": NO_ESTIMATE}
+    if not settings.adaptive:
+        return twin_settings
+    steps, end_time = run["step_size"].values[run["step_size"].values > 0.0], float(run["time"][-1])
+    if end_time < settings.until:  # stopped by an event, which the twin may meet a little later
+        steps = np.append(steps, [steps.max(), settings.until - end_time])
+    fixed_settings = {name: value for name, value in twin_settings.items() if name not in CHOOSING}
+    order = {"order": settings.method.order} if settings.method.has_orders else {}
+    return fixed_settings | {"step": steps} | order
+
+
+def reversal_distance(run: xr.Dataset, measurand: Measurand) -> float | None:
+    """March a run back to its start; return how far a coordinate or velocity ends from it, in its unit.
+
+    None for runs that are not reversible: another method, chosen or given steps, forces that depend on velocity or
+    time, first-order states, events, contacts, friction; also for other quantities (Hairer, Lubich, Wanner, section
+    V.1).
+    """
+    model, target = measurand.model, measurand.target
+    velocities = {velocity(name) for name in model.statement.coordinates}
+    if (
+        target.at is None
+        or target.quantity not in {*model.statement.coordinates, *velocities}
+        or not _is_reversible(run, model)
+    ):
+        return None
+    time, step = run["time"].values, float(run["step_size"][1]) if run.sizes["step"] > 1 else 0.0
+    whole_steps = np.flatnonzero((time <= target.at) & np.isin(run["step_size"].values, [0.0, step]))
+    if len(whole_steps) < 2:
+        return None
+    reversed_start = {
+        name: f"{_reversed_value(run, name, int(whole_steps[-1]), velocities)!r} {get_column(run, name).attrs['units']}"
+        for name in (*model.statement.coordinates, *velocities)
+    }
+    until = {"until": float(time[whole_steps[-1]]), "force_samples": "none"}
+    reversed_run = march_model(model.replace(initial=reversed_start), **measurand.settings | until)
+    return abs(
+        _reversed_value(reversed_run, target.quantity, -1, velocities) - float(get_column(run, target.quantity)[0])
+    )
+
+
+def _reversed_value(run: xr.Dataset, name: str, row: int, velocities: set[str]) -> float:
+    value = float(get_column(run, name)[row])
+    return -value if name in velocities else value
+
+
+def _is_reversible(run: xr.Dataset, model: Model) -> bool:
+    """Return whether a run of equal steps is undone by the same steps with the velocities reversed."""
+    irreversible_parts = (
+        model.statement.states,
+        model.events,
+        model.contacts,
+        model.assemblies,
+        model.frictions,
+        model.regimes,
+    )
+    if (
+        any(irreversible_parts)
+        or model.delays
+        or not METHODS[run.attrs["solver_method"]].symmetric
+        or run.sizes.get("event", 0)
+    ):
+        return False
+    terms = [tree for components in model.force_components.values() for tree in components.values()]
+    trees = [*terms, *model.statement.mass_entries.values()]
+    reads_time = any("t" in model.reads(tree) or isinstance(tree, Function) for tree in trees)
+    is_fixed_step = run.attrs["solver_step_control"] == "fixed"
+    return is_fixed_step and not reads_time and Trait.VELOCITY_DEPENDENT not in traits_of(model)
+
 
 Floats = NDArray[np.float64]
 

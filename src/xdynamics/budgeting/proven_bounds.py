@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from xdynamics.budgeting.measurand import TIME, Measurand, Target
-from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.enclosing.enclosure import enclosure_request
-from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED, bounded_names
+from xdynamics.elementary.bounds import EPS
+from xdynamics.evidence.enclosing.enclosure import COMPLETED, bounded_names, enclosure_request
 from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.faults import InputError

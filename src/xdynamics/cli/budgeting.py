@@ -8,11 +8,19 @@ from typing import Any
 
 import click
 
-from xdynamics.cli.clustering import KEPT, clustered, make_evidence
 from xdynamics.cli.command import BADLY, DONE, json_option, main, print_json, say
 from xdynamics.cli.marching import read_changed_model
-from xdynamics.cli.measuring import measured_data, other_options, reading_of
-from xdynamics.cli.settings import OF_RECORDS, settings, simulate_arguments
+from xdynamics.cli.settings import (
+    KEPT,
+    OF_RECORDS,
+    clustered,
+    make_evidence,
+    measured_data,
+    other_options,
+    reading_of,
+    settings,
+    simulate_arguments,
+)
 from xdynamics.cli.sweeping import value_ranges
 from xdynamics.keywords import KEYWORDS
 
@@ -150,7 +158,7 @@ def _make_and_save(
 ) -> Any:
     """Make evidence of one number, print its summary, and keep it."""
     from xdynamics import archive
-    from xdynamics.archive.place import location_of
+    from xdynamics.archive.store import location_of
     from xdynamics.documenting.summary import summary
 
     model = read_changed_model(model_file, changes)
@@ -221,8 +229,8 @@ def fit(
     event_time_floor [s], a row for each occurrence. Exit code 1 where the search did not come to an end, or the residuals are more than noise.
     """
     from xdynamics import archive
-    from xdynamics.archive.place import location_of
-    from xdynamics.archive.stores import taking_name
+    from xdynamics.archive.folder_store import taking_name
+    from xdynamics.archive.store import location_of
     from xdynamics.budgeting.fitting import fit as fitted_to
     from xdynamics.documenting.summary import summary
 

@@ -1,25 +1,173 @@
-"""The command `xdynamics`: its treatment of errors, warnings, signals and lost streams, and what all its verbs use."""
+"""The command `xdynamics`: its treatment of errors, warnings, signals and lost streams, and what all its verbs use.
+
+Standard streams that may be closed, full or cut off while a command works, without harm to its results.
+
+What people type in the place of a verb, and the command that they meant.
+"""
 
 from __future__ import annotations
 
+import os
+import shlex
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from difflib import get_close_matches
 from shutil import get_terminal_size
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import click
 
-from xdynamics.cli.streams import Stream, surviving_streams
-from xdynamics.cli.verb_names import command_meant
 from xdynamics.faults import escaped
 
 if TYPE_CHECKING:
     import xarray as xr
+
+CLOSED = "it is closed"
+
+
+class Stream:
+    """A stream that never fails: after the first error nothing more is written, and the reason is kept.
+
+    Parameters
+    ----------
+    stream : file of text, or None
+        None where the process began without it.
+    """
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream: TextIO = open(os.devnull, "w") if stream is None else stream  # noqa: PTH123, SIM115 - it lasts as long as the process
+        self._closed = stream is None
+        self.lost: str = ""
+        self.cut_off = False  # by a reader that has seen enough, as in ``| head -1``
+
+    def write(self, text: str) -> int:
+        """Write a text, if possible."""
+        if self._closed and text:
+            self.lost = CLOSED
+        if not self.lost:
+            with self._failing():
+                self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush what was written."""
+        if not self.lost:
+            with self._failing():
+                self._stream.flush()
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return not self._closed and not self.lost and self._stream.isatty()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.lost, self.cut_off = error.strerror or str(error), isinstance(error, BrokenPipeError)
+            # what is still in the buffer would fail again when Python ends, with a traceback
+            with suppress(OSError, ValueError):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, self._stream.fileno())
+                os.close(nowhere)
+
+
+class Streams(NamedTuple):
+    """Standard output and error of a command."""
+
+    output: Stream
+    error: Stream
+
+
+@contextmanager
+def surviving_streams() -> Iterator[Streams]:
+    """Put streams that never fail in the place of standard output and error."""
+    _reserve_descriptors()
+    output, error = sys.stdout, sys.stderr
+    streams = Streams(Stream(output), Stream(error))
+    sys.stdout, sys.stderr = streams
+    try:
+        yield streams
+    finally:
+        for stream in streams:
+            stream.flush()
+        sys.stdout, sys.stderr = output, error
+
+
+def _reserve_descriptors() -> None:
+    """Point closed descriptors among 0 to 2 at the null device: otherwise an archive gets one, and messages go into it."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest that is free
+
+
+# verb -> words for what it does
+ALSO = {
+    "run": ("simulate", "march", "integrate", "solve", "start", "sim", "exec", "execute"),
+    "plot": ("draw", "figure", "picture", "graph", "chart"),
+    "animate": ("film", "movie", "video", "animation"),
+    "show": ("info", "print", "dump", "summary", "view", "open", "describe", "inspect", "events"),
+    "check": ("lint", "parse", "read", "units", "equations"),
+    "new": ("init", "create", "template", "start"),
+    "fit": ("calibrate", "estimate", "identify"),
+    "budget": ("uncertainty", "error", "errors", "uncertainties"),
+    "enclose": ("enclosure", "bounds", "tube", "interval", "intervals", "rigorous", "proof"),
+    "certify": ("certificate", "prove"),
+    "refine": ("converge", "convergence", "refinement", "order"),
+    "compare": ("diff", "difference", "cmp"),
+    "validate": ("test", "validation", "ledger"),
+    "diagnose": ("diagnosis", "analyse", "analyze", "lyapunov", "energy"),
+    "sweep": ("scan", "ensemble", "grid", "parameter", "parameters", "montecarlo", "batch"),
+    "sample": ("interpolate", "at"),
+    "table": ("export", "csv", "xlsx", "excel", "frame", "latex"),
+    "modes": ("eigenvalues", "frequencies", "linearise", "linearize", "stability"),
+    "methods": ("solvers", "method", "integrators", "list"),
+    "extend": ("continue", "resume", "longer"),
+    "reproduce": ("rerun", "replay", "again"),
+    "help": ("man", "docs", "manual", "guide"),
+}
+
+
+def verb_meant(word: str, verbs: Sequence[str]) -> str:
+    """Return the verb that a word stands for; empty if none is like it."""
+    word = word.lower()
+    if word in verbs:
+        return word
+    exact = [verb for verb, synonyms in ALSO.items() if word in synonyms]
+    return next(iter([*exact, *get_close_matches(word, verbs, n=1, cutoff=0.7)]), "")
+
+
+def command_meant(arguments: Sequence[str], verbs: Sequence[str]) -> str:
+    """Return the whole command that was meant by one without a verb that is known; empty if that is not clear.
+
+    Examples
+    --------
+    >>> command_meant(["simulate", "ball.toml"], ["run", "show"])
+    'xdynamics run ball.toml -o ball.nc'
+    >>> command_meant(["ball.nc"], ["run", "show"])
+    'xdynamics show ball.nc'
+    """
+    first, *remaining_args = arguments
+    file = next((argument for argument in arguments if argument.endswith((".toml", ".nc"))), "")
+    verb = verb_meant(first, verbs)
+    if not verb and first == file:
+        verb, remaining_args = "run" if file.endswith(".toml") else "show", [*arguments]
+    if not verb:
+        return ""
+    if verb == "run" and file.endswith(".toml") and not {"-o", "--output"} & {*remaining_args}:
+        remaining_args += ["-o", file.removesuffix(".toml") + ".nc"]
+    return shlex.join(["xdynamics", verb, *remaining_args])
+
 
 DONE, BADLY, WRONG_INPUT = 0, 1, 2
 SIGNALLED = 128  # and the signal's number, as a shell reports a process that it ended: 143 for SIGTERM, 129 for SIGHUP

@@ -7,11 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xdynamics.cli.clustering import KEPT, clustered, make_evidence
 from xdynamics.cli.command import BADLY, DONE, json_option, main, on_board, print_json, say
 from xdynamics.cli.marching import read_changed_model
-from xdynamics.cli.measuring import TABLES, measured_data, reading_of
-from xdynamics.cli.settings import OF_RECORDS, named_values, settings, simulate_arguments
+from xdynamics.cli.settings import (
+    KEPT,
+    OF_RECORDS,
+    TABLES,
+    clustered,
+    make_evidence,
+    measured_data,
+    named_values,
+    reading_of,
+    settings,
+    simulate_arguments,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -160,7 +169,7 @@ def _check_output(output: str | None) -> None:
     """Check that a target can be written, before anything is marched for it."""
     if output:
         from xdynamics.archive import check_archive
-        from xdynamics.archive.place import location_of
+        from xdynamics.archive.store import location_of
 
         check_archive(location_of(output))
 

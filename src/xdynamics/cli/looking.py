@@ -39,8 +39,8 @@ def show(archives: tuple[str, ...], whole: bool) -> None:
 def open_archive(name: str) -> xr.Dataset:
     """Open an archive, or the catalogue of a sweep's folder."""
     from xdynamics.archive import open_run
-    from xdynamics.archive.place import location_of
-    from xdynamics.archive.stores import is_folder
+    from xdynamics.archive.folder_store import is_folder
+    from xdynamics.archive.store import location_of
     from xdynamics.sweeping.catalogue import open_sweep
 
     return open_sweep(name) if is_folder(location_of(name)) else open_run(name)
@@ -100,7 +100,7 @@ def plot(
 
 def _path_beside(archive: str, suffix: str) -> str:
     """Return the name of a file beside an archive, or beside the folder of a sweep, that is called after it."""
-    from xdynamics.archive.place import location_of
+    from xdynamics.archive.store import location_of
 
     location = location_of(archive)
     stem = location.stem if location.suffix in (".nc", ".zarr") else location.name
@@ -152,8 +152,8 @@ def animate(archive: str, output: str, seconds: float | None, trail: float | Non
 def sample(archive: str, times: str, output: str | None) -> None:
     """Write the states of a run at any times as a table, each as if a step had ended there."""
     from xdynamics.archive import open_run
-    from xdynamics.archive.place import location_of
-    from xdynamics.dynamics.wanted_times import wanted_times
+    from xdynamics.archive.store import location_of
+    from xdynamics.dynamics.recorded_steps import wanted_times
     from xdynamics.evidence.sampling import sample as states_at
     from xdynamics.interchange.csv_export import check_text_target, states_as_csv, write_text_table
     from xdynamics.record.flag_words import time_unit_of
@@ -192,7 +192,7 @@ def table(archives: tuple[str, ...], of: str | None, output: str | None, rounded
     Of several runs, or those of a folder with --keep, each has a row. Events have both one-sided states in their row; a sweep's folder has a row a member.
     The states at chosen times are written by `xdynamics sample`.
     """
-    from xdynamics.archive.place import location_of
+    from xdynamics.archive.store import location_of
     from xdynamics.faults import InputError
     from xdynamics.interchange import tables
     from xdynamics.interchange.run_index import open_runs

@@ -92,7 +92,7 @@ def _march_and_archive(
 ) -> bool:
     """March a model into an archive, print its summary, and return whether it ended well."""
     from xdynamics.archive import check_archive
-    from xdynamics.archive.place import location_of
+    from xdynamics.archive.store import location_of
 
     check_archive(location_of(output), model)  # before what marches is imported
     from xdynamics.simulation.single_run import simulate
@@ -100,7 +100,7 @@ def _march_and_archive(
     if times is not None:
         from xdynamics.interchange import csv_export
         from xdynamics.march.configuration import settings_for
-        from xdynamics.simulation.wanted_states import check_sampled, times_within
+        from xdynamics.simulation.unmarched_runs import check_sampled, times_within
 
         table = csv_export.check_text_target(location_of(output).with_suffix(".csv"))
         resolved = settings_for(model, **arguments)
@@ -163,7 +163,7 @@ def _exit_by_outcome(finished: xr.Dataset, output: str) -> None:
 def _print_run_summary(finished: xr.Dataset, output: str) -> bool:
     """Print the summary of a run, and return whether it ended well."""
     from xdynamics.archive import has_segments
-    from xdynamics.archive.place import location_of
+    from xdynamics.archive.store import location_of
     from xdynamics.documenting.summary import summary
     from xdynamics.march.outcomes import GOOD
 
@@ -204,7 +204,7 @@ def _kept_uncertainties(model: Model, requested_changes: Mapping[str, str]) -> I
 def _recorded_model(archive: str) -> Model:
     """Return the model of an archived run, with the settings of that run."""
     from xdynamics.archive import open_run
-    from xdynamics.simulation.recorded_runs import model_of_run
+    from xdynamics.simulation.single_run import model_of_run
 
     with open_run(archive) as run:
         return model_of_run(run)
@@ -214,7 +214,7 @@ def _changes_by_section(model: Any, changes: dict[str, str]) -> dict[str, dict[s
     """Sort changes into sections; a bare number stays a number, so that it takes the unit there."""
     from xdynamics.faults import InputError, display_text, first_names
     from xdynamics.keywords import KEYWORDS
-    from xdynamics.record.element_attributes import elements_of, quantity_names
+    from xdynamics.record.folding import elements_of, quantity_names
 
     settable_names, sections = (*model.statement.parameters, *model.statement.initial), dict[str, dict[str, Any]]()
     for name, text in model.shapes.with_internal_names(changes, "--set").items():

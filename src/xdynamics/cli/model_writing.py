@@ -7,9 +7,8 @@ from pathlib import Path
 
 import click
 
-from xdynamics.cli.command import json_option, main, print_json, say
+from xdynamics.cli.command import json_option, main, print_json, say, verb_meant
 from xdynamics.cli.marching import read_changed_model
-from xdynamics.cli.verb_names import verb_meant
 
 
 @main.command(name="help")

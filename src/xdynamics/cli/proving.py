@@ -27,11 +27,11 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
     """
     from xdynamics.archive import open_run, signatures
     from xdynamics.archive import verify as compared
+    from xdynamics.archive.folder_store import is_folder
     from xdynamics.archive.integrity_checks import DAMAGED, EDITED, REPACKED, VERIFIED
-    from xdynamics.archive.place import location_of
-    from xdynamics.archive.stores import is_folder
+    from xdynamics.archive.store import location_of
     from xdynamics.faults import ArchiveError, InputError, first_names
-    from xdynamics.record.partial_records import kind_description
+    from xdynamics.record.schemas import kind_description
 
     damaged = wrong = False
     verdicts: list[dict[str, str]] = []
@@ -79,7 +79,7 @@ def _audited(archive: str, verdict: dict[str, str]) -> bool:
     """Say what contradicts itself in a run's record, and add it to its verdict; whether nothing does."""
     from xdynamics.archive import open_run
     from xdynamics.evidence.audit import audit as audited
-    from xdynamics.evidence.gates import FAILED
+    from xdynamics.evidence.evidence_dataset import FAILED
 
     with open_run(archive, check=False) as run:
         gates = audited(run)
@@ -92,7 +92,7 @@ def _audited(archive: str, verdict: dict[str, str]) -> bool:
 
 def _verified_sweep(folder: str) -> tuple[str, str, str]:
     """Verify a sweep's catalogue and every run that it names; return verdict, digest, and both in words."""
-    from xdynamics.archive.place import location_of
+    from xdynamics.archive.store import location_of
     from xdynamics.sweeping.catalogue import unfinished_folders, verify_sweep
 
     examination, files = verify_sweep(folder)
@@ -188,9 +188,9 @@ def enclose(
     too), constraints, controllers, periodic events, delays, tables of the motion, forces in Python. Ends with exit code 1, and says why, where no further step is proven.
     """
     from xdynamics.archive import check_archive, save
-    from xdynamics.archive.place import location_of
+    from xdynamics.archive.store import location_of
+    from xdynamics.evidence.enclosing.enclosure import COMPLETED, enclosure_lines
     from xdynamics.evidence.enclosing.enclosure import enclose as enclosed
-    from xdynamics.evidence.enclosing.enclosure_dataset import COMPLETED, enclosure_lines
 
     model = read_changed_model(model_file, values)
     if output:

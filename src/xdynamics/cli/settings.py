@@ -1,13 +1,19 @@
-"""The options of the command line for a march: made from the table of keywords, for every verb that marches."""
+"""The options of the command line for a march: made from the table of keywords, for every verb that marches.
+
+Options of the verbs that march many runs: on which cluster, or on how many processes.
+
+The options of verbs that read measured data: how a file is laid out that does not say it.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from xdynamics.cli.command import progress
 from xdynamics.keywords import (
     COLUMNS,
     KEYWORDS,
@@ -24,6 +30,9 @@ from xdynamics.keywords import (
     WORD,
     Keyword,
 )
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SEVERAL = (TOLERANCES, SCALES, TIMES)  # kinds that may be given more than once
 _METAVARS = {TIME: "TIME", STEP: "TIME", NUMBER: "NUMBER", WHOLE: "N", WORD: "WORD"}
@@ -148,3 +157,113 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     COLUMNS: _column_words,
     PAIR: lambda text, _: [word.strip() for word in text.split(",")],
 }
+
+
+def clustered(verb: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of a cluster; the verb receives `scheduler` and `workers`."""
+    options = (
+        click.option(
+            "--scheduler", metavar="tcp://…", help="The dask cluster to march on; see `xdynamics help cluster`."
+        ),
+        click.option(
+            "--workers",
+            type=click.IntRange(1),
+            metavar="N",
+            help="Processes to start on this machine, and to march on.",
+        ),
+    )
+    for option in reversed(options):
+        verb = option(verb)
+    return verb
+
+
+def goes_on(folder: str) -> str:
+    """Return what an interrupted command says of a folder of results."""
+    return f"what is done is kept in '{folder}', and the same command goes on with it"
+
+
+KEPT = click.option(
+    "--keep",
+    metavar="FOLDER",
+    help="Keep each result in this folder as soon as it is known: the same command goes on with the others.",
+)
+
+
+def make_evidence(
+    make: Callable[..., xr.Dataset], *arguments: Any, scheduler: str | None, workers: int | None, **options: Any
+) -> xr.Dataset:
+    """Make evidence here, or as a graph on a cluster, with progress.
+
+    Raises
+    ------
+    InputError
+        If the evidence cannot be made, or the cluster cannot be reached or is gone.
+    """
+    from xdynamics.evidence.cluster import cluster_of
+    from xdynamics.evidence.stages import compute_datasets
+
+    resume_hint = [goes_on(options["keep"])] if options.get("keep") else []
+    with cluster_of(scheduler, workers) as client:
+        if client is None:
+            try:
+                return make(*arguments, **options)
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(*resume_hint) from None
+        stage = make(*arguments, compute=False, **options)
+        with progress("{count} tasks done") as tell:
+            try:
+                return compute_datasets(stage, tell=tell)[0]
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt("the cluster was told to drop what was asked of it", *resume_hint) from None
+
+
+TABLES = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".eng")
+_OPTIONS = {
+    "gaps": click.option(
+        "--gaps",
+        type=click.Choice(["refuse", "skip"]),
+        default="refuse",
+        help="What to do with rows in which a number is missing.",
+    ),
+    "skip": click.option("--skip", type=int, metavar="N", help="Lines before the header of a file; by default found."),
+    "header": click.option(
+        "--header",
+        metavar="TITLES",
+        help="Titles in the place of a file's own, like 't [s],x [mm]'; one for each column.",
+    ),
+    "units": click.option(
+        "--units", multiple=True, metavar="NAME=UNIT", help="The unit of a column whose title has none, like t=s."
+    ),
+    "columns": click.option(
+        "--column",
+        "columns",
+        multiple=True,
+        metavar="NAME=COLUMN",
+        help="The file's name for a quantity of the model, like x=Position.",
+    ),
+    "time_zero": click.option("--time-zero", metavar="TIME|first", help="What the times of the data are counted from."),
+    "decimal": click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark; by default found."),
+}
+
+
+def measured_data(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options to a verb, which receives them under their names."""
+    for option in reversed(_OPTIONS.values()):
+        verb = option(verb)
+    return verb
+
+
+def reading_of(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what these options say, as `compare` and `fit` take it."""
+    layout_options = {
+        name: options[name] for name in _OPTIONS if name != "gaps" and options.get(name) not in (None, ())
+    }
+    tables = {"units": "--units", "columns": "--column"}
+    return layout_options | {
+        name: named_values(layout_options[name], option) for name, option in tables.items() if name in layout_options
+    }
+
+
+def other_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the other options of a verb."""
+    return {name: value for name, value in options.items() if name not in _OPTIONS}

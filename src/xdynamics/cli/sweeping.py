@@ -10,10 +10,9 @@ from typing import Any
 
 import click
 
-from xdynamics.cli.clustering import clustered, goes_on
 from xdynamics.cli.command import BADLY, DONE, json_option, main, print_json, say
 from xdynamics.cli.marching import read_changed_model
-from xdynamics.cli.settings import named_values, names_in, settings, simulate_arguments
+from xdynamics.cli.settings import clustered, goes_on, named_values, names_in, settings, simulate_arguments
 from xdynamics.faults import InputError
 
 
@@ -147,7 +146,7 @@ def _group_axes(axes: dict[str, str], groups: dict[str, str]) -> dict[str, Any]:
 
 
 def _draws_from_options(ranges: tuple[str, ...], draws: int | None, design: str, seed: int) -> Any:
-    from xdynamics.sweeping.designs import DECLARED, Draws
+    from xdynamics.sweeping.axes import DECLARED, Draws
 
     if draws is None or not ranges:
         raise InputError("--draw NAME=LOW:HIGH and --draws N go together")

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive
-from xdynamics.archive.place import GIVEN, Given, Place, location_of, resolve_links
-from xdynamics.archive.store import LocalFile
-from xdynamics.archive.stores import is_folder, store_of
+from xdynamics.archive.folder_store import is_folder, store_of
+from xdynamics.archive.store import GIVEN, Given, LocalFile, Place, location_of, resolve_links
 from xdynamics.archive.target import taking_path_name
 from xdynamics.budgeting import certificate as certificates
 from xdynamics.budgeting.numerical import march_own_run

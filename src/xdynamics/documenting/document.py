@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from xdynamics import archive
-from xdynamics.archive.place import Given, Place, location_of, resolve_links
-from xdynamics.archive.stores import check_target, store_of, taking_name
+from xdynamics.archive.folder_store import check_target, store_of, taking_name
+from xdynamics.archive.store import Given, Place, location_of, resolve_links
 from xdynamics.budgeting.budget_summary import contribution_text, drawn_doubt, terms_by_share
 from xdynamics.budgeting.certificate import gate_reasons
-from xdynamics.documenting import document_blocks
+from xdynamics.documenting import equations
 from xdynamics.documenting.bundling import CERTIFICATE, LEDGER, MODEL, RUN, check_files
-from xdynamics.documenting.document_blocks import CodeBlock, PageSection, Paragraph, PictureBlock, TextTable
-from xdynamics.documenting.equations import model_blocks
-from xdynamics.evidence.evidence_dataset import stated_value
-from xdynamics.evidence.gates import FAILED, GATES, NOT_CHECKED
-from xdynamics.evidence.refining.verdict_words import verdict_text
+from xdynamics.documenting.equations import CodeBlock, PageSection, Paragraph, PictureBlock, TextTable, model_blocks
+from xdynamics.evidence.evidence_dataset import FAILED, GATES, NOT_CHECKED, stated_value
+from xdynamics.evidence.refining.convergence import verdict_text
 from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.record.flag_words import in_prose, time_unit_of, words_of_flag
@@ -29,9 +27,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMATS = {
-    ".html": document_blocks.html_document,
-    ".htm": document_blocks.html_document,
-    ".md": document_blocks.markdown_document,
+    ".html": equations.html_document,
+    ".htm": equations.html_document,
+    ".md": equations.markdown_document,
 }
 MOST_EVENTS = 30
 MOST_BYTES = 50_000_000  # of a figure

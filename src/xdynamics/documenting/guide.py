@@ -6,25 +6,27 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 from xdynamics import schema
-from xdynamics.documenting.archives_page import ARCHIVES_PAGE
-from xdynamics.documenting.bodies_page import bodies_page
-from xdynamics.documenting.constraints_page import constraints_page
-from xdynamics.documenting.delays_page import delays_page
-from xdynamics.documenting.fits_page import FITS_PAGE
-from xdynamics.documenting.folding import wrapped_lines
-from xdynamics.documenting.joints_page import joints_page
-from xdynamics.documenting.json_page import JSON_PAGE
 from xdynamics.documenting.manual_pages import (
+    ARCHIVES_PAGE,
     CLUSTER_PAGE,
     EVIDENCE_PAGE,
+    FITS_PAGE,
     GRIDS_PAGE,
+    JSON_PAGE,
     MARCHING_PAGE,
+    PRECISION_PAGE,
     RUNS_PAGE,
     STORES_PAGE,
+    words_page,
 )
-from xdynamics.documenting.precision_page import PRECISION_PAGE
-from xdynamics.documenting.shapes_page import shapes_page
-from xdynamics.documenting.words_page import words_page
+from xdynamics.documenting.model_pages import (
+    bodies_page,
+    constraints_page,
+    delays_page,
+    joints_page,
+    shapes_page,
+    wrapped_lines,
+)
 from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
 from xdynamics.model.grammar import HEAD, SECTIONS

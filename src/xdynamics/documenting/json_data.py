@@ -16,7 +16,7 @@ from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.record.folding import is_repeated_label
-from xdynamics.record.partial_records import is_whole
+from xdynamics.record.schemas import is_whole
 from xdynamics.schema import AT, DIGESTS, EVIDENCE, ORIGIN, STEPS
 
 # kinds beside those of evidence

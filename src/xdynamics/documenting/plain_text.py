@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 from xdynamics.evidence.modes import modes
 from xdynamics.expressions import Node, size, text_of
-from xdynamics.expressions.simplification import printed_simply
+from xdynamics.expressions.latex import printed_simply
 from xdynamics.faults import InputError, display_text
-from xdynamics.kernels.jacobian_pattern import is_compressed, pattern_of
 from xdynamics.kernels.layout import layout_of
-from xdynamics.march.assembly_failures import OVER_IMPACTS, marches_over_impacts
+from xdynamics.kernels.newton_matrix import is_compressed, pattern_of
+from xdynamics.march.contact_failures import OVER_IMPACTS, marches_over_impacts
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
-from xdynamics.model.bodies import scalar_part, vector_part
 from xdynamics.model.body_reading import body_entries
+from xdynamics.model.body_sections import scalar_part, vector_part
 from xdynamics.model.constraint_consistency import implied_at_start
 from xdynamics.model.constraints import Condition, conditions
 from xdynamics.model.controllers import controller_states, limited_value
@@ -36,7 +36,7 @@ from xdynamics.model.switches import (
     owners_of_switches,
     switches,
 )
-from xdynamics.model.whole_jacobian import is_densely_linked
+from xdynamics.model.whole import is_densely_linked
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
 from xdynamics.shapes.naming import split_element_name

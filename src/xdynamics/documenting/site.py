@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from xdynamics.archive.folder import new_folder_at
+from xdynamics.archive.folder_store import new_folder_at
 from xdynamics.documenting.guide import PAGES_ABOUT, topics
 from xdynamics.model.grammar import SECTIONS
 

@@ -1,24 +1,35 @@
-"""The summary of a run, in lines of text."""
+"""The summary of a run, in lines of text.
+
+The work of forces of velocities alone: one that drives a motion which it should brake has a wrong sign somewhere.
+
+Remarks on a run that follow from its attributes alone, in lines of text: each says a thing only where it is so.
+
+What a description of a run shows of quantities with dimensions: the rest is not parted into variables.
+"""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 import xarray as xr
 
+from xdynamics import schema
 from xdynamics.archive import without_stale_units
-from xdynamics.documenting.drag import works_of_drag
-from xdynamics.documenting.remarks import at_rest_remark, double_double_remark, step_size_remarks, table_kinks_remark
-from xdynamics.documenting.shown_elements import ALL_NUMBERS, MOST_SHOWN, first_elements, of_motion, of_shown_elements
-from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.evidence.evidence_dataset import relative_uncertainty
+from xdynamics.expressions import free_names
 from xdynamics.faults import DOT, escaped
-from xdynamics.record.flag_words import time_unit_of, words_of_flag
-from xdynamics.record.named_rows import row_places
-from xdynamics.record.partial_records import (
+from xdynamics.methods.scheme import DOUBLE_DOUBLE
+from xdynamics.model import Function, Model
+from xdynamics.record import of_elements
+from xdynamics.record.arguments import precision_of
+from xdynamics.record.flag_words import row_places, time_unit_of, words_of_flag
+from xdynamics.record.folding import model_dimensions
+from xdynamics.record.schemas import (
     ending_words,
     has_its_rows,
     is_evidence,
@@ -28,7 +39,9 @@ from xdynamics.record.partial_records import (
     kind_description,
     rows_apart,
 )
+from xdynamics.record.unfolding import column_in_si
 from xdynamics.schema import (
+    AT_REST,
     CHOSEN,
     CROSSING,
     EVENT_KINDS,
@@ -36,6 +49,7 @@ from xdynamics.schema import (
     EVIDENCE,
     LOG,
     LOGGED,
+    OF_MOTION,
     REST,
     SAMPLES,
     STEPS,
@@ -43,8 +57,147 @@ from xdynamics.schema import (
     SWEEP,
     TRIALS,
 )
-from xdynamics.units import unit_suffix
+from xdynamics.units import SECONDS, unit_suffix
 from xdynamics.units.digits import OF_DOUBT, digits, with_uncertainty
+
+SEEN = 1e-6  # of all work of a force: less is due to the rule of trapezoids
+
+
+def works_of_drag(run: xr.Dataset) -> Iterator[str]:
+    """Report the work that a force of velocities alone did on the motion, where it did any, and in which direction."""
+    if "force_source" not in run or run.sizes[schema.STEPS] < 2:
+        return
+    model = model_of_record(run, None)
+    if model.shapes.dims or model.time_unit.text != SECONDS.text:
+        return
+    times = run["time"].values
+    for name, coordinates in _velocity_forces(model).items():
+        columns = {q: (schema.force(name, q), schema.velocity(q)) for q in coordinates}
+        if not all(column in run for pair in columns.values() for column in pair):
+            continue
+        powers = [column_in_si(run, force) * column_in_si(run, velocity) for force, velocity in columns.values()]
+        power = np.sum(powers, axis=0)
+        pushing, all_of_it = np.maximum(power, 0.0), np.trapezoid(np.abs(power), times)
+        if (work := np.trapezoid(pushing, times)) <= SEEN * all_of_it:
+            continue
+        speeds = column_in_si(run, schema.velocity(coordinates[0]))[power > 0.0]
+        direction_note = f" where v_{coordinates[0]} {'<' if speeds.max() < 0.0 else '>'} 0"
+        one_way = len(coordinates) == 1 and (speeds.max() < 0.0 or speeds.min() > 0.0)
+        yield f"work      {name} did +{work:.3g} J of work on the motion{direction_note if one_way else ''}: drag would take it"
+
+
+def _velocity_forces(model: Model) -> dict[str, list[str]]:
+    """Return the forces that read velocities, and neither coordinates, states, drives nor time, with where they act."""
+    position_names = {"t", *model.statement.coordinates, *model.statement.states, *model.drives}
+    velocities, forces = {*map(schema.velocity, model.statement.coordinates)}, dict[str, list[str]]()
+    for name, components in model.force_components.items():
+        trees = [tree for tree in components.values() if not isinstance(tree, Function)]
+        names_read = set().union(*(free_names(model.expanded(tree)) for tree in trees)) if trees else set()
+        if len(trees) == len(components) and names_read & velocities and not names_read & position_names:
+            forces[name] = [*components]
+    return forces
+
+
+Attributes = Mapping[Any, Any]
+SHORT = 0.25  # of the slowest period
+
+
+def at_rest_remark(attributes: Attributes) -> Iterator[str]:
+    """Report the velocities that the model does not give."""
+    if AT_REST in attributes:
+        names = ", ".join(str(attributes[AT_REST]).split())
+        yield f"at rest   {names}: [initial] gives none, so that they are 0 at the start"
+
+
+def double_double_remark(attributes: Attributes) -> Iterator[str]:
+    """Say where the other half of numbers is, if they are sums of two floats."""
+    if precision_of(attributes) == DOUBLE_DOUBLE:
+        yield "numbers   of 31 digits, x + rest_x: `xdynamics help precision`"
+
+
+def step_size_remarks(attributes: Attributes) -> Iterator[str]:
+    """Compare steps with the fastest time scale, and report a span that is short beside the slowest one."""
+    if attributes.get("run_h_omega_largest"):  # none where nothing pulls back, as in free flight
+        yield (
+            f"h*omega   {attributes['run_h_omega_start']:.3g} at the start, {attributes['run_h_omega_largest']:.3g} at"
+            " most, of the fastest rate"
+        )
+    if float(attributes.get("run_slowest_periods", 1.0)) < SHORT:
+        unit_suffix = (
+            "" if attributes["run_slowest_period_units"] == "1" else f" {attributes['run_slowest_period_units']}"
+        )
+        yield (
+            f"span      {attributes['run_slowest_periods']:.2g} of the slowest period at the start,"
+            f" {attributes['run_slowest_period']:g}{unit_suffix}: what it does in a period is not seen"
+        )
+
+
+def table_kinks_remark(attributes: Attributes) -> Iterator[str]:
+    """Count the kinks of tables that are no events, and say what else could be done about them."""
+    if count := attributes.get("run_kinks_landed_on"):
+        yield (
+            f"kinks     {count} at points of tables of {attributes['solver_switches_landed_on']}, landed on, without"
+            " events: switches = 'located' has them as events; with interpolation = 'pchip' there are none"
+        )
+
+
+MOST_SHOWN = 12  # numbers of a state
+MOST_PARTED = 1000  # numbers of a state, of which some are shown, from which the others are not parted
+ALL_NUMBERS = "numbers_of_a_state"  # attribute of a run whose other elements are left out
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+
+def of_shown_elements(describe: Callable[Given, Result]) -> Callable[Given, Result]:
+    """Let a description take records of quantities with dimensions, of which it needs no forces, errors and samples.
+
+    Of 10,000 elements each quantity takes tenths of a second to be parted.
+    """
+    of_parts: Callable[..., Result] = of_elements(describe)
+
+    @wraps(describe)
+    def describe_parts(*arguments: Given.args, **keywords: Given.kwargs) -> Result:
+        return of_parts(*map(_shown_part, arguments), **keywords)
+
+    return describe_parts
+
+
+def _shown_part(run: Any) -> Any:
+    """Leave out the columns of a run that have dimensions of the model, and of which no description shows a number."""
+    if not (dims := {*model_dimensions(run)}):
+        return run
+    rows = {STEPS, SAMPLES}
+    left_out = [
+        name
+        for name, variable in run.variables.items()
+        if dims & {*variable.dims} and rows & {*variable.dims} and variable.attrs.get("role") not in OF_MOTION
+    ]
+    return run.drop_vars(left_out)
+
+
+def first_elements(run: Any) -> Any:
+    """Leave out of a run of very many numbers, in which nothing happens to some of them, those that are not shown."""
+    if not (dims := model_dimensions(run)) or run.sizes.get(EVENTS, 0) or not run.sizes.get(STEPS, 0):
+        return run
+    numbers = sum(
+        variable.size // run.sizes[STEPS]
+        for variable in run.variables.values()
+        if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in OF_MOTION
+    )
+    if numbers <= MOST_PARTED:
+        return run
+    return run.isel({dim: slice(MOST_SHOWN) for dim in dims if dim in run.dims}).assign_attrs({ALL_NUMBERS: numbers})
+
+
+def of_motion(run: Any) -> list[str]:
+    """Name what a march goes on from: coordinates, velocities, states, what controllers hold."""
+    return [
+        str(name)
+        for name, entry in run.variables.items()  # to look up one of them as a DataArray takes time with their number
+        if entry.dims == (STEPS,) and entry.attrs.get("role") in OF_MOTION
+    ]
+
 
 WIDTH = 120  # of a line of remarks
 FEW_EVENTS = 4  # of one name, that are listed one by one
@@ -124,9 +277,9 @@ def _summarising() -> Iterator[Any]:
     from xdynamics.sweeping import survey_summary, sweep_summary
 
     yield from (survey_summary, sweep_summary)
-    from xdynamics.budgeting import budget_grid, budget_summary, fit_summary
+    from xdynamics.budgeting import budget, budget_summary, fit_summary
 
-    yield from (budget_summary, budget_grid, fit_summary)
+    yield from (budget_summary, budget, fit_summary)
     from xdynamics.evidence.comparing import comparison_summary
     from xdynamics.evidence.validating import ledger_rows, limiting
 
@@ -134,10 +287,10 @@ def _summarising() -> Iterator[Any]:
     from xdynamics.budgeting import certificate
     from xdynamics.evidence import companion, modes_summary
     from xdynamics.evidence.diagnosing import diagnosis
-    from xdynamics.evidence.enclosing import enclosure_dataset
+    from xdynamics.evidence.enclosing import enclosure
     from xdynamics.evidence.refining import refinement
 
-    yield from (companion, diagnosis, modes_summary, enclosure_dataset, refinement, certificate)
+    yield from (companion, diagnosis, modes_summary, enclosure, refinement, certificate)
 
 
 def _partial_lines(run: xr.Dataset) -> Iterator[str]:

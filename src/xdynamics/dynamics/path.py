@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.growth_arrays import GrowthLaw, Rows
+from xdynamics.dynamics.growth import GrowthLaw, Rows
 from xdynamics.dynamics.saltation import SimultaneousEvents
 from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.dynamics.variational import (
@@ -21,18 +21,17 @@ from xdynamics.dynamics.variational import (
     refuse_ticks,
 )
 from xdynamics.expressions.evaluation import evaluate_many
-from xdynamics.kernels import Layout, law_names, machine, model_programs
+from xdynamics.kernels import Layout, machine, model_programs
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.drive_tables import PYTHON_TABLES, concatenated_tables
-from xdynamics.kernels.llvm_text import llvm_of
-from xdynamics.kernels.operations import PYTHON
+from xdynamics.kernels.llvm_program import llvm_of
 from xdynamics.kernels.program import AT, TABLE, WORDS, Program
-from xdynamics.kernels.python_text import python_of
+from xdynamics.kernels.python_text import PYTHON, python_of
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.constraints import beyond_trees
-from xdynamics.model.derivatives import jacobian_names
+from xdynamics.model.linearisation import jacobian_names, tangent_space
 from xdynamics.model.motion import (
     REGIME_NUMBER,
     constants,
@@ -43,11 +42,9 @@ from xdynamics.model.motion import (
 )
 from xdynamics.model.regime_model import switch_inputs, watched_by
 from xdynamics.model.switches import STEPPED_OVER, jumping_switches
-from xdynamics.model.tangent_space import tangent_space
 from xdynamics.reaction_names import contact_state, friction_state
-from xdynamics.record.flag_words import words_of_flag
-from xdynamics.record.named_rows import rows_named
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.record.flag_words import rows_named, words_of_flag
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import acceleration, rate, velocity
 
 if TYPE_CHECKING:
@@ -355,7 +352,7 @@ class RunPath:
 def _compiled_law(program: Program, layout: Layout, arrays: Mapping[str, Any]) -> tuple[int, Any]:
     """Compile a program and return its address; without compilation, its key in `UNCOMPILED`."""
     model = layout.model
-    functions = {f"_{law_names.PYTHON}{name}": function for name, function in model.functions.items()}
+    functions = {f"_{model_programs.PYTHON}{name}": function for name, function in model.functions.items()}
     if not PLAINLY:
         text = llvm_of([program], 1, [(function.name, len(function.arguments)) for function in model.python_functions])
         code = machine.compiled(text, [program.name], functions)

@@ -11,11 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
-from xdynamics.dynamics.accepted_times import AcceptedTimes, locate_steps
-from xdynamics.dynamics.left_out_rows import check_rows_follow, check_steps_meet, slack
-from xdynamics.dynamics.recorded_links import RowLinks, links_read, row_links
-from xdynamics.dynamics.recorded_models import model_of_record
-from xdynamics.dynamics.stacked_columns import blockwise, stack_columns, step_columns, values_along
+from xdynamics.dynamics.recorded_steps import (
+    AcceptedTimes,
+    RowLinks,
+    blockwise,
+    check_rows_follow,
+    check_steps_meet,
+    links_read,
+    locate_steps,
+    model_of_record,
+    row_links,
+    slack,
+    stack_columns,
+    step_columns,
+    values_along,
+)
 from xdynamics.elementary import kept_set
 from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.faults import InputError
@@ -25,24 +35,21 @@ from xdynamics.march import Settings
 from xdynamics.march.dense_output import past_of, posed_inside, states_within
 from xdynamics.march.initial_run import rest_of_time
 from xdynamics.march.memory import LARGE
-from xdynamics.march.past_arrays import Past
+from xdynamics.march.past import Past
 from xdynamics.methods import METHODS, method_of
-from xdynamics.methods.scheme import DOUBLE_DOUBLE, REINTEGRATE
+from xdynamics.methods.scheme import DOUBLE_DOUBLE, PLAIN, REINTEGRATE
 from xdynamics.methods.steppers import EXACT
-from xdynamics.methods.summation import PLAIN
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
 from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.record.arguments import precision_of, recorded_scales
-from xdynamics.record.folding import model_dimensions
-from xdynamics.record.laziness import is_chunked
-from xdynamics.record.partial_records import RARE, log_description, rows_apart
+from xdynamics.record.folding import is_chunked, model_dimensions
 from xdynamics.record.provenance import interpolation_attributes, interpolation_orders
 from xdynamics.record.run_columns import state_name
+from xdynamics.record.schemas import RARE, log_description, rows_apart
 from xdynamics.record.unfolding import shapes_of
-from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.runtime.lazy_imports import load_dask_whole
+from xdynamics.runtime.lazy_imports import cached_property, load_dask_whole
 from xdynamics.schema import AT, AT_TIME, LEFT_OVER, STEPS
 from xdynamics.shapes.blocks import Block
 from xdynamics.units import unit_suffix

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.functions import NAME
-from xdynamics.elementary.sets import SETS
+from xdynamics.elementary.sets import NAME, SETS
 
 Floats = NDArray[np.float64]
 

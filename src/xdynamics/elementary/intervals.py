@@ -13,9 +13,22 @@ from functools import partial
 from math import inf, pi
 from typing import Any
 
-from xdynamics.elementary.bounds import Interval, above, below, maximum, minimum, rounded_outward, sound_interval
-from xdynamics.elementary.curve_bounds import CURVED
-from xdynamics.elementary.motion_bounds import HERMITE
+from xdynamics.elementary.bounds import (
+    BREAKS,
+    CURVED,
+    HERMITE,
+    LEAST,
+    SMOOTH,
+    ULPS,
+    UNBOUNDED,
+    Interval,
+    above,
+    below,
+    maximum,
+    minimum,
+    rounded_outward,
+    sound_interval,
+)
 from xdynamics.elementary.numbers import (
     Integer,
     Number,
@@ -28,7 +41,6 @@ from xdynamics.elementary.numbers import (
     round_half_even,
     sqrt,
 )
-from xdynamics.elementary.rounding_margins import BREAKS, LEAST, SMOOTH, ULPS, UNBOUNDED
 
 LARGEST_ANGLE = 1e15  # beyond it the distance of neighbouring numbers is a fraction of a turn
 

@@ -9,16 +9,13 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache, partial
 from typing import Any
 
-from xdynamics.elementary.bounds import Interval
+from xdynamics.elementary.bounds import LEAST, Interval
 from xdynamics.elementary.double_double import FUNCTIONS as FUNCTIONS_OF_SUMS
 from xdynamics.elementary.double_double import DoubleDouble
-from xdynamics.elementary.double_double.operations import CALLED, DoubleDoubles
-from xdynamics.elementary.functions import FUNCTIONS, NAME, PAIRS, TOGETHER
+from xdynamics.elementary.double_double.functions import CALLED, DoubleDoubles
 from xdynamics.elementary.intervals import BY_ZERO, Intervals, with_zeros
-from xdynamics.elementary.llvm_numbers import FunctionLines, LaneValue
-from xdynamics.elementary.numbers import Number
-from xdynamics.elementary.rounding_margins import LEAST
-from xdynamics.elementary.sets import SETS
+from xdynamics.elementary.numbers import FunctionLines, LaneValue, Number
+from xdynamics.elementary.sets import FUNCTIONS, NAME, PAIRS, SETS, TOGETHER
 from xdynamics.elementary.tables import TABLES
 
 OF_SUMS = "double_double_"  # before the names of functions of sums of two numbers

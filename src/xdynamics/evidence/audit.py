@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.elementary import kept_set
-from xdynamics.evidence.gates import FAILED, GATES, NOT_CHECKED, PASSED, Gate
+from xdynamics.evidence.evidence_dataset import FAILED, GATES, NOT_CHECKED, PASSED, Gate
 from xdynamics.expressions import Node
 from xdynamics.faults import display_text
 from xdynamics.methods.moreau import MOREAU_JEAN
@@ -26,8 +26,8 @@ from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evalu
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
-from xdynamics.record.named_elements import column_in_si, event_words
-from xdynamics.record.named_rows import rows_named
+from xdynamics.record.flag_words import rows_named
+from xdynamics.record.unfolding import column_in_si, event_words
 from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import unit_suffix
 

@@ -1,29 +1,227 @@
-"""A run's rows as they are stored, and what of them is needed to repeat steps."""
+"""A run's rows as they are stored, and what of them is needed to repeat steps.
+
+Variables along a dimension as they are stored: in memory, or in chunks of a file, each of which is read once.
+
+Where elements of a quantity with dimensions are variables of their own they lie in the same chunks: whichever is read first,
+the others are taken from the chunk, too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.recorded_links import links_of_rows
-from xdynamics.dynamics.recorded_models import model_of_record
-from xdynamics.evidence.remembered_results import remembered_megabytes
-from xdynamics.evidence.stored_columns import RowRange, StoredColumns
+from xdynamics.dynamics.recorded_steps import links_of_rows, model_of_record
+from xdynamics.evidence.stage_tasks import remembered_megabytes
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
+from xdynamics.record import unfolding
 from xdynamics.record.run_columns import state_name
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import STEP_NUMBER, STEPS
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class RowRange:
+    """Consecutive rows of some columns, with the row before them and the row after them, where there are such.
+
+    Attributes
+    ----------
+    first, count : int
+        The first row of the part itself, and how many it has.
+    rows_before : int
+        How many rows of the columns lie before it: 0 or 1.
+    columns : dict of str to ndarray, shape (rows_before + count + 0 or 1, ...)
+    """
+
+    first: int
+    count: int
+    rows_before: int
+    columns: dict[str, Any]
+
+    def own_rows(self, name: str) -> Any:
+        """Return a column without the neighbours."""
+        return self.columns[name][self.rows_before : self.rows_before + self.count]
+
+    @property
+    def row_numbers(self) -> Rows:
+        """The numbers of all rows, neighbours included."""
+        size = len(next(iter(self.columns.values())))
+        return np.arange(self.first - self.rows_before, self.first - self.rows_before + size)
+
+
+class StoredColumns:
+    """Variables along one dimension.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+    dim : str
+    kept : collection of str
+        Variables whose chunks are kept once they were read, as long as there is room.
+    room : float, bytes
+        Of longer columns chunks are read again where they are needed again.
+    lasting : collection of str
+        Variables that are kept even so.
+    """
+
+    def __init__(
+        self, run: xr.Dataset, dim: str, *, cached_names: Collection[str], room: float, lasting: Collection[str] = ()
+    ) -> None:
+        self.run = run
+        self.size = int(run.sizes[dim])
+        self._cached_names, self._room, self._lasting = cached_names, room, lasting
+        self._columns: dict[str, _Column] = {}
+
+    def parts(self, *names: str) -> Iterator[RowRange]:
+        """Yield all rows of some columns in order, as they are stored."""
+        columns = [self._column(name) for name in names]
+        borders = np.unique(np.concatenate([column.borders for column in columns]))
+        for begin, end in pairwise(borders.tolist()):
+            low, high = max(begin - 1, 0), min(end + 1, self.size)
+            self._read_missing_chunks(columns, low, high)
+            values = {name: column.row_stretch(low, high) for name, column in zip(names, columns, strict=True)}
+            yield RowRange(begin, end - begin, begin - low, values)
+            for column in columns:
+                self._forget_chunks(column, end - 1)
+        for column in columns:
+            self._forget_chunks(column, self.size)
+
+    def values_at(self, name: str, rows: Any) -> Any:
+        """Return values of a column in some rows, in any order."""
+        column, rows = self._column(name), np.asarray(rows, np.int64)
+        values = None
+        chunks = np.searchsorted(column.borders, rows, side="right") - 1
+        for chunk in np.unique(chunks).tolist():
+            begin, end = column.borders[chunk : chunk + 2].tolist()
+            self._read_missing_chunks([column], begin, end)
+            part = column.row_stretch(begin, end)
+            values = np.empty((*rows.shape, *part.shape[1:]), part.dtype) if values is None else values
+            values[chunks == chunk] = part[rows[chunks == chunk] - begin]
+            self._forget_chunks(column, end)
+        return np.zeros((*rows.shape, *column.variable.shape[1:])) if values is None else values
+
+    def _column(self, name: str) -> _Column:
+        if name not in self._columns:
+            self._columns[name] = _Column(name, unfolding.get_column(self.run, name))
+        return self._columns[name]
+
+    @cached_property
+    def _elements_by_array(self) -> dict[str, list[str]]:
+        """The kept variables that are elements of one stored array, by its name."""
+        sources: dict[str, list[str]] = {}
+        for name in self._cached_names:
+            if (source := _source(self.run.variables[name])) is not None:
+                sources.setdefault(source, []).append(name)
+        return sources
+
+    def _chunk_neighbours(self, column: _Column, chunk: int) -> Iterator[_Column]:
+        """Yield the kept columns whose values lie in the same chunk of a file and are not read yet."""
+        for name in self._elements_by_array.get(_source(column.variable) or "", ()) if self._room > 0 else ():
+            neighbour = self._column(name)
+            if chunk not in neighbour.read and np.array_equal(neighbour.borders, column.borders):
+                yield neighbour
+
+    def _read_missing_chunks(self, columns: Sequence[_Column], begin: int, end: int) -> None:
+        """Read what is missing of some rows, all chunks at once."""
+        missing = [(column, chunk) for column in columns for chunk in column.missing_chunks(begin, end)]
+        if not missing:
+            return
+        import dask.base
+
+        queued = {(column.name, chunk) for column, chunk in missing}
+        for column, chunk in [*missing]:
+            chunk_neighbours = [
+                (neighbour, chunk)
+                for neighbour in self._chunk_neighbours(column, chunk)
+                if (neighbour.name, chunk) not in queued
+            ]
+            queued |= {(neighbour.name, chunk) for neighbour, _ in chunk_neighbours}
+            missing += chunk_neighbours
+        compute: Any = dask.base.compute  # it is not typed
+        blocks = compute(*(column.block(chunk) for column, chunk in missing))
+        for (column, chunk), values in zip(missing, blocks, strict=True):
+            column.read[chunk] = values
+        for column, chunk in missing:
+            if column not in columns:
+                self._keep_chunk(column, chunk)
+
+    def _forget_chunks(self, column: _Column, row: int) -> None:
+        """Forget the chunks before a row, but for those that are kept."""
+        for chunk in [
+            chunk for chunk in column.read if column.borders[chunk + 1] <= row and chunk not in column.kept_chunks
+        ]:
+            self._keep_chunk(column, chunk)
+
+    def _keep_chunk(self, column: _Column, chunk: int) -> None:
+        """Keep a chunk that was read, or forget it where there is no room."""
+        size = column.read[chunk].nbytes
+        if column.name in self._lasting or (column.name in self._cached_names and size <= self._room):
+            self._room -= size
+            column.kept_chunks.add(chunk)
+        else:
+            del column.read[chunk]
+
+
+def _source(variable: xr.Variable) -> str | None:
+    """Name the array of dask that a variable is an element of; None where it is none."""
+    if variable.chunks is None:
+        return None
+    sources: set[str] = variable.data.dask.dependencies[variable.data.name]
+    return next(iter(sources)) if len(sources) == 1 else None
+
+
+@dataclass(eq=False)
+class _Column:
+    """A variable along `step`, and which of its chunks have been read."""
+
+    name: str
+    variable: xr.Variable
+    read: dict[int, Any] = field(default_factory=dict)
+    kept_chunks: set[int] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        sizes = self.variable.chunks[0] if self.variable.chunks else self.variable.shape[:1]
+        self.borders = np.concatenate([[0], np.cumsum([size for size in sizes if size])]).astype(np.int64)
+        self._places = [k for k, size in enumerate(sizes) if size]
+        if not self.variable.chunks:
+            self.read[0] = np.asarray(self.variable)
+            self.kept_chunks.add(0)
+
+    def missing_chunks(self, begin: int, end: int) -> list[int]:
+        """List the chunks of some rows that have to be read."""
+        return [chunk for chunk in self._chunks_of_rows(begin, end) if chunk not in self.read]
+
+    def block(self, chunk: int) -> Any:
+        """Return a chunk as a lazy array."""
+        return self.variable.data.blocks[self._places[chunk]]
+
+    def row_stretch(self, begin: int, end: int) -> Any:
+        """Return consecutive rows, of chunks that have been read."""
+        parts = [
+            self.read[chunk][max(begin - low, 0) : end - low]
+            for chunk in self._chunks_of_rows(begin, end)
+            for low in self.borders[chunk : chunk + 1].tolist()
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _chunks_of_rows(self, begin: int, end: int) -> range:
+        """Number the chunks in which rows are."""
+        first, last = np.searchsorted(self.borders, [begin, end - 1], side="right").tolist()
+        return range(first - 1, last)
+
+
+Floats = NDArray[np.float64]
 Functions = Any
 
 KEPT_ROLES = ("coordinate", "velocity", "state", "energy", "observable")  # columns that are looked at more than once

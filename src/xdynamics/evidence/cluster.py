@@ -1,7 +1,11 @@
-"""A cluster of processes on which stages are computed: connected, checked, watched, and left as it was."""
+"""A cluster of processes on which stages are computed: connected, checked, watched, and left as it was.
+
+Whether the processes that a script starts would run the script again.
+"""
 
 from __future__ import annotations
 
+import ast
 import logging
 import sys
 import threading
@@ -9,12 +13,54 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from importlib.metadata import version
+from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from xdynamics.elementary import NAME
-from xdynamics.evidence.main_guard import check_main_guard
 from xdynamics.faults import InputError, numbered_lines
 from xdynamics.kernels.engine_part import source_digest
+
+GUARD = 'if __name__ == "__main__":'
+
+
+def check_main_guard() -> None:
+    """Check that processes may be started here: each imports the script first, all but what stands below its guard.
+
+    Without one, each would start processes of its own, is refused, and is started anew, for ever.
+
+    Raises
+    ------
+    InputError
+    """
+    path = getattr(sys.modules.get("__main__"), "__file__", None)
+    if path is None:  # a session, which no process imports
+        return
+    frame: FrameType | None = sys._getframe()  # noqa: SLF001 - as `inspect` reads it, which is dear to import
+    while frame is not None:
+        if frame.f_code.co_name == "<module>" and frame.f_globals.get("__name__") in ("__main__", "__mp_main__"):
+            if frame.f_code.co_filename == path and not _is_guarded(path, frame.f_lineno):
+                raise InputError(
+                    f"'{Path(path).name}' starts the processes of a cluster in line {frame.f_lineno}, and each of them imports"
+                    f" the script first and would start them again; put what it does below the line {GUARD}"
+                )
+            return
+        frame = frame.f_back
+
+
+def _is_guarded(path: str, line: int) -> bool:
+    """Whether a statement of a script stands in, or behind, one that asks for `__name__`; so where it cannot be read."""
+    try:
+        statements = ast.parse(Path(path).read_bytes()).body
+    except (OSError, SyntaxError, ValueError):
+        return True
+    guards = [statement for statement in statements if isinstance(statement, ast.If) and statement.lineno <= line]
+    return any(
+        isinstance(node, ast.Name) and node.id == "__name__"
+        for statement in guards
+        for node in ast.walk(statement.test)
+    )
+
 
 PATIENCE = "10s"  # with a scheduler that does not answer
 RESTARTING = "300s"  # for a killed worker; after 15 s, too few on a busy machine, it would be given up for good

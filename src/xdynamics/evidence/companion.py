@@ -12,15 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, schema
-from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.recorded_steps import model_of_record, wanted_times
 from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
-from xdynamics.dynamics.wanted_times import wanted_times
-from xdynamics.evidence.event_matching import event_rows_by_name, match_times
-from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
-from xdynamics.evidence.run_tasks import in_memory, task_of_runs
+from xdynamics.evidence.evidence_dataset import attrs_of, event_rows_by_name, evidence_dataset, match_times
 from xdynamics.evidence.runs import march_model, prepare_record
 from xdynamics.evidence.stage_tasks import Task, march_task
-from xdynamics.evidence.stages import Stage, lazy_stage, task_of
+from xdynamics.evidence.stages import Stage, in_memory, lazy_stage, task_of, task_of_runs
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
 from xdynamics.march.outcomes import GOOD
@@ -30,7 +27,7 @@ from xdynamics.model import Model
 from xdynamics.record import check_kind, shapes_of, unfold
 from xdynamics.record.arguments import recorded_arguments
 from xdynamics.record.flag_words import time_unit_of
-from xdynamics.record.partial_records import is_whole, kind_description
+from xdynamics.record.schemas import is_whole, kind_description
 from xdynamics.schema import AT, AT_TIME, EVENTS
 from xdynamics.units import Quantity, unit_suffix
 from xdynamics.units.digits import digits

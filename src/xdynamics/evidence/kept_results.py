@@ -17,14 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive.place import Place, location_of
-from xdynamics.archive.store import TakenError
-from xdynamics.archive.stores import made_folder, store_of, taking_name
+from xdynamics.archive.folder_store import made_folder, store_of, taking_name
+from xdynamics.archive.store import Place, TakenError, location_of
 from xdynamics.evidence.cluster import environment
-from xdynamics.evidence.remembered_results import REMEMBERED
-from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.stage_tasks import REMEMBERED, Task
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 
 if TYPE_CHECKING:
     import xarray as xr

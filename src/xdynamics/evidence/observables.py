@@ -19,15 +19,14 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Function, Model
-from xdynamics.model.energies import potentials
-from xdynamics.model.mass import Assignment
-from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, motion
+from xdynamics.model.constraints import Assignment
+from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, motion, potentials
 from xdynamics.model.reactions import NORMAL, holding_flag, mode_number, reactions
 from xdynamics.model.whole import expanded_tree, is_read_by_quantity, potentials_of_quantities
-from xdynamics.record.element_attributes import quantity_names
-from xdynamics.record.named_elements import get_column
-from xdynamics.record.partial_records import log_description
+from xdynamics.record.folding import quantity_names
 from xdynamics.record.run_columns import state_name
+from xdynamics.record.schemas import log_description
+from xdynamics.record.unfolding import get_column
 from xdynamics.shapes.blocks import Block
 from xdynamics.shapes.naming import DOT
 from xdynamics.units import parse_unit

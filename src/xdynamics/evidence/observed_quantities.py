@@ -15,13 +15,13 @@ from xdynamics.expressions import Compare, Node, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError
-from xdynamics.kernels.jacobian_pattern import column_groups
 from xdynamics.kernels.layout import layout_of
+from xdynamics.kernels.newton_matrix import column_groups
 from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import REGIME_NUMBER, constants
 from xdynamics.model.whole import QuantityTree, is_read_by_quantity, motion_of_quantities, rates_of_quantities
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import AT, acceleration, rate, velocity
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.shapes.blocks import Block, Blocks

@@ -7,8 +7,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
-from xdynamics.archive.place import Given, Place
-from xdynamics.archive.stores import store_of
+from xdynamics.archive.folder_store import store_of
+from xdynamics.archive.store import Given, Place
 from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march import March, Settings
@@ -18,7 +18,7 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.record.folding import model_dimensions
-from xdynamics.record.size import check_record_room
+from xdynamics.record.run_dataset import check_record_room
 from xdynamics.runtime.lazy_imports import load_dask_whole
 
 if TYPE_CHECKING:

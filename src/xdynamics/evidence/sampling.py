@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive, record
+from xdynamics.dynamics.recorded_steps import wanted_times
 from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
-from xdynamics.dynamics.wanted_times import wanted_times
 from xdynamics.evidence.companion import Tighter, companion_of, tighter_of
-from xdynamics.evidence.run_tasks import in_memory, task_of_runs
 from xdynamics.evidence.runs import prepare_record
-from xdynamics.evidence.stages import Stage, lazy_stage
+from xdynamics.evidence.stages import Stage, in_memory, lazy_stage, task_of_runs
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.record.flag_words import time_unit_of

@@ -3,11 +3,13 @@
 A task is named by a digest of everything that its result depends on. So tasks that several stages need are one in a
 ``dask.compute`` of them all, and results are remembered by their names as long as there is room: numbers of one stage that
 are computed one after the other march once. Only what a variable holds leaves the tasks; runs stay where they were marched.
+
+Tasks that are given runs: what is still to be marched comes from its own task, other runs go along with the call.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterator
+from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
@@ -21,7 +23,7 @@ from xdynamics.evidence.cluster import Tell, connected, progress_reported, reach
 from xdynamics.evidence.stage_tasks import Task
 from xdynamics.faults import InputError
 from xdynamics.march import March
-from xdynamics.record.laziness import is_chunked
+from xdynamics.record.folding import is_chunked
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import ORIGIN, RUNS, STAGE
 
@@ -257,3 +259,39 @@ def requested_count(count: Any, label: str) -> int | None:
     if count is None or (isinstance(count, int) and not isinstance(count, bool) and count >= 0):
         return count
     raise InputError(f"{label} is {count!r}, needs a non-negative whole number")
+
+
+def task_of_runs(
+    kind: str, call: Callable[..., Any], runs: Sequence[xr.Dataset], *words: Any, needs: tuple[Task, ...] = ()
+) -> Task:
+    """Return the task that calls with runs, and then with the results of further tasks.
+
+    A run that other stages need too is so marched once for all of them.
+
+    Parameters
+    ----------
+    kind : str
+        First word of its name.
+    call : callable
+    runs : sequence of xarray.Dataset
+        In memory, in chunks, or still to be marched.
+    *words
+        What else the result depends on.
+    needs : tuple of Task
+        The further tasks.
+    """
+    marching = [task_of(run) for run in runs]
+    supplied_runs = [run if task is None else None for run, task in zip(runs, marching, strict=True)]
+    needed = (*(task for task in marching if task is not None), *needs)
+    return Task.of(kind, partial(_with_runs, call, supplied_runs), needed, *map(subject_of, runs), *words)
+
+
+def _with_runs(call: Callable[..., Any], supplied_runs: Sequence[xr.Dataset | None], *results: Any) -> Any:
+    remaining = iter(results)
+    runs = [next(remaining) if run is None else run for run in supplied_runs]
+    return call(*runs, *remaining)
+
+
+def in_memory(run: xr.Dataset) -> xr.Dataset:
+    """Return a run whose chunks are read, each once, by the task that asks."""
+    return run.compute(scheduler="synchronous") if is_lazy(run) else run

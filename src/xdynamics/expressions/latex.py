@@ -1,6 +1,14 @@
-"""Expressions as LaTeX, for figures."""
+"""Expressions as LaTeX, for figures.
+
+Expressions as people would write them, for print alone: what is computed and digested stays as it was derived.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import reduce
 
 from xdynamics.expressions.tree import (
     DELAYED,
@@ -16,6 +24,163 @@ from xdynamics.expressions.tree import (
     chain,
     text_of,
 )
+
+LONGEST_DECIMAL = 9  # characters of a decimal coefficient; a product with a longer one stays as it is
+LARGEST_WHOLE = 10**9
+WHOLE_EXPONENTS = tuple(Number(float(n)) for n in range(9))
+_ZERO, _ONE = Number(0.0), Number(1.0)
+
+
+def simplified(node: Node) -> Node:
+    """Return the same expression with numbers multiplied out, nested products opened and signs drawn together.
+
+    Names keep their order, and none is cancelled against another, so that it is read as what was written; only a product
+    with 0 goes. Its value has other bits.
+
+    Examples
+    --------
+    >>> from xdynamics.expressions import parse, text_of
+    >>> [text_of(simplified(parse(text))) for text in ("-(k*(2*x)/2)", "a + -(3*b)", "0*a + 1*b", "3*x**2/6")]
+    ['-k*x', 'a - 3*b', 'b', 'x**2/2']
+    """
+    match node:
+        case Negative() | Binary(operator="*" | "/" | "+" | "-"):
+            return _write_sum(node)
+        case Binary():
+            base = simplified(node.left)
+            return base if node.right == _ONE else Binary(node.operator, base, node.right)
+        case Call() | Along():
+            return replace(node, arguments=tuple(map(simplified, node.arguments)))
+    return node  # a comparison too: it stands as it was written
+
+
+def printed_simply(node: Node) -> str:
+    """Print an expression as it stands, or simplified where that is shorter."""
+    return min(text_of(node), text_of(simplified(node)), key=len)
+
+
+def _write_sum(node: Node) -> Node:
+    """Write a sum of products, without those that are 0."""
+    tree: Node = _ZERO
+    for product in _merge_whole_numbers([_Product.from_term(sign, term) for sign, term in _signed_terms(node)]):
+        if tree == _ZERO:
+            tree = product.as_tree()
+        elif product.coefficient != 0:
+            operator = "-" if product.coefficient < 0 else "+"
+            product.coefficient = abs(product.coefficient)
+            tree = Binary(operator, tree, product.as_tree())
+    return tree
+
+
+def _merge_whole_numbers(products: list[_Product]) -> list[_Product]:
+    """Add up a sum of whole numbers alone."""
+    if not all(product.is_whole and not product.above and not product.below for product in products):
+        return products
+    total = sum((product.coefficient for product in products), Fraction(0))
+    return [_Product(total)] if max(abs(total.numerator), total.denominator) <= LARGEST_WHOLE else products
+
+
+def _signed_terms(node: Node, sign: int = 1) -> Iterator[tuple[int, Node]]:
+    """Yield the terms of a sum with their signs, those of sums in it too."""
+    if isinstance(node, Binary) and node.operator in "+-":
+        first, links = _operator_links(node, "+-")
+        yield from _signed_terms(first, sign)
+        for link in links:
+            yield from _signed_terms(link.right, -sign if link.operator == "-" else sign)
+    else:
+        yield sign, node
+
+
+def _operator_links(node: Binary, operators: str) -> tuple[Node, list[Binary]]:
+    """Split a chain of some operators into its first operand and its links."""
+    first, links = chain(node)
+    foreign_links = [i for i, link in enumerate(links) if link.operator not in operators]
+    return (links[foreign_links[-1]], links[foreign_links[-1] + 1 :]) if foreign_links else (first, links)
+
+
+@dataclass
+class _Product:
+    """A coefficient, exact, and the factors above and below the stroke in the order in which they stand."""
+
+    coefficient: Fraction = Fraction(1)
+    above: list[Node] = field(default_factory=list)
+    below: list[Node] = field(default_factory=list)
+    is_whole: bool = True
+
+    @classmethod
+    def from_term(cls, sign: int, node: Node) -> _Product:
+        """Return a term of a sum as a product."""
+        product = cls(Fraction(sign))
+        product.multiply_by(node)
+        return product
+
+    def multiply_by(self, node: Node, *, inverse: bool = False) -> None:
+        """Multiply by a node, or divide by it."""
+        if isinstance(node, Negative):
+            self.coefficient = -self.coefficient
+            self.multiply_by(node.operand, inverse=inverse)
+        elif isinstance(node, Number) and not (inverse and node.value == 0.0):
+            self._scale_coefficient(Fraction(repr(node.value)), node, inverse=inverse)
+        elif isinstance(node, Binary) and node.operator in "*/":
+            first, links = _operator_links(node, "*/")
+            self.multiply_by(first, inverse=inverse)
+            for link in links:
+                self.multiply_by(link.right, inverse=inverse != (link.operator == "/"))
+        else:
+            inner = simplified(node)
+            if isinstance(inner, Number | Negative) and inner != node:
+                self.multiply_by(inner, inverse=inverse)
+            else:
+                (self.below if inverse else self.above).append(inner)
+
+    def _scale_coefficient(self, number: Fraction, node: Number, *, inverse: bool) -> None:
+        """Multiply the coefficient by a number, or divide it; one that would get too many digits is a factor as it is."""
+        scaled = self.coefficient / number if inverse else self.coefficient * number
+        is_whole = self.is_whole and number.denominator == 1
+        size = max(abs(scaled.numerator), scaled.denominator)
+        if size <= LARGEST_WHOLE if is_whole else _is_short(scaled):
+            self.coefficient, self.is_whole = scaled, is_whole
+        else:
+            (self.below if inverse else self.above).append(node)
+
+    def as_tree(self) -> Node:
+        """Return the product as a tree."""
+        size = abs(self.coefficient)
+        if size == 0:
+            return _ZERO
+        numerator = Number(float(size.numerator if self.is_whole else size))
+        divisor = Number(float(size.denominator if self.is_whole else 1))
+        factors = [*([numerator] if numerator != _ONE else []), *_merged_powers(self.above)] or [_ONE]
+        if self.coefficient < 0:
+            factors[0] = Negative(factors[0])
+        tree = reduce(lambda product, factor: Binary("*", product, factor), factors)
+        divisors = [*([divisor] if divisor != _ONE else []), *_merged_powers(self.below)]
+        return (
+            Binary("/", tree, reduce(lambda product, factor: Binary("*", product, factor), divisors))
+            if divisors
+            else tree
+        )
+
+
+def _merged_powers(factors: list[Node]) -> Iterator[Node]:
+    """Yield factors, those that follow one another with one base as its power."""
+    exponents: list[tuple[Node, int]] = []
+    for factor in factors:
+        base, exponent = factor, 1
+        if isinstance(factor, Binary) and factor.operator == "**" and factor.right in WHOLE_EXPONENTS:
+            base, exponent = factor.left, WHOLE_EXPONENTS.index(factor.right)
+        if exponents and exponents[-1][0] == base and not isinstance(base, Number):
+            exponents[-1] = base, exponents[-1][1] + exponent
+        else:
+            exponents.append((base, exponent))
+    return (base if n == 1 else Binary("**", base, Number(float(n))) for base, n in exponents)
+
+
+def _is_short(number: Fraction) -> bool:
+    """Whether a number is a decimal of few digits."""
+    text = repr(float(number))
+    return len(text) <= LONGEST_DECIMAL and Fraction(text) == number
+
 
 _GREEK = {
     "alpha",

@@ -1,14 +1,19 @@
-"""Parsing of text into a syntax tree: words, numbers and signs, read from the left."""
+"""Parsing of text into a syntax tree: words, numbers and signs, read from the left.
+
+What was probably meant by a text that cannot be read: numbers with units, marks of derivatives, signs of print.
+
+Words, numbers and signs of an expression, taken from the left, and errors that say where one stands.
+"""
 
 from __future__ import annotations
 
 import keyword
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
 
-from xdynamics.expressions.corrections import likely_correction, with_unit_names
-from xdynamics.expressions.tokens import Token, Tokens
 from xdynamics.expressions.tree import (
     ALONG,
     DELAYED,
@@ -26,8 +31,182 @@ from xdynamics.expressions.tree import (
     exponent_of,
 )
 from xdynamics.faults import InputError
-from xdynamics.units import parse_quantity
-from xdynamics.units.rounded import read_decimal
+from xdynamics.units import coherent, constant_of, parse_quantity
+from xdynamics.units.unit import read_decimal
+
+LONGEST_CORRECTED = 1000  # characters; a longer text is not rewritten
+
+_SIGNS = {
+    **dict.fromkeys("·×∙⋅", "*"),
+    **dict.fromkeys("−–", "-"),
+    "÷": "/",
+    "²": "**2",
+    "³": "**3",
+    "^": "**",
+    "π": "pi",
+    "°": " degree",
+}
+_MODULE = re.compile(r"\b(?:np|numpy|math)\.(?=[a-z])")
+_MARKED = re.compile(r"\b(?!v_)([A-Za-z][A-Za-z0-9_]*)'(?!')")
+_NUMBER = r"(?<![A-Za-z0-9_.])(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?![0-9.]|[eE][+-]?[0-9])"
+_WORD = r"[A-Za-z]+(?:(?:\*\*|\^)?[+-]?[0-9]+(?![A-Za-z0-9_.]))?(?![A-Za-z0-9_(])"
+_WITH_UNIT = re.compile(rf"{_NUMBER} *(?P<unit>{_WORD}(?:(?: +| */ *){_WORD})*)")
+_FACTOR = re.compile(r"(?P<sign>/?) *(?P<name>[A-Za-z]+)(?:\*\*)?(?P<power>[+-]?[0-9]+)?")
+_IMPLIED = re.compile(rf"{_NUMBER} *(?=[A-Za-z_(])|(?<=\)) *(?=[A-Za-z0-9_(])")
+
+
+def likely_correction(source: str, is_readable: Callable[[str], bool]) -> str:
+    """Return what to write in the place of a text that cannot be read, as the end of a message; empty if that is not known.
+
+    Examples
+    --------
+    >>> likely_correction("sin(30 degree)", lambda text: " d" not in text)
+    "; write 'sin(30*degree)'"
+    """
+    if len(source) > LONGEST_CORRECTED:
+        return ""
+    plain = _MARKED.sub(r"v_\1", _MODULE.sub("", "".join(_SIGNS.get(sign, sign) for sign in source)))
+    with_units, multiplied = _multiplied(_WITH_UNIT.sub(_unit_product, plain)), _multiplied(plain)
+    candidates = [text for text in dict.fromkeys((with_units, multiplied)) if text != source and is_readable(text)]
+    if not candidates:
+        return ""
+    if len(candidates) == 1:
+        return f"; write '{candidates[0]}'"
+    symbol = next(re.finditer("[A-Za-z0-9]+", next(_WITH_UNIT.finditer(plain))["unit"]))[0]
+    return f"; write '{candidates[0]}', or '{candidates[1]}' if {symbol} is a name of the model"
+
+
+def with_unit_names(quantity: str) -> str:
+    """Return a quantity as an expression: its number times the names of its unit.
+
+    Examples
+    --------
+    >>> with_unit_names("-5 N"), with_unit_names("10 ms")
+    ('-5*newton', '0.01*second')
+    """
+    return _WITH_UNIT.sub(_unit_product, quantity)
+
+
+def _unit_product(match: re.Match[str]) -> str:
+    """Write a number and its unit as a product of unit names; one that has no name in SI units."""
+    try:
+        quantity = parse_quantity(match[0])
+    except InputError:
+        return match[0]
+    factors = [*_FACTOR.finditer(match["unit"])]
+    number = match["number"]
+    if not all(constant_of(factor["name"]) for factor in factors):
+        number, factors = repr(quantity.si), [*_FACTOR.finditer(coherent(quantity.unit).text)]
+    names = (f"{factor['sign'] or '*'}{constant_of(factor['name'])}" for factor in factors)
+    powers = (f"**{int(factor['power'])}" if factor["power"] else "" for factor in factors)
+    return number + "".join(name + power for name, power in zip(names, powers, strict=True))
+
+
+def _multiplied(text: str) -> str:
+    """Write the products that a text leaves out, as after the number of ``2 x``."""
+    return _IMPLIED.sub(lambda match: f"{match['number'] or ''}*", text)
+
+
+LONGEST_TEXT = 1_000_000
+
+_ALLOWED = re.compile(r"[A-Za-z0-9_+\-*/().,<>=!\[\] ]*")
+_TOKEN = re.compile(
+    r" *(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?![A-Za-z0-9_.])"
+    r"|(?P<word>[A-Za-z_][A-Za-z0-9_]*)|(?P<quoted>\"[^\"']*\"|'[^\"']*')|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>\[\]]))"
+)
+_QUOTED = re.compile(r"(?<=,)( *)(?:\"[A-Za-z0-9_+\-*/(). ]{1,100}\"|'[A-Za-z0-9_+\-*/(). ]{1,100}')(?= *\))")
+_REMEDIES = {
+    "^": "; a power is written **",
+    ":": "; there are no slices: neighbours are shift(u, site, 1, fill), and a part is where(index(site) < 3, u, fill)",
+    "'": "; no sign stands for a derivative: the velocity of x is v_x, and its acceleration follows from the forces",
+}
+
+
+def _check_raw(source: str) -> None:
+    """Refuse a text that is empty, too long, or has characters outside the language."""
+    if not source:
+        raise InputError("expression is empty")
+    if len(source) > LONGEST_TEXT:
+        raise InputError(f"expression {_quoted_excerpt(source)} has {len(source)} characters, {LONGEST_TEXT} at most")
+    good = _ALLOWED.match(_QUOTED.sub(lambda match: " " * len(match[0]), source))
+    end = good.end() if good else 0
+    if end < len(source):
+        remedy = _REMEDIES.get(source[end], "")
+        raise InputError(
+            f"expression {_quoted_excerpt(source)} has the character {source[end]!r} at column {end + 1}{remedy}"
+        )
+    if match := re.search(r"(?<![A-Za-z0-9_])[0-9.]+_", source):
+        raise InputError(
+            f"expression {_quoted_excerpt(source)} has an underscore in a number at column {match.start() + 1}"
+        )
+
+
+def _quoted_excerpt(source: str) -> str:
+    return repr(source if len(source) <= 60 else source[:60] + "…")
+
+
+@dataclass(frozen=True)
+class Token:
+    """A word, number, sign or text in quotes, with its column from 1."""
+
+    kind: str
+    text: str
+    column: int
+
+
+class Tokens:
+    """The tokens of a text, of which the next one is seen before it is taken.
+
+    Parameters
+    ----------
+    source : str
+
+    Attributes
+    ----------
+    next : Token
+        Of kind ``end`` behind the last one.
+
+    Raises
+    ------
+    InputError
+        If the text is empty, too long, or has characters outside the language.
+    """
+
+    def __init__(self, source: str) -> None:
+        _check_raw(source)
+        self.source = source
+        self.position = 0
+        self.next = self._token()
+
+    def take_token(self) -> Token:
+        """Return the next token, and see the one behind it."""
+        token, self.next = self.next, Token("end", "", 0)
+        if token.text:
+            self.next = self._token()
+        return token
+
+    def _token(self) -> Token:
+        match = _TOKEN.match(self.source, self.position)
+        if match is None and self.source[self.position :].strip():
+            column = self.position + 1
+            raise InputError(
+                f"expression {_quoted_excerpt(self.source)} cannot be read at column {column}: no word, number or sign of the"
+                " language"
+            )
+        if match is None or match.lastgroup is None:
+            return Token("end", "", len(self.source) + 1)
+        self.position = match.end()
+        return Token(match.lastgroup, match[match.lastgroup], match.start(match.lastgroup) + 1)
+
+    def unreadable(self, problem: str, token: Token | None = None) -> InputError:
+        """Return the error of a text that ends or goes on otherwise than it may, at a token, or else at the next one."""
+        column = (token or self.next).column
+        return InputError(f"expression {_quoted_excerpt(self.source)} cannot be read at column {column}: {problem}")
+
+    def fault(self, column: int, problem: str) -> InputError:
+        """Return the error of what is read, and wrong."""
+        return InputError(f"expression {_quoted_excerpt(self.source)}, column {column}: {problem}")
+
 
 LONGEST_WORD = 200
 DEEPEST = 40

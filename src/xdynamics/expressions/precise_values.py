@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.double_double import FUNCTIONS, nearest
-from xdynamics.elementary.double_double.constants import PI as PI_OF_SUMS
-from xdynamics.elementary.double_double.operations import CALLED, RULES
+from xdynamics.elementary.double_double.functions import CALLED, RULES
+from xdynamics.elementary.double_double.functions import PI as PI_OF_SUMS
 from xdynamics.elementary.double_double.sums import DoubleDouble
 from xdynamics.expressions.evaluation import Arithmetic, evaluate_with
 from xdynamics.expressions.tree import Node

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.expressions.real_numbers import real
+from xdynamics.expressions.tracing import real
 from xdynamics.expressions.tree import Node, text_of
 from xdynamics.faults import InputError
 

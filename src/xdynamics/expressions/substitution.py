@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.traced_arrays import Points, array_of, is_traced, of_numpy, table_reader
+from xdynamics.expressions.traced_arrays import Points, UniversalFunction, array_of, is_traced, of_numpy, table_reader
 from xdynamics.expressions.tracing import Traced, called, trace_rounding
-from xdynamics.expressions.universal_functions import UniversalFunction
 
 FOREIGN = ("numpy", "scipy", "math", "builtins", "numba")  # whose functions are not substituted inside
 # math's names that numpy spells otherwise

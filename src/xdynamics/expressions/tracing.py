@@ -1,22 +1,136 @@
 """Tracing of Python functions: called once with names in place of numbers, they write themselves down as expressions.
 
 A branch on a value, by `if`, `while` or `int`, cannot be traced and is refused; `numpy.where` can.
+
+Functions of numpy that the language of expressions has under a name of its own.
+
+Functions of scipy that a traced function calls: which one, and what to write in its place.
+
+Numbers of functions, which are real: numpy drops imaginary parts where it makes floats.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import isfinite
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.conditions import Junction, choice_tree, is_condition, junction, opposite, truth_as_number
-from xdynamics.expressions.numpy_names import COMPARED, NAMED
-from xdynamics.expressions.real_numbers import real
-from xdynamics.expressions.scipy_calls import scipy_remedy, special_remedy
-from xdynamics.expressions.tree import FUNCTIONS, Binary, Call, Compare, Name, Negative, Node, Number
+from xdynamics.expressions.tree import (
+    FUNCTIONS,
+    Binary,
+    Call,
+    Compare,
+    Junction,
+    Name,
+    Negative,
+    Node,
+    Number,
+    choice_tree,
+    is_condition,
+    junction,
+    opposite,
+    truth_as_number,
+)
 from xdynamics.faults import InputError
+
+# numpy's name of a function -> ours
+NAMED = {
+    "sin": "sin",
+    "cos": "cos",
+    "tan": "tan",
+    "arcsin": "asin",
+    "arccos": "acos",
+    "arctan": "atan",
+    "arctan2": "atan2",
+    "sinh": "sinh",
+    "cosh": "cosh",
+    "tanh": "tanh",
+    "exp": "exp",
+    "log": "log",
+    "sqrt": "sqrt",
+    "absolute": "abs",
+    "fabs": "abs",
+    "sign": "sign",
+    "hypot": "hypot",
+    "maximum": "max",
+    "minimum": "min",
+    "fmax": "max",
+    "fmin": "min",
+    "floor": "floor",
+    "ceil": "ceil",
+    "rint": "round",
+    "remainder": "mod",
+    "mod": "mod",
+}
+COMPARED = {"greater": ">", "greater_equal": ">=", "less": "<", "less_equal": "<=", "equal": "==", "not_equal": "!="}
+
+
+SCIPY = "scipy"
+TABULATED = (
+    "before the run tabulate it over what it depends on, x = np.linspace(...), and write np.interp(y[0], x, table)"
+)
+REMEDIES = {
+    "integrate": (
+        "makes an integral at every step; let the integral be a state of its own, whose rate is what is integrated"
+        f" (dI/dt = g(y)*dy/dt), or {TABULATED}"
+    ),
+    "optimize": (
+        "solves an equation at every step; let its unknown z be a state of its own, dz/dt = -(dg/dy*dy/dt)/(dg/dz) for"
+        f" g(y, z) = 0, with its solution at the start; or {TABULATED}"
+    ),
+    "interpolate": "looks up a table; write numpy.interp(t, x, y) in the place of an interpolator of scipy",
+    "special": f"is no function of the language of expressions; {TABULATED}",
+    "linalg": "is no function of the language of expressions; write np.linalg.solve for six unknowns at most, or @",
+}
+OTHER = f"takes numbers, which are not known yet; {TABULATED}"
+
+
+def scipy_remedy(trace: TracebackType | None) -> str:
+    """Say which function of scipy an error came from, and what to write in its place; nothing if from none.
+
+    Parameters
+    ----------
+    trace : traceback
+        Of the error.
+    """
+    while trace is not None:
+        module = str(trace.tb_frame.f_globals.get("__name__", ""))
+        if module.partition(".")[0] == SCIPY:
+            return _remedy_of_call(module, trace.tb_frame.f_code.co_qualname)
+        trace = trace.tb_next
+    return ""
+
+
+def _remedy_of_call(module: str, function: str) -> str:
+    package = module.split(".")[1] if "." in module else ""
+    public = function.removesuffix(".__call__").removesuffix(".__init__").rpartition(".<locals>.")[2]
+    name = ".".join([SCIPY, *(part for part in (package, public) if part and not part.startswith("_"))])
+    return f"the function calls {name}, which {REMEDIES.get(package, OTHER)}"
+
+
+def special_remedy(name: str) -> str:
+    """Say what to write in the place of a function of scipy.special, which works element by element."""
+    return f"the function calls {SCIPY}.special.{name}, which {REMEDIES['special']}"
+
+
+def real(values: Any) -> Any:
+    """Return numbers, or anything else, as they are; of complex ones without imaginary parts the real parts.
+
+    Raises
+    ------
+    InputError
+        If one has an imaginary part.
+    """
+    if not np.iscomplexobj(values):
+        return values
+    if (imaginary := np.flatnonzero(np.imag(values))).size:
+        first = np.ravel(values)[imaginary[0]]
+        raise InputError(f"the function makes {first:.6g}, needs real numbers; write real and imaginary parts apart")
+    return np.real(values)
+
 
 MOST_NODES = 200_000
 LARGEST_EXPONENT = 16

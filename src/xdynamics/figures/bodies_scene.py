@@ -1,33 +1,52 @@
-"""Bodies in the plane as a film shows them: dots or discs with their trails, links and walls."""
+"""Bodies in the plane as a film shows them: dots or discs with their trails, links and walls.
+
+Bodies in three dimensions as a film shows them: two views of one scale, side by side or one over the other.
+
+Bodies that turn, in space: each by its points, and by the ellipsoid that has its mass and its moments of inertia.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.figures.body_names import (
+from xdynamics.dynamics.recorded_steps import model_of_record
+from xdynamics.expressions import Name, Node, expand
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.figures.body_paths import (
     MOST_BODIES,
     MOST_ENDS,
     SMALL,
+    BodyPath,
     brief_names,
     colours_of,
     names_at_bodies,
     omitted_bodies_note,
 )
-from xdynamics.figures.body_paths import BodyPath
-from xdynamics.figures.boundaries import Boundary, outside_note, widened_limits
-from xdynamics.figures.contrast import LETTERS, legible
-from xdynamics.figures.frame_sizes import MARGIN, PROFILE, SLIM, frame_size
-from xdynamics.figures.framing import Frame
+from xdynamics.figures.boundaries import (
+    Boundary,
+    Fastening,
+    boundaries_of,
+    disc_radii,
+    fastenings_of,
+    outside_note,
+    walls_in_space,
+    widened_limits,
+)
+from xdynamics.figures.curves import plotted_lines
+from xdynamics.figures.framing import MARGIN, PROFILE, SLIM, Frame, double_frame_size, frame_of, frame_size
 from xdynamics.figures.line_panels import MOST_NAMED
-from xdynamics.figures.marks import escaped_text, typeset
+from xdynamics.figures.marks import COLOURS, LETTERS, escaped_text, legible, typeset
 from xdynamics.figures.plane import axis_text, frame_of_view, leaving_bodies_note
-from xdynamics.figures.scenery import Fastening
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.model import Model
+from xdynamics.model.body_sections import AXES, Body, Triple, position, scalar_part, vector_part
+from xdynamics.model.constraint_consistency import parameter_values
+from xdynamics.runtime.lazy_imports import cached_property
+from xdynamics.shapes import join_element_name
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -218,3 +237,367 @@ def _trail(body: BodyPath, begin: float, end: float) -> Floats:
     row_spacing = max(1, (last - first) // MOST_TRAILED)
     times = np.concatenate([[max(begin, float(body.times[0]))], body.times[first:last:row_spacing], [end]])
     return np.stack([np.interp(times, body.times, body.x), np.interp(times, body.times, body.y)], axis=-1)
+
+
+SIDES = {0: ((0, 2), (0, 1)), 1: ((0, 1), (2, 1)), 2: ((0, 2), (1, 2))}  # across and up of both, by the longest side
+
+
+@dataclass
+class TwoViews:
+    """Bodies in space from two sides: along x one view over the other, else side by side with one axis up.
+
+    Attributes
+    ----------
+    views : pair of Bodies
+        Left or above, and right or below.
+    is_stacked : bool
+        Whether they share the axis across, not that which goes up.
+    undrawn : sequence of str
+        Contacts whose walls neither view shows.
+    """
+
+    views: tuple[BodiesScene, BodiesScene]
+    is_stacked: bool
+    undrawn: Sequence[str] = ()
+
+    @property
+    def times(self) -> Floats:
+        """The times of the first path."""
+        return self.views[0].times
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """A frame as wide and as high as both together."""
+        return double_frame_size(
+            [view.limits for view in self.views], self.views[0].legend_names, is_stacked=self.is_stacked
+        )
+
+    def start(self, axes: Axes) -> str:
+        """Divide the place of the axes, and prepare both views."""
+        figure: Any = axes.figure
+        subplot_spec: Any = axes.get_subplotspec()
+        lengths = [float(np.ptp(view.limits[int(self.is_stacked)])) for view in self.views]
+        shape = {"nrows": 2, "ncols": 1, "height_ratios": lengths}
+        if not self.is_stacked:
+            shape = {"nrows": 1, "ncols": 2, "width_ratios": lengths}
+        grid = subplot_spec.subgridspec(**shape)
+        axes.set_subplotspec(grid[0])
+        second_axes = figure.add_subplot(grid[1])
+        second_axes.grid(linewidth=0.6)
+        self.views[0].start(axes)
+        self.views[1].start(second_axes)
+        if self.is_stacked:
+            axes.set_xlabel("")
+            axes.tick_params(labelbottom=False)
+        else:
+            second_axes.set_ylabel("")
+            second_axes.tick_params(labelleft=False)
+        far_contacts = dict.fromkeys(name for view in self.views for name in view.far_walls)
+        undrawn = escaped_text(f"; not drawn: {', '.join(self.undrawn)}") if self.undrawn else ""
+        return f"{self.views[0].title_notes}{outside_note([*far_contacts])}{undrawn}"
+
+    def move_to(self, time: float) -> list[Any]:
+        """Put everything where it is, in both."""
+        return [artist for view in self.views for artist in view.move_to(time)]
+
+
+def paths_in_two_views(views: list[list[BodyPath]]) -> tuple[list[BodyPath], list[BodyPath], bool] | None:
+    """Return the paths in two views of bodies that are seen from three sides, and whether they share the axis across.
+
+    The axis that both have is the longest side of the motion.
+    """
+    if len(views) < 3:
+        return None
+    plan, front, side = views[:3]
+    names = (plan[0].across, plan[0].up, front[0].up)
+    if (front[0].across, side[0].across, side[0].up) != names or not plan[0].is_space:
+        return None
+    lines = [_space_path(path, front_path) for path, front_path in zip(plan, front, strict=True)]
+    frame = frame_of(lines, [path.times for path in plan])
+    longest = int(np.argmax(frame.sides))
+    first, second = (
+        [_path_in_view(path, front_path, pair, line) for path, front_path, line in zip(plan, front, lines, strict=True)]
+        for pair in SIDES[longest]
+    )
+    return first, second, longest == 0
+
+
+def _space_path(path: BodyPath, front_path: BodyPath) -> Floats:
+    """Return a path in space, shape (3, n)."""
+    return np.stack([path.x, path.y, np.interp(path.times, front_path.times, front_path.y)])
+
+
+def _path_in_view(path: BodyPath, front_path: BodyPath, pair: tuple[int, int], line: Floats) -> BodyPath:
+    """Return a path as a view shows it, with what it does not show as its depth."""
+    depth_axis = 3 - sum(pair)
+    titles, names = (path.across, path.up, front_path.up), (*path.names, front_path.names[1])
+    across, up = pair
+    return replace(
+        path,
+        across=titles[across],
+        up=titles[up],
+        x=line[across],
+        y=line[up],
+        names=(names[across], names[up]),
+        depth=line[depth_axis],
+        depth_name=names[depth_axis],
+    )
+
+
+def two_views_of(run: xr.Dataset, views: list[list[BodyPath]], trail: float | None) -> TwoViews | None:
+    """Return the scene of bodies that are seen from three sides; None if they are not."""
+    if (paired_paths := paths_in_two_views(views)) is None:
+        return None
+    first, second, is_stacked = paired_paths
+    radii = disc_radii(run, first)
+    frame = frame_of([path.points for path in first], [path.times for path in first])
+    drafts = [
+        BodiesScene(
+            view, run["time"], trail, fastenings_of(run, view), boundaries_of(run, view, radii), radii, frame=part
+        )
+        for view, part in ((first, _frame_in_view(frame, first, first)), (second, _frame_in_view(frame, first, second)))
+    ]
+    shared = 0 if is_stacked else 1
+    shared_limits = np.stack([draft.limits[shared] for draft in drafts])
+    shared_range = np.array([shared_limits[:, 0].min(), shared_limits[:, 1].max()])
+    limits = [draft.limits.copy() for draft in drafts]
+    for view_limits in limits:
+        view_limits[shared] = shared_range
+    first_view, second_view = (
+        replace(draft, fixed_limits=view_limits, is_named=is_stacked == (k == 0))
+        for k, (draft, view_limits) in enumerate(zip(drafts, limits, strict=True))
+    )
+    return TwoViews((first_view, second_view), is_stacked, _undrawn_contacts(run, drafts, first))
+
+
+def _frame_in_view(frame: Frame, first: list[BodyPath], view: list[BodyPath]) -> Frame:
+    """Return the part of a frame in space, whose axes are those of the first view and its depth, that a view shows."""
+    order = [*first[0].names, first[0].depth_name]
+    return Frame(frame.limits[[order.index(name) for name in view[0].names]], frame.leaving)
+
+
+def _undrawn_contacts(run: xr.Dataset, drafts: Sequence[BodiesScene], view: list[BodyPath]) -> list[str]:
+    """Return the contacts of bodies with walls that neither view can show."""
+    shown_contacts = {wall.contact for draft in drafts for wall in draft.boundaries}
+    return [name for name in walls_in_space(run, view) if name not in shown_contacts]
+
+
+AZIMUTH, ELEVATION = np.radians((-60.0, 20.0))  # of the eye, about the vertical from x, and above the level
+RIGHT = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
+UP = np.array([-np.sin(ELEVATION) * np.cos(AZIMUTH), -np.sin(ELEVATION) * np.sin(AZIMUTH), np.cos(ELEVATION)])
+ROUND = 49  # points of an ellipse
+LIMIT_TIMES = 200  # times that the limits are found from
+FAR = 3.0  # sizes of the bodies together: whoever goes farther is followed
+
+
+@dataclass(frozen=True)
+class Solid:
+    """One body: where it is, and what is drawn of it in its own axes, m.
+
+    Attributes
+    ----------
+    name : str
+    places : ndarray, shape (n, 3)
+        Of its origin, along the times.
+    attitudes : ndarray, shape (n, 4)
+        Quaternions, scalar first.
+    arms : ndarray, shape (k, 3)
+        Its points, to which lines go from its origin.
+    outline : ndarray, shape (3, m, 3)
+        Three ellipses; none of a body with a pivot, whose mass is not known.
+    """
+
+    name: str
+    places: Floats
+    attitudes: Floats
+    arms: Floats
+    outline: Floats
+
+    def lines_at(self, times: Floats, time: float) -> tuple[Floats, list[Floats]]:
+        """Return where its origin is, and its lines in space."""
+        origin = _vectors_at_time(times, self.places, time)
+        q0, *vector = _vectors_at_time(times, self.attitudes, time)
+        q = np.array(vector)
+        length = float(np.hypot(q0, np.linalg.norm(q)))
+        q0, q = q0 / length, q / length
+
+        def rotated_to_space(vectors: Floats) -> Floats:
+            return origin + vectors + 2.0 * np.cross(q, np.cross(q, vectors) + q0 * vectors)
+
+        ends = rotated_to_space(self.arms) if len(self.arms) else self.arms
+        return origin, [
+            *(np.stack([origin, end]) for end in ends),
+            *(rotated_to_space(ellipse) for ellipse in self.outline),
+        ]
+
+
+@dataclass
+class Mechanism:
+    """Bodies that turn, seen from the side and from above, by parallel rays; those that go far are followed.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n,)
+    solids : list of Solid
+    trail : float, optional
+        How far back trails of centres go; a tenth of the run.
+    """
+
+    times: Floats
+    solids: list[Solid]
+    trail: float | None = None
+    _lines: Any = None
+    _dots: Any = None
+    _trails: Any = None
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """A frame as wide and as high as the motion."""
+        return frame_size(self._motion_limits, self._legend_names)
+
+    @property
+    def _legend_names(self) -> list[str]:
+        """What bodies are called, where there are several, and not too many for a legend."""
+        return [solid.name for solid in self.solids] if 1 < len(self.solids) <= MOST_NAMED else []
+
+    @cached_property
+    def follows_bodies(self) -> bool:
+        """Whether the picture goes along with the bodies."""
+        middle = np.mean([solid.places for solid in self.solids], axis=0)
+        return bool(np.ptp(middle, axis=0).max() > FAR * self._initial_size)
+
+    @property
+    def _initial_size(self) -> float:
+        """The size of all bodies together at the start."""
+        origins, lines = zip(*(solid.lines_at(self.times, float(self.times[0])) for solid in self.solids), strict=True)
+        points = np.concatenate([np.array(origins), *(line for part in lines for line in part)])
+        return float(np.ptp(points, axis=0).max())
+
+    def _middle(self, time: float) -> Floats:
+        """Return what the picture is centred on."""
+        if not self.follows_bodies:
+            return np.zeros(3)
+        middle: Floats = np.mean([_vectors_at_time(self.times, solid.places, time) for solid in self.solids], axis=0)
+        return middle * [1.0, 1.0, 0.0]
+
+    @cached_property
+    def _motion_limits(self) -> Floats:
+        """What the axes hold, shape (2, 2)."""
+        projections = []
+        for time in np.linspace(float(self.times[0]), float(self.times[-1]), LIMIT_TIMES).tolist():
+            middle = self._middle(time)
+            for solid in self.solids:
+                origin, lines = solid.lines_at(self.times, time)
+                projections.append(projected(np.concatenate([origin[None], *lines]) - middle))
+        points = np.concatenate(projections)
+        low, high = points.min(axis=0), points.max(axis=0)
+        longer = float(max(high - low))
+        half = np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
+        return np.stack([(low + high) / 2.0 - half, (low + high) / 2.0 + half], axis=-1)
+
+    def start(self, axes: Axes) -> str:
+        """Prepare lines, dots and trails."""
+        from matplotlib.collections import LineCollection
+
+        across, up = self._motion_limits
+        axes.set(xlim=across, ylim=up, aspect="equal", xlabel="across (m)", ylabel="up (m)")
+        colours = [COLOURS[k % len(COLOURS)] for k in range(len(self.solids))]
+        self._trails = axes.add_collection(LineCollection([], colors=colours, linewidths=1.0, alpha=0.5), autolim=False)
+        self._lines = axes.add_collection(LineCollection([], linewidths=1.4), autolim=False)
+        unplaced = np.full(len(colours), np.nan)
+        self._dots = axes.scatter(unplaced, unplaced, s=16.0, c=colours, zorder=3)
+        for name, colour in zip(self._legend_names, colours, strict=False):
+            axes.plot([], [], "-", color=colour, label=escaped_text(name))
+        if self._legend_names:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
+        return ", going along" if self.follows_bodies else ""
+
+    def move_to(self, time: float) -> list[Any]:
+        """Put everything where it is."""
+        middle = self._middle(time)
+        trail_duration = 0.1 * float(np.ptp(self.times)) if self.trail is None else self.trail
+        dots, lines, colours, trails = [], [], [], []
+        for k, solid in enumerate(self.solids):
+            origin, body_lines = solid.lines_at(self.times, time)
+            dots.append(projected(origin - middle))
+            lines += [projected(line - middle) for line in body_lines]
+            colours += [COLOURS[k % len(COLOURS)]] * len(body_lines)
+            passed = np.append(
+                solid.places[(self.times > time - trail_duration) & (self.times < time)], origin[None], axis=0
+            )
+            trails.append(projected(passed - middle))
+        self._dots.set_offsets(np.array(dots))
+        self._lines.set_segments(lines)
+        self._lines.set_color(colours)
+        self._trails.set_segments(trails)
+        return [self._trails, self._lines, self._dots]
+
+
+def projected(points: Floats) -> Floats:
+    """Return points in space as they are seen: across and up."""
+    return np.stack([points @ RIGHT, points @ UP], axis=-1)
+
+
+def mechanism_of(run: xr.Dataset, trail: float | None) -> Mechanism | None:
+    """Return the bodies of a run that turn, where each is one and is recorded; None if there are none."""
+    model = model_of_record(run, None) if "model_toml" in run else None
+    bodies: Mapping[str, Body] = model.shaped.bodies if model is not None else {}
+    if model is None or not bodies or any(body.dims for body in bodies.values()):
+        return None
+    names = [name for body, part in bodies.items() for name in _recorded_names(body, part)]
+    if not all(name in run for name in names):
+        return None
+    times, lines = plotted_lines(run, *names)
+    values_by_name = dict(zip(names, lines, strict=True))
+    return Mechanism(times, [_solid_of(model, name, body, values_by_name) for name, body in bodies.items()], trail)
+
+
+def _recorded_names(name: str, body: Body) -> Iterator[str]:
+    yield scalar_part(name)
+    for vector_name in (vector_part(name), *(() if body.pivot else (position(name),))):
+        yield from (join_element_name(vector_name, [axis]) for axis in AXES)
+
+
+def _solid_of(model: Model, name: str, body: Body, values_by_name: Mapping[str, Floats]) -> Solid:
+    constant_values = parameter_values(model.statement)
+
+    def evaluated_number(node: Node) -> float:
+        return evaluate(expand(node, model.statement.definitions), constant_values)
+
+    def evaluated_point(triple: Triple) -> Floats:
+        return np.array([evaluated_number(part) for part in triple])
+
+    q0, *components = (values_by_name[part] for part in _recorded_names(name, body))
+    attitudes = np.stack([q0, *components[:3]], axis=-1)
+    places = (
+        np.broadcast_to(evaluated_point(body.pivot), (len(q0), 3)) if body.pivot else np.stack(components[3:], axis=-1)
+    )
+    arms = [evaluated_point(triple) for triple in body.points.values()]
+    for joint in model.shaped.joints.values():
+        pairs = zip(joint.bodies, joint.at, strict=True)
+        arms += [
+            evaluated_point(joint_point)
+            for owner, joint_point in pairs
+            if owner == name and not isinstance(joint_point, Name)
+        ]
+    inertia = np.array([[evaluated_number(entry) for entry in row] for row in body.inertia])
+    matrix = inertia if body.has_products else np.diag(inertia[0])
+    outline = np.zeros((0, ROUND, 3)) if body.mass is None else ellipses(matrix, evaluated_number(body.mass))
+    return Solid(name, places, attitudes, np.array([arm for arm in arms if arm.any()]).reshape(-1, 3), outline)
+
+
+def ellipses(inertia: Floats, mass: float) -> Floats:
+    """Return three ellipses about the principal axes of the ellipsoid of even density with a mass and an inertia, m.
+
+    Its half axes are sqrt(5 (I2 + I3 - I1)/(2 m)), and so on; shape (3, 49, 3).
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    halves = np.sqrt(np.maximum(2.5 / mass * (moments.sum() - 2.0 * moments), 0.0))
+    angle = np.linspace(0.0, 2.0 * np.pi, ROUND)
+    rings = [np.roll([np.cos(angle), np.sin(angle), np.zeros(ROUND)], k, axis=0).T for k in range(3)]
+    return np.stack([(halves * ring) @ axes.T for ring in rings])
+
+
+def _vectors_at_time(times: Floats, values: Floats, time: float) -> Floats:
+    """Return vectors at a time, straight between points of their lines."""
+    return np.array([np.interp(time, times, part) for part in values.T])

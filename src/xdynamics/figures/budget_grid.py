@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from xdynamics.budgeting.budget_grid import KIND, TOTALS
+from xdynamics.budgeting.budget import KIND, TOTALS
 from xdynamics.evidence.grid_axes import sweep_axis_names
 from xdynamics.figures.marks import COLOURS, escaped_text, label_with_unit
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.figures.sweep_labels import number_label, other_settings_note
-from xdynamics.figures.sweep_maps import map_colour_bar
+from xdynamics.figures.sweep import map_colour_bar, number_label, other_settings_note
 from xdynamics.record.flag_words import words_of_flag
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ from xdynamics.evidence.comparing.grids import DIFFERS, UNKNOWN, WITHIN
 from xdynamics.evidence.grid_axes import sweep_axis_names
 from xdynamics.figures.marks import COLOURS, escaped_text, label_with_unit
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.figures.sweep_labels import number_label, other_settings_note
-from xdynamics.figures.sweep_maps import map_colour_bar
+from xdynamics.figures.sweep import map_colour_bar, number_label, other_settings_note
 from xdynamics.schema import AT, OCCURRENCE
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from xdynamics.archive import open_run
-from xdynamics.evidence.enclosing.enclosure_dataset import bounded_names
+from xdynamics.evidence.enclosing.enclosure import bounded_names
 from xdynamics.evidence.evidence_dataset import stated_value
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError

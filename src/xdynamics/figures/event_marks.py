@@ -11,13 +11,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.figures.lattice import model_shapes
+from xdynamics.figures.element_maps import model_shapes
 from xdynamics.figures.marks import INK, escaped_text
-from xdynamics.figures.placing import EVENT
+from xdynamics.figures.sheet import EVENT
 from xdynamics.reaction_names import contact_force, friction_force
-from xdynamics.record.flag_words import words_of_flag
-from xdynamics.record.named_rows import rows_named
-from xdynamics.record.partial_records import is_run
+from xdynamics.record.flag_words import rows_named, words_of_flag
+from xdynamics.record.schemas import is_run
 from xdynamics.schema import at_event
 from xdynamics.shapes import split_element_name
 

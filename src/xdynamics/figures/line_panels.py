@@ -1,4 +1,9 @@
-"""Panels of lines against time, and of velocities against positions."""
+"""Panels of lines against time, and of velocities against positions.
+
+Which variables of a run share a panel, and which are not worth one.
+
+Panels about the march itself: steps, errors, how well events were located.
+"""
 
 from __future__ import annotations
 
@@ -8,23 +13,34 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.recorded_steps import model_of_record
+from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.sampling import sample
 from xdynamics.expressions import Name, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.figures.companions import Overlay
-from xdynamics.figures.curves import DOTS, broken_curve, is_long, isolated_points, line_times, plotted_lines
-from xdynamics.figures.element_maps import draw_map
+from xdynamics.figures.curves import (
+    DOTS,
+    broken_curve,
+    is_long,
+    isolated_points,
+    line_times,
+    plotted_lines,
+    thinned_rows,
+    with_role,
+)
+from xdynamics.figures.element_maps import FEWEST_ELEMENTS, draw_map
 from xdynamics.figures.event_marks import mark_events
-from xdynamics.figures.marks import COLOURS, escaped_text, label_time, shade_regimes
+from xdynamics.figures.marks import COLOURS, escaped_text, label_time, shade_regimes, time_axis_label
 from xdynamics.figures.panel_words import axis_title, straight_lines_note
 from xdynamics.figures.transients import Transient, times_after_transient
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.drives import value_and_slope
 from xdynamics.model.motion import constants, drive_pieces
-from xdynamics.record.partial_records import is_whole
+from xdynamics.record.schemas import is_whole
 from xdynamics.schema import STEPS, velocity
+from xdynamics.shapes import split_element_name
 from xdynamics.units import parse_unit, unit_suffix
 
 if TYPE_CHECKING:
@@ -321,3 +337,146 @@ def set_run_time_axis(run: xr.Dataset, axes: Axes) -> None:
     margin = 0.05 * (time[-1] - time[0])
     if margin > 0:
         axes.set_xlim(time[0] - margin, time[-1] + margin)
+
+
+ROUNDINGS = 16.0  # spacings of the largest force, which the balance of forces at a contact may leave
+
+
+def groups_by_unit(run: xr.Dataset, names: list[str]) -> list[list[str]]:
+    """Group variables that share an axis: those of one unit, and elements of one quantity for themselves.
+
+    Of many elements those along each axis (the few labels of a last dimension) are a group.
+    """
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        quantity, labels = split_element_name(name)
+        groups.setdefault((run.variables[name].attrs["units"], quantity if labels else ""), []).append(name)
+    return [part for group in groups.values() for part in _by_axis(group)]
+
+
+def _by_axis(names: list[str]) -> list[list[str]]:
+    """Part many elements by the last of several dimensions, where that has few and each part is still a map."""
+    parts: dict[str, list[str]] = {}
+    for name in names:
+        labels = split_element_name(name)[1]
+        parts.setdefault(labels[-1] if len(labels) > 1 else "", []).append(name)
+    is_many = min(map(len, parts.values())) > MOST_LINES
+    return [*parts.values()] if is_many and len(parts) < FEWEST_ELEMENTS else [names]
+
+
+def drives_by_unit(run: xr.Dataset) -> list[list[str]]:
+    """Group the drives of a run's model by unit."""
+    if "model_toml" not in run:
+        return []
+    model = model_of_record(run, None)
+    groups: dict[str, list[str]] = {}
+    for name, drive in model.drives.items():
+        if (free_names(model.looked_up_at[name]) & {*model.units}).issubset(run.variables):
+            groups.setdefault(drive.table.value_unit.text, []).append(name)
+    return list(groups.values())
+
+
+def are_rounding_errors(run: xr.Dataset, names: list[str]) -> bool:
+    """Whether reactions of one unit are nothing but what rounding leaves of the forces that they balance."""
+    units = run.variables[names[0]].attrs["units"]
+    forces = [name for name in with_role(run, "force") if run.variables[name].attrs["units"] == units]
+    largest = max((_largest_magnitude(run, name) for name in forces), default=0.0)
+    return max(_largest_magnitude(run, name) for name in names) <= ROUNDINGS * EPS * largest
+
+
+def _largest_magnitude(run: xr.Dataset, name: str) -> float:
+    values = run.variables[name].values
+    return float(np.nanmax(np.abs(values), initial=0.0)) if run.variables[name].dims[:1] == (STEPS,) else 0.0
+
+
+PARTS = {"event_time_uncertainty_bracket": "width of the bracket", "event_time_uncertainty": "uncertainty"}
+
+
+def draw_steps(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
+    """Draw the steps on a logarithmic scale; an event's second row has none."""
+    size, time = run.variables["step_size"].values, run.variables["time"].values
+    rows = _positive_rows(size)
+    axes.plot(
+        time[rows],
+        size[rows],
+        ".",
+        color=COLOURS[5],
+        markersize=2.5,
+        label=escaped_text(overlay.run_label or "accepted"),
+    )
+    _draw_companion_points(overlay, "step_size", axes)
+    attributes = run.variables["trial_reason"].attrs
+    reasons = np.array(attributes["flag_meanings"].split()) if attributes["role"] == "flag" else np.zeros(0, "U")
+    error_test_codes = np.atleast_1d(attributes["flag_values"])[reasons == "error_test"] if reasons.size else reasons
+    rejected = np.flatnonzero(np.isin(run.variables["trial_reason"].values, error_test_codes))
+    if len(rejected):
+        rejected = rejected[thinned_rows(run.variables["trial_step_size"].values[rejected])]
+        axes.plot(
+            run.variables["trial_time"].values[rejected],
+            run.variables["trial_step_size"].values[rejected],
+            "x",
+            color=COLOURS[1],
+            markersize=3.5,
+            markeredgewidth=0.8,
+            label="rejected by the error test",
+        )
+    if len(rejected) or overlay.run_label:
+        axes.legend(fontsize=8, frameon=False)
+    if len(rows):
+        axes.set_yscale("log")
+    label_time(axes, run["time"])
+    axes.set(ylabel=time_axis_label(run["step_size"], "step size"))
+    set_run_time_axis(run, axes)
+    axes.set_title("step used to reach each state", loc="left", fontsize=10)
+
+
+def draw_errors(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
+    """Draw the error norm of every accepted step; 1 is what the tolerances allow."""
+    norm, time = run.variables["error_norm"].values, run.variables["time"].values
+    rows = _positive_rows(norm)
+    axes.plot(time[rows], norm[rows], ".", color=COLOURS[2], markersize=2.5, label=escaped_text(overlay.run_label))
+    if _draw_companion_points(overlay, "error_norm", axes):
+        axes.legend(fontsize=8, frameon=False)
+    axes.axhline(1.0, color="#777777", linewidth=0.8, linestyle="--")
+    if len(rows):
+        axes.set_yscale("log")
+    label_time(axes, run["time"])
+    axes.set(ylabel="scaled local error (1)")
+    set_run_time_axis(run, axes)
+    axes.set_title("local error over what the tolerances allow", loc="left", fontsize=10)
+
+
+def _draw_companion_points(overlay: Overlay, name: str, axes: Axes) -> bool:
+    """Draw the positive values of other runs; return whether there are any."""
+    companion_records = [(label, record) for label, record in overlay.records if name in record]
+    for k, (label, record) in enumerate(companion_records):
+        values = record[name].values
+        rows = _positive_rows(values)
+        colour = COLOURS[(k + 3) % len(COLOURS)]
+        axes.plot(
+            record["time"].values[rows], values[rows], ".", color=colour, markersize=2.5, label=escaped_text(label)
+        )
+    return bool(companion_records)
+
+
+def _positive_rows(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the rows to draw on a logarithmic axis: those of positive values, thinned."""
+    positive = np.flatnonzero(values > 0)
+    return positive[thinned_rows(values[positive])] if len(positive) else positive
+
+
+def draw_event_locations(run: xr.Dataset, axes: Axes) -> None:
+    """Draw the width of each event's bracket and the uncertainty of its time."""
+    time = run.variables["event_time"].values
+    for name, marker, colour in zip(PARTS, "_.", (COLOURS[0], COLOURS[1]), strict=True):
+        values = run.variables[name].values
+        is_drawable = (values > 0) & np.isfinite(values)
+        axes.plot(
+            time[is_drawable], values[is_drawable], marker, color=colour, markersize=5, label=escaped_text(PARTS[name])
+        )
+    axes.set_yscale("log")
+    label_time(axes, run["time"])
+    axes.set(ylabel=time_axis_label(run["time"], "located within"))
+    set_run_time_axis(run, axes)
+    axes.set_title("events: bracket, and uncertainty of the time", loc="left", fontsize=10)
+    axes.legend(fontsize=8, frameon=False)

@@ -11,8 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
-from xdynamics.figures.element_maps import colour_bar
-from xdynamics.figures.fields import is_field, name_axis
+from xdynamics.figures.element_maps import colour_bar, is_field, name_axis
 from xdynamics.figures.marks import COLOURS, escaped_text, typeset
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.unfolding import shapes_of

@@ -6,8 +6,7 @@ from collections.abc import Iterable
 
 import xarray as xr
 
-from xdynamics.figures.curves import has_chords, has_missing_rows
-from xdynamics.figures.level_lines import REACTION, is_mean, known_model
+from xdynamics.figures.curves import REACTION, has_chords, has_missing_rows, is_mean, known_model
 from xdynamics.record.unfolding import whole_of
 from xdynamics.shapes import join_element_name, split_element_name
 

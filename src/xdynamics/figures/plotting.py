@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 from xdynamics.archive import check_states, without_stale_units
-from xdynamics.archive.place import GIVEN, Given, location_of
+from xdynamics.archive.store import GIVEN, Given, location_of
 from xdynamics.evidence.grid_axes import is_sweep, sweep_of
 from xdynamics.evidence.stages import compute_datasets
 from xdynamics.faults import InputError
@@ -32,15 +32,15 @@ from xdynamics.figures.sheet import DPI, Panel, background_style, check_path, on
 from xdynamics.figures.transients import Transient
 from xdynamics.record import of_elements
 from xdynamics.record.folding import model_dimensions
-from xdynamics.record.partial_records import with_article
 from xdynamics.record.run_dataset import check_dataset
+from xdynamics.record.schemas import with_article
 from xdynamics.record.unfolding import unfold
 from xdynamics.schema import EVIDENCE
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from xdynamics.figures.picture import Picture
+    from xdynamics.figures.sheet import Picture
 
 PAGES = {
     kind: module.PAGE

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics.evidence.grid_axes import WHAT
 from xdynamics.figures.marks import COLOURS, escaped_text
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.figures.sweep_labels import other_settings_note, value_suffix
+from xdynamics.figures.sweep import other_settings_note, value_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

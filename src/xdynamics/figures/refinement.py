@@ -12,8 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.refining.defects import DEFECT
+from xdynamics.elementary.bounds import EPS
+from xdynamics.evidence.refining.readings import DEFECT
 from xdynamics.faults import first_names
 from xdynamics.figures.marks import COLOURS, at_time, escaped_text, time_axis_label
 from xdynamics.figures.sheet import Page, Panel

@@ -1,4 +1,7 @@
-"""Figures of runs: drawn from the record alone, against recorded times, with units and events."""
+"""Figures of runs: drawn from the record alone, against recorded times, with units and events.
+
+What figures show of bodies that turn: attitudes and angular velocities, and no integral of these.
+"""
 
 from __future__ import annotations
 
@@ -9,39 +12,78 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.faults import InputError
-from xdynamics.figures import (
-    boundaries,
-    energy,
-    energy_terms,
-    lattice,
-    line_panels,
-    march_panels,
-    plane,
-    scenery,
-    space,
-)
-from xdynamics.figures.attitudes import BodyVariables
+from xdynamics.figures import boundaries, element_maps, energy, line_panels, plane
 from xdynamics.figures.body_paths import BodyPath
 from xdynamics.figures.companions import Overlay
-from xdynamics.figures.fields import field_panels
-from xdynamics.figures.panel_groups import are_rounding_errors, drives_by_unit, groups_by_unit
+from xdynamics.figures.curves import with_role
+from xdynamics.figures.element_maps import field_panels
+from xdynamics.figures.excerpt import overlay_of
+from xdynamics.figures.line_panels import are_rounding_errors, drives_by_unit, groups_by_unit
 from xdynamics.figures.panel_words import shared_axis
-from xdynamics.figures.roles import with_role
 from xdynamics.figures.sheet import Page, Panel
-from xdynamics.figures.side_by_side import overlay_of
 from xdynamics.figures.transients import Transient
+from xdynamics.model.body_sections import position, quasi_coordinate, unit_quaternions
 from xdynamics.model.controllers import pending
 from xdynamics.model.joints import made_by_joints
 from xdynamics.reaction_names import JOINT, constraint_force
 from xdynamics.record import check
-from xdynamics.record.partial_records import ending_words, is_whole, log_description, rows_apart
+from xdynamics.record.schemas import ending_words, is_whole, log_description, rows_apart
 from xdynamics.schema import HELD, STEPS, velocity
 from xdynamics.shapes import display_text, split_element_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+class BodyVariables:
+    """The variables of bodies in a record, element by element.
+
+    Attributes
+    ----------
+    attitudes : list of list of str
+        The four parts of every quaternion.
+    angular_velocities : set of str
+        Angular velocities, along the axes of the bodies.
+    positions : set of str
+        Where bodies are.
+    hidden_names : set of str
+        What is not drawn unless it is asked for: integrals of angular velocities, and where a body is that rests.
+    """
+
+    def __init__(self, run: xr.Dataset) -> None:
+        model = model_of_record(run, None) if "model_toml" in run else None
+        bodies = model.shaped.bodies if model is not None else {}
+        self.attitudes: list[list[str]] = []
+        self.angular_velocities, self.positions, self.hidden_names = set[str](), set[str](), set[str]()
+        if model is None or not bodies:
+            return
+        quads = [[*parts] for parts in unit_quaternions(bodies, model.shapes)]
+        self.attitudes = [parts for parts in quads if all(part in run for part in parts)]
+        for body in bodies:
+            turns = model.shapes.elements(quasi_coordinate(body))
+            self.angular_velocities |= {velocity(name) for name in turns}
+            self.hidden_names |= {*turns}
+            places = [] if bodies[body].pivot else model.shapes.elements(position(body))
+            self.positions |= {*places}
+            if not any(name in run and np.ptp(run.variables[name].values) for name in places):
+                self.hidden_names |= {*places, *map(velocity, places)}
+
+    @property
+    def quaternion_parts(self) -> set[str]:
+        """All parts of quaternions."""
+        return {part for parts in self.attitudes for part in parts}
+
+    def visible_names(self, names: list[str]) -> list[str]:
+        """Return what of some variables is drawn without being asked for."""
+        return [name for name in names if name not in self.hidden_names | self.quaternion_parts]
+
+    def titled_velocities(self, names: list[str]) -> Iterator[tuple[str, list[str]]]:
+        """Yield angular velocities in bodies, and other velocities, with a title for each."""
+        yield "angular velocity in the body", [name for name in names if name in self.angular_velocities]
+        yield "velocity", [name for name in names if name not in self.angular_velocities]
+
 
 FEWEST_LOCATED = 3  # events, from which on a panel shows more than their list
 # words by which panels are chosen, besides the names of variables
@@ -204,7 +246,7 @@ def _requested_names(run: xr.Dataset, only: Sequence[str]) -> list[str]:
         raise InputError(f"only is {only!r}, needs kinds of panels and names in a list, like ['energy']")
     drawable = {name for _, names, _ in _run_panels(run, Overlay()) for name in names} | {*_variables_on_request(run)}
     drawable |= {name for name in BodyVariables(run).hidden_names if _has_rows(run, name)}
-    elements, only = dict[str, list[str]](), [*map(lattice.model_shapes(run).internal_name, only)]
+    elements, only = dict[str, list[str]](), [*map(element_maps.model_shapes(run).internal_name, only)]
     for name in sorted(drawable):
         elements.setdefault(split_element_name(name)[0], []).append(name)
     if unknown := [word for word in only if word not in (*KINDS, *drawable, *elements)]:
@@ -230,8 +272,8 @@ def _run_panels(
     ]
     for view in views:
         yield "plane", [], partial(_draw_body_plane, run, view, overlay)
-    for seen in space.spaces(views):
-        yield "space", [], partial(space.draw_space, run, seen, views)
+    for seen in plane.spaces(views):
+        yield "space", [], partial(plane.draw_space, run, seen, views)
     for names, panel in field_panels(run):
         is_whole_field = requested_names is None or {*names} <= {*requested_names}
         yield "map", names if is_whole_field else [], panel
@@ -244,7 +286,7 @@ def _draw_body_plane(run: xr.Dataset, view: list[BodyPath], overlay: Overlay, ax
     """Draw the paths of bodies, as large as they are where they meet as discs, what joins them at the start, and walls."""
     radii = boundaries.disc_radii(run, view)
     discs = boundaries.draw_discs(view, radii, axes)
-    plane.draw_plane(run, view, overlay, axes, has_links=scenery.draw_at_start(run, view, axes), discs=discs)
+    plane.draw_plane(run, view, overlay, axes, has_links=boundaries.draw_at_start(run, view, axes), discs=discs)
     boundaries.draw_walls(boundaries.boundaries_of(run, view, radii), axes)
 
 
@@ -282,7 +324,7 @@ def _motion_panels(run: xr.Dataset, overlay: Overlay, requested_names: Sequence[
                 parts,
                 partial(line_panels.draw_against_time, run, parts, "attitude, a quaternion", overlay),
             )
-    for names, panel in lattice.profile_panels(run):
+    for names, panel in element_maps.profile_panels(run):
         yield "profile", names, panel
 
 
@@ -331,14 +373,14 @@ def _march_panels(run: xr.Dataset, overlay: Overlay) -> Iterator[KeyedPanel]:
     """Yield energies, steps, errors, and how well events were located."""
     if _has_rows(run, "total_energy"):
         yield "energy", ["total_energy"], partial(energy.draw_energy, run, overlay)
-        if not overlay.companions and energy_terms.has_terms(run):
-            yield "energy", [], partial(energy_terms.draw_energy_terms, run)
+        if not overlay.companions and energy.has_terms(run):
+            yield "energy", [], partial(energy.draw_energy_terms, run)
     if _has_rows(run, "step_size", "trial_reason", "trial_step_size", "trial_time") and not _is_steady(run):
-        yield "steps", ["step_size"], partial(march_panels.draw_steps, run, overlay)
+        yield "steps", ["step_size"], partial(line_panels.draw_steps, run, overlay)
     if _has_rows(run, "error_norm"):
-        yield "errors", ["error_norm"], partial(march_panels.draw_errors, run, overlay)
-    if run.sizes.get("event", 0) >= FEWEST_LOCATED and {*march_panels.PARTS} <= set(run.variables):
-        yield "events", [], partial(march_panels.draw_event_locations, run)
+        yield "errors", ["error_norm"], partial(line_panels.draw_errors, run, overlay)
+    if run.sizes.get("event", 0) >= FEWEST_LOCATED and {*line_panels.PARTS} <= set(run.variables):
+        yield "events", [], partial(line_panels.draw_event_locations, run)
 
 
 def _requested_variables(kind: str, names: list[str], requested_names: Sequence[str] | None) -> list[str]:

@@ -8,22 +8,19 @@ import numpy as np
 
 from xdynamics.archive import digest_of_run, without_stale_units
 from xdynamics.documenting.summary import summary
-from xdynamics.dynamics.wanted_times import wanted_times
+from xdynamics.dynamics.recorded_steps import wanted_times
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
-from xdynamics.interchange.pages import page, show_pages
+from xdynamics.interchange.pages import page, show_pages, show_time_notes
 from xdynamics.interchange.solution import Solution, solution
 from xdynamics.interchange.tables import frame, table
-from xdynamics.interchange.time_notes import show_time_notes
 from xdynamics.interchange.tree import states_on_side, tree
 from xdynamics.record import check_kind
-from xdynamics.record.flag_words import time_unit_of, words_of_flag
-from xdynamics.record.named_rows import rows_of_events
+from xdynamics.record.flag_words import rows_of_events, time_unit_of, without_bounds, words_of_flag
 from xdynamics.record.pint_records import is_quantified, quantified, teach, without_pint_units
-from xdynamics.record.variable_attributes import without_bounds
 from xdynamics.schema import AT, AT_TIME, EVENTS, KINEMATIC, STEPS
-from xdynamics.simulation.recorded_runs import model_of_run
+from xdynamics.simulation.single_run import model_of_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -31,9 +28,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from xdynamics.archive.place import Given
-    from xdynamics.figures.film import Film
-    from xdynamics.figures.picture import Picture
+    from xdynamics.archive.store import Given
+    from xdynamics.figures.animation import Film
+    from xdynamics.figures.sheet import Picture
     from xdynamics.model import Model
 
 teach()  # whoever imported pint-xarray too

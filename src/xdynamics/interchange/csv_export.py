@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.place import Place
+from xdynamics.archive.store import Place
 from xdynamics.evidence.sampling import sample
 from xdynamics.interchange import tables
 from xdynamics.record import of_elements

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 
 from xdynamics.archive import open_run
-from xdynamics.archive.place import GIVEN, Given, location_of
-from xdynamics.archive.stores import is_folder
-from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.archive.folder_store import is_folder
+from xdynamics.archive.store import GIVEN, Given, location_of
+from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import ArchiveError, InputError, first_names
 from xdynamics.march.configuration import THINNING, unthinned_settings_for
 from xdynamics.record.arguments import recorded_arguments
 from xdynamics.record.flag_words import words_of_flag
-from xdynamics.record.partial_records import is_evidence, kind_description
+from xdynamics.record.schemas import is_evidence, kind_description
 from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.lazy_imports import load_dask_whole
 from xdynamics.schema import EVENTS, ROOT_DIGEST, STEPS
@@ -30,9 +30,11 @@ from xdynamics.sweeping.kept_quantities import (
     END,
     EVENT_COUNT,
     EVENT_TIME,
+    RunQuantity,
     misspelling_text,
+    run_quantities,
+    run_values,
 )
-from xdynamics.sweeping.run_quantities import RunQuantity, run_quantities, run_values
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:

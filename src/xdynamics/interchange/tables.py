@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive import without_stale_units
-from xdynamics.archive.place import Place
-from xdynamics.archive.stores import is_folder, taking_name
+from xdynamics.archive.folder_store import is_folder, taking_name
+from xdynamics.archive.store import Place
 from xdynamics.evidence.comparing.comparison_summary import OF_SEVERAL
 from xdynamics.evidence.grid_axes import AXES, is_sweep, sweep_axis_names, sweep_of
-from xdynamics.evidence.refining.defects import DEFECT
+from xdynamics.evidence.refining.readings import DEFECT
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.interchange.tree import NODES, tree_nodes
 from xdynamics.record.flag_words import words_of_flag

@@ -23,7 +23,7 @@ from xdynamics.expressions import (
     shortened_text,
 )
 from xdynamics.kernels.program import Compute, Line, Load, Location, Operand, StoreTo
-from xdynamics.units.rounded import Rounded, exact_value
+from xdynamics.units.unit import Rounded, exact_value
 
 OPERATIONS = {
     "+": "add",

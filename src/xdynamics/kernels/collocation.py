@@ -1,13 +1,34 @@
 """A step of Radau IIA in every lane, solved as `march.implicit.radau` solves the equations of a single run.
 
-Each line here performs the operations of one there, or in `march.implicit.transformed` and `kernels.linear`, in order.
+Each line here performs the operations of one there, or in `march.implicit.radau` and `kernels.linear`, in order.
 A lane whose iteration has ended waits for the others; one whose iteration fails is left to the single march.
+
+The simplified Newton iterations of Radau IIA as lines of text, for one run and for runs in lanes.
+
+Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. `march.implicit.radau` uses them as functions of numbers,
+`kernels.collocation` in all lanes at once.
+
+What a step of Radau IIA keeps in a lane, and the lines that read and write it.
+
+Small linear systems written out, for lanes whose pivots differ: the operations of `kernels.linear`, in their order.
+
+Matrices are lists of columns; a number is its parts, one if it is real, two if it is complex. Where the single march
+skips an operation because a number is zero, a lane keeps its old value: subtracting a zero can change the sign of a
+zero.
+
+The linear systems of Radau IIA written out for lanes: `march.implicit.radau`, line by line.
 """
 
 from __future__ import annotations
 
-from xdynamics.kernels import radau_lines
+from collections import namedtuple
+from collections.abc import Iterable, Mapping
+
+from xdynamics.elementary.bounds import EPS
+from xdynamics.kernels.assignments import Assignments
 from xdynamics.kernels.formulas import Formulas
+from xdynamics.kernels.layout import POLYNOMIAL, Layout, curve_size
+from xdynamics.kernels.line_writing import polynomial_program
 from xdynamics.kernels.program import (
     AT,
     REGIME,
@@ -24,13 +45,347 @@ from xdynamics.kernels.program import (
     T,
     loop_element,
 )
-from xdynamics.kernels.radau_memory import RadauMemory
-from xdynamics.kernels.radau_systems import factorisation, solve_complex_lanes, solve_real_lanes
-from xdynamics.kernels.step_polynomial import POLYNOMIAL, curve_size
-from xdynamics.kernels.step_programs import polynomial_program
-from xdynamics.methods import radau
-from xdynamics.methods.radau import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
-from xdynamics.methods.radau import T as T_MATRIX
+from xdynamics.methods import implicit
+from xdynamics.methods.implicit import ALPHA, BETA, ERROR, GAMMA, NODES, T_INVERSE
+from xdynamics.methods.implicit import T as T_MATRIX
+
+C1, C2, _ = implicit.NODES
+CONSTANTS = {
+    "few_turns": float(implicit.FEW_TURNS),
+    "slow": implicit.SLOW,
+    "least_norm": implicit.LEAST_NORM,
+    "eps": EPS,
+    "same_step": implicit.SAME_STEP,
+    "diverging": implicit.DIVERGING,
+    "stalled": implicit.STALLED,
+    "most_turns": float(implicit.MOST_TURNS),
+    "c12": C1 - C2,
+    "c21": C2 - 1.0,
+    "c11": C1 - 1.0,
+    "c1": C1,
+    "c2": C2,
+}
+
+# Differences of a component of the collocation polynomial, from the end of the step backwards; its continuation to the
+# stage at c of the next step, `relative` times as long, or rest where that is 0
+RADAU_POLYNOMIAL = """
+middle = (z0 - z1)/c12
+first = (z1 - z2)/c21
+second = (middle - first)/c11
+third = second - (middle - z0/c1)/c2
+"""
+GUESS = """
+s = c*relative
+guess = where(relative > 0, s*(first + (s - c21)*(second + (s - c11)*third)), 0)
+"""
+# The convergence of an iteration, by its last two corrections and the two before
+CONVERGENCE = """
+ratio_now = size/change
+theta_now = where(turn_now < 2.5, ratio_now, sqrt(ratio_now*ratio))
+eta_now = theta_now/(1 - theta_now)
+"""
+
+
+# Further numbers of a lane: those of `march.run.KEPT`; iterations of its last step, and counts since it was entered;
+# of the current trial whether its iteration is open or failed, how many corrections it had, and whether its
+# derivatives, its factors and its estimate have to be computed.
+Lasting = namedtuple(
+    "Lasting",
+    "factored theta eta before norm_before linearised fresh since turns iterations evaluations jacobians factorisations",
+)
+LASTING, PLACES = Lasting._fields, Lasting(*range(len(Lasting._fields)))
+KEPT = (*LASTING, "open", "vain", "turn", "eta_tried", "change", "ratio", "missing", "unfactored", "again")
+
+
+class RadauMemory:
+    """Where a lane keeps the numbers and vectors of its step.
+
+    Parameters
+    ----------
+    layout : Layout
+    places : mapping of str to Place
+        Where a lane keeps its other numbers.
+    first : int
+        Where in `w` this memory begins.
+    """
+
+    def __init__(self, layout: Layout, places: dict[str, Location], first: int) -> None:
+        self.layout = layout
+        self.used, self.n = layout.used.size, layout.coordinates.size
+        self.size = self.used - self.n
+        self.places = places | {name: Location("w", first + i) for i, name in enumerate(KEPT)}
+        self._first: dict[str, int] = {}
+        first += len(KEPT)
+        for name, length in lengths(layout).items():
+            self._first[name] = first
+            first += length
+
+    def formulas(self, prefix: str, operands: Mapping[str, Operand] | None = None) -> Formulas:
+        """Begin lines whose names are those of the lane, of constants, or known."""
+        return Formulas(self.places, prefix, {**CONSTANTS, **(operands or {})})
+
+    def vector_location(self, name: str, i: int) -> Location:
+        """Return the place of an element of a vector."""
+        return Location("w", self._first[name] + i)
+
+    def load_vectors(self, f: Formulas, name: str) -> list[list[Operand]]:
+        """Read three vectors, stored one after the other."""
+        return [[f.load(self.vector_location(name, k * self.used + i)) for i in range(self.used)] for k in range(3)]
+
+    def store_vectors(self, f: Formulas, name: str, vectors: list[list[Operand]]) -> None:
+        """Write three vectors."""
+        for k, vector in enumerate(vectors):
+            for i, value in enumerate(vector):
+                f.store(self.vector_location(name, k * self.used + i), value)
+
+    def update_numbers(self, f: Formulas, updates: Mapping[str, str], **operands: Operand) -> None:
+        """Write numbers of the lane, each from what it had before."""
+        values = {name: f.formula(text, **operands) for name, text in updates.items()}
+        for name, value in values.items():
+            f.store(self.places[name], value)
+
+
+def lengths(layout: Layout) -> dict[str, int]:
+    """Return the length of each part of a lane's memory after `KEPT`; row exchanges follow the matrices."""
+    used, size = layout.used.size, layout.used.size - layout.coordinates.size
+    matrix = 3 * size * size + 2 * size
+    lasting = {
+        "slopes": len(layout.couplings),
+        "stages": 3 * used,
+        "past": 3 * used,
+        "matrix": matrix,
+        "turned": 3 * used,
+    }
+    curve = curve_size(layout)
+    return lasting | {"reached": 3 * used if curve else 0, "curve": curve}
+
+
+def memory_width(layout: Layout) -> int:
+    """Return the length of that memory in all."""
+    return len(KEPT) + sum(lengths(layout).values())
+
+
+Entry = tuple[Operand, ...]
+Columns = list[list[Entry]]
+
+
+def factorise_columns(lines: Assignments, m: Columns) -> tuple[list[Operand], Operand]:
+    """Factorise a matrix as P L U in place; return the row exchanged with each, and whether the matrix is regular.
+
+    The diagonal of a complex U is left inverted.
+    """
+    n, pivots = len(m), list[Operand]()
+    sound: Operand = 1.0
+    for k in range(n):
+        pivot, size = _pivot_of_column(lines, m[k], k)
+        filled = _nonzero_prefixes(lines, m[k][::-1])[::-1]
+        sound = _is_regular(lines, sound, size)
+        pivots.append(pivot)
+        _exchange_rows(lines, m, k, pivot)
+        m[k][k] = _pivoted(lines, m[k][k], size)
+        for i in range(k + 1, n):
+            m[k][i] = _select_entry(lines, [filled[i]], _divide_by_pivot(lines, m[k][i], m[k][k]), m[k][i])
+        for j in range(k + 1, n):
+            nonzero = _nonzero_prefixes(lines, [m[j][k]])
+            for i in range(k + 1, n):
+                reduced = _less_product(lines, m[j][i], m[j][k], m[k][i])
+                m[j][i] = _select_entry(lines, [*nonzero, filled[i]], reduced, m[j][i])
+    return pivots, sound
+
+
+def substitute_columns(lines: Assignments, m: Columns, pivots: list[Operand], right: list[Entry]) -> None:
+    """Solve with the factors of `factorise_columns`; the solution replaces the right-hand side."""
+    n = len(m)
+    for k in range(n):
+        _exchange_rows(lines, [right], k, pivots[k])
+    for k in range(n):
+        filled = _nonzero_prefixes(lines, m[k][::-1])[::-1]
+        for i in range(k + 1, n):
+            right[i] = _select_entry(lines, [filled[i]], _less_product(lines, right[i], right[k], m[k][i]), right[i])
+    for k in range(n - 1, -1, -1):
+        right[k] = _divide_by_pivot(lines, right[k], m[k][k])
+        filled = _nonzero_prefixes(lines, m[k])
+        for i in range(k):
+            right[i] = _select_entry(lines, [filled[i]], _less_product(lines, right[i], right[k], m[k][i]), right[i])
+
+
+def _pivot_of_column(lines: Assignments, column: list[Entry], first: int) -> tuple[Operand, Operand]:
+    """Return the row of the largest number of a column, and its size."""
+    pivot: Operand = float(first)
+    size: Operand = -1.0
+    for i, entry in enumerate(column[first:], first):
+        magnitude = lines.compute("abs", entry[0])
+        for part in entry[1:]:
+            magnitude = lines.compute("add", magnitude, lines.compute("abs", part))
+        larger = lines.compute("more", magnitude, size)
+        pivot = lines.compute("choose", larger, float(i), pivot)
+        size = lines.compute("choose", larger, magnitude, size)
+    return pivot, size
+
+
+def _pivoted(lines: Assignments, pivot: Entry, size: Operand) -> Entry:
+    """Return what a pivot is kept as: a complex one inverted, over its size first, which neither over- nor underflows."""
+    if len(pivot) == 1:
+        return pivot
+    x, y = (lines.compute("divide", part, size) for part in pivot)
+    squares = lines.compute("add", lines.compute("multiply", x, x), lines.compute("multiply", y, y))
+    square = lines.compute("multiply", squares, size)
+    return lines.compute("divide", x, square), lines.compute("divide", lines.compute("negative", y), square)
+
+
+def _divide_by_pivot(lines: Assignments, number: Entry, pivot: Entry) -> Entry:
+    """Return a number over a pivot as it is kept."""
+    return (lines.compute("divide", *number, *pivot),) if len(pivot) == 1 else _entry_product(lines, number, pivot)
+
+
+def _entry_product(lines: Assignments, x: Entry, y: Entry) -> Entry:
+    if len(x) == 1:
+        return (lines.compute("multiply", *x, *y),)
+    (u, v), (p, q) = x, y
+    real = lines.compute("subtract", lines.compute("multiply", u, p), lines.compute("multiply", v, q))
+    return real, lines.compute("add", lines.compute("multiply", u, q), lines.compute("multiply", v, p))
+
+
+def _less_product(lines: Assignments, number: Entry, x: Entry, y: Entry) -> Entry:
+    """Return a number less a product."""
+    return tuple(
+        lines.compute("subtract", part, product_part)
+        for part, product_part in zip(number, _entry_product(lines, x, y), strict=True)
+    )
+
+
+def _is_regular(lines: Assignments, sound: Operand, size: Operand) -> Operand:
+    """Return whether the matrix was regular so far, and the pivot is positive and finite."""
+    finite = lines.compute("equal", lines.compute("subtract", size, size), 0.0)
+    regular = lines.compute("choose", lines.compute("more", size, 0.0), sound, 0.0)
+    return lines.compute("choose", finite, regular, 0.0)
+
+
+def _nonzero_prefixes(lines: Assignments, entries: Iterable[Entry]) -> list[Operand]:
+    """Return for each number whether it or one before it is not zero."""
+    filled: list[Operand] = []
+    nonzero: Operand = 0.0
+    for entry in entries:
+        for part in entry:
+            nonzero = lines.compute("choose", lines.compute("unequal", part, 0.0), 1.0, nonzero)
+        filled.append(lines.compute("more", nonzero, 0.0))
+    return filled
+
+
+def _select_entry(lines: Assignments, conditions: list[Operand], new: Entry, old: Entry) -> Entry:
+    """Return a new number where all conditions hold, else the old one."""
+    for condition in conditions[::-1]:
+        new = tuple(lines.compute("choose", condition, part, old_part) for part, old_part in zip(new, old, strict=True))
+    return new
+
+
+def _exchange_rows(lines: Assignments, columns: Columns, k: int, pivot: Operand) -> None:
+    """Exchange the k-th row with the pivot row of each lane."""
+    for i in range(k + 1, len(columns[0])):
+        row_conditions = [lines.compute("equal", pivot, float(i))]
+        for column in columns:
+            upper, lower = column[k], column[i]
+            column[k], column[i] = (
+                _select_entry(lines, row_conditions, lower, upper),
+                _select_entry(lines, row_conditions, upper, lower),
+            )
+
+
+FACTORISE = "factorise"
+_OF_FACTORS = """
+alpha_f = a/factored
+beta_f = b/factored
+square_f = alpha_f*alpha_f + beta_f*beta_f
+"""
+_FACTORISED = {
+    "factored": "where(unfactored > 0, where(sound > 0, h, 0), factored)",
+    "factorisations": "factorisations + unfactored*sound",
+    "open": "where(unfactored > 0, open*sound, open)",
+    "vain": "where(unfactored > 0, where(sound > 0, vain, 1), vain)",
+}
+
+
+def factorisation(memory: RadauMemory) -> Program:
+    """Assemble both matrices and factorise them: `transformed.factorise_both`."""
+    f, n = memory.formulas("_"), memory.n
+    h = f.load(Location("at", H))
+    f.write("gamma = g/h\nalpha = a/h\nbeta = b/h\nsquare = alpha*alpha + beta*beta", g=GAMMA, a=ALPHA, b=BETA, h=h)
+    real, both = _diagonal(memory, f.known["gamma"]), _diagonal(memory, f.known["alpha"], f.known["beta"])
+    for k, (row, column) in enumerate(memory.layout.couplings):
+        slope, j = f.load(memory.vector_location("slopes", k)), column if column < n else column - n
+        (m,), (re, im) = real[j][row], both[j][row]
+        if column < n:
+            real[j][row] = (f.formula("m - slope/gamma", m=m, slope=slope),)
+            re = f.formula("m - slope*(alpha/square)", m=re, slope=slope)
+            both[j][row] = re, f.formula("m + slope*(beta/square)", m=im, slope=slope)
+        else:
+            real[j][row] = (f.formula("m - slope", m=m, slope=slope),)
+            both[j][row] = f.formula("m - slope", m=re, slope=slope), im
+    (pivots, real_sound), (complex_pivots, complex_sound) = (
+        factorise_columns(f, real),
+        factorise_columns(f, both),
+    )
+    f.write("sound = where(one > 0, other, 0)", one=real_sound, other=complex_sound)
+    planes = [[entry[part] for column in m for entry in column] for m, part in ((real, 0), (both, 0), (both, 1))]
+    for k, value in enumerate([*planes[0], *planes[1], *planes[2], *pivots, *complex_pivots]):
+        location = memory.vector_location("matrix", k)
+        f.store(location, f.formula("where(unfactored > 0, new, old)", new=value, old=f.load(location)))
+    memory.update_numbers(f, _FACTORISED, h=h)
+    return Program(FACTORISE, "The factors of both matrices for the step.", tuple(f.lines))
+
+
+def _diagonal(memory: RadauMemory, *parts: Operand) -> Columns:
+    """Return a matrix that has a number on its diagonal."""
+    zero = (0.0,) * len(parts)
+    return [[parts if i == j else zero for i in range(memory.size)] for j in range(memory.size)]
+
+
+def solve_real_lanes(f: Formulas, memory: RadauMemory, vector: list[Operand]) -> list[Operand]:
+    """Solve (gamma/h - J) d = r: `transformed.solve_real_system`."""
+    n, gamma, (matrix, pivots) = memory.n, f.formula("g/factored", g=GAMMA), _load_factors(f, memory, 0)
+    right = vector[n:]
+    for k, (row, column) in enumerate(memory.layout.couplings):
+        if column < n:
+            slope = f.load(memory.vector_location("slopes", k))
+            right[row] = f.formula("r + slope*(v/gamma)", r=right[row], slope=slope, v=vector[column], gamma=gamma)
+    entries: list[Entry] = [(number,) for number in right]
+    substitute_columns(f, matrix, pivots, entries)
+    right = [number for number, *_ in entries]
+    return [f.formula("(v + w)/gamma", v=vector[i], w=right[i], gamma=gamma) for i in range(n)] + right
+
+
+def solve_complex_lanes(
+    f: Formulas, memory: RadauMemory, first: list[Operand], second: list[Operand]
+) -> tuple[list[Operand], list[Operand]]:
+    """Solve ((alpha + i beta)/h - J) d = r: `transformed.solve_complex_system`."""
+    n, (matrix, pivots) = memory.n, _load_factors(f, memory, 1, 2)
+    f.write(_OF_FACTORS, a=ALPHA, b=BETA)
+    x, y = f.formula("alpha_f/square_f"), f.formula("-beta_f/square_f")
+    u = [f.formula("u*x - v*y", u=first[i], v=second[i], x=x, y=y) for i in range(n)]
+    v = [f.formula("u*y + v*x", u=first[i], v=second[i], x=x, y=y) for i in range(n)]
+    right: list[Entry] = list(zip(first[n:], second[n:], strict=True))
+    for k, (row, column) in enumerate(memory.layout.couplings):
+        if column < n:
+            slope, (re, im) = f.load(memory.vector_location("slopes", k)), right[row]
+            added = (f.formula("r + slope*d", r=r, slope=slope, d=d) for r, d in ((re, u[column]), (im, v[column])))
+            right[row] = next(added), next(added)
+    substitute_columns(f, matrix, pivots, right)
+    for i in range(n):
+        re, im = right[i]
+        operands = {"u": re, "v": im, "x": x, "y": y}
+        u[i], v[i] = f.formula("d + (u*x - v*y)", d=u[i], **operands), f.formula("d + (u*y + v*x)", d=v[i], **operands)
+    return u + [re for re, _ in right], v + [im for _, im in right]
+
+
+def _load_factors(f: Formulas, memory: RadauMemory, *planes: int) -> tuple[Columns, list[Operand]]:
+    """Read the factors of a matrix, whose parts are in these planes, and its row exchanges."""
+    size, square = memory.size, memory.size * memory.size
+    parts = [[f.load(memory.vector_location("matrix", p * square + k)) for k in range(square)] for p in planes]
+    entries = list(zip(*parts, strict=True))
+    first = 3 * square + size * (len(planes) - 1)
+    pivots = [f.load(memory.vector_location("matrix", first + k)) for k in range(size)]
+    return [entries[j * size : (j + 1) * size] for j in range(size)], pivots
+
 
 LINEARISE, CORRECT, ESTIMATE = "linearise", "correct", "estimate"
 
@@ -112,12 +467,12 @@ class CollocationStep:
         stages, past = self._memory.load_vectors(f, "stages"), self._memory.load_vectors(f, "past")
         guessed: list[list[Operand]] = [[], [], []]
         for i in range(u):
-            f.write(radau_lines.RADAU_POLYNOMIAL, **{f"z{k}": stages[k][i] for k in range(3)})
+            f.write(RADAU_POLYNOMIAL, **{f"z{k}": stages[k][i] for k in range(3)})
             for k, name in enumerate(("first", "second", "third")):
                 f.write(f"{name} = where(moved > 0, {name}, before)", before=past[k][i])
                 f.store(self._memory.vector_location("past", k * u + i), f.known[name])
             for k, c in enumerate(NODES):
-                f.write(radau_lines.GUESS, c=c)
+                f.write(GUESS, c=c)
                 guessed[k].append(f.known["guess"])
         self._memory.store_vectors(f, "stages", guessed)
         self._memory.store_vectors(f, "turned", _transformed(f, guessed))
@@ -248,14 +603,14 @@ class CollocationStep:
     def _judge_iteration(self, f: Formulas) -> None:
         """Judge the iterations by their corrections: `radau.judge_iteration`."""
         f.write("turn_now = turn + 1")
-        f.write(f"{radau_lines.CONVERGENCE}lacking = eta_now*size")
-        for remaining in range(1, int(radau.MOST_TURNS) - 1):  # one for each remaining iteration
-            f.write(f"lacking = where(turn_now <= {int(radau.MOST_TURNS) - remaining}, lacking*theta_now, lacking)")
+        f.write(f"{CONVERGENCE}lacking = eta_now*size")
+        for remaining in range(1, int(implicit.MOST_TURNS) - 1):  # one for each remaining iteration
+            f.write(f"lacking = where(turn_now <= {int(implicit.MOST_TURNS) - remaining}, lacking*theta_now, lacking)")
         f.write(
             "rounding = ten*eps/rtol\ntolerance = max(share*rounding, min(most_share, sqrt(rtol)))",
             ten=10.0,
             share=0.05,
-            most_share=radau.SHARE,
+            most_share=implicit.SHARE,
         )
         f.write(_VERDICT)
         updates = {

@@ -27,7 +27,7 @@ from xdynamics.kernels.program import (
     nested_lines,
     soundness,
 )
-from xdynamics.units.rounded import exact_value
+from xdynamics.units.unit import exact_value
 
 # coefficients of a piece of a table, from the cubic one down, and of what is derived from it; see `elementary.piecewise`
 PIECES = {

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import piecewise
-from xdynamics.elementary.past_pieces import PAST, width_of
-from xdynamics.elementary.piecewise import POLYNOMIALS, Read
+from xdynamics.elementary.piecewise import PAST, POLYNOMIALS, Read, width_of
 from xdynamics.kernels.compiling import jit_inline
 
 Floats = NDArray[np.float64]

@@ -20,7 +20,7 @@ from typing import Any
 import llvmlite.binding as llvm
 from llvmlite.binding import ffi
 
-from xdynamics.kernels import cache, machine
+from xdynamics.kernels import machine
 from xdynamics.kernels.entry_points import Entry, Signature
 from xdynamics.runtime.fork_safety import waited_for
 
@@ -63,10 +63,10 @@ class EnginePart:
     def _load_entries(self) -> tuple[Entry, ...]:
         text, reason = self._wheel_text()
         name = self.name_of_code(_text_origin(text))
-        content = cache.read(name)
+        content = machine.read(name)
         if content is None:
             content = machine.emit_object(text or self._kept_text(reason))
-            cache.write(name, content)
+            machine.write(name, content)
         machine.provide_helpers()
         code = machine.Code(content, [function.__name__ for function, _ in self.functions])
         return tuple(Entry(code, function.__name__, signature) for function, signature in self.functions)
@@ -77,12 +77,14 @@ class EnginePart:
 
     def name_of_code(self, origin: str) -> str:
         """Return the name of the cache's file of machine code."""
-        return f"{self.name}-{cache.text_digest(toolchain_versions(), source_digest(), origin, *machine.processor())}.o"
+        return (
+            f"{self.name}-{machine.text_digest(toolchain_versions(), source_digest(), origin, *machine.processor())}.o"
+        )
 
     @property
     def name_of_text(self) -> str:
         """The name of the cache's file of a text that numba compiled."""
-        return f"{self.name}-{cache.text_digest(toolchain_versions(), source_digest())}.ll.xz"
+        return f"{self.name}-{machine.text_digest(toolchain_versions(), source_digest())}.ll.xz"
 
     def packed_text(self) -> bytes:
         """Return the text as a wheel carries it."""
@@ -107,20 +109,20 @@ class EnginePart:
 
     def _kept_text(self, reason: str) -> str:
         """Return the text that the cache holds, or compile it."""
-        content = cache.read(self.name_of_text)
+        content = machine.read(self.name_of_text)
         if content is not None:
             return lzma.decompress(content).decode()
-        obstacle = cache.caching_obstacle()
+        obstacle = machine.caching_obstacle()
         often = "" if obstacle else ", once per installation"
         message = "xdynamics: compiling %s%s: about %d s%s"
         logging.getLogger("xdynamics").warning(message, self._words, often, self.seconds, reason)
         if obstacle:
-            cache.advise(obstacle)
+            machine.advise(obstacle)
         from xdynamics.kernels.numba_text import text_of
 
         text = f"; {toolchain_versions()}\n; {source_digest()}\n{text_of(self.functions)}"
         if not obstacle:
-            cache.write(self.name_of_text, lzma.compress(text.encode()))
+            machine.write(self.name_of_text, lzma.compress(text.encode()))
         return text
 
 
@@ -156,8 +158,8 @@ def source_digest() -> str:
     rooms = [path for room in ("elementary", "kernels", "march") for path in (PACKAGE / room).rglob("*.py")]
     constants = [
         PACKAGE / "dynamics" / "growth.py",
-        PACKAGE / "methods" / "radau.py",
+        PACKAGE / "methods" / "implicit.py",
         *(PACKAGE / "model" / f"{name}.py" for name in ("parts", "detectors", "reactions")),
     ]
     files = sorted([*rooms, PACKAGE / "schema.py", *constants])
-    return cache.text_digest(*(path.read_text(encoding="utf-8") for path in files))
+    return machine.text_digest(*(path.read_text(encoding="utf-8") for path in files))

@@ -3,7 +3,7 @@
 A function of numbers alone has these as its arguments, so that compiled code can call it by its address. One that takes
 arrays, or named tuples of them, has one argument: the address of a table of words of eight bytes. A number is one word,
 an array is the address of its first element and then its shape. Here stands the Python that fills the table; the LLVM
-text that reads it is `kernels.entry_text`.
+text that reads it is `kernels.numba_text`.
 """
 
 from __future__ import annotations

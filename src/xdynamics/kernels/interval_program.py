@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.elementary.curve_bounds import POLYNOMIALS, on_curve
+from xdynamics.elementary.bounds import POLYNOMIALS, on_curve
 from xdynamics.kernels.assignments import Assignments
-from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.layout import Layout, curve_degree
 from xdynamics.kernels.program import INTERVAL, REGIME, Compute, Load, Location, Operand
-from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.model.delays import is_before, slope_before
 from xdynamics.model.detectors import GAP, differentiated_reactions, function_bend, function_rate, python_values
 from xdynamics.model.drive_arguments import CLOCK

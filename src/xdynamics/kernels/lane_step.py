@@ -2,23 +2,36 @@
 
 The step to the end is reported too. A step that is not ordinary (an event, a step that cannot be shortened, a number that is not finite) changes
 nothing in its lane and is reported; the single march then makes it. So each line here performs the operations of one in
-`march.loop`, `march.acceptance` or `march.control`, in the same order, and a lane has the bits of a single run.
+`march.loop`, `march.control` or `march.control`, in the same order, and a lane has the bits of a single run.
+
+The numbers of a lane: which they are, where they stand, and how many there are.
+
+Lines of text in all lanes: their names are numbers of a lane, or values of earlier lines.
 """
 
 from __future__ import annotations
 
-from xdynamics.kernels import collocation, interval_program, model_programs, step_control, step_programs
-from xdynamics.kernels.collocation import CollocationStep
-from xdynamics.kernels.lane_numbers import LANE, has_series, is_solved, of_collocation, of_smooth
-from xdynamics.kernels.lane_writing import LaneWriter
-from xdynamics.kernels.layout import Layout
+from collections import namedtuple
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from itertools import pairwise
+
+from xdynamics.kernels import collocation, formulas, interval_program, line_writing, model_programs
+from xdynamics.kernels.collocation import FACTORISE, CollocationStep, RadauMemory, memory_width
+from xdynamics.kernels.formulas import Formulas, split_assignments
+from xdynamics.kernels.layout import POLYNOMIAL, Layout, curve_size
+from xdynamics.kernels.line_writing import Steps
 from xdynamics.kernels.program import (
     AT,
     UNSOUND,
+    Instruction,
+    Load,
     Location,
+    Loop,
     Operand,
     Program,
     ProgramCall,
+    Reduction,
     StoreTo,
     When,
     While,
@@ -26,12 +39,194 @@ from xdynamics.kernels.program import (
     shift_array,
     soundness,
 )
-from xdynamics.kernels.radau_memory import RadauMemory
-from xdynamics.kernels.radau_systems import FACTORISE
-from xdynamics.kernels.step_parts import Steps
-from xdynamics.kernels.step_polynomial import POLYNOMIAL, curve_size
 from xdynamics.kernels.term_sizes import TERM_SIZES
+from xdynamics.methods.steppers import SERIES, SIMPLIFIED
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL
+
+# Numbers of a lane besides its state, in the working memory `w`, which explicit steps leave alone: `lives` is 1 where a
+# run goes on; `done` counts accepted and rejected trials, `most` is their limit; h and norm are those of the last
+# accepted step, tried is the norm of the last trial; `inner` is 1 where the next node is not the end, `landed` where
+# the last step ended at such a node; `doubtful` is 1 where a trial is weighed again by the sizes of terms, `weighed`
+# its norm then. After them: absolute tolerances, largest values, the error of that step; for each event
+# function the side of zero on which it has to stay (2: either, 0: unknown), and for a gap how large it was; what
+# `collocation` keeps; for each switch declared smooth its side, how often it was passed, and when first.
+Lane = namedtuple(
+    "Lane",
+    "t h norm tried step step_log rejected grid on_grid done accepted most lives node snap inner landed start step_size"
+    " rtol floor rest rounding weighs doubtful weighed k safety least greatest min_step max_step end first_step ordinary",
+)
+LANE, PLACES = Lane._fields, Lane(*range(len(Lane._fields)))
+
+
+def lane_width(layout: Layout, memory: int) -> int:
+    """Return how many numbers a lane has in `w`, for steps that work on so many of them."""
+    return of_smooth(layout, memory) + 3 * len(layout.smooth)
+
+
+def noted_width(layout: Layout) -> int:
+    """Return how many numbers a step in lanes records besides the state: energies, observables, smooth switches."""
+    return max(1, len(layout.derived) + 2 * len(layout.smooth))
+
+
+def of_collocation(layout: Layout) -> int:
+    """Return where in a lane's memory the numbers that a step of Radau IIA keeps begin, or those of Taylor series."""
+    return len(LANE) + 3 * layout.used.size + 2 * len(layout.watched)
+
+
+def of_smooth(layout: Layout, memory: int) -> int:
+    """Return where in a lane's memory the numbers of switches declared smooth begin."""
+    memory_length = memory_width(layout) if is_solved(layout) else memory if has_series(layout) else 0
+    return of_collocation(layout) + memory_length
+
+
+def is_solved(layout: Layout) -> bool:
+    """Whether a step solves equations in lanes, by iterations that keep what they know for the next one."""
+    return layout.scheme is not None and layout.scheme.method.solver == SIMPLIFIED
+
+
+def has_series(layout: Layout) -> bool:
+    """Whether a step sums Taylor series, which choose its size."""
+    return layout.scheme is not None and layout.scheme.method.solver == SERIES
+
+
+STRETCH = 1.01  # of a step that would end just before a node
+
+
+class LaneWriter:
+    """Writes lines of text, whose names are those of a lane or of earlier lines."""
+
+    def __init__(self, layout: Layout, adaptive_atol: tuple[bool, ...], memory: int) -> None:
+        self.body: list[Instruction] = []
+        self.known: dict[str, Operand] = {
+            "stretch": STRETCH,
+            "fits": 1.0,
+            **formulas.CONSTANTS,
+            **collocation.CONSTANTS,
+        }
+        self.layout = layout
+        self.adaptive_atol = adaptive_atol
+        self._memory = memory
+        self._curve = 0  # where in `w` the step's polynomial begins, if it leaves one
+        self.places = {name: Location("w", i) for i, name in enumerate(LANE)}
+        self._parts = 0
+
+    def lines(self, text: str, **operands: Operand) -> None:
+        """Write lines, some of whose names are given."""
+        write = self.begin_formulas()
+        write.write(text, **operands)
+        self.body += write.lines
+
+    def keep(self, text: str) -> None:
+        """Write lines whose values go to the lane; each line sees what the lane had before."""
+        write = self.begin_formulas()
+        stores = [
+            StoreTo(self.places[target], write.formula(expression)) for target, expression in split_assignments(text)
+        ]
+        self.body += [*write.lines, *stores]
+
+    def component(self, text: str, places: dict[str, Location], **operands: Operand) -> Formulas:
+        """Write lines for one component of vectors, named by where they begin."""
+        component_operands = {name: value for name, value in self.known.items() if name not in places}
+        write = Formulas(self.places | places, "_", component_operands | operands)
+        write.write(text)
+        return write
+
+    def write_components(
+        self, count: int, text: str, places: dict[str, Location], name: str, **operands: Operand
+    ) -> None:
+        """Write lines for every component of vectors; store what they compute for one of them."""
+        write = self.component(text, places, **operands)
+        write.store(places[name], write.known[name])
+        self.body.append(Loop("i", count, tuple(write.lines)))
+
+    def greatest_values(
+        self,
+        starts: Sequence[Operand],
+        count: int,
+        text: str,
+        places: dict[str, Location],
+        names: Sequence[str],
+        **operands: Operand,
+    ) -> Sequence[str]:
+        """Write lines for every component of vectors; return the greatest values of names in them, or earlier ones."""
+        write = self.component(text, places, **operands)
+        self._parts += 1
+        totals = tuple(f"greatest{self._parts}_{k}" for k in range(len(names)))
+        terms = tuple(write.known[name] for name in names)
+        self.body.append(Reduction("i", count, tuple(write.lines), terms, totals, "greatest", tuple(starts)))
+        return totals
+
+    def begin_formulas(self) -> Formulas:
+        """Begin the next lines, with names of their own."""
+        self._parts += 1
+        return Formulas(self.places, f"_{self._parts}_", self.known)
+
+    def compute(self, name: str, operation: str, argument: str) -> None:
+        """Name the result of an operation that has no word in texts."""
+        write = self.begin_formulas()
+        self.known[name] = write.compute(operation, self.known[argument])
+        self.body += write.lines
+
+    def power(self, name: str, base: str, exponent: int) -> None:
+        """Name a power."""
+        write = self.begin_formulas()
+        self.known[name] = write.power(self.known[base], Fraction(exponent))
+        self.body += write.lines
+
+    def load(self, name: str, location: Location) -> None:
+        """Read a number that was written since it was last read."""
+        # no underscore: printed Python writes names with one where they are used, after other lines
+        self.known[name] = name
+        self.body.append(Load(name, location))
+
+    def store(self, array: str, values: dict[str, str]) -> None:
+        """Write numbers to an array laid out as `at`."""
+        write = self.begin_formulas()
+        stores = [StoreTo(Location(array, AT.index(name)), write.operand_of(value)) for name, value in values.items()]
+        self.body += [*write.lines, *stores]
+
+    def slope_index(self, i: int) -> int:
+        """Return where in a state the time derivative of its i-th number is."""
+        n, used = self.layout.coordinates.size, self.layout.used.size
+        return n + i if i < n else used + i - n
+
+    def pieces(self) -> list[tuple[int, int, int, bool]]:
+        """Return neighbours of one kind: begin, end, kind, whether their tolerances follow; all as one if none do."""
+        used = self.layout.used.size
+        if not any(self.adaptive_atol):
+            return [(0, used, 0, False)]
+        traits = list(zip(self.layout.kinds.tolist(), self.adaptive_atol, strict=True))
+        cuts = [i for i in range(used) if i == 0 or traits[i] != traits[i - 1]]
+        return [(begin, end, *traits[begin]) for begin, end in pairwise([*cuts, used])]
+
+    def tops(self, vector: Location) -> dict[int, Operand]:
+        """Find the largest absolute value of each kind: `march.tolerance_sizes.tops_of`."""
+        tops: dict[int, Operand] = {}
+        for begin, end, kind, _ in self.pieces():
+            places = {"value": loop_element(vector.array, vector.offset + begin)}
+            (tops[kind],) = self.greatest_values(
+                [tops.get(kind, 0.0)], end - begin, "size = abs(value)", places, ["size"]
+            )
+        return tops
+
+    def norms(self, orders: Mapping[str, int]) -> None:
+        """Find the largest ratios of a state, its slopes and coefficients of some orders to what is allowed as errors."""
+        tops = self.tops(Location("y")) if any(self.adaptive_atol) else {}
+        first, used, n = of_collocation(self.layout), self.layout.used.size, self.layout.coordinates.size
+        names = ("size", "slope", *orders)
+        totals: Sequence[Operand] = [0.0] * len(names)
+        for start, stop, kind, follows in self.pieces():
+            for begin, end in pairwise(sorted({start, min(max(n, start), stop), stop})):  # slopes stand in two parts
+                places = {f"term_{name}": loop_element("w", first + k * used + begin) for name, k in orders.items()}
+                places |= {"value": loop_element("y", begin), "slope": loop_element("y", self.slope_index(begin))}
+                places |= {"term_size": places["value"], "term_slope": places["slope"]}
+                places["atol" if follows else "allowed"] = loop_element("w", len(LANE) + begin)
+                text = "\n".join([*([formulas.ALLOWED] if follows else []), formulas.WEIGHT])
+                text += "".join(f"\n{formulas.TERM.format(name)}" for name in names)
+                norm_names = [f"norm_{name}" for name in names]
+                totals = self.greatest_values(totals, end - begin, text, places, norm_names, top=tops.get(kind, 0.0))
+        self.known |= {f"norm_{name}": total for name, total in zip(names, totals, strict=True)}
+
 
 STRIDE, DERIVED, WEIGH = "stride", "derived", "weigh"
 
@@ -81,14 +276,14 @@ _FORESEE_WEIGHED = """
 usual = where(h > 0, where(foreseen < least*h, 0, 1), where(foreseen < tiny*rest, 0, 1))
 fits = fits*usual*where(weighs > 1, 0, 1)
 """
-_CONTROL = f"logarithm = log(norm)\n{step_control.EXPONENT}\npower = exp(exponent)\n{step_control.PROPORTIONAL}"
-_PREDICT = step_control.PREDICTIVE + step_control.PREDICTED
+_CONTROL = f"logarithm = log(norm)\n{formulas.EXPONENT}\npower = exp(exponent)\n{formulas.PROPORTIONAL}"
+_PREDICT = formulas.PREDICTIVE + formulas.PREDICTED
 _WEIGHED = """
 norm_weighed = where(doubtful_now > 0, weighed_now, unweighed)
 lowered = doubtful_now*where(norm_weighed < unweighed, 2, 0)
 """
 _DOUBTED = f"""
-weighs = where(moves + turns_back > 0, where(lowered > 0, 2, where(judged > {step_control.SMALL}, 0, where(width >= max_step, 0, weighs))), weighs)
+weighs = where(moves + turns_back > 0, where(lowered > 0, 2, where(judged > {formulas.SMALL}, 0, where(width >= max_step, 0, weighs))), weighs)
 """
 _MOVE = """
 t = where(moves > 0, reach, t)
@@ -162,7 +357,7 @@ def stride_programs(
     write.watch()
     if adaptive and not foresees:
         control = _PREDICT if solves else _CONTROL
-        write.lines(control + step_control.NEXT, norm=write.known["judged"], cut=write.known["lands"])
+        write.lines(control + formulas.NEXT, norm=write.known["judged"], cut=write.known["lands"])
     write.lines(_JUDGE_FORESEEN if adaptive and foresees else _JUDGE if adaptive else _JUDGE_AT_GRID)
     write.smooth()
     write.move(adaptive=adaptive)
@@ -192,19 +387,19 @@ class _StepWriter(LaneWriter):
         if not adaptive:
             return
         self.norms({"before": order - 1, "last": order})
-        self.lines(f"remaining = end - t\n{step_control.TIME_OF}")
+        self.lines(f"remaining = end - t\n{formulas.TIME_OF}")
         self.power("rest_before", "time", (order - 1) // 2)
         self.lines("rest_last = rest_before*time")
         self.known["half"] = self.known["rest_before" if order % 2 == 1 else "rest_last"]
-        self.lines(step_control.WITHOUT_UNIT)
+        self.lines(formulas.WITHOUT_UNIT)
         for name in ("top", "before", "last"):
             self.compute("part", "significand", name)
             self.compute("whole", "exponent", name)
-            self.lines(step_control.LOG2)
+            self.lines(formulas.LOG2)
             self.known[f"log2_{name}"] = self.known["log2"]
-        self.lines(step_control.FORESEEN, per_before=1.0 / (order - 1), per_last=1.0 / order)
+        self.lines(formulas.FORESEEN, per_before=1.0 / (order - 1), per_last=1.0 / order)
         self.compute("doubling", "binary_power", "whole")
-        self.lines(_FORESEE + (_FORESEE_WEIGHED if self.weighs else ""), tiny=step_control.TINY)
+        self.lines(_FORESEE + (_FORESEE_WEIGHED if self.weighs else ""), tiny=formulas.TINY)
         self.known["step"] = self.known["foreseen"]
 
     def propose(self, programs: tuple[Program, ...]) -> tuple[Program, ...]:
@@ -217,7 +412,7 @@ class _StepWriter(LaneWriter):
         if curve:
             self._curve = first + self._memory - curve
             self.body.append(ProgramCall(POLYNOMIAL, "at", "y", "z"))
-            programs = (*programs, step_programs.polynomial_program(layout, self._memory - curve))
+            programs = (*programs, line_writing.polynomial_program(layout, self._memory - curve))
         return tuple(shift_array(program, "w", first) for program in programs)
 
     def solve(self) -> tuple[Program, ...]:
@@ -279,11 +474,11 @@ class _StepWriter(LaneWriter):
             }
             places["atol" if follows else "allowed"] = loop_element("w", len(LANE) + begin)
             places["slope"] = loop_element("z", self.slope_index(begin))
-            text = [step_control.ALLOWED] * follows
+            text = [formulas.ALLOWED] * follows
             if follows and floored:
-                text.append(step_control.LEAST_OF_COORDINATE if begin < n else step_control.LEAST_OF_RATE)
+                text.append(formulas.LEAST_OF_COORDINATE if begin < n else formulas.LEAST_OF_RATE)
                 places["terms"] = loop_element("terms", self.slope_index(begin + n if begin < n else begin))
-            text.append(step_control.FLOORED_RATIO if follows and floored else step_control.RATIO)
+            text.append(formulas.FLOORED_RATIO if follows and floored else formulas.RATIO)
             top = tops.get(kind, 0.0)
             norm = self.greatest_values([norm], end - begin, "\n".join(text), places, ["ratio"], top=top)[0]
         return norm
@@ -295,7 +490,7 @@ class _StepWriter(LaneWriter):
         for begin, end, kind, follows in self.pieces():
             if follows:
                 places = {"size": loop_element("w", first + used + begin), "atol": loop_element("w", first + begin)}
-                self.write_components(end - begin, step_control.TOLERANCE, places, "atol", top=tops[kind])
+                self.write_components(end - begin, formulas.TOLERANCE, places, "atol", top=tops[kind])
 
     def watch(self) -> None:
         """Find out whether every event function certainly keeps its side: `march.events.isolation.is_event_free`."""

@@ -1,12 +1,19 @@
-"""The law of a march: what one model and one method compute, as text and as machine code."""
+"""The law of a march: what one model and one method compute, as text and as machine code.
+
+Printed laws, kept with their machine code under what they are printed from: a later process prints nothing again.
+
+What a program replaces at run time in the modules that print is not part of the key; such a program must keep nothing.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,29 +21,115 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary import SETS
 from xdynamics.elementary.text import declarations, definitions
-from xdynamics.kernels import cache, law_cache, law_names, machine, model_programs, step_programs
-from xdynamics.kernels.coalescing import coalesce_copies
+from xdynamics.kernels import line_writing, machine, model_programs
 from xdynamics.kernels.compiling import PLAINLY, UNCOMPILED, keys_of
 from xdynamics.kernels.constraint_programs import constraint_projection
 from xdynamics.kernels.double_double import double_double_program
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
-from xdynamics.kernels.heap_arrays import MOST_ON_STACK
 from xdynamics.kernels.lane_step import STRIDE, stride_programs
-from xdynamics.kernels.law_cache import Printed
-from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.llvm_text import llvm_of
+from xdynamics.kernels.layout import Layout, curve_size
+from xdynamics.kernels.line_writing import Steps
+from xdynamics.kernels.llvm_program import llvm_of
 from xdynamics.kernels.newton_matrix import NewtonSystem
-from xdynamics.kernels.operations import python_of_set
 from xdynamics.kernels.program import AT, Program, ProgramCall
-from xdynamics.kernels.python_text import python_of
-from xdynamics.kernels.shared_storage import with_shared_storage
-from xdynamics.kernels.step_parts import Steps
-from xdynamics.kernels.step_polynomial import curve_size
+from xdynamics.kernels.python_text import python_of, python_of_set
+from xdynamics.kernels.shared_storage import MOST_ON_STACK, coalesce_copies, with_shared_storage
 from xdynamics.kernels.term_sizes import TERM_SIZES, term_sizes_program
 from xdynamics.methods.scheme import Scheme
 from xdynamics.model.motion import constant_names
-from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.fork_safety import waited_for
+from xdynamics.runtime.lazy_imports import cached_property
+
+_ROOMS = (
+    "kernels",
+    "methods",
+    "expressions",
+    "elementary",
+    "model",
+    "units",
+)  # where laws are printed, and what they are read from
+_MODULES = ("schema.py",)
+
+
+@dataclass(frozen=True)
+class Printed:
+    """What a march needs of a law besides its machine code.
+
+    Attributes
+    ----------
+    source : str
+        The law as Python.
+    names : tuple of str
+        Names of the programs that are called from outside, in the order of their addresses.
+    memory : int
+        Numbers of the working memory of a step.
+    equations : tuple of Equations
+        What the step solves by Newton's method.
+    storage : int
+        Numbers of the most that a program has in arrays of its own, with one that it calls.
+    """
+
+    source: str
+    names: tuple[str, ...]
+    memory: int
+    equations: tuple[NewtonSystem, ...]
+    storage: int
+
+
+def key_of(layout: Layout, *choices: str) -> str:
+    """Return a digest of what a law and its machine code follow from: form, method, choices, printers and processor."""
+    origin = (layout.model.form, repr(layout.scheme), *choices)
+    return machine.text_digest("printed", *origin, _printers(), *machine.processor())
+
+
+def read(key: str) -> tuple[Printed, bytes] | None:
+    """Return a printed law and its machine code; None if they are not kept."""
+    content = machine.read(_file_name(key))
+    if content is None:
+        return None
+    head, _, code = content.partition(b"\n")
+    fields: dict[str, Any] = json.loads(head)
+    return (
+        Printed(
+            fields["source"],
+            tuple(fields["names"]),
+            fields["memory"],
+            tuple(map(_newton_system, fields["equations"])),
+            fields["storage"],
+        ),
+        code,
+    )
+
+
+def write(key: str, printed: Printed, code: bytes) -> None:
+    """Keep a printed law and its machine code."""
+    machine.write(
+        _file_name(key), json.dumps(dict(zip(_FIELDS, astuple(printed), strict=True))).encode() + b"\n" + code
+    )
+
+
+_FIELDS = tuple(Printed.__dataclass_fields__)
+
+
+def _file_name(key: str) -> str:
+    return f"form-{key}.o"
+
+
+def _newton_system(fields: list[Any]) -> NewtonSystem:
+    evaluations, residuals, unknowns, entries, *places = fields
+    return NewtonSystem(evaluations, residuals, tuple(map(tuple, unknowns)), tuple(map(tuple, entries)), *places)
+
+
+@lru_cache(maxsize=1)
+def _printers() -> str:
+    """Return a digest of the modules that print laws."""
+    package = Path(__file__).parents[1]
+    files = [
+        *(path for room in _ROOMS for path in (package / room).rglob("*.py")),
+        *(package / module for module in _MODULES),
+    ]
+    return machine.text_digest(*(path.read_text(encoding="utf-8") for path in sorted(files)))
+
 
 MOST_SIZED = 200_000  # characters of a law, some three thousand operations of its forces
 
@@ -82,7 +175,7 @@ class Law:
     @cached_property
     def steps(self) -> Steps:
         """The programs of one step."""
-        return step_programs.step_program_set(self.layout, self.scheme, sampled=self.sampled)
+        return line_writing.step_program_set(self.layout, self.scheme, sampled=self.sampled)
 
     @cached_property
     def entries(self) -> tuple[Program, ...]:
@@ -99,11 +192,11 @@ class Law:
         curves = (
             ()
             if not curve_size(layout)
-            else (step_programs.polynomial_program(layout, self.steps.memory - curve_size(layout)),)
+            else (line_writing.polynomial_program(layout, self.steps.memory - curve_size(layout)),)
         )
         programs = (
             *model_entries,
-            step_programs.interpolation_program(layout, self.scheme),
+            line_writing.interpolation_program(layout, self.scheme),
             *self.steps.programs,
             *self.constraining[-1:],
         )
@@ -183,11 +276,11 @@ class Law:
     @cached_property
     def _cached_law(self) -> tuple[Printed, bytes] | None:
         """What an earlier process printed and compiled for the same form; None for models with Python functions."""
-        return law_cache.read(self._cache_key) if self._can_be_kept else None
+        return read(self._cache_key) if self._can_be_kept else None
 
     @cached_property
     def _cache_key(self) -> str:
-        return law_cache.key_of(self.layout, str(self.sampled), *sorted(self.unread))
+        return key_of(self.layout, str(self.sampled), *sorted(self.unread))
 
     @property
     def _can_be_kept(self) -> bool:
@@ -246,13 +339,13 @@ class Law:
         """Code of that program, kept as the others are."""
         if not self._can_be_kept:
             return machine.compiled(self._llvm_text([self.term_sizes]), [TERM_SIZES], self._python_functions)
-        name = f"sizes-{cache.text_digest(self._cache_key, TERM_SIZES)}.o"
-        code = cache.read(name)
+        name = f"sizes-{machine.text_digest(self._cache_key, TERM_SIZES)}.o"
+        code = machine.read(name)
         if code is None:
             code = machine.emit_object(
                 self._llvm_text([self.term_sizes])
             )  # it runs seldom: passes would cost more than they save
-            cache.write(name, code)
+            machine.write(name, code)
         return machine.Code(code, [TERM_SIZES])
 
     @cached_property
@@ -304,7 +397,7 @@ class Law:
     @property
     def _python_functions(self) -> dict[str, Any]:
         """The model's functions in Python, by the names that programs call them by."""
-        return {f"_{law_names.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
+        return {f"_{model_programs.PYTHON}{name}": entry for name, entry in self.layout.model.functions.items()}
 
     def text(self, lanes: int = 1, excluded: Sequence[Program] = ()) -> str:
         """Return the law as LLVM text, without some of the programs."""
@@ -388,7 +481,7 @@ class Law:
         if self._cached_law is not None:
             return machine.Code(self._cached_law[1], names)
         code = machine.build_object(self.text(excluded=[self.entries[INSIDE - FORCES]]))
-        law_cache.write(self._cache_key, self.printed, code)
+        write(self._cache_key, self.printed, code)
         return machine.Code(code, names)
 
     @cached_property

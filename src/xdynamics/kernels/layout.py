@@ -1,4 +1,7 @@
-"""The place of each number of a march: in the state, in a force evaluation, in a row of the log."""
+"""The place of each number of a march: in the state, in a force evaluation, in a row of the log.
+
+The polynomial that a step leaves, for the search for events or for delayed values: its degree, and room for it.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,14 @@ from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.methods.steppers import DIFFERENCES
-from xdynamics.model import Function, Model, derivatives
-from xdynamics.model.bodies import unit_quaternions
+from xdynamics.model import Function, Model, linearisation
+from xdynamics.model.body_sections import unit_quaternions
 from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import TickChange, tick_changes
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
-from xdynamics.model.energies import energy_trees
+from xdynamics.model.elementwise import Lazy, own_mass
 from xdynamics.model.joints import joint_reactions
-from xdynamics.model.lazy_trees import Lazy, own_mass
+from xdynamics.model.motion import energy_trees
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.statement import Statement
 from xdynamics.model.switches import Switch, smooth_switches
@@ -34,7 +37,7 @@ from xdynamics.model.whole import (
     prints_quantities,
 )
 from xdynamics.reaction_names import PROJECTION, RANK
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes import Shapes, at_element
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import Dimension, Scales
@@ -345,7 +348,7 @@ class Layout:
     @cached_property
     def jacobian(self) -> tuple[tuple[str, str], ...]:
         """Dependencies: pairs of a coordinate (for its acceleration) or a rate, and a name that it depends on."""
-        return tuple(derivatives.jacobian_names(self.model))
+        return tuple(linearisation.jacobian_names(self.model))
 
     @cached_property
     def couplings(self) -> tuple[tuple[int, int], ...]:
@@ -401,3 +404,28 @@ class Layout:
             wholes = energies_of_quantities(self.model)
             return {name: partial(at_element, tree, {}, self.model.shapes) for name, tree in wholes.items()}
         return energy_trees(self.model)
+
+
+POLYNOMIAL = "polynomial"  # name of the program that writes it
+
+
+def curve_degree(layout: Layout) -> int:
+    """Return the degree of the polynomial that a step leaves for the search for events; 0 if it leaves none.
+
+    Contacts of many links are searched for by the states alone.
+    """
+    scheme = layout.scheme
+    if scheme is None or not scheme.leaves_polynomial or not layout.watched or layout.model.assemblies:
+        return 0
+    return scheme.interpolant.degree
+
+
+def past_degree(layout: Layout) -> int:
+    """Return the degree of the polynomial that is kept of every accepted step for delayed values; 0 without any."""
+    return layout.scheme.interpolant.degree if layout.scheme is not None and layout.model.delays else 0
+
+
+def curve_size(layout: Layout) -> int:
+    """Return how many coefficients the polynomial of a step has, of all components."""
+    degree = max(curve_degree(layout), past_degree(layout))
+    return (degree + 1) * layout.used.size if degree else 0

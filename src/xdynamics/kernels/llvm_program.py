@@ -2,26 +2,47 @@
 
 In lanes every number is a vector with one element for each run or for each neighbour, and an operation acts on each
 element by itself. Nothing is summed across lanes, contracted or reordered, so a lane holds the bits of a single run.
+
+Rows of links to all elements before one, as LLVM text: the rows of neighbouring elements side by side.
+
+Every two elements meet once. What a link gives to the row's own element is added in its lane; what it gives to the other
+is added for one row after the other, so that each sum is ascending, as in plain loops.
+
+Programs as LLVM text, with any number of lanes: one lane is what a single run calls.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Container, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
+from re import findall
 
-from xdynamics.elementary import FUNCTIONS, PAIRS
-from xdynamics.elementary.llvm_numbers import LaneValue
-from xdynamics.elementary.past_pieces import PAST, width_of
-from xdynamics.elementary.piecewise import POLYNOMIALS, find_piece
-from xdynamics.elementary.text import struct_of
-from xdynamics.kernels.heap_arrays import MOST_ON_STACK, refusal_lines
-from xdynamics.kernels.llvm_loops import Value
-from xdynamics.kernels.llvm_rows import RowText
-from xdynamics.kernels.operations import RULES
+from xdynamics.elementary import FUNCTIONS, NAME, PAIRS
+from xdynamics.elementary.fma import FMA, fma_definition
+from xdynamics.elementary.numbers import LaneValue, choose
+from xdynamics.elementary.piecewise import PAST, POLYNOMIALS, find_piece, width_of
+from xdynamics.elementary.text import (
+    INTERVALS,
+    count_calls,
+    declarations,
+    definition,
+    definitions,
+    interval_definitions,
+    struct_of,
+)
+from xdynamics.kernels import machine
+from xdynamics.kernels.jets.recurrences import ORDER
+from xdynamics.kernels.link_rows import LinkRows, link_rows
+from xdynamics.kernels.llvm_loops import Index, LoopText, Value, rebuild_value, value_parts
+from xdynamics.kernels.machine import AS_WRITTEN
 from xdynamics.kernels.program import (
     ARRAYS,
     AT,
     FLOAT,
+    TABLE,
+    WORDS,
     Compute,
     EngineCall,
     Gather,
@@ -31,13 +52,147 @@ from xdynamics.kernels.program import (
     Loop,
     Operand,
     Ordinal,
+    Program,
     ProgramCall,
     Reduction,
     StoreTo,
     When,
     While,
+    line_count,
     soundness,
 )
+from xdynamics.kernels.python_text import RULES
+from xdynamics.kernels.shared_storage import DECLARED, MOST_ON_STACK, refusal_lines
+
+FEWEST = 4  # rows side by side: exchanging rows and lanes costs what fewer gain
+
+
+class RowText(LoopText):
+    """Prints loops, and those over every two elements by several rows at once."""
+
+    def _print_loop(self, line: Loop) -> None:
+        rows, lanes = link_rows(line) if self._may_go_abreast() else None, self._abreast
+        while line.count < 2 * lanes:
+            lanes //= 2
+        if rows is None or lanes < FEWEST or self._into_row(line):
+            super()._print_loop(line)
+        else:
+            self._abreast, lanes = lanes, self._abreast
+            self._print_rows(line, rows)
+            self._abreast = lanes
+
+    def _print_rows(self, line: Loop, rows: LinkRows) -> None:
+        """Print as many rows at once as there are lanes: blocks that end at the last row, of which the first may be short."""
+        wide, first = self._abreast, line.count % self._abreast
+        self._kept = f"{self._lines.label()}kept"
+        self._stack.append(f"%{self._kept} = alloca double, i64 {len(rows.added) * wide * wide}, align 64")
+        self._dynamic_passes(partial(self._print_block, line, rows), str(first or wide), str(line.count + 1), [], wide)
+
+    def _print_block(self, line: Loop, rows: LinkRows, end: Index, _: list[Value]) -> list[Value]:
+        """Print the links of the rows before an end to the elements up to their own, as many at once as there are rows.
+
+        A short block has lanes for rows that are not its own: those have no links yet, and are set again by their block.
+        """
+        wide, first, lines = self._abreast, line.count % self._abreast, self._lines
+        begin = self._block_begin(end, first)
+        with self._side_by_side(wide), self._pass_scope(replace(line, body=rows.lines_before), Index(begin, 1), []):
+            row_numbers, beyond = (lines.broadcast("w", text) for text in (begin, f"{end.value}"))
+            row_numbers = row_numbers + self._lanes()
+            row_numbers = choose(row_numbers < beyond, row_numbers, 0)
+            last = lines.line("p", f"add i64 {end.value}, 1").text
+            starts = [self._operand_value(start) for start in rows.links.starts]
+            self._dynamic_passes(partial(self._tile, rows, row_numbers, first), str(first or wide), last, starts, wide)
+        return []
+
+    def _block_begin(self, end: Index, first: int) -> str:
+        """Return where the elements before an end begin, as many as there are lanes; the first are fewer, and begin at 0."""
+        begin = self._lines.line("p", f"sub i64 {end.value}, {self._abreast}").text
+        if not first:
+            return begin
+        short = self._lines.line("t", f"icmp ult i64 {end.value}, {self._abreast}").text
+        return self._lines.line("p", f"select i1 {short}, i64 0, i64 {begin}").text
+
+    def _tile(self, rows: LinkRows, row_numbers: LaneValue, first: int, end: Index, totals: list[Value]) -> list[Value]:
+        """Print links of a block to the elements before an end; return the sums of its rows.
+
+        What they find for elements beyond the end, or not before the row's own, is not added.
+        """
+        lines, wide, begin = self._lines, self._abreast, self._block_begin(end, first)
+        beyond = lines.broadcast("w", f"{end.value}")
+        bound = choose(row_numbers < beyond, row_numbers, beyond) - lines.broadcast("w", begin)
+
+        def print_element(element: Index, totals: list[Value]) -> list[Value]:
+            lane = lines.line("p", f"sub i64 {element.value}, {begin}").text
+            with self._pass_scope(rows.links, element, totals):
+                for k, (_, term, _) in enumerate(rows.added):
+                    where = self._kept_at(str(k * wide), lane)
+                    self._append_text(f"store {lines.kind('n')} {self._lane_number(term).text}, ptr {where}, align 64")
+                new_totals = self._join_terms(rows.links, totals)
+                return self._select_totals(bound > lines.broadcast("w", lane), new_totals, totals)
+
+        last = lines.line("p", f"add i64 {begin}, {wide}").text
+        totals = self._dynamic_passes(print_element, begin, last, totals)
+        with self._pass_scope(replace(rows.links, body=rows.lines_after), Index(begin, 1), totals):
+            self._add(rows, bound)
+        return totals
+
+    def _kept_at(self, first: str, lane: str) -> str:
+        """Return where the numbers of a row of lanes wait."""
+        number = self._lines.line("p", f"add i64 {first}, {lane}").text
+        far = self._lines.line("p", f"mul i64 {number}, {self._abreast}").text
+        return self._lines.line("p", f"getelementptr double, ptr %{self._kept}, i64 {far}").text
+
+    def _kept_row(self, number: int) -> LaneValue:
+        """Return the numbers that wait in a row of lanes."""
+        where = self._lines.line("p", f"getelementptr double, ptr %{self._kept}, i64 {number * self._abreast}").text
+        return self._lines.line("n", f"load {self._lines.kind('n')}, ptr {where}, align 64")
+
+    def _add(self, rows: LinkRows, bound: LaneValue) -> None:
+        """Add what the elements of a tile get to their numbers: of one row after the other, up to its bound."""
+        wide, lines = self._abreast, self._lines
+        for k, (location, _, operation) in enumerate(rows.added):
+            total = self._places.load(location)
+            for lane, row in enumerate(self._transposed([self._kept_row(k * wide + lane) for lane in range(wide)])):
+                of_row = lines.line("p", f"extractelement {lines.kind('w')} {bound.text}, i64 {lane}").text
+                more = RULES[operation](total, row)
+                total = choose(self._lanes() < lines.broadcast("w", of_row), more, total)
+            self._places.store(location, total)
+
+    def _lanes(self) -> LaneValue:
+        """Return the number of each lane."""
+        return LaneValue(self._lines, "w", f"<{', '.join(f'i64 {lane}' for lane in range(self._abreast))}>")
+
+    def _select_totals(self, truth: LaneValue, new: list[Value], old: list[Value]) -> list[Value]:
+        """Return new sums, or in lanes where a truth does not hold old ones."""
+        return [
+            rebuild_value(
+                old_total,
+                [choose(truth, *pair) for pair in zip(value_parts(new_total), value_parts(old_total), strict=True)],
+            )
+            for old_total, new_total in zip(old, new, strict=True)
+        ]
+
+    def _transposed(self, rows: Sequence[LaneValue]) -> list[LaneValue]:
+        """Exchange rows and lanes of a square of numbers."""
+        square, far, kind = list(rows), 1, self._lines.kind("n")
+        while far < len(square):
+            masks = [
+                [lane - far + len(square) if lane & far else lane for lane in range(len(square))],
+                [lane + len(square) if lane & far else lane + far for lane in range(len(square))],
+            ]
+            for k in (k for k in range(len(square)) if not k & far):
+                first, second = square[k], square[k + far]
+                square[k], square[k + far] = (
+                    self._lines.line("n", f"shufflevector {kind} {first.text}, {kind} {second.text}, {_mask(mask)}")
+                    for mask in masks
+                )
+            far *= 2
+        return square
+
+
+def _mask(lanes: Sequence[int]) -> str:
+    return f"<{len(lanes)} x i32> <{', '.join(f'i32 {lane}' for lane in lanes)}>"
+
 
 UNSOUND = "unsound"
 LOOKED_UP = ("piece_of", "find_piece", *POLYNOMIALS)  # in tables: the piece of a drive of time, of an argument, …
@@ -196,3 +351,105 @@ class ProgramText(RowText):
     def _width_suffix(self) -> str:
         """Return the suffix of functions of as many numbers as there are lanes now."""
         return "" if self._lines.lanes == self._runs else f".{self._lines.lanes}"
+
+
+INLINED = 1500  # instructions up to which a program is inlined
+_SIGNATURE = ", ".join(f"ptr noalias %_{name}" for name in ARRAYS) + ", i64 %_apart"
+_GIVEN = ("y", "z", "samples")  # by callers from outside, besides the table
+
+
+def llvm_of(
+    programs: Iterable[Program],
+    lanes: int = 1,
+    functions: Iterable[tuple[str, int]] = (),
+    entered: Container[str] | None = None,
+    math_functions: str = NAME,
+    abreast: int = 1,
+) -> str:
+    """Print programs as one LLVM module.
+
+    Parameters
+    ----------
+    programs : iterable of Program
+        Each after those that it calls.
+    lanes : int
+        Runs side by side; each number of a run is an element of a vector.
+    functions : iterable of (str, int)
+        Python functions that are called, with how many arguments each takes.
+    entered : container of str, optional
+        Programs that are called from outside; all by default.
+    math_functions : str
+        The set of elementary functions.
+    abreast : int
+        Of a single run, how many neighbouring elements of independent loops are computed side by side.
+    """
+    parts = {part.name: part for part in programs}
+    wide = abreast if lanes == 1 else lanes
+    # loops over elements are not unrolled: no step is faster, and how long compiling takes depends on their number
+    text = [AS_WRITTEN] if abreast > 1 or any(map(_has_orders, parts.values())) else []
+    text.append(declarations(*{lanes, wide}))
+    text += [f"declare double @_python_{name}({', '.join(['double'] * count)})" for name, count in functions]
+    bodies = {name: ProgramText(part, lanes, wide).body() for name, part in parts.items()}
+    if any("@malloc(" in body for body in bodies.values()):
+        text.append(DECLARED)
+    widths = {int(lanes) for body in bodies.values() for lanes in findall(rf"@{FMA}\.(\d+)\(", body)}
+    text += [fma_definition(width, native=machine.fuses()) for width in sorted({1, *widths} if widths else widths)]
+    intervals = interval_definitions(bodies.values())
+    used = {name: count_calls(body) for name, body in (bodies | {INTERVALS: intervals}).items()}
+    sizes = {name: _size_of(name, lanes, math_functions) for counts in used.values() for name in counts}
+    inner = {name: sizes[name] * n <= INLINED // 2 for name, n in sum(used.values(), Counter[str]()).items()}
+    text += [definitions(inner, lanes, math_functions), intervals]
+    for name, part in parts.items():
+        calls = sum(_call_count(caller, name) for caller in parts.values())
+        weight = line_count(part.body) + sum(sizes[function] * count for function, count in used[name].items())
+        attributes = "#2" if weight * calls <= INLINED else "#0"
+        text += [_table_constant(name, *table) for table in part.tables.items()]
+        text.append(f"define internal void @{name}.inner({_SIGNATURE}) {attributes} {{\nentry:\n{bodies[name]}\n}}")
+        if entered is None or name in entered:
+            text.append(_entry_function(name))
+    # "prefer-vector-width": without it 16 lanes are split into vectors of 256 bits where 512 are available
+    # "stackrealign": what registers do not hold is kept on the stack, and a vector of 64 bytes there would cross two lines
+    # of the cache each time that it is written or read
+    kinds = 'nounwind "prefer-vector-width"="512"' + (' alignstack=64 "stackrealign"' if lanes > 1 else "")
+    text.append(f"attributes #0 = {{ {kinds} }}")
+    text.append(f"attributes #2 = {{ alwaysinline {kinds} }}")
+    return "\n".join(part for part in text if part) + "\n"
+
+
+def _has_orders(program: Program) -> bool:
+    """Whether a program has a loop over the orders of series: unrolled by LLVM, its many short ones take six times as long."""
+    return any(isinstance(line, Loop) and line.index == ORDER for line in program.body)
+
+
+def _size_of(name: str, lanes: int, math_functions: str) -> int:
+    return definition(name, lanes, math_functions)[0].count("\n")
+
+
+def _call_count(program: Program, name: str) -> int:
+    lines = (line.call if isinstance(line, When | While) else line for line in program.body)
+    return sum(isinstance(line, ProgramCall) and line.program == name for line in lines)
+
+
+def _table_constant(program: str, name: str, numbers: tuple[int, ...]) -> str:
+    entries = ", ".join(f"i64 {number}" for number in numbers)
+    return f"@{program}.{name} = internal constant [{len(numbers)} x i64] [{entries}]"
+
+
+def _entry_function(name: str) -> str:
+    """Print the entry point from outside, which reads from the table what its caller does not pass."""
+    lines = []
+    for array in (*ARRAYS, "apart"):
+        if array in _GIVEN:
+            continue
+        # for rows of the log, the length of the last dimension: the distance between their elements
+        word_index = WORDS * TABLE.index(array) if array in ARRAYS else WORDS * TABLE.index("rows") + 2
+        kind = "ptr" if array in ARRAYS else "i64"
+        lines.append(f"%{array}_at = getelementptr i64, ptr %table, i64 {word_index}")
+        lines.append(f"%_{array} = load {kind}, ptr %{array}_at, align 8, !invariant.load !0")
+    parameters = ", ".join(f"ptr noalias %_{array}" for array in _GIVEN)
+    body = "\n  ".join(lines)
+    arrays = ", ".join(f"ptr %_{array}" for array in ARRAYS)
+    return (
+        f"define void @{name}(ptr %table, {parameters}) #0 {{\n  {body}\n"
+        f"  call void @{name}.inner({arrays}, i64 %_apart)\n  ret void\n}}"
+    )

@@ -1,14 +1,34 @@
-"""What Newton's method needs of the equations of a step, and the entries of its matrix."""
+"""What Newton's method needs of the equations of a step, and the entries of its matrix.
+
+Where a Jacobian has entries, which of its columns are found at once, and in which order it is a narrow band.
+
+Columns that share no row are one group: the derivative along their sum has the entries of all of them (Curtis, Powell,
+Reid 1974, J. Inst. Maths Applics 13, 117, doi:10.1093/imamat/13.1.117).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate
+from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics import schema
 from xdynamics.expressions import Name, Node, Number, derivative, expand
 from xdynamics.kernels.layout import Layout
+from xdynamics.kernels.model_programs import has_loops
 from xdynamics.methods.lines import Solve
+from xdynamics.model import Model
+from xdynamics.model.drive_arguments import CLOCK
+from xdynamics.model.whole import motion_of_quantities, motion_shapes, state_quantities
 from xdynamics.schema import rate
+from xdynamics.shapes import Shapes
+from xdynamics.shapes.dependence import Dependence
 
 DIRECT = -1  # in place of a derivative: a coefficient that is multiplied by none
 
@@ -29,7 +49,7 @@ class NewtonSystem:
     entries : tuple of (int, int, int, int)
         What is subtracted from the unit matrix: row, column, place of a coefficient, place of a derivative or `DIRECT`.
     state : int
-        Place of the state at which derivatives are found group by group (`kernels.jacobian_pattern`), -1 if they are not.
+        Place of the state at which derivatives are found group by group (`kernels.newton_matrix`), -1 if they are not.
     weights : int
         Place of the coefficients of all entries then: see `Coupling.weights`.
     derivatives : int
@@ -129,3 +149,223 @@ class Coupling:
             zero = weight == Number(0.0)
             self._places[key] = None if zero else self._coefficient(weight, inner_derivative)
         return self._places[key]
+
+
+WRITTEN_OUT = 5  # velocities and states up to which derivatives are those of elements: the most that lanes factorise
+WIDE = 64  # numbers in a row of a band from which on another order is looked for
+LEAST_BANDED = 64  # single numbers from which on their band is looked for
+TRIED = 32  # numbers of groups that are tried with columns dealt out in turn
+
+IntArray = NDArray[Any]  # of numbers, most of 32 bits: large models have millions of entries
+SHORT = np.int32
+
+
+class Band(NamedTuple):
+    """An order of unknowns in which a matrix has entries near its diagonal alone.
+
+    Attributes
+    ----------
+    order : ndarray of int32, shape (unknowns,)
+        The place of each unknown.
+    lower, upper : int
+        Entries below and above the diagonal in a column and a row.
+    """
+
+    order: IntArray
+    lower: int
+    upper: int
+
+    @property
+    def height(self) -> int:
+        """Numbers of a column while it is factorised: row exchanges move entries up by `lower`."""
+        return 2 * self.lower + self.upper + 1
+
+
+class Pattern(NamedTuple):
+    """The entries of a Jacobian: derivatives of accelerations and rates by all that a force evaluation uses.
+
+    Attributes
+    ----------
+    entries : ndarray of int32, shape (entries, 2)
+        The row among accelerations and rates, the column among coordinates, velocities and states; group by group.
+    groups : ndarray of int64, shape (groups + 1,)
+        Where the entries of each group begin, and where the last one's end.
+    band : Band, optional
+        Of a matrix of accelerations and rates, with the coordinates eliminated; None where it is as well kept whole.
+    """
+
+    entries: IntArray
+    groups: IntArray
+    band: Band | None
+
+
+def is_compressed(layout: Layout) -> bool:
+    """Whether derivatives of the forces are found group by group; else each is an expression of elements."""
+    by_motion = any(argument != CLOCK for argument in layout.model.looked_up_at.values())
+    return has_loops(layout.model) and not by_motion and layout.used.size - layout.coordinates.size > WRITTEN_OUT
+
+
+@lru_cache(maxsize=16)
+def pattern_of(layout: Layout) -> Pattern:
+    """Return the pattern of a model with dimensions, from its expressions."""
+    shapes, used = motion_shapes(layout.model), layout.used
+    first = {name: used.offset_of(shapes.first(name)) for name in state_quantities(layout.model)}
+    dependence, entry_parts = Dependence(shapes, first, used.size), []
+    begin, rows = 0, {*moving_quantities(layout.model)}
+    for name, dims, tree in motion_of_quantities(layout.model):
+        elements, numbers = dependence.pairs(tree, dims, name)
+        if name in rows:
+            entry_parts.append((begin + elements, numbers))
+            begin += math.prod(shapes.shape(dims))
+    every_row, every_column = (np.concatenate(parts) for parts in zip(*entry_parts, strict=True))
+    del dependence, entry_parts
+    band, group = _group_columns(layout, every_row, every_column)
+    keys = group.astype(np.int64)
+    for part, count in ((every_column, used.size), (every_row, band.order.size)):
+        keys *= count
+        keys += part
+    groups = np.concatenate([[0], np.cumsum(np.bincount(group))])
+    del group
+    keys.sort()
+    np.remainder(keys, band.order.size, out=every_row, casting="unsafe")
+    keys //= band.order.size
+    np.remainder(keys, used.size, out=every_column, casting="unsafe")
+    del keys
+    narrow = band if band.height < band.order.size else None
+    return Pattern(np.stack([every_row, every_column], axis=1), groups, narrow)
+
+
+def _group_columns(layout: Layout, rows: IntArray, columns: IntArray) -> tuple[Band, IntArray]:
+    """Return the band of entries with the coordinates eliminated, and the group of each entry."""
+    model, n = layout.model, layout.coordinates.size
+    unknown = np.where(columns < n, columns, columns - SHORT(n)) if n else columns  # q is eliminated by v
+    shapes = motion_shapes(model)
+    band = best_band(shapes, [shapes.dims.get(name, ()) for name in moving_quantities(model)], rows, unknown)
+    places = band.order[unknown]
+    places *= 2
+    places += columns >= n
+    return band, column_groups(rows, places)
+
+
+def moving_quantities(model: Model) -> list[str]:
+    """Return accelerations and rates as quantities."""
+    return [*map(schema.acceleration, model.shaped.coordinates), *map(schema.rate, model.shaped.states)]
+
+
+# ---------------------------------------------------------------------------------------------------------------- groups
+
+
+def column_groups(rows: IntArray, places: IntArray) -> IntArray:
+    """Return for every entry the group of its column, which has a place; columns of a group share no row."""
+    present = np.bincount(places) > 0
+    columns = int(np.count_nonzero(present))
+    ranks = (np.cumsum(present, dtype=SHORT) - SHORT(1))[places]
+    fullest = int(np.bincount(rows).max(initial=1))
+    for count in range(fullest, min(fullest + TRIED, columns)):
+        dealt = ranks % SHORT(count)
+        row_group_keys = np.multiply(rows, count, dtype=np.int64)
+        row_group_keys += dealt
+        if np.bincount(row_group_keys).max() <= 1:
+            return dealt
+    if fullest >= columns:
+        return ranks
+    group: IntArray = np.array(_greedy_groups(rows, ranks, columns), SHORT)[ranks]
+    return group
+
+
+def _greedy_groups(rows: IntArray, ranks: IntArray, count: int) -> list[int]:
+    """Return the group of each column: the first that has none of its rows."""
+    order = np.argsort(ranks, kind="stable")
+    ends = np.cumsum(np.bincount(ranks, minlength=count)).tolist()
+    by_column = rows[order].tolist()
+    occupied_groups = [0] * (int(rows.max()) + 1)  # bits of the groups that have a row
+    groups = []
+    for begin, end in zip([0, *ends[:-1]], ends, strict=True):
+        *_, bits = accumulate((occupied_groups[row] for row in by_column[begin:end]), int.__or__)
+        free = ~bits & (bits + 1)
+        groups.append(free.bit_length() - 1)
+        for row in by_column[begin:end]:
+            occupied_groups[row] |= free
+    return groups
+
+
+# ------------------------------------------------------------------------------------------------------------------ band
+
+
+def best_band(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: IntArray, columns: IntArray) -> Band:
+    """Return an order of unknowns in which a matrix is a band, as narrow as is found.
+
+    Parameters
+    ----------
+    shapes : Shapes
+    unknowns : sequence of tuple of str
+        The dimensions of each quantity, whose elements follow one another.
+    rows, columns : ndarray of int
+        The entries off the diagonal, among the unknowns, perhaps several times over.
+    """
+    best = min((_banded(order, rows, columns) for order in _candidate_orders(shapes, unknowns)), key=_band_height)
+    count = best.order.size
+    if best.height > min(WIDE, count):
+        best = min(best, _banded(_levelled(rows, columns, count), rows, columns), key=_band_height)
+    return best
+
+
+def band_as_written(entries: IntArray, coordinates: int, size: int) -> Band | None:
+    """Return the band of a model of single numbers, in the order in which they are written; None where it is as well kept whole.
+
+    Elimination then takes the same sums in the same order: what it leaves out are zeros, and the numbers are the same.
+    """
+    if size < LEAST_BANDED:
+        return None
+    rows, columns = entries.T
+    band = _banded(np.arange(size, dtype=SHORT), rows, np.where(columns < coordinates, columns, columns - coordinates))
+    return band if 2 * band.height <= size else None
+
+
+def _band_height(band: Band) -> int:
+    return band.height
+
+
+def _banded(order: IntArray, rows: IntArray, columns: IntArray) -> Band:
+    far = order[rows]
+    far -= order[columns]
+    return Band(order, int(far.max(initial=0)), int(-far.min(initial=0)))
+
+
+def _candidate_orders(shapes: Shapes, unknowns: Sequence[tuple[str, ...]]) -> Iterator[IntArray]:
+    """Yield orders: as they stand, and by places along each dimension, all that belongs to a place side by side.
+
+    A dimension is run through from its beginning, or from both ends in turn, which keeps a ring together.
+    """
+    yield np.arange(sum(math.prod(shapes.shape(dims)) for dims in unknowns), dtype=SHORT)
+    for dim in shapes.extents:
+        size = shapes.extent(dim).size
+        element_numbers = np.concatenate([_numbers_along(dim, dims, shapes) for dims in unknowns])
+        for sort_keys in (element_numbers, np.minimum(2 * element_numbers, 2 * (size - element_numbers) - 1)):
+            yield _ranks(np.argsort(sort_keys, kind="stable"))
+
+
+def _numbers_along(dim: str, dims: tuple[str, ...], shapes: Shapes) -> IntArray:
+    """Return the number of each element along a dimension; elements without it come last."""
+    shape = shapes.shape(dims)
+    if dim not in dims:
+        return np.full(math.prod(shape), shapes.extent(dim).size, SHORT)
+    element_numbers: IntArray = np.indices(shape, SHORT)[dims.index(dim)].ravel()
+    return element_numbers
+
+
+def _levelled(rows: IntArray, columns: IntArray, count: int) -> IntArray:
+    """Return the order of Cuthill and McKee, reversed, for links that follow no numbers."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    ends = np.concatenate([rows, columns]), np.concatenate([columns, rows])
+    graph = csr_array((np.ones(2 * rows.size), ends), shape=(count, count))
+    return _ranks(reverse_cuthill_mckee(graph, symmetric_mode=True))
+
+
+def _ranks(sequence: IntArray) -> IntArray:
+    """Return the place of each number in a sequence."""
+    ranks = np.empty(sequence.size, SHORT)
+    ranks[sequence] = np.arange(sequence.size, dtype=SHORT)
+    return ranks

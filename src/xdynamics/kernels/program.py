@@ -53,7 +53,7 @@ def loop_element(array: str, offset: int = 0, index: str = "i") -> Location:
 
 @dataclass(frozen=True)
 class Compute:
-    """``target = operation(arguments)``; the operations are in `kernels.operations`.
+    """``target = operation(arguments)``; the operations are in `kernels.python_text`.
 
     Of another kind of number they are those of that kind, as `elementary.intervals.Intervals`.
     """

@@ -4,18 +4,317 @@ A state at which a method evaluates forces is a position, a velocity, an acceler
 which later stages read the velocity and the acceleration alone, and not of every stage. So the position of the next one
 stands where the force of the last one was, and what is read no more makes room, as registers of a compiler do. The new
 state and its error are written last: until then stages may stand there, too.
+
+What the lines of a program read and write, part by part of its arrays, with those of programs that it calls.
+
+Copies of vectors that machine code need not make: a vector stands where its copy goes, if nothing tells the difference.
+
+The lines of a method give every vector a name of its own, and the last of them copy some to the new state. As text that is
+what a reader wants; for large models a step is as fast as its numbers come from memory, and half of them were copies.
+
+Large arrays of a program, which are on the heap: the lines that ask for them, and what happens where there is no room.
+
+A program cannot raise. One that was given no memory calls a function of this module, and returns as if a number were
+missing. It is called on the thread on which the program runs, so what it notes belongs to one call of compiled code.
 """
 
 from __future__ import annotations
 
+import ctypes
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
 from typing import Any
 
-from xdynamics.kernels.array_effects import LineEffect, Part, effects_of, location_parts, spans_of
-from xdynamics.kernels.program import Load, Loop, Program, ProgramCall, Reduction, StoreTo
+from xdynamics.kernels.program import (
+    Compute,
+    Gather,
+    Instruction,
+    Load,
+    Location,
+    Loop,
+    Ordinal,
+    Program,
+    ProgramCall,
+    Reduction,
+    StoreTo,
+    nested_lines,
+)
+
+Part = tuple[str, int, int]  # of an array: its name, the first element, the one after the last
+Spans = dict[str, tuple[str, int]]  # by name: in which array it stands, and from which element on
+
+
+@dataclass(frozen=True)
+class LineEffect:
+    """What a line reads and writes, by the names that it has for arrays.
+
+    Attributes
+    ----------
+    reads, writes : tuple of Part
+    is_complete : bool
+        Whether every element of what it writes is written.
+    copies : bool
+        Whether what it writes is what it reads, element by element.
+    """
+
+    reads: tuple[Part, ...]
+    writes: tuple[Part, ...]
+    is_complete: bool
+    copies: bool
+
+
+def effects_of(
+    body: Sequence[Instruction], callees: Mapping[str, Program], names: Mapping[str, Part | None]
+) -> list[LineEffect] | None:
+    """Return what each line does, with those of programs that are called; None where a line may do more.
+
+    `names` has where arrays of a called program stand, None for those that nobody else sees.
+    """
+    line_effects: list[LineEffect] = []
+    for line in body:
+        if isinstance(line, ProgramCall):
+            callee = callees.get(line.program)
+            if callee is None or names:
+                return None
+            passed_arrays: dict[str, Part | None] = {
+                "at": (line.at, 0, 0),
+                "y": (line.y, 0, 0),
+                "z": (line.z, 0, 0),
+                "e": (line.e, 0, 0),
+            }
+            inner = dict.fromkeys(callee.local) | passed_arrays
+            for name, (array, first, _) in callee.views.items():
+                inner_part = inner.get(array, (array, 0, 0))
+                inner[name] = inner_part and (inner_part[0], inner_part[1] + first, 0)
+            effects = effects_of(callee.body, {}, inner)
+            if effects is None:
+                return None
+            line_effects += effects
+        elif isinstance(line, Load | StoreTo | Loop | Reduction):
+            line_effects.append(line_effect_of(line, names))
+        elif not isinstance(line, Compute | Gather | Ordinal):
+            return None
+    return line_effects
+
+
+def line_effect_of(line: Instruction, names: Mapping[str, Part | None]) -> LineEffect:
+    """Return what one line reads and writes."""
+    lines = list(nested_lines((line,)))
+    counts = {inner.index: inner.count for inner in lines if isinstance(inner, Loop | Reduction)}
+    reads = [
+        part for inner in lines if isinstance(inner, Load) for part in location_parts(inner.location, counts, names)
+    ]
+    stores = [inner for inner in lines if isinstance(inner, StoreTo)]
+    writes = [part for store in stores for part in location_parts(store.location, counts, names)]
+    bounded = any(isinstance(inner, Reduction) and (inner.below or inner.above) for inner in lines)
+    is_complete = not bounded and all(_is_contiguous(store.location, counts) for store in stores)
+    return LineEffect(tuple(reads), tuple(writes), is_complete, _is_copy(line) and len(reads) == len(writes) == 1)
+
+
+def _is_copy(line: Instruction) -> bool:
+    """Whether a loop copies neighbouring elements."""
+    match line:
+        case Loop(index, _, (Load(value, source), StoreTo(target, stored))) if stored == value:
+            return source.strides == target.strides == ((index, 1),)
+    return False
+
+
+def location_parts(location: Location, counts: Mapping[str, int], names: Mapping[str, Part | None]) -> Iterator[Part]:
+    """Yield the part of an array in which a place is, for all values of its indices."""
+    array_part = names.get(location.array, (location.array, 0, 0))
+    if array_part is None:
+        return
+    name, first, _ = array_part
+    if any(index not in counts for index, _ in location.strides):  # a gathered one: anywhere
+        yield name, -1, -1
+        return
+    ends = [stride * (counts[index] - 1) for index, stride in location.strides]
+    low = first + location.offset + sum(end for end in ends if end < 0)
+    high = first + location.offset + sum(end for end in ends if end > 0)
+    yield name, low, high + 1
+
+
+def _is_contiguous(location: Location, counts: Mapping[str, int]) -> bool:
+    """Whether a place is every element between its first and its last."""
+    return not location.strides or (
+        len(location.strides) == 1 and location.strides[0][1] == 1 and counts.get(location.strides[0][0], 0) > 0
+    )
+
+
+def spans_of(program: Program, sizes: Mapping[str, int]) -> Spans:
+    """Return where every array stands that has a known length."""
+    known_arrays: Spans = {name: (name, 0) for name in (*sizes, *program.local)}
+    return known_arrays | {
+        name: (array, first) for name, (array, first, _) in program.views.items() if array in known_arrays
+    }
+
+
+def part_root(part: Part, spans: Spans) -> tuple[str, int]:
+    """Return the array in which a part stands, and its first element there."""
+    array, first = spans.get(part[0], (part[0], 0))
+    return array, first + part[1]
+
+
+Link = tuple[str, int, str, int, int]  # two arrays with the first elements of parts alike, and how many there are
+
+
+def coalesce_copies(program: Program, callees: Mapping[str, Program], lengths: Mapping[str, int]) -> Program:
+    """Return a program with fewer copies and the same results.
+
+    Parameters
+    ----------
+    program : Program
+    callees : mapping of str to Program
+        Those that it may call.
+    lengths : mapping of str to int
+        Of given arrays that results go to, and of `y`. None of them overlap.
+    """
+    effects = effects_of(program.body, callees, {})
+    if effects is None or program.spread:
+        return program
+    current, sizes = program, {**lengths, **program.local}
+    for effect in effects:
+        if not effect.copies:
+            continue
+        spans = spans_of(current, sizes)
+        (source, first), (target, begin) = (part_root(part, spans) for part in (*effect.reads, *effect.writes))
+        if source not in current.local or target not in sizes or target in (source, "y"):
+            continue
+        distance, size = begin - first, current.local[source]
+        if distance < 0 or distance + size > sizes[target]:
+            continue
+        # lines that know neither of the two find what they found
+        pair = {name: sizes[name] for name in (source, target)}
+        parts = [
+            (number, line)
+            for number, line in enumerate(effects)
+            if any(part[0] in spans and spans[part[0]][0] in pair for part in (*line.reads, *line.writes))
+        ]
+        candidate, link = _merge_array(current, source, target, distance), (source, 0, target, distance, size)
+        seen = [
+            _contents_read(
+                parts, {name: span for name, span in spans_of(version, sizes).items() if span[0] in pair}, pair, link
+            )
+            for version in (current, candidate)
+        ]
+        if seen[0] == seen[1]:
+            current = candidate
+    spans = spans_of(current, sizes)
+    body = tuple(line for line in current.body if not _is_idle(line, spans))
+    return replace(current, body=body)
+
+
+def _merge_array(program: Program, source: str, target: str, distance: int) -> Program:
+    """Let a local array be a part of another one."""
+    views = {
+        name: (target, first + distance, count) if array == source else (array, first, count)
+        for name, (array, first, count) in program.views.items()
+    }
+    views[source] = (target, distance, program.local[source])
+    return replace(program, views=views, local={name: n for name, n in program.local.items() if name != source})
+
+
+def _is_idle(line: Instruction, spans: Spans) -> bool:
+    """Whether a line copies a vector to where it stands."""
+    effect = line_effect_of(line, {}) if isinstance(line, Loop) else None
+    return (
+        effect is not None and effect.copies and part_root(effect.reads[0], spans) == part_root(effect.writes[0], spans)
+    )
+
+
+# ------------------------------------------------------------------------------------------ what its lines find there
+
+
+def _contents_read(
+    effects: Sequence[tuple[int, LineEffect]], spans: Spans, sizes: Mapping[str, int], link: Link
+) -> list[Any]:
+    """Return what every line finds in the arrays that it reads, by the line that wrote it, and what is left in the end.
+
+    Two programs of the same lines that find the same everywhere compute the same, wherever their arrays stand. A line
+    that reads where it writes by another name is noted, too: its passes may not be made in any order.
+    """
+    cuts = _cuts(effects, spans, sizes, link)
+    contents: dict[tuple[str, int], Any] = {}
+    values_found: list[Any] = []
+
+    def atoms(part: Part) -> list[tuple[str, int, int]]:
+        """Return array, first element, and the same from the beginning of the part's name, piece by piece."""
+        if part[0] not in spans:
+            return []
+        array, first = spans[part[0]]
+        low, high = (0, sizes[array]) if part[1] < 0 else (first + part[1], first + part[2])
+        return [(array, cut, cut - first) for cut in cuts[array][:-1] if low <= cut < high]
+
+    for number, effect in effects:
+        read = [(array, cut) for part in effect.reads for array, cut, _ in atoms(part)]
+        values = [contents.get(atom, atom) for atom in read]
+        values_found.append(values)
+        written_values: list[tuple[tuple[str, int], Any]] = [
+            (atom[:2], (number, part[0], atom[2])) for part in effect.writes for atom in atoms(part)
+        ]
+        crossing = _overlapping_names(effect, atoms)
+        if crossing:
+            values_found.append(crossing)
+        if effect.copies and len(written_values) == len(values):
+            written_values = [(atom, value) for (atom, _), value in zip(written_values, values, strict=True)]
+        elif not effect.is_complete:
+            written_values = [(atom, (value, contents.get(atom, atom))) for atom, value in written_values]
+        contents.update(written_values)
+    results = [name for name in sizes if spans.get(name) == (name, 0) and name in ("z", "e")]
+    return [
+        values_found,
+        [(cut, contents.get((name, cut), (name, cut))) for name in results for cut in cuts[name][:-1]],
+    ]
+
+
+def _overlapping_names(effect: LineEffect, atoms: Any) -> list[tuple[str, str]]:
+    """Return pairs of names by which a line reads, or writes twice, and writes the same elements."""
+    places = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.writes]
+    read_names = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.reads]
+    return [
+        (name, second_name)
+        for i, (name, elements) in enumerate(places)
+        for second_name, second_elements in (*read_names, *places[:i])
+        if elements & second_elements and not (effect.copies and elements == second_elements)
+    ]
+
+
+def _cuts(
+    effects: Sequence[tuple[int, LineEffect]], spans: Spans, sizes: Mapping[str, int], link: Link
+) -> dict[str, list[int]]:
+    """Return the elements at which parts of arrays begin or end, those of copies wherever their originals have one.
+
+    `link` is of two arrays that may become one.
+    """
+    cuts: dict[str, set[int]] = {name: {0, size} for name, size in sizes.items()}
+    links = [link]
+    for _, effect in effects:
+        known_parts = [part for part in (*effect.reads, *effect.writes) if part[0] in spans]
+        for name, low, high in known_parts:
+            if low >= 0:
+                array, first = spans[name]
+                cuts[array] |= {first + low, first + high}
+        if effect.copies and len(known_parts) == 2:
+            (source, begin), (target, end) = (part_root(part, spans) for part in known_parts)
+            links.append((source, begin, target, end, known_parts[0][2] - known_parts[0][1]))
+    changed = True
+    while changed:
+        changed = False
+        for source, begin, target, end, count in links:
+            for first_array, first, second_array, second in (
+                (source, begin, target, end),
+                (target, end, source, begin),
+            ):
+                new = {cut - first + second for cut in cuts[first_array] if first <= cut <= first + count} - cuts[
+                    second_array
+                ]
+                cuts[second_array] |= new
+                changed |= bool(new)
+    return {name: sorted(array_cuts) for name, array_cuts in cuts.items()}
+
 
 SHARED = "shared"  # the array in which others stand
 APART = "_results"  # what follows the name of an array in that of its results
@@ -229,3 +528,58 @@ def _free_starts(parts: Sequence[_Lifetime], full: Sequence[_Lifetime]) -> Itera
             yield from (reach, low)
         reach = max(reach, high)
     yield reach
+
+
+MOST_ON_STACK = 10_000  # numbers of an array; larger ones are on the heap
+LACKING = "xdynamics_lacking"  # what a program calls that was given no memory
+DECLARED = f"declare noalias ptr @malloc(i64)\ndeclare void @free(ptr)\ndeclare void @{LACKING}()"
+
+
+class _Allocation(threading.local):
+    """What programs were given on one thread."""
+
+    refused = False
+
+
+_ALLOCATION = _Allocation()
+
+
+@ctypes.CFUNCTYPE(None)
+def note_refusal() -> None:
+    """Note that a program was given no memory."""
+    _ALLOCATION.refused = True
+
+
+def forget_refusal() -> None:
+    """Begin anew on this thread, before a call of compiled code."""
+    _ALLOCATION.refused = False
+
+
+def was_refused() -> bool:
+    """Whether a program on this thread was given no memory since then."""
+    return _ALLOCATION.refused
+
+
+def refusal_lines(arrays: Sequence[str], unsound: str, lanes: int) -> list[str]:
+    """Return the lines after which arrays are there; without memory for one, the program says so and returns nan.
+
+    Parameters
+    ----------
+    arrays : sequence of str
+        At least one, all asked for.
+    unsound : str
+        Where the number is that says whether results are finite, one for each lane.
+    lanes : int
+    """
+    lines, any_lacks = [], "false"
+    for k, name in enumerate(arrays):
+        lines.append(f"%lacks{k} = icmp eq ptr %{name}, null")
+        lines.append(f"%lack{k} = or i1 {any_lacks}, %lacks{k}")
+        any_lacks = f"%lack{k}"
+    lines += [f"br i1 {any_lacks}, label %lacking, label %given", "lacking:"]
+    lines += [f"call void @free(ptr %{name})" for name in arrays]
+    lines.append(f"call void @{LACKING}()")
+    for lane in range(lanes):
+        lines.append(f"%lane{lane}.at = getelementptr double, ptr {unsound}, i64 {lane}")
+        lines.append(f"store double 0x7FF8000000000000, ptr %lane{lane}.at, align 8")
+    return [*lines, "ret void"]

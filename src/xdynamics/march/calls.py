@@ -14,7 +14,7 @@ from xdynamics.kernels.compiling import UNCOMPILED, in_code
 
 
 def _instruction_named(name: str) -> Any:
-    from xdynamics.march.calls_in_code import instruction_named
+    from xdynamics.march.run_in_code import instruction_named
 
     return instruction_named(name)
 

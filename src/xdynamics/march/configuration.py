@@ -23,13 +23,20 @@ from xdynamics.keywords import (
     read_log_columns,
     read_number,
 )
-from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED
-from xdynamics.march.settings import TIME_TOLERANCE, Pacing, Settings
+from xdynamics.march.settings import EARLIEST_FIRST, JUDGED, TIME_TOLERANCE, Pacing, Settings
 from xdynamics.march.tolerances import OF_TERMS, Tolerances, least_rtol
 from xdynamics.methods import METHODS, Method, method_named, method_of
-from xdynamics.methods.scheme import DOUBLE_DOUBLE, EMBEDDED, FLOAT64, NO_ESTIMATE, STEP_DOUBLING
+from xdynamics.methods.scheme import (
+    COMPENSATED,
+    DOUBLE_DOUBLE,
+    EMBEDDED,
+    FLOAT64,
+    NO_ESTIMATE,
+    PLAIN,
+    STEP_DOUBLING,
+    updates,
+)
 from xdynamics.methods.steppers import DIFFERENCES, EXACT
-from xdynamics.methods.summation import COMPENSATED, PLAIN, updates
 from xdynamics.methods.taylor import DEFAULT_ORDER, LEAST_ORDER, MOST_ORDER, order_for
 from xdynamics.model import Model, check_model
 from xdynamics.model.constraints import beyond_trees

@@ -17,7 +17,7 @@ from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.ensemble import Runs
 from xdynamics.march.initial_run import pose_run, rest_of_time
 from xdynamics.march.log import allocate
-from xdynamics.march.past_arrays import Past, lend_past
+from xdynamics.march.past import Past, lend_past
 from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import table_of

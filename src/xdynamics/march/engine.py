@@ -10,18 +10,16 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Kind, array_kind, signature_of
-from xdynamics.kernels.heap_arrays import forget_refusal, was_refused
-from xdynamics.march import engine_entries, loop, row_search, trial_step
+from xdynamics.kernels.shared_storage import forget_refusal, was_refused
+from xdynamics.march import engine_entries, loop, step_parts, trial_step
 from xdynamics.march.assembly import dispatch as assembly_dispatch
 from xdynamics.march.assembly import holding
 from xdynamics.march.contacts import dispatch as contact_dispatch
 from xdynamics.march.events import dispatch as event_dispatch
 from xdynamics.march.events import enclosures
-from xdynamics.march.lane_rows import gather_rows
-from xdynamics.march.lanes import march_lanes
-from xdynamics.march.retracing import retrace
+from xdynamics.march.lanes import gather_rows, march_lanes
 from xdynamics.march.run import EVENT_ROW, NOW, PLAN
-from xdynamics.march.step_parts import parts_of_steps
+from xdynamics.march.step_parts import parts_of_steps, retrace
 
 R = TypeVar("R")
 
@@ -132,7 +130,7 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
             (engine_entries.states_inside, signature_of(NOTHING, INTEGER, *[_BLOCK] * 4, _LISTS, _BLOCK, FLAG, FLAG)),
             (engine_entries.fastest_rates, signature_of(NOTHING, INTEGER, *[_BLOCK] * 2)),
             (engine_entries.follow_growths, signature_of(NOTHING, INTEGER, *[_BLOCK] * 4)),
-            (row_search.rows_of_times, signature_of(NOTHING, _ROW, *[_INT_ARRAY] * 2, _ROW, FLAG, _INT_ARRAY)),
+            (step_parts.rows_of_times, signature_of(NOTHING, _ROW, *[_INT_ARRAY] * 2, _ROW, FLAG, _INT_ARRAY)),
             (retrace, signature_of(NOTHING, INTEGER, *[_BLOCK] * 2)),
         ),
     ),
@@ -210,7 +208,7 @@ def _plain_engine() -> Engine:
         engine_entries.states_inside,
         engine_entries.fastest_rates,
         engine_entries.follow_growths,
-        row_search.rows_of_times,
+        step_parts.rows_of_times,
         retrace,
     )
     return Engine(loop.march, lambda run, *arguments: march_many(run, loop.march, *arguments), *further_entries, 0)

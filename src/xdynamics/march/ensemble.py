@@ -13,18 +13,23 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels import Law, Layout, law_of
-from xdynamics.march.delay_faults import check_alone
 from xdynamics.march.engine import NoMemoryError, engine
-from xdynamics.march.ensemble_part import EnsemblePart, inputs_of_runs, log_of_many, take_out_log
 from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import Log, LogBlock, Room, allocate
 from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.run import Run
-from xdynamics.march.settings import Settings
-from xdynamics.march.simd_ensemble import lanes_for, march_abreast
+from xdynamics.march.settings import Settings, check_alone
+from xdynamics.march.simd_ensemble import (
+    EnsemblePart,
+    inputs_of_runs,
+    lanes_for,
+    log_of_many,
+    march_abreast,
+    march_watched,
+    take_out_log,
+)
 from xdynamics.march.tolerances import LEAST_RTOL
 from xdynamics.march.unlocated_switches import may_slide
-from xdynamics.march.watched_ensemble import march_watched
 from xdynamics.model import Model
 from xdynamics.units import TIME, Scales, spell, unit_suffix
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
-from xdynamics.kernels.jacobian_pattern import band_as_written, is_compressed, pattern_of
-from xdynamics.kernels.jets.series import has_pairs
+from xdynamics.kernels.jets.recurrences import has_pairs
+from xdynamics.kernels.newton_matrix import band_as_written, is_compressed, pattern_of
 from xdynamics.march.engine import solvers
 from xdynamics.march.implicit.newton import MOST_ITERATIONS, NEWTON_TOLERANCE
 from xdynamics.march.implicit.radau import MOST_SETTLING, MOST_TURNS, SETTLED, SOLVED_BY, SOLVED_WITH_LINKS
@@ -18,7 +18,7 @@ from xdynamics.march.log import unwritten
 from xdynamics.march.run import EQUATIONS, Run
 from xdynamics.march.settings import Settings
 from xdynamics.methods import Method
-from xdynamics.methods.radau import SHARE
+from xdynamics.methods.implicit import SHARE
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, EMBEDDED
 from xdynamics.methods.steppers import EXACT, NEWTON, NOTHING, SERIES, SIMPLIFIED
 from xdynamics.schema import SERIES_ARITHMETIC

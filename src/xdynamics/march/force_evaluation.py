@@ -1,18 +1,76 @@
-"""Force evaluations at a state, and their storage."""
+"""Force evaluations at a state, and their storage.
+
+Times to 31 digits, where numbers are sums of two floats: a float as ever, and what is left of the time beside it.
+
+The grid, nodes and ends lie at the floats at which they lie without rests, so that the rows of both runs belong together;
+a rest may therefore be larger than half a spacing.
+
+Attitudes: quaternions of unit length, to which they are brought back after every step.
+
+A step by a method of order p followed by that projection is one of order p (Hairer, Lubich, Wanner, Geometric Numerical
+Integration, 2nd ed., IV.4).
+
+What events and controllers set a state to.
+"""
 
 from __future__ import annotations
 
+from math import nan, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary import numbers
+from xdynamics.elementary.bounds import EPS
 from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import FORCES
-from xdynamics.kernels.program import H, T
+from xdynamics.kernels.program import AT, T1, UNSOUND, H, T
 from xdynamics.march.calls import call_law
-from xdynamics.march.exact_times import set_time
 from xdynamics.march.run import Run
+
+RESTS = len(AT)  # how many places after a number that laws read of a step its rest stands
+exact_sum = jit_inline(numbers.exact_sum)
+SPLITTER = 134217729.0  # 2**27 + 1: it parts a float into halves of 26 bits
+
+
+@jit_inline
+def time_rest(run: Run, t: float) -> float:
+    """Return what is left of a time: of the state's or of the trial's; any other is a float."""
+    now, trial = run.now[0], run.trial[0]
+    if t == now.t:
+        return float(now.rest)
+    return float(trial.rest) if t == trial.t else 0.0
+
+
+@jit_inline
+def set_time(run: Run, time_index: int, t: float) -> None:
+    """Set a time that laws read."""
+    run.at[time_index] = t
+    if run.plan[0].doubled > 0:
+        run.at[RESTS + time_index] = time_rest(run, t)
+
+
+@jit_inline
+def set_step(run: Run, t: float, t1: float, h: float) -> None:
+    """Set the times between which laws make a step, and its size."""
+    run.at[T], run.at[T1], run.at[H] = t, t1, h
+    if run.plan[0].doubled > 0:
+        run.at[RESTS + T], run.at[RESTS + T1] = time_rest(run, t), time_rest(run, t1)
+
+
+@jit_inline
+def grid_rest(start: float, start_rest: float, step: float, step_rest: float, number: int) -> float:
+    """Return what start + number*step is more than its float, by exact products and sums (Dekker 1971, Knuth)."""
+    count = float(number)
+    product = count * step
+    scaled_count, scaled_step = SPLITTER * count, SPLITTER * step
+    count_high, step_high = scaled_count - (scaled_count - count), scaled_step - (scaled_step - step)
+    count_low, step_low = count - count_high, step - step_high
+    lost = ((count_high * step_high - product) + count_high * step_low + count_low * step_high) + count_low * step_low
+    _, rounded = exact_sum(start, product)
+    return float(rounded + (lost + (count * step_rest + start_rest)))
+
 
 State = NDArray[Any]
 
@@ -86,3 +144,49 @@ def keep_sample(run: Run, t: float, state: State, first: int) -> None:
         samples[first + 1 + i] = state[i]
     for i in range(evaluated):
         samples[first + 1 + used + i] = state[forces + i]
+
+
+PARTS = 4
+ROUNDING = 4.0 * EPS  # of the square of a length that needs no projection
+
+
+@jit_separate
+def hold_attitudes(run: Run, t: float) -> None:
+    """Bring the quaternions of the trial's state back to unit length, and evaluate the forces there.
+
+    Numbers of two floats are left as the method has them: their lengths are off by its error alone.
+    """
+    trial, any_moved = run.trial[0], False
+    trial.deviation = 0.0
+    for k in range(run.attitudes.shape[0]):
+        square = 0.0
+        for i in range(PARTS):
+            square += run.z[run.attitudes[k, i]] * run.z[run.attitudes[k, i]]
+        trial.deviation = max(trial.deviation, abs(sqrt(square) - 1.0))
+        if abs(square - 1.0) > ROUNDING and run.plan[0].doubled == 0:
+            normalise_quaternion(run, k, sqrt(square))
+            any_moved = True
+    if any_moved:
+        evaluate_held(run, t, run.z, trial.h)
+        run.at[UNSOUND] = 0.0 if finite_state(run) else nan
+
+
+@jit_separate
+def normalise_quaternion(run: Run, k: int, length: float) -> None:
+    """Divide a quaternion by its length; rounding carried for the value before is not that of the new one."""
+    first_compensation = run.plan[0].used + run.plan[0].evaluated
+    for i in range(PARTS):
+        part_index = run.attitudes[k, i]
+        run.z[part_index] = run.z[part_index] / length
+        if first_compensation < run.z.shape[0]:
+            run.z[first_compensation + part_index] = 0.0
+
+
+@jit_separate
+def put_reset_value(run: Run, k: int, state: State) -> None:
+    """Put a value that was computed into its place of a state."""
+    first_compensation = run.plan[0].used + run.plan[0].evaluated
+    state[run.targets[k, 1]] = run.resets[k]
+    if first_compensation < state.shape[0]:  # rounding carried for the value before is not that of the new one
+        low_part = run.resets[run.targets.shape[0] + k] if run.plan[0].doubled > 0 else 0.0
+        state[first_compensation + run.targets[k, 1]] = low_part

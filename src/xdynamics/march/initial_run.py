@@ -8,25 +8,25 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.elementary.bounds import EPS, LEAST, LEAST_OF_0_2
 from xdynamics.elementary.double_double import nearest
-from xdynamics.elementary.double_double.constants import PI
-from xdynamics.elementary.rounding_margins import EPS, LEAST, LEAST_OF_0_2
+from xdynamics.elementary.double_double.functions import PI
 from xdynamics.expressions import Node, limits_domain
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.constraint_programs import CONSTRAIN
 from xdynamics.kernels.drive_tables import concatenated_tables
 from xdynamics.kernels.law import FORCES
+from xdynamics.kernels.layout import curve_degree
 from xdynamics.kernels.machine import aligned_zeros
 from xdynamics.kernels.program import AT, DEVIATION
-from xdynamics.kernels.step_polynomial import curve_degree
 from xdynamics.march.assembly.assembly_arrays import arrays_of_assemblies
-from xdynamics.march.attitudes import PARTS
 from xdynamics.march.engine import pressing_address
 from xdynamics.march.equation_solvers import solver_of
+from xdynamics.march.force_evaluation import PARTS
 from xdynamics.march.log import Log, allocate, unwritten
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.past_arrays import delay_times, jumps_at, past_arrays
+from xdynamics.march.past import delay_times, jumps_at, past_arrays
 from xdynamics.march.run import HOLD, HOLD_LINKS, KEPT, NOW, PLAN, STEP_IN_TIME, STEP_LINKS, TRIAL, Run
 from xdynamics.march.search_arrays import event_search_arrays
 from xdynamics.march.settings import Settings, given_times
@@ -47,7 +47,7 @@ from xdynamics.model.switches import LANDED_ON
 from xdynamics.model.whole import expanded_tree, forces_by_coordinate, prints_quantities
 from xdynamics.reaction_names import PROJECTION
 from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, constant
-from xdynamics.units.rounded import exact_value
+from xdynamics.units.unit import exact_value
 
 Floats = NDArray[np.float64]
 

@@ -2,6 +2,10 @@
 
 `kernels.lane_step` makes ordinary steps in all lanes at once. Any other step, and the start, is made by the run's
 own `Run` in the single march, from the same state, and the lane goes on after it: so each run is the same, to the bit, as alone.
+
+What a run is put into a lane with, and taken out of it with.
+
+Rows and events of runs side by side: kept in turn, then sorted into one run after the other.
 """
 
 from __future__ import annotations
@@ -13,22 +17,251 @@ from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import jit_uncounted
 from xdynamics.kernels.drive_tables import enter_pieces
-from xdynamics.kernels.lane_numbers import PLACES as L
+from xdynamics.kernels.lane_step import PLACES as L
+from xdynamics.kernels.program import REGIME
 from xdynamics.march.calls import march_by, run_at, strode_by
+from xdynamics.march.contacts.delassus import list_holding
+from xdynamics.march.control import pass_node
 from xdynamics.march.engine_entries import begin_run, keep_last, keep_smooth_passages
 from xdynamics.march.force_evaluation import evaluate_forces, finite_state
-from xdynamics.march.implicit.lanes import forget_step_memory
-from xdynamics.march.lane_memory import aim_behind, needs_single_march, put_in_lane, rebase, take_out_of_lane
-from xdynamics.march.lane_rows import EVENTS, FOLLOWING, LIVING, NONE, ROWS, hand_out, keep_single_rows, keep_step_rows
-from xdynamics.march.log import has_room
+from xdynamics.march.implicit.radau import enter_step_memory, forget_step_memory, leave_step_memory
+from xdynamics.march.log import append_row, has_room
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.run import Run
+from xdynamics.model.detectors import GAP
+from xdynamics.schema import NODE, STEP
 
 Floats = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+@jit_uncounted
+def put_in_lane(run: Run, blocks: Any, lane: int) -> None:
+    """Put a run into a lane, from its current state."""
+    now, plan, used, (step_numbers, y, _, p, pieces, w) = run.now[0], run.plan[0], run.plan[0].used, blocks
+    w[L.t, lane], w[L.h, lane], w[L.norm, lane], w[L.tried, lane] = now.t, now.h, now.norm, now.norm
+    w[L.step, lane], w[L.step_log, lane], w[L.rejected, lane] = now.step, now.step_log, float(now.rejected)
+    w[L.grid, lane], w[L.on_grid, lane] = float(now.grid), float(now.on_grid)
+    w[L.done, lane], w[L.accepted, lane], w[L.most, lane] = float(now.rows + now.trials), 0.0, plan.most_steps
+    aim_behind(run, w, lane)
+    w[L.landed, lane] = 0.0
+    w[L.start, lane], w[L.step_size, lane], w[L.rtol, lane] = plan.start, plan.step_size, plan.rtol
+    w[L.floor, lane], w[L.rest, lane] = plan.floor, plan.rest
+    w[L.rounding, lane], w[L.weighs, lane] = plan.rounding, float(run.kept[0].weighs)
+    w[L.k, lane], w[L.safety, lane] = plan.order, plan.safety
+    w[L.least, lane], w[L.greatest, lane] = plan.least, plan.greatest
+    w[L.min_step, lane], w[L.max_step, lane], w[L.end, lane] = plan.min_step, plan.max_step, plan.end
+    w[L.first_step, lane] = now.first_step
+    w[L.lives, lane], w[L.ordinary, lane] = 1.0, 1.0
+    if needs_single_march(run):
+        w[L.most, lane] = -1.0  # not a step for a lane
+    lend_to_lane(run, step_numbers, y, p, pieces, lane)
+    first = L.ordinary + 1
+    for i in range(used):
+        w[first + i, lane], w[first + used + i, lane] = run.atol[i], run.largest[i]
+        w[first + 2 * used + i, lane] = run.e[i]
+    watch_sides(run, w, first + 3 * used, lane)
+    first = enter_step_memory(run, w, lane)
+    for i in range(w.shape[0] - first):  # of switches declared smooth
+        w[first + i, lane] = run.w[run.w.shape[0] - (w.shape[0] - first) + i]
+
+
+@jit_uncounted
+def watch_sides(run: Run, w: Floats, first: int, lane: int) -> None:
+    """Give a lane the side of zero on which each event function has to stay, and the largest gaps."""
+    events = run.detectors.shape[0]
+    for i in range(events):
+        watch = run.watches[i]
+        side = watch.armed if watch.guard == 0 or watch.armed == watch.guard else 0
+        w[first + i, lane] = 2.0 if watch.asleep else float(side)
+        if run.detectors[i].role == GAP:
+            w[first + events + i, lane] = run.touches[run.detectors[i].reaction].largest
+
+
+@jit_uncounted
+def aim_behind(run: Run, w: Floats, lane: int) -> None:
+    """Give a lane its next node."""
+    now = run.now[0]
+    inner = now.node < run.nodes.shape[0]
+    w[L.node, lane], w[L.snap, lane] = run.nodes[now.node] if inner else run.plan[0].end, run.snaps[now.node]
+    w[L.inner, lane] = 1.0 if inner else 0.0
+
+
+@jit_uncounted
+def lend_to_lane(run: Run, step_numbers: Floats, y: Floats, p: Floats, pieces: IntArray, lane: int) -> None:
+    """Put state, parameters and tables of a run into a lane."""
+    step_numbers[REGIME, lane] = run.at[REGIME]
+    for i in range(run.y.shape[0]):
+        y[i, lane] = run.y[i]
+    for i in range(run.p.shape[0]):
+        p[i, lane] = run.p[i]
+    for i in range(run.places.shape[0]):
+        pieces[i, lane] = run.places[i]
+
+
+@jit_uncounted
+def needs_single_march(run: Run) -> bool:
+    """Whether forces are to be evaluated after a node, or a contact or friction holds the state after every step."""
+    return run.now[0].crossed != run.now[0].node or (run.touches.shape[0] > 0 and list_holding(run, True) > 0)
+
+
+@jit_uncounted
+def take_out_of_lane(run: Run, y: Floats, states_before: Floats, w: Floats, lane: int) -> None:
+    """Take a run out of its lane, complete, or so that the single march goes on from its state; its last row is written."""
+    now, used = run.now[0], run.plan[0].used
+    accepted = np.int64(w[L.accepted, lane])
+    rejected = np.int64(w[L.done, lane]) - now.rows - now.trials - accepted
+    now.t, now.h, now.norm = w[L.t, lane], w[L.h, lane], w[L.norm, lane]
+    now.step, now.step_log, now.rejected = w[L.step, lane], w[L.step_log, lane], np.int64(w[L.rejected, lane])
+    run.kept[0].weighs = np.int64(w[L.weighs, lane])
+    now.first_step = w[L.first_step, lane]
+    now.grid, now.on_grid = np.int64(w[L.grid, lane]), np.int64(w[L.on_grid, lane])
+    now.rows += accepted
+    now.trials += rejected
+    first = L.ordinary + 1
+    for i in range(run.y.shape[0]):
+        run.y[i] = y[i, lane]
+    for i in range(used):
+        run.largest[i], run.e[i] = w[first + used + i, lane], w[first + 2 * used + i, lane]
+    first += 3 * used + run.detectors.shape[0]
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].role == GAP:
+            run.touches[run.detectors[i].reaction].largest = w[first + i, lane]
+    first = leave_step_memory(run, w, lane, accepted, rejected)
+    for i in range(w.shape[0] - first):
+        run.w[run.w.shape[0] - (w.shape[0] - first) + i] = w[first + i, lane]
+    if accepted == 0:
+        rebase(run)
+        return
+    base = run.base[0]
+    base.rows, base.trials, base.samples = now.rows - 1, now.trials, now.samples
+    now.rows -= 1  # the last row is logged, and counted, now
+    if w[L.landed, lane] != 0.0:  # with the forces before the node
+        for i in range(run.y.shape[0]):
+            run.z[i] = states_before[i, lane]
+        append_row(run, NODE, now.t, now.h, run.z)
+    else:
+        append_row(run, STEP, now.t, now.h, run.y)
+    now.norm = w[L.tried, lane]
+    if w[L.inner, lane] == 0.0 and now.t == w[L.node, lane]:
+        pass_node(run)
+
+
+@jit_uncounted
+def rebase(run: Run) -> None:
+    """Let the log begin with the row last written."""
+    now, base = run.now[0], run.base[0]
+    last = now.rows - 1 - base.rows
+    for i in range(run.log_rows.shape[0]):
+        run.log_rows[i, 0] = run.log_rows[i, last]
+    for i in range(run.log_flags.shape[0]):
+        run.log_flags[i, 0] = run.log_flags[i, last]
+    base.rows, base.trials, base.samples = now.rows - 1, now.trials, now.samples
+
+
 Flags = NDArray[np.int8]
 Blocks = NDArray[np.float64]  # of three dimensions
 FlagBlocks = NDArray[np.int8]
+
+NONE = -1  # no run is in the lane
+LIVING, FOLLOWING, EVENTS, ROWS = range(4)  # of `lane_counters`: lanes with a run, next run, events and rows handed out
+OF_LANE, OF_STATE, OF_NOTED = range(3)  # where a lane holds a number of a row: in `w`, in `y`, in `logged_numbers`
+
+
+@jit_uncounted
+def keep_step_rows(
+    lane_counters: IntArray,
+    members: IntArray,
+    reached: Floats,
+    marks: Flags,
+    y: Floats,
+    w: Floats,
+    logged_numbers: Floats,
+    keeping: Any,
+) -> None:
+    """Keep the rows after a step in all lanes; the row of a lane that did not move belongs to no run."""
+    to, lanes, (columns, rows, flags, owners) = lane_counters[ROWS], members.shape[0], keeping
+    for k in range(columns.shape[0]):
+        source = y if columns[k, 1] == OF_STATE else w if columns[k, 1] == OF_LANE else logged_numbers
+        for lane in range(lanes):
+            rows[to, k, lane] = source[columns[k, 2], lane]
+    for lane in range(lanes):
+        flags[to, 0, lane] = NODE if w[L.landed, lane] != 0.0 else STEP
+        owners[to, lane] = members[lane] if w[L.t, lane] != reached[lane] else NONE
+    for k in range(1, flags.shape[1]):
+        for lane in range(lanes):
+            flags[to, k, lane] = marks[k, lane]
+    lane_counters[ROWS] += 1
+
+
+@jit_uncounted
+def keep_single_rows(run: Run, first: int, member: int, lane_counters: IntArray, keeping: Any) -> None:
+    """Keep the rows that the single march wrote, from row `first` on."""
+    columns, rows, flags, owners = keeping
+    if columns.shape[0] == 0:
+        return
+    for row in range(first - run.base[0].rows, run.now[0].rows - run.base[0].rows):
+        to = lane_counters[ROWS]
+        for k in range(columns.shape[0]):
+            rows[to, k, 0] = run.log_rows[columns[k, 0], row]
+        for k in range(flags.shape[1]):
+            flags[to, k, 0] = run.log_flags[k, row]
+        for lane in range(owners.shape[1]):
+            owners[to, lane] = NONE
+        owners[to, 0] = member
+        lane_counters[ROWS] += 1
+
+
+@jit_uncounted
+def hand_out(run: Run, member: int, lane_counters: IntArray, events: Any) -> None:
+    """Move the events out of a run's log, and record the run that they belong to."""
+    now, base, (met, rates, impulses, owners) = run.now[0], run.base[0], events
+    for k in range(now.events - base.events):
+        to = lane_counters[EVENTS]
+        met[to] = run.log_events[k]
+        for i in range(rates.shape[0]):
+            rates[i, to] = run.log_rates[i, k]
+        for i in range(impulses.shape[0]):
+            impulses[i, to] = run.log_impulses[i, k]
+        owners[to] = member
+        lane_counters[EVENTS] += 1
+    base.events = now.events
+
+
+def gather_rows(
+    rows: Blocks,
+    flags: FlagBlocks,
+    owners: IntArray,
+    columns: IntArray,
+    places: IntArray,
+    to_rows: Floats,
+    to_flags: Flags,
+) -> None:
+    """Sort rows of many runs, kept in turn, into one run after the other.
+
+    Parameters
+    ----------
+    rows, flags, owners
+        As `march_lanes` keeps them.
+    columns : ndarray of int, shape (c, 3)
+    places : ndarray of int
+        Where the next row of each run goes; advanced.
+    to_rows, to_flags : ndarray, shape (…, n)
+        Filled, columns as in the log of a single march.
+    """
+    for row in range(owners.shape[0]):
+        for lane in range(owners.shape[1]):
+            owner = owners[row, lane]
+            if owner == NONE:
+                continue
+            to = places[owner]
+            places[owner] = to + 1
+            for k in range(columns.shape[0]):
+                to_rows[columns[k, 0], to] = rows[row, k, lane]
+            for k in range(flags.shape[1]):
+                to_flags[k, to] = flags[row, k, lane]
+
+
 Records = NDArray[Any]
 
 

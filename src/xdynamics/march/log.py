@@ -14,8 +14,7 @@ from xdynamics.kernels.law import ROW
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import DEVIATION, NORM, TURNS, UNSOUND, H, T
 from xdynamics.march.calls import call_phase, call_row_writer
-from xdynamics.march.exact_times import set_time
-from xdynamics.march.force_evaluation import leaves_samples
+from xdynamics.march.force_evaluation import leaves_samples, set_time
 from xdynamics.march.past import has_room_for_past
 from xdynamics.march.run import ASSEMBLY_PHASE, BASE, EVENT_ROW, NOTE_LINKS, TRIAL_ROW, Run
 from xdynamics.march.settings import Settings

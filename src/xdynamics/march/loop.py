@@ -12,10 +12,12 @@ import numpy as np
 
 from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
 from xdynamics.kernels.drive_tables import enter_pieces
-from xdynamics.kernels.lane_writing import STRETCH
+from xdynamics.kernels.lane_step import STRETCH
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
-from xdynamics.march.acceptance import (
+from xdynamics.march.assembly.broad_phase import MEETS
+from xdynamics.march.calls import call_law, call_phase, run_at
+from xdynamics.march.control import (
     AT_BOTH,
     AT_BREAK,
     AT_BREAK_AND_GRID,
@@ -23,20 +25,26 @@ from xdynamics.march.acceptance import (
     AT_NODE,
     count_landing,
     end_march,
+    first_step,
+    grow_step,
     judge_trial,
     move_to_trial_end,
     nonfinite_reason,
+    reduce_step,
+    shortest_step,
 )
-from xdynamics.march.assembly.broad_phase import MEETS
-from xdynamics.march.attitudes import hold_attitudes
-from xdynamics.march.calls import call_law, call_phase, run_at
-from xdynamics.march.control import first_step, grow_step, reduce_step, shortest_step
-from xdynamics.march.events.event_free_region import end_region
+from xdynamics.march.events.enclosures import end_region
 from xdynamics.march.events.isolation import is_event_free
-from xdynamics.march.events.ticks import rings_at_end, tick_at_end, tick_at_start
+from xdynamics.march.events.switch_sides import rings_at_end, tick_at_end, tick_at_start
 from xdynamics.march.events.zero_tests import enclose_constants
-from xdynamics.march.exact_times import grid_rest, set_time
-from xdynamics.march.force_evaluation import evaluate_forces, finite_state, settle_constraints
+from xdynamics.march.force_evaluation import (
+    evaluate_forces,
+    finite_state,
+    grid_rest,
+    hold_attitudes,
+    set_time,
+    settle_constraints,
+)
 from xdynamics.march.log import append_row, has_room, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     CONSTRAINT_VIOLATED,

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.kernels.program import REGIME
-from xdynamics.march.lifetimes import Lifetime
 from xdynamics.march.log import unwritten
 from xdynamics.march.outcomes import RUNNING
-from xdynamics.march.past_arrays import fit_past_room, trim_past
-from xdynamics.march.run import ARRAYS, CHANGING, Run
+from xdynamics.march.past import fit_past_room, trim_past
+from xdynamics.march.run import ARRAYS, CHANGING, Lifetime, Run
 
 Array = NDArray[Any]
 Floats = NDArray[np.float64]

@@ -1,4 +1,7 @@
-"""How a run ended, in words: its outcome, and the name of the first quantity that was not finite in a failed step."""
+"""How a run ended, in words: its outcome, and the name of the first quantity that was not finite in a failed step.
+
+The coordinate, velocity or state that made a test fail.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,8 @@ from xdynamics.march.accuracy_warnings import (
     resets_passed_through,
     smooth_switch_remark,
 )
-from xdynamics.march.assembly_failures import assembly_dispute
-from xdynamics.march.chattering import NOWHERE, PASSAGES
 from xdynamics.march.contact_failures import (
+    assembly_dispute,
     balance_inconsistency,
     contact_dispute,
     law_violation,
@@ -49,8 +51,7 @@ from xdynamics.march.outcomes import (
 )
 from xdynamics.march.runner import March
 from xdynamics.march.step_replay import replayed_evaluations, undefined_part
-from xdynamics.march.unlocated_switches import STEPS
-from xdynamics.march.worst_component import of_error, of_newton
+from xdynamics.march.unlocated_switches import NOWHERE, PASSAGES, STEPS
 from xdynamics.model import Function
 from xdynamics.model.detectors import KINK, SWITCH, Detector
 from xdynamics.model.kinks import original_call
@@ -72,6 +73,28 @@ from xdynamics.schema import (
 from xdynamics.shapes.naming import join_element_name, split_element_name
 from xdynamics.units import TIME, UNSCALED, unit_suffix
 from xdynamics.units.digits import MOST, digits, known_part
+
+
+def of_error(march: March) -> str:
+    """Name the component with the largest estimated error over its scale in the last trial; empty if not estimated."""
+    run, n = march.run, march.layout.used.size
+    if not march.settings.scheme.estimates:
+        return ""
+    size_before, size_after = np.abs(run.y[:n]), np.abs(run.z[:n])
+    return _worst_variable(march, run.e[:n], run.atol[:n] + run.plan[0].rtol * np.fmax(size_before, size_after))
+
+
+def of_newton(march: March) -> str:
+    """Name the component with the largest correction over its size in Newton's last iteration."""
+    run, n = march.run, march.layout.used.size
+    return _worst_variable(march, *solver_of(march.settings.method).corrections(run, n))
+
+
+def _worst_variable(march: March, errors: np.ndarray, scales: np.ndarray) -> str:
+    with np.errstate(all="ignore"):
+        ratios = np.where(errors == 0.0, 0.0, np.abs(errors) / scales)
+    return march.layout.used[int(np.argmax(np.where(np.isnan(ratios), np.inf, ratios)))]
+
 
 _SMOOTHER = "write dry friction as [frictions], or a smooth force"
 FEWEST = 6  # digits of the time at which a run failed

@@ -2,11 +2,16 @@
 
 Named numbers are fields of arrays of one record, because compiled code cannot pass records around; fields are
 read and set as ``run.now[0].t``. The bytes of everything except the log and addresses are a march's whole memory.
+
+How long the arrays of a run live, and what their elements are, as the run's annotations say it.
+
+The named numbers of a march with delays.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from enum import Enum
+from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +19,77 @@ from numpy.typing import NDArray
 from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.machine import address_of
 from xdynamics.kernels.program import TABLE, WORDS
-from xdynamics.march.lifetimes import (
-    Address,
-    Array,
-    ArrayKind,
-    Given,
-    Lifetime,
-    Log,
-    Own,
-    Passing,
-    Scratch,
-    Within,
-    record_type,
-)
-from xdynamics.march.past_records import BOOK, DELAY
+
+
+class ArrayKind(NamedTuple):
+    """What the elements of an array are, and how many dimensions it has; the name tells compiled code kinds apart.
+
+    With `either_order` the elements along the last dimension may be as far apart as the first one is long.
+    """
+
+    name: str
+    elements: Any
+    dimensions: int = 1
+    either_order: bool = False
+
+
+class Lifetime(Enum):
+    """How long an array lives, and whose it is."""
+
+    LASTING = "it is part of the memory to continue from, even after the end"
+    PASSING = "it belongs to a step: part of the memory within a march, but after a node nothing needs it"
+    GIVEN = "by the model and the settings: runs side by side share it"
+    OWN = "given to a run by itself"
+    SCRATCH = "computed where it is needed"
+    ADDRESS = "it belongs to a process: runs side by side share it"
+    LOG = "lent to the run until it is full"
+
+
+class Within(NamedTuple):
+    """The array that another one is a part of."""
+
+    owner: str
+
+
+class Array(NamedTuple):
+    """What the annotation of an array of a run says."""
+
+    kind: ArrayKind
+    lifetime: Lifetime
+    owner: str  # the array that it is a part of, if any
+
+    @classmethod
+    def read(cls, annotation: Any) -> Array:
+        """Read the marks of an annotation; without a lifetime it is `LASTING`."""
+        kind, *marks = annotation.__metadata__
+        lifetimes = [mark for mark in marks if isinstance(mark, Lifetime)]
+        owners = [mark.owner for mark in marks if isinstance(mark, Within)]
+        return cls(kind, lifetimes[0] if lifetimes else Lifetime.LASTING, owners[0] if owners else "")
+
+
+T = TypeVar("T")
+Passing = Annotated[T, Lifetime.PASSING]
+Given = Annotated[T, Lifetime.GIVEN]
+Own = Annotated[T, Lifetime.OWN]
+Scratch = Annotated[T, Lifetime.SCRATCH]
+Address = Annotated[T, Lifetime.ADDRESS]
+Log = Annotated[T, Lifetime.LOG]
+
+
+def record_type(floats: str, integers: str) -> np.dtype[Any]:
+    """Return the type of a row of named numbers, floats and then whole ones."""
+    fields = [(name, "f8") for name in floats.split()] + [(name, "i8") for name in integers.split()]
+    return np.dtype((np.record, fields))
+
+
+# A delay, and the place in `p` of the number that tells its time from what was before the start.
+DELAY = record_type("time", "flag")
+# The past of a march with delays: how many pieces are kept, of `width` numbers each, from where on in `tables`, and at most
+# which derivative a breaking point may jump in that is landed on; `slot` is the place of the first delay after the drives,
+# `stretch` the number of that which the march is in, `crossing` 1 right after a breaking point, `aimed` where the trial
+# ends at one; `evaluations` are those that a polynomial takes.
+BOOK = record_type("", "pieces breaks stretch crossing aimed first width slot most evaluations")
+
 
 # What a march does not change. `step_size` is 0 where the grid is given or steps are chosen; a grid time that differs
 # from a node by at most `snap` of its size is that node; `floor` is the least absolute tolerance that follows, over the
@@ -284,7 +346,7 @@ class Run:
     delassus: Annotated[Columns, Within("contact_tables")]  # (k, j): effect of a unit of j on the rate of k
     directions: Annotated[Columns, Within("contact_tables")]  # derivative of a reaction's rate by each velocity
     responses: Annotated[Columns, Within("contact_tables")]  # effect of a unit of a reaction on each acceleration
-    problem: Passing[Columns]  # a complementarity problem; see `march.contacts.complementarity`
+    problem: Passing[Columns]  # a complementarity problem; see `march.contacts.delassus`
     basis: Passing[IntArray]  # of the problem, and where each unknown is
     solution: Passing[Floats]
     effects: Passing[Columns]  # contribution of each unknown to each reaction
@@ -292,7 +354,7 @@ class Run:
     column: Passing[Floats]
     chosen: Passing[IntArray]
     assemblies: Given[Assemblies]
-    pattern_inputs: Given[Lists]  # of patterns; see `march.assembly.links`
+    pattern_inputs: Given[Lists]  # of patterns; see `march.assembly.broad_phase`
     members: Given[IntArray]  # the place of each leaf for every link, or element, among coordinates or parameters
     slots: Given[IntArray]  # of the impulse along each coordinate
     handed: Given[Lists]  # pattern, place of a parameter there, place here
@@ -319,13 +381,13 @@ class Run:
     pulls: Scratch[Floats]  # its friction
     remains: Scratch[Floats]  # the acceleration that its gap is left with
     lifted: Scratch[IntArray]  # what passes zero in the trial: 1 the force of one, 2 its grip, 3 its slip
-    release_functions: Scratch[Columns]  # what may fall to zero of each in a step; see `march.assembly.releases`
+    release_functions: Scratch[Columns]  # what may fall to zero of each in a step; see `march.assembly.narrow_phase`
     grips: IntArray  # what each does along its slip; see `march.assembly.closed_links`
     vectors: Scratch[Columns]  # of a system of all links that touch, or are closed; see `march.assembly.closed_links`
     paths: Scratch[Columns]  # directions and their images; see `march.assembly.friction`
     shares: Passing[Floats]  # forces of closed links, along each row, as they were shared last
     swing: Scratch[Floats]  # what forces of links do to all coordinates
-    chains: Scratch[IntArray]  # rows of equations that read the same coordinate; see `march.assembly.direct_solution`
+    chains: Scratch[IntArray]  # rows of equations that read the same coordinate; see `march.assembly.normal_forces`
     stiffened: Scratch[Columns]  # masses with what links add to them, factored; see `march.assembly.banded_factors`
     changes: Scratch[Columns]  # of these since they were factored
     ordering: Scratch[Lists]  # of coordinates in these

@@ -1,12 +1,21 @@
-"""Drive a march from Python: settings, blocks, interruption, outcome. Python sees blocks, never steps."""
+"""Drive a march from Python: settings, blocks, interruption, outcome. Python sees blocks, never steps.
+
+Ctrl-C while a run is marched: the first ends it with what is recorded, the second raises.
+
+Marches that begin alike, as in a loop over one model: what they begin with is made once, and copied for each.
+"""
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from math import inf, isfinite
 from operator import itemgetter
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -14,12 +23,12 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
 from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.kernels.engine_part import is_being_made
 from xdynamics.kernels.law import FORCE_SAMPLES, ROW_ENERGIES
-from xdynamics.march.chattering import NOWHERE, chattering
+from xdynamics.kernels.machine import aligned_zeros
 from xdynamics.march.energy_gains import Gains, add_gains, impacts_of, place_of_loss
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, pose_run
-from xdynamics.march.keyboard import ending_at_interrupt
 from xdynamics.march.log import LOG_COUNTS, Log, LogBlock, log_of, misplaced_events, most_recycled
 from xdynamics.march.memory import (
     LARGE,
@@ -31,18 +40,75 @@ from xdynamics.march.memory import (
     rest_on,
 )
 from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
-from xdynamics.march.past_arrays import make_room
-from xdynamics.march.recurring_runs import copy_template_run, recurs
-from xdynamics.march.run import NOW, Run
+from xdynamics.march.past import make_room
+from xdynamics.march.run import ARRAYS, NOW, Run
 from xdynamics.march.settings import Settings
-from xdynamics.march.thinning import RowsAroundTimes, Thinning
-from xdynamics.march.unlocated_switches import Passages
-from xdynamics.march.witnesses import Witnesses
+from xdynamics.march.thinning import RowsAroundTimes, Thinning, Witnesses
+from xdynamics.march.unlocated_switches import NOWHERE, Passages, chattering
+from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
 from xdynamics.model.switches import Switch
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import ERRORS, EVENT_AFTER, EVENT_BEFORE, WITNESSES
 from xdynamics.units import TIME, unit_suffix
+
+
+@contextmanager
+def ending_at_interrupt(end: Callable[[], None]) -> Iterator[None]:
+    """Let the first Ctrl-C end the run as an outcome; a second one raises, and one while the engine is being made."""
+    if not _is_main_thread():
+        yield
+        return
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, previous)
+        if is_being_made():  # by numba for a minute or longer, of which nothing is lost
+            raise KeyboardInterrupt
+        end()
+
+    previous = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:  # of blocks that nobody closed, any thread that collects garbage comes here
+        if _is_main_thread() and signal.getsignal(signal.SIGINT) is interrupt:
+            signal.signal(signal.SIGINT, previous)
+
+
+def _is_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
+FEW = 64  # numbers of a state, and parameters, of which what a march begins with is kept
+
+
+def recurs(model: Model, settings: Settings, layout: Layout) -> bool:
+    """Whether what a march begins with is small, and given by what equal settings have in common.
+
+    Equal floats may stand for unequal numbers, as they were written, and 0.0 for -0.0; times of controllers, of tables and
+    nodes follow from these.
+    """
+    return (
+        max(layout.used.size, len(model.statement.parameters)) <= FEW
+        and not (layout.reactions or layout.watched or model.events)
+        and not (model.python_functions or model.assemblies or model.delays or model.drives or model.controllers)
+        and not (settings.nodes or isinstance(settings.step, tuple) or settings.until == 0.0)
+        and settings.precision == FLOAT64
+    )
+
+
+def copy_template_run(model: Model, settings: Settings, law: Law) -> Run:
+    """Return a run that has not begun, as `pose_run` makes it, with arrays of its own."""
+    first, filled = _template_run(model, settings, law)
+    arrays = {name: getattr(first, name).copy("K") for name in filled}
+    return Run(first, **arrays | {"w": aligned_zeros(first.w.size)})
+
+
+@lru_cache(maxsize=32)
+def _template_run(model: Model, settings: Settings, law: Law) -> tuple[Run, tuple[str, ...]]:
+    """Return a run that does not begin, and the names of its arrays that have elements."""
+    run = pose_run(model, settings, law, log_of(law.layout, settings, 0), addresses_of(law))
+    return run, tuple(name for name in ARRAYS if getattr(run, name).size)
+
 
 PAUSE_ROWS = 250_000  # between two checks of the clock and the keyboard
 LOOK = 0.5  # s between two checks where steps are slow

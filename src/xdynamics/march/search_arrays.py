@@ -11,14 +11,12 @@ from xdynamics.expressions import Name
 from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing_rows
 from xdynamics.kernels.interval_program import TIME as INSTANTS
-from xdynamics.kernels.step_polynomial import curve_degree
+from xdynamics.kernels.layout import curve_degree
 from xdynamics.march.engine import assembly_address as meeting
 from xdynamics.march.engine import contact_address, watchers
-from xdynamics.march.events.event_free_region import BOX, INSTANT, OTHER, POSITION
-from xdynamics.march.events.interval_operations import operation_addresses
-from xdynamics.march.root_methods import JUDGED
+from xdynamics.march.events.enclosures import BOX, INSTANT, OTHER, POSITION, operation_addresses
 from xdynamics.march.run import AT_INSTANT, BALANCE, DEPARTURE, DETECTOR, LINK, PIECE, REACTION, TOUCH, WATCH
-from xdynamics.march.settings import Settings
+from xdynamics.march.settings import JUDGED, Settings
 from xdynamics.model import Model
 from xdynamics.model.assemblies import PATTERN
 from xdynamics.model.detectors import KINK, PERIODIC, SWITCH

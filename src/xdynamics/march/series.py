@@ -9,10 +9,20 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.numbers import FRACTION, ONE
 from xdynamics.kernels.compiling import jit_inline, jit_separate
-from xdynamics.kernels.formulas import compiled_function_of, larger
+from xdynamics.kernels.formulas import (
+    CONSTANTS,
+    FORESEEN,
+    LOG2,
+    TERM,
+    TIME_OF,
+    TINY,
+    WEIGHT,
+    WITHOUT_UNIT,
+    compiled_function_of,
+    larger,
+)
 from xdynamics.kernels.law import EXPAND, PROPOSE
 from xdynamics.kernels.program import T
-from xdynamics.kernels.step_control import CONSTANTS, FORESEEN, LOG2, TERM, TIME_OF, TINY, WEIGHT, WITHOUT_UNIT
 from xdynamics.march.calls import call_law
 from xdynamics.march.control import allowed_of, shortest_step, term_rounding
 from xdynamics.march.force_evaluation import find_term_sizes, state_slope

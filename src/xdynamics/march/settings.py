@@ -1,32 +1,249 @@
-"""The settings of a march, checked before anything is computed."""
+"""The settings of a march, checked before anything is computed.
+
+How events are located, and judged at instants where their functions are zero: by names, and as a record has it.
+
+What does not go with numbers that are sums of two floats, and what to do about it.
+
+What does not go with delayed values, and what to do about it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME, SETS
-from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.elementary.bounds import EPS
+from xdynamics.expressions import expand, free_names, text_of
 from xdynamics.faults import InputError, numbered_lines
 from xdynamics.kernels import Layout, layout_of
 from xdynamics.keywords import FULL, STATES
-from xdynamics.march.delay_faults import delay_faults
-from xdynamics.march.precision_faults import precision_faults
-from xdynamics.march.root_methods import EARLIEST_FIRST, EVENT_STARTS, JUDGED, ONE_BY_ONE, ROOT_METHODS
+from xdynamics.march.past import delay_times
 from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS, Tolerances, least_rtol
 from xdynamics.methods import Method
-from xdynamics.methods.scheme import EMBEDDED, ESTIMATORS, FLOAT64, NO_ESTIMATE, Scheme
+from xdynamics.methods.scheme import (
+    COMPENSATED,
+    DOUBLE_DOUBLE,
+    EMBEDDED,
+    ESTIMATORS,
+    FLOAT64,
+    INTERPOLANT,
+    NO_ESTIMATE,
+    PLAIN,
+    PRECISIONS,
+    SUMMATIONS,
+    Scheme,
+    updates,
+)
 from xdynamics.methods.steppers import EXACT, JACOBIANS
-from xdynamics.methods.summation import COMPENSATED, PLAIN, SUMMATIONS, updates
 from xdynamics.model import Model
 from xdynamics.model.controllers import actions, alarms, exact_time, faults_of_ticks
+from xdynamics.model.drive_arguments import CLOCK
+from xdynamics.model.motion import drive_pieces
 from xdynamics.model.parts import MOST_REACTIONS
 from xdynamics.model.regime_model import regime_model
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, SWITCHES
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import ENERGIES, sample_name
 from xdynamics.units import NONE, UNSCALED, Quantity, Scales, unit_suffix
-from xdynamics.units.rounded import exact_value
+from xdynamics.units.unit import exact_value
+
+EARLIEST_FIRST, ON_HERMITE, ONE_BY_ONE = "earliest first", "earliest first by Hermite", "one by one"
+_EARLIEST_FIRST = (
+    "the earliest of a step first, by inverse cubic Hermite interpolation of its function's values and rates, else ITP"
+    " bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597), on re-integrated substeps; the right end is accepted"
+)
+ROOT_METHODS = {  # how events are located, as described in a record; version 0.2 had only the last, what followed it the second
+    EARLIEST_FIRST: f"{_EARLIEST_FIRST}; steps that leave a polynomial are searched by its bounds",
+    ON_HERMITE: _EARLIEST_FIRST,
+    ONE_BY_ONE: (
+        "ITP bracketing (Oliveira, Takahashi 2021, doi:10.1145/3423597) on re-integrated substeps; the right end is"
+        " accepted"
+    ),
+}
+# What becomes of an acting event whose function is zero where the motion starts or another event acts: it is judged by
+# where the motion takes it, or, as in archives that do not say so, waits until its function has left zero.
+JUDGED, WAITING = "judged", "waiting"
+EVENT_STARTS = (JUDGED, WAITING)
+
+
+def precision_faults(settings: Any, model: Model) -> list[str]:
+    """List what settings ask for that numbers of that precision do not have."""
+    if settings.precision not in PRECISIONS:
+        return [f"precision is {settings.precision!r}; there are {', '.join(map(repr, PRECISIONS))}"]
+    if settings.precision != DOUBLE_DOUBLE:
+        return _of_sums(settings, model)
+    faults = [why for holds, why in _beyond_float64(settings, model) if holds]
+    return [f"precision = 'double_double' does not go with {why}" for why in faults]
+
+
+def _of_sums(settings: Any, model: Model) -> list[str]:
+    """Refuse to carry rounding errors along where impulses of constraints are added to sums as they are made."""
+    if settings.summation != COMPENSATED or not (model.constraints and settings.method.kept):
+        return []
+    owner = f"constraints under '{settings.method.name}', whose impulses change what is summed"
+    return [f"summation = 'compensated' does not go with {owner}; leave it out"]
+
+
+def _beyond_float64(settings: Any, model: Model) -> list[tuple[bool, str]]:
+    """Return what is asked for that is made of single floats, and what to do about it."""
+    on_interpolant = [name for name, event in model.events.items() if event.root_state == INTERPOLANT]
+    return [
+        (
+            bool(settings.method.solves),
+            f"method '{settings.method.name}', whose equations are solved in float64; take an explicit one, such as dop853",
+        ),
+        (
+            settings.estimator not in (EMBEDDED, NO_ESTIMATE),
+            (
+                f"estimator = {settings.estimator!r}, a difference of single floats; take a method with an embedded formula, such as"
+                " dop853, or a fixed step"
+            ),
+        ),
+        (
+            settings.summation == COMPENSATED,
+            "summation = 'compensated': a rest is carried of every number; leave it out",
+        ),
+        (settings.scales != UNSCALED, "scales, which are single floats; leave them out"),
+        (
+            bool(model.python_functions),
+            (
+                f"functions in Python ({', '.join(sorted({f.name for f in model.python_functions}))}), which return a float; write"
+                " them as expressions"
+            ),
+        ),
+        (
+            bool(model.contacts or model.frictions or model.assemblies),
+            (
+                "contacts and frictions, whose impacts and forces are solved in float64; write an impact as an event with"
+                " action = 'reset'"
+            ),
+        ),
+        (
+            bool(model.constraints),
+            f"constraints ({', '.join(model.constraints)}), which are held to 1e-12; take float64",
+        ),
+        (
+            bool(on_interpolant),
+            (
+                f"root_state = 'interpolant' of event '{''.join(on_interpolant[:1])}'; leave it out: the state at an event is then"
+                " that of a shortened step"
+            ),
+        ),
+        (
+            settings.event_root_method != EARLIEST_FIRST,
+            f"event_root_method = {settings.event_root_method!r}; leave it out",
+        ),
+    ]
+
+
+def check_alone(model: Model, settings: Any = None) -> None:
+    """Check a model and settings for many runs at once: refuse delayed values, whose past is kept for one run alone.
+
+    Raises
+    ------
+    InputError
+    """
+    if model.delays:
+        raise InputError(
+            f"the model '{model.name}' has delayed values, and many runs at once have no past of their own; simulate them one"
+            " by one: simulate(model.replace(parameters={…}), …)"
+        )
+    if settings is not None:
+        settings.check(model)
+        model.require_functions()
+
+
+def delay_faults(settings: Any, model: Model) -> list[str]:
+    """List what settings ask for that a march with delayed values does not have."""
+    if not model.delays:
+        return []
+    second = unit_suffix(model.time_unit)
+    try:
+        times = delay_times(model)
+    except InputError as error:
+        return [f"delays: {error}"]
+    faults = [
+        f"delay '{text_of(tree)}' is {float(time)!r}{second}, needs a positive time"
+        for tree, time in zip(model.delays, times, strict=True)
+        if not (np.isfinite(time) and time > 0.0)
+    ]
+    if faults:
+        return faults
+    return [
+        *_long_step_faults(settings, float(times.min()), second),
+        *_interpolation_faults(settings),
+        *_state_change_faults(settings, model),
+        *_short_table_faults(model, times, second),
+    ]
+
+
+def _long_step_faults(settings: Any, shortest: float, second: str) -> list[str]:
+    """Refuse given steps beyond the shortest delay: they would read what they are about to find."""
+    given_steps = settings.step if isinstance(settings.step, tuple) else (settings.step or 0.0,)
+    longest = max((step for step in given_steps if isinstance(step, float | int)), default=0.0)
+    if not longest > shortest * (1.0 + 1e-12):
+        return []
+    return [
+        f"step is {longest!r}{second}, longer than the shortest delay of {shortest!r}{second}; take a step of at most that"
+    ]
+
+
+def _interpolation_faults(settings: Any) -> list[str]:
+    """Refuse estimators by which steps are of a higher order than what they interpolate by."""
+    method, scheme = settings.method, settings.scheme
+    if scheme.order > scheme.interpolant.order + 1:
+        estimated = f" with estimator = '{settings.estimator}'" if scheme.steps > 1 else ""
+        left = f"errors of h**{scheme.interpolant.order + 1}, which would be all that is left of it"
+        remedy = "take dop853 or dormand_prince with their embedded formulas, or a method of order 4 at most"
+        subject = f"method '{method.name}'{estimated} is of order {scheme.order}"
+        return [f"{subject}, and delayed values are interpolated with {left}; {remedy}"]
+    return []
+
+
+def _short_table_faults(model: Model, times: NDArray[np.float64], second: str) -> list[str]:
+    """Refuse tables of time that end at their beginning, and do not reach back by their delays."""
+    faults, start, tables = (
+        [],
+        model.statement.initial["t"].si,
+        dict(zip(model.looked_up_at, drive_pieces(model), strict=True)),
+    )
+    for call in model.statement.delayed:
+        delayed_tree, delay = (expand(part, model.definitions) for part in call.arguments)
+        for name in sorted(free_names(delayed_tree) & {*model.drives}):
+            first, earliest_time = float(tables[name][0][0]), start - float(times[model.delays.index(delay)])
+            if model.drives[name].outside == "error" and model.looked_up_at[name] == CLOCK and first > earliest_time:
+                faults.append(
+                    f"the table of drive '{name}' begins at t = {first!r}{second}, and is read from t = {earliest_time!r}{second} on, by"
+                    f" its delay '{text_of(delay)}'; begin it there, or give it outside = 'hold'"
+                )
+    return faults
+
+
+def _state_change_faults(settings: Any, model: Model) -> list[str]:
+    """Refuse what changes states behind steps, and numbers that are sums."""
+    faults = []
+    if model.constraints or model.bodies:
+        owner = (
+            f"constraint '{next(iter(model.constraints))}'"
+            if model.constraints
+            else f"body '{next(iter(model.bodies))}'"
+        )
+        faults.append(
+            f"delayed values do not go with {owner}, by which states are moved after steps; write coordinates that need none"
+        )
+    if model.assemblies:
+        faults.append(
+            f"delayed values do not go with contact '{next(iter(model.assemblies))}' of many links; write single contacts"
+        )
+    if settings.precision != FLOAT64:
+        faults.append(f"delayed values do not go with precision = {settings.precision!r}; take '{FLOAT64}'")
+    return faults
+
 
 TIME_TOLERANCE = 1e-12  # s
 MOST_APART = 2**53  # rows from one that is kept to the next

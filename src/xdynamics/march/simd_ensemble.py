@@ -1,29 +1,161 @@
-"""Many runs side by side: which of them can be, and their arrays; `march.lanes` marches them."""
+"""Many runs side by side: which of them can be, and their arrays; `march.lanes` marches them.
+
+One thread's part of many runs: their inputs and their results.
+
+Many runs, each by a march of its own: those that may slide along switches that are not located, and those with a past.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels import Law, Layout
+from xdynamics.kernels.collocation import KEPT
 from xdynamics.kernels.compiling import PLAINLY
 from xdynamics.kernels.interval_program import can_be_watched
-from xdynamics.kernels.lane_numbers import LANE, lane_width, noted_width, of_collocation
+from xdynamics.kernels.lane_step import LANE, lane_width, noted_width, of_collocation
 from xdynamics.kernels.machine import aligned_zeros, vector_lanes
 from xdynamics.kernels.program import TABLE, WORDS
-from xdynamics.kernels.radau_memory import KEPT
 from xdynamics.march.engine import lanes as side_by_side
-from xdynamics.march.ensemble_part import Arrays, EnsemblePart, inputs_of_runs, rows_of_many
 from xdynamics.march.equation_solvers import solver_of
-from xdynamics.march.initial_run import addresses_of, pose_run
-from xdynamics.march.lane_rows import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
-from xdynamics.march.log import Log, Room, allocate, is_wide
-from xdynamics.march.run import EVENT_ROW, Run
+from xdynamics.march.initial_run import addresses_of, floor_of, pose_run, widened
+from xdynamics.march.lanes import EVENTS, NONE, OF_LANE, OF_NOTED, OF_STATE, ROWS
+from xdynamics.march.log import LOG_COUNTS, Log, Room, allocate, is_wide
+from xdynamics.march.run import EVENT_ROW, NOW, Run
+from xdynamics.march.runner import March
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
+from xdynamics.model.motion import constants
+from xdynamics.units import TIME
+
+Floats = NDArray[np.float64]
+Arrays = Mapping[tuple[str, str], Floats]  # by kind and name; one number for each run
+# rows that many runs fill at a time, at most and at least; and the bytes of wide ones: a system provides memory in pages of
+# some megabytes, of which a row of 10,000 numbers may touch all
+LOG_ROWS, FEWEST_ROWS, LOG_BYTES = 1 << 14, 64, 1 << 24
+
+
+@dataclass
+class EnsemblePart:
+    """What one thread marched, in internal units, with the pieces of its log."""
+
+    ends: NDArray[Any]
+    lasts: Floats
+    largest: Floats
+    passed: Floats  # of each switch declared smooth: its side at the end, how often it was passed, and when first
+    parameters: Floats
+    logs: list[Log]
+
+    @classmethod
+    def empty(cls, runs: int, law: Law, parameters: Floats) -> EnsemblePart:
+        """Return room for a number of runs."""
+        used, row, smooth = law.layout.used.size, law.layout.row.size, len(law.layout.smooth)
+        lasts, largest, passed = (np.zeros((runs, width)) for width in (row, used, 3 * smooth))
+        return cls(np.zeros(runs, NOW), lasts, largest, passed, parameters, [])
+
+
+def inputs_of_runs(
+    model: Model, settings: Settings, law: Law, run: Run, arrays: Arrays
+) -> tuple[NDArray[Any], Floats, Floats, Floats]:
+    """Return plan, start, parameters and absolute tolerances of every run, in internal units."""
+    n, scales, layout = len(next(iter(arrays.values()))), settings.scales, law.layout
+    plans = np.repeat(run.plan, n)
+    starts = np.tile(run.y[: layout.used.size], (n, 1))
+    parameters, atols = np.tile(run.p, (n, 1)), np.tile(run.atol, (n, 1))
+    places = {name: i for i, name in enumerate(constants(model))}
+    for (kind, name), values in arrays.items():
+        if kind == "parameter":
+            parameters[:, places[name]] = values / scales.si_factor(model.dimensions[name])
+        elif kind == "initial value":
+            starts[:, layout.used.offset_of(name)] = values / scales.si_factor(model.dimensions[name])
+        elif kind == "step":
+            plans["first_step" if settings.adaptive else "step_size"] = values / scales.si_factor(TIME)
+        elif settings.tolerances is not None:
+            plans["rtol"] = [law.scheme.inner(value) for value in values.tolist()]
+            factors = np.array([widened(law, value) for value in values.tolist()])
+            plans["floor"] = [floor_of(rtol) for rtol in plans["rtol"].tolist()]
+            for i, used in enumerate(layout.used):
+                atol = settings.tolerances.atol_of(used)
+                if atol is not None:
+                    atols[:, i] = atol / scales.si_factor(model.dimensions[used]) * factors
+    return plans, starts, parameters, atols
+
+
+def log_of_many(layout: Layout, settings: Settings) -> Log:
+    """Return a log for many runs, which is filled repeatedly."""
+    rows = rows_of_many(LOG_ROWS, layout.row.size)
+    return allocate(layout, rows, sampled=0, one_by_one=settings.locates_one_by_one, by_rows=is_wide(layout))
+
+
+def rows_of_many(max_rows: int, numbers: int) -> int:
+    """Return how many rows of so many numbers many runs fill at a time: some megabytes, and a step at least."""
+    return max(FEWEST_ROWS, min(max_rows, LOG_BYTES // (8 * max(1, numbers))))
+
+
+def copy_log_start(log: Log, rows: int, events: int) -> Log:
+    """Copy the first rows and events of a log, with closed links where there are rows."""
+    return Log(
+        log.base,
+        log.rows[:, :rows].copy(),
+        log.flags[:, :rows].copy(),
+        log.samples[:, :0],
+        log.trials[:0],
+        log.events[:events].copy(),
+        log.rates[:, :events].copy(),
+        log.impulses[:, :events].copy(),
+        log.closed_rows[:, : None if rows else 0].copy(),
+    )
+
+
+def take_out_log(run: Run, log: Log, *, logs: bool) -> Log:
+    """Copy what is kept out of the log, and have it filled from its beginning."""
+    now, base = run.now[0], log.base[0]
+    rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
+    log_part = copy_log_start(log, rows, events)
+    log.follow(*(int(now[count]) for count in LOG_COUNTS))
+    return log_part
+
+
+BLOCK_ROWS = 1 << 12  # of a log, of which two are filled in turn
+
+
+def march_watched(
+    model: Model, settings: Settings, law: Law, inputs: tuple[NDArray[Any], ...], *, logs: bool
+) -> EnsemblePart:
+    """March runs one after the other, each as if alone: those that slide along a switch are ended, delays have their past.
+
+    Parameters
+    ----------
+    model : Model
+    settings : Settings
+    law : Law
+    inputs : tuple of ndarray
+        Plan, start, parameters and absolute tolerances of every run, in internal units; see `inputs_of_runs`.
+    logs : bool
+        Whether to keep every row, or only the last states and the events.
+    """
+    part = EnsemblePart.empty(len(inputs[0]), law, inputs[2])
+    for k, (plan, start, parameters, atols) in enumerate(zip(*inputs, strict=True)):
+        march = March(model, settings)
+        run = march.run
+        run.plan[0], run.p[:], run.atol[:] = plan, parameters, atols
+        run.y[: start.size] = start
+        with closing(march.blocks(BLOCK_ROWS)) as blocks:
+            for block in blocks:
+                if block.rows:
+                    part.lasts[k] = block.log.rows[:, block.rows - 1]
+                part.logs.append(copy_log_start(block.log, block.rows if logs else 0, block.events))
+                part.logs[-1].closed[:1] -= block.log.base[0]["rows"]
+        part.ends[k], part.largest[k] = run.now[0], run.largest[: part.largest.shape[1]]
+        part.passed[k] = run.w[run.w.size - part.passed.shape[1] :]
+    return part
+
 
 LANE_ROWS = 1 << 5  # of a lane's log, to which the single march writes now and then
 EVENT_ROOM = 1 << 16  # events that lanes hold before they are taken out

@@ -10,8 +10,7 @@ from xdynamics.expressions import Binary, Call, Node, chain, exponent_of, limits
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import children
 from xdynamics.methods import ConstraintImpulse, Evaluation, Solve, VectorStatement
-from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.lines import TaylorSeries
+from xdynamics.methods.lines import TaylorSeries, Walker
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_motion
 from xdynamics.schema import acceleration, rate, velocity
 

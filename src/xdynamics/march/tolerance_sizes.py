@@ -12,8 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import jit_inline, jit_separate
-from xdynamics.kernels.formulas import compiled_function_of
-from xdynamics.kernels.step_control import TOLERANCE
+from xdynamics.kernels.formulas import TOLERANCE, compiled_function_of
 from xdynamics.march.force_evaluation import evaluate_forces, state_slope
 from xdynamics.march.run import Run
 

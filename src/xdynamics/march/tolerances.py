@@ -9,13 +9,13 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.elementary.bounds import EPS
 from xdynamics.faults import first_names
 from xdynamics.kernels.layout import Layout
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, UNIT_OF
 from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import Unit

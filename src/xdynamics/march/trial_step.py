@@ -11,10 +11,15 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
 from xdynamics.kernels.law import DETECT, PROPOSE
 from xdynamics.kernels.program import UNSOUND, T
-from xdynamics.march.attitudes import hold_attitudes
 from xdynamics.march.calls import call_law, call_phase, run_at, stepped_by
-from xdynamics.march.exact_times import set_step, set_time
-from xdynamics.march.force_evaluation import evaluate_forces, finite_state, keep_sample
+from xdynamics.march.force_evaluation import (
+    evaluate_forces,
+    finite_state,
+    hold_attitudes,
+    keep_sample,
+    set_step,
+    set_time,
+)
 from xdynamics.march.log import note_trial
 from xdynamics.march.past import enter_past
 from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, STEP_LINKS, SUBSTEP, Run

@@ -1,4 +1,7 @@
-"""Motion along a switch that is not located, as where there are too many: it passes to and fro in almost every step."""
+"""Motion along a switch that is not located, as where there are too many: it passes to and fro in almost every step.
+
+Motion that rests on a switch at which a force jumps: passages to and fro, each within what can be resolved.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,34 @@ from xdynamics.march.outcomes import RUNNING, SLIDING_MODE
 from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
+from xdynamics.model.detectors import SWITCH
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states
 from xdynamics.model.switches import Switch, are_too_many, jumping_switches
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.units import TIME
+
+NOWHERE = -1
+PASSAGES = 32  # the last ones of a run, which all have to be of one switch and close together
+CLOSE = 100.0  # time tolerances from one to the next
+SMALL = 64.0  # uncertainties of the switch's function between them
+
+
+def chattering(detectors: NDArray[Any], events: NDArray[Any]) -> int:
+    """Return the detector of the switch that the last events passed to and fro, or `NOWHERE`.
+
+    Between two passages its function stays within a multiple of its rounding, by its rate at the second and the time
+    from the first, or the time itself is a small multiple of its tolerance: what happens there is made by rounding.
+    """
+    last = events[-PASSAGES:]
+    if len(last) < PASSAGES or (last["detector"] != last["detector"][0]).any():
+        return NOWHERE
+    detector = detectors[last["detector"][0]]
+    if detector["role"] != SWITCH:
+        return NOWHERE
+    pauses, rates = np.diff(last["time"]), np.abs(last["slope"][1:])
+    near = (pauses <= CLOSE * detector["tolerance"]) | (rates * pauses / 4.0 <= SMALL * last["uncertainty"][1:])
+    return int(last["detector"][0]) if near.all() else NOWHERE
+
 
 Floats = NDArray[np.float64]
 

@@ -1,18 +1,22 @@
 """The language of methods: lines of vectors, as books print a step, which are read, printed, and run.
 
 The first letter of a name tells the kind of vector: q, v, a of the motion, x, r of the first-order states.
+
+The walk through a method's lines; subclasses that run, print or analyse them define what each kind of line does.
 """
 
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import takewhile
 from textwrap import dedent
 
 from xdynamics.expressions import Binary, Name, Node, Number, free_names, parse, text_of
-from xdynamics.expressions.polynomial import polynomial_coefficients
+from xdynamics.expressions.calculus import polynomial_coefficients
 from xdynamics.model import Model
 
 SCALARS = ("t", "t1", "h", "s")
@@ -329,3 +333,41 @@ HERMITE = Interpolant(
     of_coordinates=5,
     needs_no_stages=True,
 )
+
+
+class Walker(ABC):
+    """Handles each kind of line of a method."""
+
+    def walk(self, lines: Iterable[Line]) -> None:
+        """Go through lines in order."""
+        for line in lines:
+            if isinstance(line, Evaluation):
+                self.evaluate(line)
+            elif isinstance(line, Solve):
+                self.solve(line)
+            elif isinstance(line, TaylorSeries):
+                self.expand(line)
+            elif isinstance(line, ConstraintImpulse):
+                self.keep(line)
+            else:
+                self.assign(line)
+
+    @abstractmethod
+    def assign(self, line: VectorStatement) -> None:
+        """Handle one vector from vectors of the same length."""
+
+    @abstractmethod
+    def evaluate(self, line: Evaluation) -> None:
+        """Handle accelerations and rates at one time and state."""
+
+    @abstractmethod
+    def expand(self, line: TaylorSeries) -> None:
+        """Handle the coefficients of the motion from the start of the step on."""
+
+    @abstractmethod
+    def keep(self, line: ConstraintImpulse) -> None:
+        """Handle impulses of constraints."""
+
+    @abstractmethod
+    def solve(self, line: Solve) -> None:
+        """Handle simultaneous equations."""

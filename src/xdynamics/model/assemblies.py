@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Name, Node, expand, free_names
 from xdynamics.expressions.calculus import ONE
 from xdynamics.faults import InputError
-from xdynamics.model.lazy_trees import Diagonal, Lazy
+from xdynamics.model.elementwise import Diagonal, Lazy
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Contact, Coordinate, Event
 from xdynamics.model.statement import Statement
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import velocity
 from xdynamics.shapes import Relation, Shapes, at_element
 from xdynamics.shapes.naming import split_element_name

@@ -10,19 +10,21 @@ from xdynamics.expressions import Call, Node, dimension_of, expand, free_names, 
 from xdynamics.expressions.calculus import MOST_LEVELS
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger, ModelError, first_names
-from xdynamics.model.body_consistency import check_bodies, check_constants
-from xdynamics.model.closed_forms import check_validation
-from xdynamics.model.constraint_consistency import check_constraints
-from xdynamics.model.contact_consistency import check_contacts
+from xdynamics.model.body_consistency import (
+    check_bodies,
+    check_constants,
+    check_function,
+    check_motion,
+    check_tree_dimension,
+)
+from xdynamics.model.constraint_consistency import check_constraints, check_contacts, check_delays
 from xdynamics.model.controllers import EVERY, start_values
-from xdynamics.model.delay_consistency import check_delays
 from xdynamics.model.given_values import unit_of_values
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.kinks import SWITCHING
-from xdynamics.model.motion_consistency import check_function, check_motion, check_tree_dimension
 from xdynamics.model.name_consistency import check_names
 from xdynamics.model.parts import ORIGIN, Controller, Event, Function
-from xdynamics.model.statement import Statement
+from xdynamics.model.statement import Statement, check_validation
 from xdynamics.model.uncertainty import NORMAL, cholesky_factor, correlation_matrix
 from xdynamics.schema import acceleration, velocity
 from xdynamics.shapes.naming import quantity_name

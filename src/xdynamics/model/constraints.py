@@ -5,13 +5,21 @@ and the multipliers u solve M a = F + R^T u, R a + bias = 0, so R M^-1 R^T u = -
 Solving Ordinary Differential Equations II, 2nd ed., section VII.1, index 1). That matrix is factored as L D L^T, sparse
 where conditions share no coordinate: along a chain of rods the cost grows as the rods do. A small pivot belongs to a
 condition that others imply: accelerations do not depend on how its force is shared, for which see `implied_conditions`.
+
+Solving with the mass matrix, as trees: M u = right, by division or by the factors L D L^T.
+
+How the force of conditions that imply each other is shared, which the motion does not tell: the least of all shares.
+
+Where R M^-1 R^T has no full rank, multipliers u and u + N z accelerate alike, for every z and N of its null space. Taken is
+the least norm of all, each multiplier weighed by its diagonal entry, which is what it accelerates by itself: so the share
+does not depend on how a condition is written, in which unit or times which number.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 from xdynamics.expressions import (
     Binary,
@@ -27,14 +35,148 @@ from xdynamics.expressions import (
     expand,
     free_names,
 )
-from xdynamics.expressions.calculus import ONE, ZERO, add, multiply, sum_of_terms
+from xdynamics.expressions.calculus import ONE, ZERO, add, multiply, negative, sum_of_terms
 from xdynamics.model.constraint_consistency import DEPENDENT, implied_at_start
-from xdynamics.model.implied_conditions import Sharing
-from xdynamics.model.mass import Assignment, mass_factors, solve_mass, subtract_terms
 from xdynamics.model.model import Model
+from xdynamics.model.parts import Function
 from xdynamics.reaction_names import PROJECTION, RANK, constraint_force
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """``name = value``; the value is an expression without definitions, or a function written in Python."""
+
+    name: str
+    value: Node | Function
+
+
+def mass_factors(model: Model) -> Iterator[Assignment]:
+    """Write what solving with the mass needs: its diagonal, or the factors of M = L D L^T."""
+    if not model.mass_is_full:
+        for i in range(len(model.statement.coordinates)):
+            yield Assignment(f"_m{i}", Call("positive", (model.expanded(model.mass[i][i]),)))
+        return
+    mass = [[model.expanded(entry) for entry in row] for row in model.mass]
+    for i, row in enumerate(mass):
+        for j in range(i):
+            products = (product_of_names(f"_l{i}_{k}", f"_l{j}_{k}", f"_d{k}") for k in range(j))
+            yield Assignment(f"_l{i}_{j}", Binary("/", subtract_terms(row[j], products), Name(f"_d{j}")))
+        products = (product_of_names(f"_l{i}_{k}", f"_l{i}_{k}", f"_d{k}") for k in range(i))
+        yield Assignment(f"_d{i}", Call("positive", (subtract_terms(row[i], products),)))
+
+
+def solve_mass(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None = None) -> Iterator[Assignment]:
+    """Solve M u = right for the unknowns, by division or forward and back through the factors."""
+    unknowns, right = list(rows), list(rows.values())
+    if not model.mass_is_full:
+        row_of = {name: i for i, name in enumerate(model.statement.coordinates)}
+        for name, unknown, tree in zip(
+            model.statement.coordinates if names is None else names, unknowns, right, strict=True
+        ):
+            yield Assignment(unknown, Binary("/", tree, Name(f"_m{row_of[name]}")))
+        return
+    n = len(unknowns)
+    z = [f"_z{i}_{unknown}" for i, unknown in enumerate(unknowns)]
+    for i in range(n):
+        yield Assignment(z[i], subtract_terms(right[i], (product_of_names(f"_l{i}_{k}", z[k]) for k in range(i))))
+    for i in reversed(range(n)):
+        back_products = (product_of_names(f"_l{k}_{i}", unknowns[k]) for k in range(i + 1, n))
+        yield Assignment(unknowns[i], subtract_terms(Binary("/", Name(z[i]), Name(f"_d{i}")), back_products))
+
+
+def product_of_names(*names: str) -> Node:
+    """Multiply named numbers, one after the other."""
+    operands: list[Node] = [Name(name) for name in names]
+    return reduce(lambda left, right: Binary("*", left, right), operands)
+
+
+def subtract_terms(tree: Node, terms: Iterable[Node]) -> Node:
+    """Subtract terms, one after the other."""
+    return reduce(lambda left, right: Binary("-", left, right), terms, tree)
+
+
+Vectors = dict[int, dict[int, Node]]  # of every implied condition: its null vector's entries by condition
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """How multipliers are shared, from the factors of R M^-1 R^T = L D L^T.
+
+    Attributes
+    ----------
+    implied : tuple of int
+        The conditions that those before them imply at the start; where their pivots are none at a state, others imply them.
+    inverse_pivots : tuple of str
+        Of D, zero where a pivot is none.
+    factors : mapping of (int, int) to str
+        Of L below its diagonal, where it is not zero throughout.
+    weights : tuple of Node
+        Of each multiplier in norms.
+    """
+
+    implied: tuple[int, ...]
+    inverse_pivots: tuple[str, ...]
+    factors: Mapping[tuple[int, int], str]
+    weights: tuple[Node, ...]
+
+    @cached_property
+    def _spanned(self) -> tuple[list[Assignment], Vectors]:
+        """Vectors that span the null space, each orthogonal to those before it."""
+        lines: list[Assignment] = []
+        vectors: Vectors = {}
+        for p in self.implied:
+            raw: dict[int, Node] = {p: Name(f"_implied{p}")}
+            lines.append(Assignment(f"_implied{p}", _where_positive(Name(self.inverse_pivots[p]), ZERO, ONE)))
+            for i in reversed(range(p)):  # L^T z = 0
+                if terms := [multiply(Name(self.factors[j, i]), raw[j]) for j in raw if (j, i) in self.factors]:
+                    lines.append(Assignment(f"_null{p}_{i}", negative(sum_of_terms(terms))))
+                    raw[i] = Name(f"_null{p}_{i}")
+            for q, earlier in vectors.items():
+                lines.append(Assignment(f"_along{p}_{q}", self._projection(raw, earlier, q)))
+                for i, entry in earlier.items():
+                    part = Binary("-", raw.get(i, ZERO), Binary("*", Name(f"_along{p}_{q}"), entry))
+                    lines.append(Assignment(f"_null{p}_{i}_{q}", part))
+                    raw[i] = Name(f"_null{p}_{i}_{q}")
+            vectors[p] = raw
+            square = Name(f"_square{p}")
+            lines.append(Assignment(square.name, self._weighted_product(raw, raw)))
+            lines.append(Assignment(_inverse_square(p), _where_positive(square, Binary("/", ONE, square), ZERO)))
+        return lines, vectors
+
+    def null_vectors(self) -> Iterator[Assignment]:
+        """Write what spans the null space."""
+        yield from self._spanned[0]
+
+    def least_norm(self, forces: Sequence[str], basic: Sequence[str]) -> Iterator[Assignment]:
+        """Write the multipliers of least norm from others that accelerate alike, a basic solution."""
+        left: dict[int, Node] = {k: Name(name) for k, name in enumerate(basic)}
+        for p, vector in self._spanned[1].items():
+            part = Name(f"_part{p}_{forces[p]}")
+            yield Assignment(part.name, self._projection(left, vector, p))
+            for i, entry in vector.items():
+                reduced = Name(f"_less{p}_{forces[i]}")
+                yield Assignment(reduced.name, Binary("-", left[i], Binary("*", part, entry)))
+                left[i] = reduced
+        yield from (Assignment(name, left[k]) for k, name in enumerate(forces))
+
+    def _projection(self, multipliers: Mapping[int, Node], vector: Mapping[int, Node], p: int) -> Node:
+        return Binary("*", self._weighted_product(multipliers, vector), Name(_inverse_square(p)))
+
+    def _weighted_product(self, a: Mapping[int, Node], b: Mapping[int, Node]) -> Node:
+        shared = sorted(a.keys() & b.keys())
+        return sum_of_terms([Binary("*", self.weights[i], Binary("*", a[i], b[i])) for i in shared]) if shared else ZERO
+
+
+def _where_positive(value: Node, then: Node, otherwise: Node) -> Node:
+    return Call("where", (Compare(">", value, ZERO), then, otherwise))
+
+
+def _inverse_square(p: int) -> str:
+    return f"_inverse_square{p}"
+
 
 MOST_DIFFERENTIATED = 24  # coordinates: the derivatives of all accelerations by all of the state grow as the cube
 

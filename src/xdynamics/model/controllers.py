@@ -1,4 +1,7 @@
-"""Sampled controllers: what they hold between ticks, what they change at them, and when they tick."""
+"""Sampled controllers: what they hold between ticks, what they change at them, and when they tick.
+
+What stands inside a controller of a model file: its outputs and its states, each with keys of their own.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,72 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.expressions import Binary, Call, Name, Node, Number, expand, parse
-from xdynamics.expressions.corrections import with_unit_names
-from xdynamics.faults import InputError
-from xdynamics.model.parts import Controller, Event, Output, State
+from xdynamics.expressions.parser import with_unit_names
+from xdynamics.faults import InputError, brief_repr
+from xdynamics.model.kinds import EXPRESSION, LIMIT, QUANTITY, UNIT, Kind, Source
+from xdynamics.model.parts import Controller, ControllerState, Event, Output, State
+from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
 from xdynamics.units import NONE, NUMBERS, Quantity, Unit
-from xdynamics.units.rounded import decimal_text, exact_value
+from xdynamics.units.unit import decimal_text, exact_value
+
+OUTPUT = Section(
+    "what a controller puts out: it holds between ticks",
+    "output",
+    (
+        Key("unit", UNIT, "of the output", NEEDED),
+        Key("start", QUANTITY, "what holds before the first tick takes effect", NEEDED),
+        Key(
+            "value",
+            EXPRESSION.with_unit("that unit"),
+            "what it is set to at a tick, from what holds just before",
+            NEEDED,
+        ),
+        Key("minimum", LIMIT.with_unit("that unit"), "what it is limited to from below", "none"),
+        Key("maximum", LIMIT.with_unit("that unit"), "what it is limited to from above", "none"),
+        DESCRIPTION,
+    ),
+    "",
+    make=Output,
+)
+MEMORY = Section(
+    "what a controller remembers from tick to tick",
+    "state",
+    (
+        Key("unit", UNIT, "of the state", NEEDED),
+        Key("start", QUANTITY, "what holds before the first tick", NEEDED),
+        Key(
+            "next",
+            EXPRESSION.with_unit("that unit"),
+            "what it is set to at a tick, from what holds just before",
+            NEEDED,
+        ),
+        DESCRIPTION,
+    ),
+    "",
+    make=ControllerState,
+)
+
+
+def entries_of(section: Section) -> Kind:
+    """Return the kind of values that are a table of entries, each with the keys of a section."""
+    keys_text = ", ".join(f"{key.name}{'' if key.default == NEEDED else ' (optional)'}" for key in section.keys)
+
+    def read_entries(value: Any, key: str, source: Source) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            raise InputError(f"{key} is {brief_repr(value)}, needs a table of names, each with {keys_text}")
+        entries = {}
+        for name, entry in value.items():
+            try:
+                entries[str(name)] = section.read(str(name), entry, source)
+            except InputError as error:
+                raise InputError(f"{section.entry} '{name}': {error}") from None
+        return entries
+
+    def write_entries(parts: Mapping[str, Any], time: Unit) -> dict[str, Any]:
+        return {name: section.write(part, time) for name, part in parts.items()}
+
+    return Kind(f"table of {section.entry}s, each with {keys_text}", read_entries, write_entries, {})
+
 
 MOST_TICKS = 10_000_000  # of a run
 MOST_ACTIONS = 62  # each is a bit of a number at every tick

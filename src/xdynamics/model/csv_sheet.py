@@ -1,8 +1,14 @@
-"""A table as text with any separator and decimal mark, and the names and units of its columns."""
+"""A table as text with any separator and decimal mark, and the names and units of its columns.
+
+Columns of a large table of one form, read at once: every line with the same number of cells, without quotes and gaps.
+
+Lines of a text file as cells: numbers, titles with units, words that are units.
+"""
 
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -14,10 +20,76 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger, first_names
-from xdynamics.model.plain_table import PlainTable
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes import Extent
-from xdynamics.units import NONE, TIME, Scale, Unit, parse_scale
+from xdynamics.units import NONE, TIME, Scale, Unit, parse_scale, parse_unit
+
+LEAST = 1 << 12  # characters from which a table is large
+_UNUSUAL = ('"', "#", "%", "//", "\n\n")  # quotes, comments, empty lines
+_BLANK = re.compile(r"^[^\S\n]*$", re.MULTILINE)
+_END = ord("\n")
+_LONGEST = 40  # characters of a label
+
+
+class PlainTable:
+    """The lines of a table below its header, all of them of the same number of cells.
+
+    Parameters
+    ----------
+    content : bytes
+        Lines as `from_text` finds them.
+    separator : str
+    rows : int
+        How many lines there are.
+    """
+
+    def __init__(self, content: bytes, separator: str, rows: int) -> None:
+        self.content, self.separator, self.rows = content, separator, rows
+
+    @classmethod
+    def from_text(cls, text: str, separator: str, columns: int) -> PlainTable | None:
+        """Return a table; None if it is small, or its lines are not all of one form, and are to be read one by one."""
+        if len(text) < LEAST or not text.isascii() or any(mark in text for mark in _UNUSUAL):
+            return None
+        if separator != "," and "," in text:  # which may be decimal marks
+            return None
+        text = text.rstrip("\n")
+        if (columns == 1 or separator == "\t") and _BLANK.search(text):
+            return None
+        content = f"{text}\n".encode()
+        letters = np.frombuffer(content, np.uint8)
+        ends = np.flatnonzero((letters == _END) | (letters == ord(separator)))
+        rows, remainder = divmod(ends.size, columns)
+        if remainder:
+            return None
+        is_last = (letters[ends] == _END).reshape(rows, columns)
+        longest = int(np.diff(ends[columns - 1 :: columns], prepend=-1).max())
+        is_one = is_last[:, -1].all() and not is_last[:, :-1].any() and longest <= csv.field_size_limit()
+        return cls(content, separator, rows) if is_one else None
+
+    def columns(self, places: Sequence[int], kind: Any = float) -> NDArray[Any] | None:
+        """Return columns as numbers, or as texts of a length, shape (rows, columns); None if a cell is none of that kind."""
+        try:
+            lines = io.BytesIO(self.content)
+            table_columns = np.loadtxt(lines, kind, comments=None, delimiter=self.separator, usecols=places, ndmin=2)
+        except ValueError:
+            return None
+        return table_columns if len(table_columns) == self.rows else None
+
+    def elements(self, column: int, extent: Extent) -> NDArray[np.int64] | None:
+        """Return the elements that a column names, by their numbers, or by their labels where they have some."""
+        if not extent.labels:
+            numbers = None if b"+" in self.content else self.columns([column], np.int64)
+            are_elements = numbers is not None and numbers.min() >= 0 and numbers.max() < extent.size
+            return numbers[:, 0] if numbers is not None and are_elements else None
+        texts = self.columns([column], f"S{_LONGEST + 1}")  # a longer one is no label
+        labels, which = (None, None) if texts is None else np.unique(np.char.strip(texts[:, 0]), return_inverse=True)
+        if labels is None or which is None or labels.size > extent.size:
+            return None
+        places = {label.encode(): number for number, label in enumerate(extent.labels)}
+        label_numbers = np.array([places.get(label, -1) for label in labels.tolist()], np.int64)
+        return label_numbers[which] if label_numbers.min() >= 0 else None
+
 
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}  # the first one that occurs in the header
 COMMENTS = ("#", "%", "//")
@@ -398,3 +470,83 @@ def csv_text(columns: dict[str, Any], labels: Collection[str] = ()) -> str:
         for row in zip(*(value.tolist() for value in values.values()), strict=True)
     )
     return text.getvalue()
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A table in cells: titles, rows of texts, and what kind of file they are from."""
+
+    kind: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def text(self, name: str) -> str:
+        """Write it as CSV, with a comment that says where it is from."""
+        buffer = io.StringIO()
+        rows = csv.writer(buffer, lineterminator="\n")
+        rows.writerow(self.header)
+        rows.writerows(self.rows)
+        return f"# {name}, {self.kind}\n{buffer.getvalue()}"
+
+
+def cells_of(line: str) -> list[str]:
+    """Split a line by the separator that it has; by spaces where it has none.
+
+    Raises
+    ------
+    InputError
+        If a cell is longer than the limit.
+    """
+    separator = next((separator for separator in SEPARATORS if separator in line), "")
+    try:
+        cells = next(csv.reader([line], delimiter=separator)) if separator else line.split()
+    except csv.Error:
+        raise InputError(
+            f"a cell of the line {cell_excerpt(line)} has over {csv.field_size_limit()} characters, the limit"
+        ) from None
+    return [cell.strip() for cell in cells]
+
+
+def number_cells(line: str, decimal: str) -> list[str]:
+    """Return the cells of a line of numbers with decimal points, without empty ones at its end; none if it is no such line."""
+    cells = cells_of(line)
+    while cells and not cells[-1]:
+        cells.pop()
+    comma = decimal == "," or (not decimal and ";" in line) or (not decimal and "\t" in line and "." not in line)
+    cells = [cell.replace(",", ".") if comma else cell for cell in cells]
+    good = any(cells) and all(not cell or number_in_cell(cell) is not None for cell in cells)
+    return cells if good else []
+
+
+def first_numbers(lines: Sequence[str], decimal: str) -> int:
+    """Return the number of the first line of numbers that another one with as many cells follows."""
+    for k in range(min(len(lines) - 1, 200)):
+        cells, next_cells = number_cells(lines[k], decimal), number_cells(lines[k + 1], decimal)
+        if cells and len(cells) == len(next_cells):
+            return k
+    return -1
+
+
+def is_table(line: str) -> bool:
+    """Whether a line is a header with a unit in it already."""
+    return any(has_unit(cell) for cell in cells_of(line))
+
+
+def has_unit(cell: str) -> bool:
+    """Whether a cell is a title with a unit."""
+    try:
+        title(cell)
+    except InputError:
+        return False
+    return True
+
+
+def unit_word(cell: str) -> str:
+    """Return the unit that a cell is, as a symbol or a word, ``(ms)``, ``Volt``; empty if it is none."""
+    bare = cell.strip().strip("()[]").strip()
+    for word in (bare, re.sub("s$", "", bare.lower()) if len(bare) > 2 else bare):
+        try:
+            return parse_unit(word).text if word else ""
+        except InputError:
+            continue
+    return ""

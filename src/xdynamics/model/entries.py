@@ -10,7 +10,7 @@ from xdynamics.expressions import Node, text_of
 from xdynamics.faults import InputError, first_names
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import REFUSE, Table
-from xdynamics.model.given_values import dims_key
+from xdynamics.model.given_values import dims_key, is_expression
 from xdynamics.model.instruments import KEYS as READING_KEYS
 from xdynamics.model.instruments import Reading, as_table
 from xdynamics.model.kinds import Source
@@ -28,11 +28,10 @@ from xdynamics.model.parts import (
     Parameter,
     Validation,
 )
-from xdynamics.model.python_tables import table_text
 from xdynamics.model.section import Section
 from xdynamics.model.table_keys import check_keys
+from xdynamics.model.table_values import table_text
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, read_spread, split_uncertainty
-from xdynamics.model.value_forms import is_expression
 from xdynamics.shapes import Shapes
 from xdynamics.units import NUMBERS, SECONDS, Quantity, Unit, parse_quantity, parse_scale
 

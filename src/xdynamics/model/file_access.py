@@ -1,13 +1,78 @@
-"""Which files a model may take its tables from, and how such a file is read."""
+"""Which files a model may take its tables from, and how such a file is read.
+
+Sheets of Excel as text.
+
+Limits on the text of a model, checked before it is parsed: parsing a small file can take gigabytes.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
+import re
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
+from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.model.workbook import text_of_workbook
 from xdynamics.runtime.files import check_no_address, decoded, displayed_path, read_bounded, reason
+from xdynamics.units.unit import read_decimal
+
+MOST_ROWS, MOST_COLUMNS = 200_000, 256
+
+
+def text_of_workbook(content: bytes) -> str:
+    """Return the first sheet of a workbook that has two rows or more, as CSV.
+
+    Formulas count by the values that were saved with them.
+
+    Raises
+    ------
+    InputError
+        If openpyxl is not installed, it is no workbook, or too large.
+    """
+    try:
+        from openpyxl import load_workbook
+    except ImportError:
+        raise InputError("it is a workbook, and openpyxl is not installed: pip install 'xdynamics[excel]'") from None
+    try:
+        book = load_workbook(io.BytesIO(content), read_only=True, data_only=True)
+    except Exception:  # noqa: BLE001 - whatever openpyxl and zipfile say of a file that is no workbook
+        raise InputError("it is no workbook of Excel (.xlsx)") from None
+    for sheet in book.worksheets:
+        rows = _sheet_rows(sheet)
+        if len(rows) > 1:
+            text, width = io.StringIO(), max(map(len, rows))
+            csv.writer(text, lineterminator="\n").writerows(row + [""] * (width - len(row)) for row in rows)
+            return text.getvalue()
+    raise InputError("no sheet of the workbook has two rows or more")
+
+
+def _sheet_rows(sheet: Any) -> list[list[str]]:
+    """Return the rows of a sheet that are not empty, wherever they stand; a sheet that is too large is refused, not cut."""
+    rows: list[list[str]] = []
+    for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
+        cells = _row_cells(row)
+        if len(cells) > MOST_COLUMNS:
+            raise InputError(
+                f"sheet '{sheet.title}' has {len(cells)} columns in row {number}, {MOST_COLUMNS} at most; save what is"
+                " needed as CSV"
+            )
+        if cells:
+            rows.append(cells)
+        if len(rows) > MOST_ROWS:
+            raise InputError(f"sheet '{sheet.title}' has over {MOST_ROWS} rows, the limit; save it as CSV")
+    return rows
+
+
+def _row_cells(row: tuple[Any, ...]) -> list[str]:
+    cells = ["" if cell is None else repr(cell) if isinstance(cell, float) else str(cell) for cell in row]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
+
 
 LARGEST_TABLE = 50_000_000  # bytes
 WORKBOOK = ".xlsx"
@@ -88,3 +153,67 @@ class FileAccess:
                 f"table {name!r} is out of reach: a link leads out of the model file's own folder; {remedy}"
             )
         return path
+
+
+MOST_ENTRIES = 10_000  # keys and headers of a text, or entries of a section; a thousand bodies have some 6,000
+LARGEST = 20_000_000  # characters
+MOST_VALUES = 500_000  # of lists
+LARGEST_RECORDED, MOST_RECORDED = 70_000_000, 2_000_000  # of the text of a record, which has its tables in it
+DEEPEST_KEY = 8  # names that dots join
+
+# strings and comments, which may contain anything; one that is not closed ends with its line or the file;
+# quantifiers are possessive (`++`): a backtracking one keeps every position it might return to
+_TEXTS = re.compile(
+    r'"""(?:[^"\\]++|\\.|"(?!""))*+(?:"{3,5}|\Z)|\'\'\'.*?(?:\'{3,5}|\Z)|"(?:[^"\\\n]++|\\.)*+"?|\'[^\'\n]*\'?|#[^\n]*',
+    re.DOTALL,
+)
+_DEEP = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST_KEY}}}")
+_SIZES = "; so many numbers belong into a table"
+_OF_RECORDS = "; the model_toml of a record is read by Model.from_record"
+
+
+def parse_model_text(text: str, *, recorded: bool = False) -> dict[str, Any]:
+    """Parse TOML, unless it exceeds the limits of a model, or of a record's.
+
+    Raises
+    ------
+    InputError
+        Naming the limit.
+    tomllib.TOMLDecodeError, RecursionError, ValueError
+        If the text is not TOML.
+    """
+    check_text(text, recorded=recorded)
+    return tomllib.loads(text, parse_float=read_decimal)
+
+
+def check_text(text: str, *, recorded: bool = False) -> None:
+    """Refuse TOML text larger than any model needs.
+
+    Raises
+    ------
+    InputError
+        Naming the limit, with the line where that helps.
+    """
+    largest, most_values = (LARGEST_RECORDED, MOST_RECORDED) if recorded else (LARGEST, MOST_VALUES)
+    remedy = "" if recorded else _OF_RECORDS
+    if len(text) > largest:
+        raise InputError(f"it has {len(text)} characters, over the limit of {largest}{_SIZES}{remedy}")
+    bare = _TEXTS.sub(lambda match: "" if match[0][0] == "#" else "s" + "\n" * match[0].count("\n"), text)
+    entries = bare.count("=") + bare.count("\n[")
+    if entries > MOST_ENTRIES:
+        raise InputError(f"it has {entries} entries, over the limit of {MOST_ENTRIES}{_SIZES}")
+    values = bare.count(",")
+    if values > most_values:
+        raise InputError(
+            f"its lists have {values} values, over the limit of {most_values}; put them into tables{remedy}"
+        )
+    if match := _DEEP.search(bare):
+        line = bare.count("\n", 0, match.start()) + 1
+        raise InputError(f"line {line}: a key has over {DEEPEST_KEY} names that dots join, the limit")
+
+
+def excess(entries: Mapping[str, Any]) -> str:
+    """Return the message that a section has too many entries, from a file or from Python; empty if it has not."""
+    return (
+        f"has {len(entries)} entries, over the limit of {MOST_ENTRIES}{_SIZES}" if len(entries) > MOST_ENTRIES else ""
+    )

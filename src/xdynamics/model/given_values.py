@@ -1,7 +1,14 @@
-"""Numbers of a quantity with dimensions: a list, a table, values by label, or an expression of the element's number."""
+"""Numbers of a quantity with dimensions: a list, a table, values by label, or an expression of the element's number.
+
+Whether the elements of a quantity fit into memory, asked before they are made.
+
+Which form the value of a quantity has: a number with a unit, numbers for elements, or an expression.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain as joined
@@ -10,13 +17,11 @@ from typing import Any
 
 from xdynamics.expressions import Binary, Node, dimension_of, free_names, parse, shortened_text, text_of
 from xdynamics.faults import InputError, brief_repr, first_names
-from xdynamics.model.element_room import check_element_memory
 from xdynamics.model.kinds import Source
-from xdynamics.model.python_values import as_in_file
 from xdynamics.model.table_keys import suggestion
-from xdynamics.model.table_values import from_table
+from xdynamics.model.table_values import as_in_file, from_table, is_array
 from xdynamics.model.uncertainty import NORMAL, RECTANGULAR, SIZES, Spread, read_spread, split_uncertainty
-from xdynamics.model.value_forms import is_expression, is_meant
+from xdynamics.runtime.files import ROOM, free_memory, size_text
 from xdynamics.shapes import Shapes, resolve_min_max
 from xdynamics.units import (
     BASE,
@@ -33,6 +38,63 @@ from xdynamics.units import (
     parse_unit,
     spell,
 )
+
+NUMBERS_OF_ELEMENT = 30  # at least, of a coordinate in a march
+FEW_ELEMENTS = 100_000  # which always fit
+
+
+def check_element_memory(dims: tuple[str, ...], shapes: Shapes) -> None:
+    """Refuse a quantity whose elements could not be marched in the memory that can be had, before they are made.
+
+    Raises
+    ------
+    InputError
+        With the number of elements, what they take, and what there is.
+    """
+    size = math.prod(shapes.extent(dim).size for dim in dims)
+    needed = NUMBERS_OF_ELEMENT * 8.0 * size
+    if size > FEW_ELEMENTS and needed > (room := ROOM * free_memory()):
+        raise InputError(
+            f"has {size} elements along {', '.join(dims)}, which take {size_text(needed)} to march, and"
+            f" {size_text(room)} of memory can be had; take fewer"
+        )
+
+
+_CALLING = re.compile(r"[A-Za-z_]\w*\s*\(|^\s*[0-9.]+\s*[*+(-]")
+OF_ELEMENTS = ("dims", "values", "table", "csv", "column", "columns")  # keys of a quantity with dimensions alone
+
+
+def is_of_elements(entry: Any) -> bool:
+    """Whether an entry has values for elements, or is an expression."""
+    if isinstance(entry, Mapping):
+        return any(key in entry for key in OF_ELEMENTS) or is_of_elements(entry.get("value"))
+    return isinstance(entry, list | tuple) or is_array(entry) or is_expression(entry) or is_meant(entry)
+
+
+def is_expression(value: Any) -> bool:
+    """Whether a text is an expression, and no number with a unit."""
+    if not isinstance(value, str) or split_uncertainty(value):
+        return False
+    try:
+        parse_quantity(value)
+    except InputError:
+        try:
+            parse(value)
+        except InputError:
+            return False
+        return True
+    return False
+
+
+def is_meant(value: Any) -> bool:
+    """Whether a text that is neither is meant as an expression: it has a call, or an operator behind its first number."""
+    if not isinstance(value, str) or split_uncertainty(value) or is_expression(value):
+        return False
+    try:
+        parse_quantity(value)
+    except InputError:
+        return _CALLING.search(value) is not None
+    return False
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from xdynamics.keywords import KEYWORDS
 from xdynamics.model import body_sections, entries, joint_sections
-from xdynamics.model.closed_forms import BOUND
-from xdynamics.model.controller_sections import MEMORY, OUTPUT, entries_of
+from xdynamics.model.controllers import MEMORY, OUTPUT, entries_of
 from xdynamics.model.drives import GAPS, INTERPOLATIONS, OUTSIDE, REFUSE
 from xdynamics.model.given_values import dims_key
 from xdynamics.model.kinds import (
@@ -57,6 +56,7 @@ from xdynamics.model.parts import (
     State,
 )
 from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
+from xdynamics.model.statement import BOUND
 from xdynamics.model.uncertainty import DISTRIBUTIONS, Discrepancy
 from xdynamics.units import SECONDS
 

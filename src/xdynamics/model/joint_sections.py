@@ -1,10 +1,13 @@
-"""What stands inside a joint of a model file: whom it joins, where, about or along which axis."""
+"""What stands inside a joint of a model file: whom it joins, where, about or along which axis.
+
+Directions and attitudes as plain numbers: of unit length, or brought to it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, hypot, sin
 from typing import Any
 
 from xdynamics.expressions import Name
@@ -13,8 +16,56 @@ from xdynamics.model.body_sections import AXES, PLACE, SPACE, Triple
 from xdynamics.model.kinds import Kind, Source
 from xdynamics.model.section import DESCRIPTION, NEEDED, Key, Section
 from xdynamics.model.table_keys import check_keys
-from xdynamics.model.unit_vectors import normalised, plain_numbers, unit_quaternion
 from xdynamics.units import parse_quantity, parse_unit
+
+UNIT = 1e-12  # how far from 1 the length of a quaternion may be that is written in decimals
+FORMS = {3: "[x, y, z]", 4: '[w, x, y, z], or { axis = [0, 0, 1], angle = "30 degree" }'}
+
+
+def plain_numbers(value: Any, key: str, count: int) -> list[float]:
+    """Read three or four numbers.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
+    plain = isinstance(value, list | tuple) and all(
+        isinstance(entry, int | float) and not isinstance(entry, bool) for entry in value
+    )
+    if not plain or len(value) != count:
+        raise InputError(f"{key} is {brief_repr(value)}, needs numbers {FORMS[count]}")
+    return [float(entry) for entry in value]
+
+
+def normalised(numbers: Sequence[float], key: str) -> list[float]:
+    """Return numbers over their length.
+
+    Raises
+    ------
+    InputError
+        If that is zero or not finite.
+    """
+    length = hypot(*numbers)
+    if not 0.0 < length < float("inf"):
+        raise InputError(f"{key} is {[*numbers]}, of length {length!r}, and says nothing of directions")
+    return [entry / length for entry in numbers]
+
+
+def unit_quaternion(value: Any) -> list[float]:
+    """Read four numbers of unit length.
+
+    Raises
+    ------
+    InputError
+        If they are not, or have another length.
+    """
+    numbers = plain_numbers(value, "attitude", 4)
+    unit, length = normalised(numbers, "attitude"), hypot(*numbers)
+    if abs(length - 1.0) > UNIT:
+        raise InputError(f"attitude is {numbers}, of length {length!r}; a unit quaternion is needed: write {unit}")
+    return unit
+
 
 BALL, HINGE, SLIDER, RIGID = KINDS = ("ball", "hinge", "slider", "rigid")
 Numbers = tuple[float, ...]

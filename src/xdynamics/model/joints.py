@@ -16,8 +16,18 @@ from typing import Any
 from xdynamics.expressions import Along, Call, Name, Node, Number, text_of
 from xdynamics.expressions.calculus import ONE, TWO, ZERO, add, multiply, negative
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.bodies import AXIS, LONGEST_NAME, quasi_coordinate, scalar_part, vector, vector_part
-from xdynamics.model.body_sections import AXES, CENTRE, SPACE, Triple
+from xdynamics.model.body_sections import (
+    AXES,
+    AXIS,
+    CENTRE,
+    LONGEST_NAME,
+    SPACE,
+    Triple,
+    quasi_coordinate,
+    scalar_part,
+    vector,
+    vector_part,
+)
 from xdynamics.model.grammar import SECTIONS
 from xdynamics.model.joint_sections import BALL, HINGE, SLIDER, Joint, Numbers
 from xdynamics.model.kinds import Source

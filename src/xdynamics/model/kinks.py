@@ -1,12 +1,22 @@
-"""Where expressions have kinks and jumps: the functions that pass through zero there, from the inside out."""
+"""Where expressions have kinks and jumps: the functions that pass through zero there, from the inside out.
+
+Expressions on known sides of their switches: smooth, where signs and comparisons become numbers of the march.
+
+`floor`, `ceil`, `round` and `mod` at ticks, where what is a whole number to rounding counts as whole.
+
+A tick at 60 us is three periods of 20 us, and 60e-6/20e-6 is 2.9999999999999996. In forces the switches of these
+functions have the same margin (`kinks.jump_function`). What they give is compared with the same margin: ``mod(t, T) < T/2``
+is not so at a tick in the middle of a period.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
-from xdynamics.expressions import CALLED_ALONE, Binary, Call, Compare, Name, Negative, Node, Number, chain
-from xdynamics.expressions.calculus import ONE
-from xdynamics.expressions.tree import children, exponent_of
+from xdynamics.expressions import CALLED_ALONE, Along, Binary, Call, Compare, Name, Negative, Node, Number, chain
+from xdynamics.expressions.calculus import ONE, TWO, ZERO
+from xdynamics.expressions.tree import children, every, exponent_of
 
 JUMPING = ("sign", "where", *CALLED_ALONE)
 SWITCHING = ("abs", "min", "max", *JUMPING)
@@ -201,3 +211,207 @@ def kinks_of_call(node: Call) -> Iterator[tuple[Node, bool, int]]:
         condition = node.arguments[0]
         if isinstance(condition, Compare) and condition.operator not in ("==", "!="):
             yield Binary("-", condition.left, condition.right), True, 1 if condition.operator in ("<", ">=") else -1
+
+
+FAR = Number(1e300)  # bounds nothing
+# The least and the greatest argument with a value; a logarithm has none at zero itself.
+DOMAINS: Mapping[str, tuple[Node, Node | None]] = {
+    "sqrt": (ZERO, None),
+    "log": (Number(1e-300), None),
+    "asin": (Negative(ONE), ONE),
+    "acos": (Negative(ONE), ONE),
+}
+
+
+def on_sides(node: Node, sides: Mapping[Node, str]) -> Node:
+    """Substitute sides for signs and comparisons.
+
+    Roots and what else has no value beyond some argument keep the value at its end where the motion has passed a switch
+    whose side is held: a step that is landed a rounding beyond ``max(-x, 0*metre)**1.5`` would have no force otherwise.
+    """
+    return _Sides(sides, ()).substitute(node)
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Names of sides by the functions of switches, and the functions of those that decide whether a node counts."""
+
+    names: Mapping[Node, str]
+    around: tuple[Node, ...]
+
+    def with_decider(self, function: Node) -> _Sides:
+        """Return the same inside of what the side of a function decides."""
+        return self if function in self.around else _Sides(self.names, (*self.around, function))
+
+    def substitute(self, node: Node) -> Node:
+        """Substitute sides in a tree."""
+        if isinstance(node, Binary):
+            first, links = chain(node)
+            tree = self.substitute(first)
+            for child in links:
+                if is_root(child):
+                    tree = self._continued(child.left, tree, (ZERO, None))
+                tree = Binary(child.operator, tree, self.substitute(child.right), child.column)
+            return tree
+        if isinstance(node, Negative):
+            return Negative(self.substitute(node.operand), node.column)
+        if isinstance(node, Compare):
+            return Compare(node.operator, self.substitute(node.left), self.substitute(node.right), node.column)
+        return self._substitute_call(node) if isinstance(node, Call) else node
+
+    def _substitute_call(self, node: Call) -> Node:
+        if node.function in ("min", "max"):
+            return self._extremum(node)
+        condition = node.arguments[0]
+        if node.function == "where" and isinstance(condition, Compare):
+            function = Binary("-", condition.left, condition.right)
+            if function in self.names:
+                inner_sides, decided = self.with_decider(function), Name(self.names[function])
+                arms = map(inner_sides.substitute, node.arguments[1:])
+                return Call("where", (Compare(condition.operator[0], decided, ZERO), *arms), node.column)
+        inner = tuple(map(self.substitute, node.arguments))
+        if node.function in ("abs", "sign") and condition in self.names:
+            side_name = Name(self.names[condition])
+            return side_name if node.function == "sign" else Binary("*", side_name, inner[0])
+        if node.function in CALLED_ALONE and (name := self.names.get(jump_function(node))) is not None:
+            return _whole_on_side(node.function, inner, Name(name))
+        if node.function in DOMAINS:
+            inner = (self._continued(condition, inner[0], DOMAINS[node.function]),)
+        return Call(node.function, inner, node.column)
+
+    def _extremum(self, node: Call) -> Node:
+        """Write min and max as `where`, as far as their sides are known."""
+        extremum, later_arguments = self.substitute(node.arguments[-1]), node.arguments[-1:]
+        for argument in reversed(node.arguments[:-1]):
+            best = later_arguments[0] if len(later_arguments) == 1 else Call(node.function, later_arguments)
+            side_name = self.names.get(Binary("-", argument, best))
+            if side_name is None:
+                extremum = Call(node.function, (self.substitute(argument), extremum))
+            else:
+                condition = Compare("<" if node.function == "min" else ">", Name(side_name), ZERO)
+                extremum = Call("where", (condition, self.substitute(argument), extremum))
+            later_arguments = (argument, *later_arguments)
+        return extremum
+
+    def _continued(self, plain: Node, argument: Node, domain: tuple[Node, Node | None]) -> Node:
+        """Keep an argument inside of a domain where a side is held that the motion has left."""
+        functions = dict.fromkeys((*self.around, *self._switch_functions(plain)))
+        if not functions:
+            return argument
+        lower_bound, greatest = domain
+        argument = Call("max", (argument, self._where_held(functions, Negative(FAR), lower_bound)))
+        return argument if greatest is None else Call("min", (argument, self._where_held(functions, FAR, greatest)))
+
+    def _switch_functions(self, plain: Node) -> Iterator[Node]:
+        """Yield the functions of the switches of an expression."""
+        return (function for _, function, *_ in kinks(plain) if function in self.names)
+
+    def _where_held(self, functions: Mapping[Node, None], agreed: Node, left: Node) -> Node:
+        """Return one tree where the motion is on the sides that are held, another where it has left one of them."""
+        tree = agreed
+        for function in functions:
+            distance = Binary("*", Name(self.names[function]), function)
+            tree = Call("where", (Compare(">", distance, ZERO), tree, left))
+        return tree
+
+
+def is_root(node: Binary) -> bool:
+    """Whether a power has no value of a negative base."""
+    exponent = exponent_of(node.right) if node.operator == "**" else None
+    return exponent is not None and exponent.denominator != 1
+
+
+def _whole_on_side(function: str, inner: tuple[Node, ...], side_name: Name) -> Node:
+    """Write `floor`, `ceil`, `round` and `mod` for a known side: the even, or odd, whole number that is near."""
+    shifted_side = Binary("+", ONE, side_name) if function == "round" else side_name
+    halves = Binary("+", Binary("/", rounded_argument(function, inner), TWO), Binary("/", shifted_side, Number(4.0)))
+    odd = Binary("/", Binary("-", ONE, side_name), TWO)
+    whole_number = Binary("+", Binary("*", TWO, Call("floor", (halves,))), odd)
+    if function == "mod":
+        return Binary("-", inner[0], Binary("*", inner[1], whole_number))
+    return Negative(whole_number) if function == "ceil" else whole_number
+
+
+ROUNDING = Number(1e-15)  # of the sizes of what is added up
+
+
+def with_whole_numbers(node: Node) -> Node:
+    """Return an expression in which `floor`, `ceil`, `round` and `mod` take numbers that are nearly whole for whole."""
+    match node:
+        case Negative():
+            return Negative(with_whole_numbers(node.operand), node.column)
+        case Binary():
+            first, links = chain(node)
+            tree = with_whole_numbers(first)
+            for part in links:
+                tree = Binary(part.operator, tree, with_whole_numbers(part.right), part.column)
+            return tree
+        case Compare():
+            inner = replace(node, left=with_whole_numbers(node.left), right=with_whole_numbers(node.right))
+            return _compare_rounded(inner, node) if _counts_whole_numbers(node) else inner
+        case Call() | Along():
+            call = replace(node, arguments=tuple(map(with_whole_numbers, node.arguments)))
+            if not isinstance(call, Call) or not isinstance(node, Call):
+                return call
+            if call.function == "sign" and _counts_whole_numbers(node):
+                near = Compare("<=", Call("abs", call.arguments), _margin(node.arguments[0]))
+                return Call("where", (near, ZERO, call))
+            return _settle_call(call, node) if call.function in CALLED_ALONE else call
+    return node
+
+
+def _counts_whole_numbers(node: Node) -> bool:
+    """Whether whole numbers are counted anywhere in an expression."""
+    return any(isinstance(part, Call) and part.function in CALLED_ALONE for part in every(node))
+
+
+def _compare_rounded(inner: Compare, node: Compare) -> Compare:
+    """Return a comparison in which both sides are equal if they are so to rounding."""
+    difference, margin = Binary("-", inner.left, inner.right), _margin(Binary("-", node.left, node.right))
+    match node.operator:
+        case "<" | ">=":
+            return Compare(node.operator, difference, Negative(margin))
+        case "==" | "!=":
+            return Compare("<=" if node.operator == "==" else ">", Call("abs", (difference,)), margin)
+    return Compare(node.operator, difference, margin)
+
+
+def _settle_call(call: Call, node: Call) -> Node:
+    """Return a call that is decided where its argument is nearly whole; for `round` where it is nearly half of one."""
+    u, plain = rounded_argument(call.function, call.arguments), rounded_argument(node.function, node.arguments)
+    number, margin = (
+        (Binary("*", TWO, u), Binary("*", TWO, _margin(plain))) if call.function == "round" else (u, _margin(plain))
+    )
+    nearest = Call("round", (number,))
+    near = Compare("<=", Call("abs", (Binary("-", number, nearest),)), margin)
+    settled_value: Node = nearest
+    if call.function == "mod":
+        settled_value = Binary("*", ZERO, call.arguments[1])
+    elif call.function == "round":  # the even one of two equally near ones
+        settled_value = Call("round", (Binary("/", nearest, TWO),))
+    elif call.function == "ceil":
+        settled_value = Negative(nearest)
+    return Call("where", (near, settled_value, call))
+
+
+def _margin(node: Node) -> Node:
+    """Return how far rounding may have moved an expression."""
+    return Binary("*", ROUNDING, _size_of_terms(node))
+
+
+def _size_of_terms(node: Node) -> Node:
+    """Return the sum of the sizes of what an expression is added up from, before whole numbers are taken off."""
+    match node:
+        case Negative():
+            return _size_of_terms(node.operand)
+        case Binary(operator="+" | "-"):
+            return Binary("+", _size_of_terms(node.left), _size_of_terms(node.right))
+        case Binary(operator="*"):
+            return Binary("*", _size_of_terms(node.left), _size_of_terms(node.right))
+        case Binary(operator="/"):
+            return Binary("/", _size_of_terms(node.left), Call("abs", (node.right,)))
+        case Call(function="mod"):
+            return Binary("+", _size_of_terms(node.arguments[0]), Call("abs", (node.arguments[1],)))
+        case Call(function="floor" | "ceil" | "round"):
+            return Binary("+", _size_of_terms(node.arguments[0]), ONE)
+    return Call("abs", (node,))

@@ -1,24 +1,364 @@
-"""The motion about one state: exact derivatives of M a = F and of the rates, as trees and as numbers."""
+"""The motion about one state: exact derivatives of M a = F and of the rates, as trees and as numbers.
+
+Derivatives of M a = F by every coordinate, velocity and state, as trees and at one state.
+
+Small changes of a state that constraints allow: the motion about a state is linearised along these alone.
+
+Conditions g(t, q, x) = 0 leave changes with (dg/dq) dq + (dg/dx) dx = 0, and their rates the same of (q, v, x).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions import Binary, Name, Node, derivatives, free_names
+from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
+from xdynamics.expressions.evaluation import Tape, evaluate
 from xdynamics.faults import InputError
-from xdynamics.model.bodies import unit_quaternions
-from xdynamics.model.derivatives import jacobian_names, tape
+from xdynamics.model.body_sections import unit_quaternions
+from xdynamics.model.constraint_consistency import INDEPENDENT, over_mass
+from xdynamics.model.constraints import Assignment, conditions, keep_conditions, solve_mass, subtract_terms
+from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.model import Model
-from xdynamics.model.motion import constants, drive_pieces, motion_inputs, variables
-from xdynamics.model.tangent_space import displacement_turning, displacements, tangent_space
-from xdynamics.model.whole_jacobian import is_densely_linked, quantity_jacobian
+from xdynamics.model.motion import constants, drive_pieces, drive_slope, in_regimes, motion, motion_inputs, variables
+from xdynamics.model.parts import Function
+from xdynamics.model.whole import is_densely_linked, quantity_jacobian
+from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, rate
 
+
+@lru_cache(maxsize=64)
+def derivative_assignments(model: Model) -> tuple[Assignment, ...]:
+    """Write the derivatives of accelerations and rates, to follow `motion`: M da = dF - dM a.
+
+    Names: ``_dF_x_by`` for the derivative of a force total or rate, ``_s_x_by`` for dF - dM a, ``_da_x_by``.
+
+    Raises
+    ------
+    InputError
+        If a force is written in Python.
+    """
+    forces, masses = force_derivatives(model), mass_derivatives(model)
+    assignments = [Assignment(f"_dF_{key}_{variable}", tree) for (key, variable), tree in forces.items()]
+    assignments += [Assignment(f"_dM_{i}_{j}_{variable}", tree) for ((i, j), variable), tree in masses.items()]
+    for variable, right in _force_changes(model).items():
+        assignments += [Assignment(f"_s_{name}_{variable}", tree) for name, tree in right.items()]
+        name_format = "_da_{}_{}" if not model.constraints else "_free_da_{}_{}"
+        assignments += solve_mass(
+            model, {name_format.format(name, variable): Name(f"_s_{name}_{variable}") for name in right}, list(right)
+        )
+        assignments += _constrained_derivatives(model, variable) if model.constraints else ()
+    return tuple(assignments)
+
+
+def _constrained_derivatives(model: Model, variable: str) -> Iterator[Assignment]:
+    """Write the derivatives of accelerations by one variable where conditions hold: of R a + bias = 0, too."""
+    free = {name: Name(f"_free_da_{name}_{variable}") for name in _force_changes(model)[variable]}
+    lags = [_lag(model, k, variable) for k in range(len(conditions(model)))]
+    targets = {name: f"_da_{name}_{variable}" for name in model.statement.coordinates}
+    yield from keep_conditions(model, free, lags, targets, [f"_du{k}_{variable}" for k in range(len(lags))])
+
+
+def _lag(model: Model, k: int, variable: str) -> Node:
+    """Return the derivative of a condition's bias, and of its row at these accelerations."""
+    bias, rows = _condition_derivatives(model)[k]
+    total = bias.get(variable, ZERO)
+    for name, entry_slopes in rows.items():
+        total = add(total, multiply(entry_slopes.get(variable, ZERO), Name(acceleration(name))))
+    return total
+
+
+@lru_cache(maxsize=16)
+def _condition_derivatives(model: Model) -> list[tuple[dict[str, Node], dict[str, dict[str, Node]]]]:
+    """Return the derivatives of each condition's bias, and of the entries of its row."""
+    return [
+        (
+            dict(_sorted_derivatives(model, condition.bias)),
+            {name: dict(_sorted_derivatives(model, tree)) for name, tree in condition.row.items()},
+        )
+        for condition in conditions(model)
+    ]
+
+
+@lru_cache(maxsize=64)
+def _force_changes(model: Model) -> dict[str, dict[str, Node]]:
+    """Return dF - dM a by the variable of differentiation and then by coordinate, in their orders.
+
+    With a diagonal mass, zeros are left out; the factors of a full one couple each row to all others.
+    """
+    inertia_terms: dict[tuple[str, str], list[Node]] = {}
+    coordinates = list(model.statement.coordinates)
+    for (i, j), variable in mass_derivatives(model):
+        term = Binary("*", Name(f"_dM_{i}_{j}_{variable}"), Name(acceleration(coordinates[j])))
+        inertia_terms.setdefault((coordinates[i], variable), []).append(term)
+    forces: dict[tuple[str, str], Node] = {
+        pair: Name(f"_dF_force_{pair[0]}_{pair[1]}") for pair in _acting_pairs(model)
+    }
+    for condition, (_, rows) in zip(conditions(model), _condition_derivatives(model), strict=True):
+        for name, derivatives_of_row in rows.items():
+            for variable, row_derivative in derivatives_of_row.items():
+                pulled = multiply(row_derivative, Name(constraint_force(condition.name)))
+                forces[name, variable] = add(forces.get((name, variable), ZERO), pulled)
+    coupled = model.mass_is_full or bool(model.constraints)
+    full = ((name, variable) for name in coordinates for variable in variables(model)) if coupled else ()
+    ranks = _variable_ranks(model)
+    changes: dict[str, dict[str, Node]] = {}
+    for name, variable in sorted({*forces, *inertia_terms, *full}, key=lambda pair: (ranks[pair[1]], ranks[pair[0]])):
+        changes.setdefault(variable, {})[name] = subtract_terms(
+            forces.get((name, variable), ZERO), inertia_terms.get((name, variable), ())
+        )
+    return changes
+
+
+def _acting_pairs(model: Model) -> list[tuple[str, str]]:
+    """Return the pairs of a coordinate and a variable that its force depends on."""
+    owners = {f"force_{name}": name for name in model.statement.coordinates}
+    return [(owners[key], variable) for key, variable in force_derivatives(model) if key in owners]
+
+
+def jacobian_names(model: Model) -> dict[tuple[str, str], str]:
+    """Return the name of every derivative of an acceleration or rate that is not identically zero.
+
+    Returns
+    -------
+    dict of (str, str) to str
+        Keyed by a coordinate (for its acceleration) or the rate of a state, and the variable of differentiation.
+    """
+    columns = _variable_ranks(model)
+    rows = {name: i for i, name in enumerate((*model.statement.coordinates, *map(rate, model.statement.states)))}
+    names = {
+        (name, variable): f"_da_{name}_{variable}"
+        for variable, right in _force_changes(model).items()
+        for name in right
+    }
+    names |= {(key, variable): f"_dF_{key}_{variable}" for key, variable in force_derivatives(model) if key in rows}
+    return {pair: names[pair] for pair in sorted(names, key=lambda pair: (rows[pair[0]], columns[pair[1]]))}
+
+
+@lru_cache(maxsize=64)
+def force_totals(model: Model) -> dict[str, Node]:
+    """Return the total force of each coordinate, ``force_<coordinate>``, and the rate of each state, ``rate_<state>``.
+
+    Raises
+    ------
+    InputError
+        If a force is written in Python: it has no tree.
+    """
+    if functions := model.python_forces:
+        function_names = ", ".join(f"'{component.name}'" for component in functions)
+        raise InputError(
+            f"model '{model.name}' has forces written in Python, {function_names}, which have no derivative;"
+            " write them as expressions to linearise the model"
+        )
+    totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.statement.coordinates}
+    for term, components in model.force_components.items():
+        for name, component in components.items():
+            if not isinstance(component, Function):
+                tree = in_regimes(model, term, model.expanded(component))
+                totals[f"force_{name}"] = add(totals[f"force_{name}"], tree)
+    return totals | {rate(name): model.expanded(state.rate) for name, state in model.statement.states.items()}
+
+
+@lru_cache(maxsize=64)
+def force_derivatives(model: Model) -> dict[tuple[str, str], Node]:
+    """Differentiate every force total and rate by every coordinate, velocity and state.
+
+    Returns
+    -------
+    dict of (str, str) to Node
+        Keyed by the function, ``force_<coordinate>`` or ``rate_<state>``, and the variable; zeros are left out. The
+        slope of a drive of a coordinate or velocity appears as the name ``_slope_<drive>``; a drive of time has none.
+
+    Raises
+    ------
+    InputError
+        If a force is written in Python.
+    """
+    return {
+        (name, variable): derivative
+        for name, tree in force_totals(model).items()
+        for variable, derivative in _sorted_derivatives(model, tree)
+    }
+
+
+@lru_cache(maxsize=64)
+def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
+    """Differentiate every mass entry by every coordinate, velocity and state.
+
+    Returns
+    -------
+    dict of ((int, int), str) to Node
+        Keyed by row and column, from 0, and variable; zeros are left out. Slopes of drives as in `force_derivatives`.
+    """
+    return {
+        ((i, j), variable): derivative
+        for (i, j), entry in model.statement.mass_entries.items()
+        for variable, derivative in _sorted_derivatives(model, model.expanded(entry))
+    }
+
+
+@lru_cache(maxsize=16)
+def tape(model: Model) -> Tape:
+    """Return the operations of the motion and its derivatives; there may be many thousands of them."""
+    return Tape(
+        (assignment.name, assignment.value)
+        for assignment in (*motion(model), *derivative_assignments(model))
+        if not isinstance(assignment.value, Function)
+    )
+
+
+@lru_cache(maxsize=64)
+def _variable_ranks(model: Model) -> dict[str, int]:
+    """Number the variables of the motion; the number of a coordinate is its row of the mass too."""
+    return {name: i for i, name in enumerate(variables(model))}
+
+
+@lru_cache(maxsize=64)
+def _variable_seeds(model: Model) -> dict[str, dict[str, Node]]:
+    """Return the derivative of each variable, and of each drive of one, by that variable."""
+    seeds: dict[str, dict[str, Node]] = {name: {name: ONE} for name in variables(model)}
+    return seeds | {
+        name: {
+            variable: multiply(Name(drive_slope(name)), rate) for variable, rate in derivatives(argument, seeds).items()
+        }
+        for name, argument in model.looked_up_at.items()
+        if argument != CLOCK
+    }
+
+
+def _sorted_derivatives(model: Model, tree: Node) -> list[tuple[str, Node]]:
+    """Return the non-zero partial derivatives, each with its variable."""
+    return sorted(derivatives(tree, _variable_seeds(model)).items(), key=lambda pair: _variable_ranks(model)[pair[0]])
+
+
 Floats = NDArray[np.float64]
+
+
+def tangent_space(model: Model, values: Mapping[str, float]) -> Floats:
+    """Return independent changes of (q, v, x) that keep the constraints, as columns.
+
+    Parameters
+    ----------
+    model : Model
+    values : mapping of str to float
+        SI numbers of all names at the state.
+
+    Returns
+    -------
+    ndarray, shape (2n + m, d)
+        Where no condition reads a state and none rolls, d is 2f + m with f = `free_coordinates`: changes of coordinates,
+        with what velocities change by them, then of velocities, then of states. Otherwise changes of (q, x) together, with
+        what velocities change by them, then of velocities. Apart from what follows, either are orthonormal.
+    """
+    n, size, free = len(model.statement.coordinates), len(variables(model)), free_coordinates(model)
+    if not model.constraints:
+        return np.eye(size)
+    residuals, rates = _gradients(model, values)
+    ties, position_columns = rates[:, n : 2 * n], np.r_[0:n, 2 * n : size]
+    speeds = _null_space(ties, free or n - independent_counts(model)[0])
+    if free:
+        moves = np.zeros((size - n, free + size - 2 * n))
+        moves[:n, :free], moves[n:, free:] = speeds, np.eye(size - 2 * n)
+    else:
+        moves = _null_space(residuals[:, position_columns], size - independent_counts(model)[1] - speeds.shape[1])
+    following = -np.linalg.pinv(ties, rcond=INDEPENDENT) @ rates[:, position_columns] @ moves
+    return _in_order(moves, following, speeds, free or moves.shape[1])
+
+
+def _in_order(moves: Floats, following: Floats, speeds: Floats, first: int) -> Floats:
+    """Return changes of (q, v, x): some of those of (q, x), with what velocities follow by, velocities, then the rest."""
+    n, count = len(speeds), moves.shape[1] + speeds.shape[1]
+    space = np.zeros((n + len(moves), count))
+    places = np.r_[0:first, first + speeds.shape[1] : count]
+    space[:n, places], space[2 * n :, places] = moves[:n], moves[n:]
+    space[n : 2 * n, places] = following
+    space[n : 2 * n, first : first + speeds.shape[1]] = speeds
+    return space
+
+
+def displacements(model: Model, values: Mapping[str, float]) -> Floats:
+    """Return independent displacements along which no condition acts, as columns, shape (n, n - rank)."""
+    n = len(model.statement.coordinates)
+    if not model.constraints:
+        return np.eye(n)
+    return _null_space(_gradients(model, values)[1][:, n : 2 * n], n - independent_counts(model)[0])
+
+
+def displacement_turning(model: Model, values: Mapping[str, float], mass: Floats) -> Floats:
+    """Return the part of the velocities that follows a unit of each displacement, as columns, shape (n, n - rank).
+
+    Displacements Z that stay orthogonal in the metric of the mass turn with the motion by F = Z', so that what is left of
+    M d2(Z u)/dt2 along Z is Z^T M Z u'' - F^T M F u. Of rolling, and of attitudes, none is counted.
+    """
+    n, moves = len(model.statement.coordinates), displacements(model, values)
+    if not (model.constraints and free_coordinates(model)):
+        return np.zeros_like(moves)
+    rates = _gradients(model, values)[1]
+    ties, slopes = rates[:, n : 2 * n], rates[:, :n]
+    reach = over_mass(mass, ties.T, list(model.statement.coordinates))
+    return np.asarray(-reach @ np.linalg.pinv(ties @ reach, rcond=INDEPENDENT) @ slopes @ moves)
+
+
+def free_coordinates(model: Model) -> int:
+    """Return how many coordinates are left to linear equations q' = v; 0 where they are of the first order."""
+    tied = conditions(model)
+    holonomic = all(c.residual != ZERO and not free_names(c.residual) & model.statement.states.keys() for c in tied)
+    return len(model.statement.coordinates) - independent_counts(model)[0] if holonomic else 0
+
+
+def count_of_changes(model: Model) -> int:
+    """Return the number of columns of `tangent_space`."""
+    size, free = len(variables(model)), free_coordinates(model)
+    return (
+        size - 2 * (len(model.statement.coordinates) - free)
+        if free or not model.constraints
+        else size - independent_counts(model)[1]
+    )
+
+
+@lru_cache(maxsize=64)
+def independent_counts(model: Model) -> tuple[int, int]:
+    """Return how many gradients of rates by velocities are independent at the start, and of all conditions by the state."""
+    if not model.constraints:
+        return 0, 0
+    state = {name: model.statement.initial[name].si for name in ("t", *variables(model))}
+    residuals, rates = _gradients(model, motion_inputs(model, state, constants(model), drive_pieces(model)))
+    n = len(model.statement.coordinates)
+    return _matrix_rank(rates[:, n : 2 * n]), _matrix_rank(np.vstack([residuals, rates]))
+
+
+def _matrix_rank(matrix: Floats) -> int:
+    return int(np.linalg.matrix_rank(matrix, tol=INDEPENDENT * np.linalg.norm(matrix, 2)))
+
+
+def _null_space(matrix: Floats, size: int) -> Floats:
+    """Return the orthonormal directions, as columns, in which a matrix has its smallest singular values."""
+    return np.linalg.svd(matrix)[2][matrix.shape[1] - size :].T
+
+
+def _gradients(model: Model, values: Mapping[str, float]) -> tuple[Floats, Floats]:
+    """Return the derivatives of residuals and of rates by (q, v, x); none of a residual that is none."""
+    columns = {name: i for i, name in enumerate(variables(model))}
+    rows_by_kind: tuple[list[Floats], list[Floats]] = [], []
+    for slopes in _condition_slopes(model):
+        for rows, trees in zip(rows_by_kind, slopes, strict=True):
+            row = np.zeros(len(columns))
+            for name, tree in trees.items():
+                row[columns[name]] = evaluate(tree, values)
+            if trees:
+                rows.append(row)
+    return tuple(np.array(rows).reshape(-1, len(columns)) for rows in rows_by_kind)  # type: ignore[return-value]
+
+
+@lru_cache(maxsize=16)
+def _condition_slopes(model: Model) -> list[tuple[dict[str, Node], dict[str, Node]]]:
+    seeds = {name: {name: ONE} for name in variables(model)}
+    return [(derivatives(c.residual, seeds), derivatives(c.rate, seeds)) for c in conditions(model)]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.kinds import Source
 from xdynamics.model.section import Section
 from xdynamics.model.table_keys import check_keys
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes import Extent, Relation, Shapes
 from xdynamics.shapes.extents import every_two
 

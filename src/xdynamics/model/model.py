@@ -17,28 +17,26 @@ from xdynamics.model.body_consistency import check_bodies_made
 from xdynamics.model.consistency import check_made, check_statement, check_written
 from xdynamics.model.csv_sheet import normalise_newlines
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.element_numbers import ElementNumbers
-from xdynamics.model.element_shapes import check_link_tables, check_shapes, declared_shapes, dimensions_of
-from xdynamics.model.element_values import (
+from xdynamics.model.element_numbers import (
+    ElementNumbers,
     converted_like,
     explicit_values,
     follow_parameters,
     gather_elements,
     replaces_elements,
 )
-from xdynamics.model.elements import Elements
+from xdynamics.model.elements import Elements, check_link_tables, check_shapes, declared_shapes, dimensions_of
 from xdynamics.model.end_forces import check_end_forces
-from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess
+from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess, parse_model_text
+from xdynamics.model.kinds import Functions
 from xdynamics.model.model_trees import BY_NAME, ModelTrees
 from xdynamics.model.name_consistency import check_names_of_today
 from xdynamics.model.parts import NOBODY, Authorship
-from xdynamics.model.python import Functions
 from xdynamics.model.reading import derive_motion, read_statement
 from xdynamics.model.replacement import changes_numbers_alone, replace_entries
 from xdynamics.model.statement import Statement
-from xdynamics.model.text_limits import parse_model_text
-from xdynamics.runtime.cached_properties import cached_property
 from xdynamics.runtime.files import ask_path, check_no_address, decoded, read_bounded, reason
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes import Shapes, internal_text
 from xdynamics.units import Dimension
 
@@ -232,8 +230,7 @@ class Model(ModelTrees):
         >>> model.force_components["motion"]["q"] is not None
         True
         """
-        from xdynamics.model.indexed_symbols import are_energies, sections_of_energies
-        from xdynamics.model.symbolic import sections_of
+        from xdynamics.model.symbolic import are_energies, sections_of, sections_of_energies
 
         read = sections_of_energies if are_energies(equations) else sections_of
         return cls(**read(equations, sections))

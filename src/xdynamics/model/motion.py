@@ -2,13 +2,15 @@
 
 Compiled laws are printed from these assignments, and the same assignments are evaluated where a single state is
 examined: in a linearisation, in the search for a failure. No other place states how a force becomes an acceleration.
+
+Kinetic and potential energy of a model without dimensions, as trees.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -19,12 +21,18 @@ from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, der
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, ModelError
-from xdynamics.model.constraints import conditions, keep_conditions, multiplier_assignments
+from xdynamics.model.constraints import (
+    Assignment,
+    conditions,
+    keep_conditions,
+    mass_factors,
+    multiplier_assignments,
+    solve_mass,
+)
 from xdynamics.model.delays import in_history, is_before, value_at_start
 from xdynamics.model.drive_arguments import CLOCK, table_in_time
 from xdynamics.model.drives import piece_coefficients, value_and_slope
 from xdynamics.model.elementwise import Elementwise, in_si
-from xdynamics.model.mass import Assignment, mass_factors, solve_mass
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
 from xdynamics.model.reactions import free_acceleration, mode_names, reaction_assignments, reactions, unloaded
@@ -402,3 +410,31 @@ def _summed_force_terms(model: Model) -> dict[str, Node]:
             addend = Name(force(term, name))
             totals[name] = Binary("+", totals[name], addend) if name in totals else addend
     return {name: totals.get(name, ZERO) for name in model.statement.coordinates}
+
+
+def energy_trees(model: Model) -> dict[str, Node]:
+    """Return kinetic energy and, where a force has a potential, potential and total energy."""
+    moving = list(map(velocity, model.statement.coordinates))
+    kinetic = _sum_trees(
+        Binary("*", Binary("/", model.expanded(entry), Number(2.0)), Binary("*", Name(moving[i]), Name(moving[j])))
+        for (i, j), entry in model.statement.mass_entries.items()
+    )
+    terms = potentials(model)
+    if not terms:
+        return {"kinetic_energy": kinetic}
+    potential = _sum_trees(terms.values())
+    total = Binary("+", kinetic, potential)
+    return {"kinetic_energy": kinetic, "potential_energy": potential, "total_energy": total}
+
+
+def potentials(model: Model) -> dict[str, Node]:
+    """Return the potential energy of each force term that has one: their sum, in this order, is the potential energy."""
+    return {
+        name: in_regimes(model, name, model.expanded(force.potential))
+        for name, force in model.forces.items()
+        if force.potential is not None
+    }
+
+
+def _sum_trees(terms: Iterable[Node]) -> Node:
+    return reduce(lambda total, term: Binary("+", total, term), terms)

@@ -15,8 +15,15 @@ from functools import lru_cache
 
 from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, dimension_of, expand
 from xdynamics.expressions.calculus import ONE, ZERO, multiply, sum_of_terms
-from xdynamics.model.constraints import Condition, conditions, keep_conditions, rate_row_and_bias
-from xdynamics.model.mass import Assignment, solve_mass, subtract_terms
+from xdynamics.model.constraints import (
+    Assignment,
+    Condition,
+    conditions,
+    keep_conditions,
+    rate_row_and_bias,
+    solve_mass,
+    subtract_terms,
+)
 from xdynamics.model.model import Model
 from xdynamics.model.parts import APPROACH
 from xdynamics.reaction_names import constraint_force, contact_force, friction_force

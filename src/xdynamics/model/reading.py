@@ -14,21 +14,18 @@ from xdynamics.keywords import FULL, IN_FILES, KEYWORDS, read_log_columns
 from xdynamics.model.body_reading import with_bodies
 from xdynamics.model.controllers import check_controllers, controller_states
 from xdynamics.model.controllers import start_values as first_values
-from xdynamics.model.file_access import FileAccess
-from xdynamics.model.given_values import Values, read_values
+from xdynamics.model.file_access import FileAccess, excess
+from xdynamics.model.given_values import Values, is_of_elements, read_values
 from xdynamics.model.grammar import HEAD, SECTIONS
-from xdynamics.model.kinds import Source, read_text
+from xdynamics.model.kinds import Functions, Source, read_text
 from xdynamics.model.lagrangian import TERMS, motion_of
 from xdynamics.model.links import related
 from xdynamics.model.parts import DIRECTIONS, STRIKE, Coordinate
-from xdynamics.model.python import Functions
-from xdynamics.model.python_values import is_array
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
 from xdynamics.model.table_keys import check_keys, read_choice, suggestion
-from xdynamics.model.text_limits import excess
+from xdynamics.model.table_values import is_array
 from xdynamics.model.uncertainty import correlations_of
-from xdynamics.model.value_forms import is_of_elements
 from xdynamics.schema import velocity
 from xdynamics.shapes import Shapes, resolve_min_max
 from xdynamics.units import SECONDS, Quantity, Scales, Unit, time_in

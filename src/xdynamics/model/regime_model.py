@@ -8,9 +8,9 @@ from functools import lru_cache
 from typing import Any
 
 from xdynamics.expressions import Node
-from xdynamics.model.lazy_trees import Diagonal
+from xdynamics.model.elementwise import Diagonal
+from xdynamics.model.kinks import on_sides
 from xdynamics.model.model import Model
-from xdynamics.model.one_sided_trees import on_sides
 from xdynamics.model.parts import Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.switches import (
@@ -24,7 +24,7 @@ from xdynamics.model.switches import (
     switch_side,
     watched_switches,
 )
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import NONE
 

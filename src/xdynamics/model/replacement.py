@@ -11,16 +11,14 @@ from xdynamics.expressions import parse
 from xdynamics.faults import DOT, InputError, Ledger, ModelError, display_text, first_names, internal_text
 from xdynamics.keywords import merge_settings
 from xdynamics.model.file_access import ANYWHERE, FileAccess
-from xdynamics.model.given_values import Values, unit_of_values
+from xdynamics.model.given_values import Values, is_expression, unit_of_values
 from xdynamics.model.grammar import SECTIONS
-from xdynamics.model.kinds import Source
+from xdynamics.model.kinds import Functions, Source
 from xdynamics.model.parts import Parameter
-from xdynamics.model.python import Functions
 from xdynamics.model.reading import read_statement
 from xdynamics.model.statement import Statement
 from xdynamics.model.toml import section_tables
 from xdynamics.model.uncertainty import SIZES, split_uncertainty
-from xdynamics.model.value_forms import is_expression
 from xdynamics.units import NONE, parse_quantity, parse_unit
 
 # sections that take new entries; a new parameter or start would be a misspelt one

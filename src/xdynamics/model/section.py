@@ -9,7 +9,7 @@ from typing import Any
 
 from xdynamics.model.kinds import TEXT, Kind, Source
 from xdynamics.model.table_keys import check_keys
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.units import Dimension, Unit, parse_unit
 
 NEEDED = "needed"

@@ -1,4 +1,9 @@
-"""Numbers of a quantity with dimensions from a table: rows in order or by labels, columns, their uncertainties beside them."""
+"""Numbers of a quantity with dimensions from a table: rows in order or by labels, columns, their uncertainties beside them.
+
+Measured tables passed in Python: DataFrames, DataArrays, mappings of headers to arrays.
+
+Values for elements passed in Python: arrays of numpy and xarray, DataFrames; as a model file would say them.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +14,208 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, brief_repr, first_names
-from xdynamics.model.csv_sheet import OF_UNCERTAINTIES, SKIPPING, Sheet, name_of_title, title
+from xdynamics.model.csv_sheet import OF_UNCERTAINTIES, SKIPPING, Sheet, cell_excerpt, csv_text, name_of_title, title
 from xdynamics.model.csv_sheet import cell_excerpt as shown_cell
 from xdynamics.model.kinds import Source
 from xdynamics.model.uncertainty import SIZES
-from xdynamics.shapes import Extent
-from xdynamics.units import Unit
+from xdynamics.shapes import Extent, Shapes
+from xdynamics.units import SECONDS, Unit, parse_unit
+
+
+def table_text(owner: str, table: Any) -> str:
+    """Write a table passed in Python as CSV text, which the model keeps.
+
+    Parameters
+    ----------
+    owner : str
+        The drive.
+    table : DataFrame, DataArray, Dataset or mapping
+        Columns by headers with units, ``{"t [s]": times, "pull [N]": values}``; or a DataArray along one dimension, with
+        the attribute `units` on itself and on its coordinate; or a Dataset of several, with `u_pull` for the uncertainty
+        of `pull`. Dates along it are counted from the first, in seconds.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or a unit is missing.
+    """
+    if hasattr(table, "to_frame") and not hasattr(table, "columns") and not hasattr(table, "dims"):
+        table = table.to_frame()  # a Series of pandas
+    if hasattr(table, "dims") and hasattr(table, "coords"):
+        return csv_text(_columns_of_array(owner, table))
+    if hasattr(table, "columns") or isinstance(table, Mapping):
+        return csv_text(columns_of_frame(table))
+    raise InputError(
+        f"table is {cell_excerpt(str(table))}, needs the name of a CSV file, a DataFrame, a DataArray, or arrays by their"
+        f' headers: {{"t [s]": …, "{owner} [N]": …}}'
+    )
+
+
+def columns_of_frame(table: Any) -> dict[str, Any]:
+    """Return the columns of a DataFrame, its index among them if it has a name, or of a mapping; dates in seconds.
+
+    Dates and time differences are counted from the first, ``time [s]``.
+    """
+    import numpy as np
+
+    if hasattr(table, "reset_index"):
+        table = table.reset_index() if table.index.name else table
+    columns = {}
+    for name in [*table.keys()]:
+        values = np.asarray(table[name])
+        if values.dtype.kind in "mM":
+            columns[f"{name_of_title(str(name))} [{SECONDS.text}]"] = (values - values[0]) / np.timedelta64(10**9, "ns")
+        else:
+            columns[str(name)] = values
+    return columns
+
+
+def _columns_of_array(owner: str, table: Any) -> dict[str, Any]:
+    """Return the columns of a DataArray, or of a Dataset: the coordinate, then the variables along it that have units."""
+    is_dataset = hasattr(table, "data_vars")
+    if not is_dataset and len(table.dims) != 1:
+        raise InputError(f"table has the dims {table.dims}, needs one, along which it was measured")
+    arrays = (
+        {str(name): array for name, array in table.data_vars.items()}
+        if is_dataset
+        else {str(table.name or owner): table}
+    )
+    arrays = {
+        name: array
+        for name, array in arrays.items()
+        if len(array.dims) == 1 and (not is_dataset or "units" in array.attrs)
+    }
+    dims = {array.dims[0] for array in arrays.values()}
+    if len(dims) != 1:
+        raise InputError(
+            f"the Dataset has {len(arrays)} variables with units along {len(dims)} dimensions, needs one dimension: set their"
+            " attribute 'units', or give one as a DataArray"
+        )
+    dim = str(dims.pop())
+    coordinate = next((array for name, array in table.coords.items() if array.dims == (dim,)), None)
+    if coordinate is None:
+        raise InputError(f"table has no coordinate along '{dim}' that says where it was measured")
+    columns = {}
+    for label, name, array in (
+        (f"coordinate '{coordinate.name}'", str(coordinate.name), coordinate),
+        *((f"variable '{name}'" if is_dataset else "table", name, array) for name, array in arrays.items()),
+    ):
+        stamped = stamps(array)
+        if stamped is None and "units" not in array.attrs:
+            raise InputError(f"{label} has no units; set its attribute 'units'")
+        key = f"u({name[2:]})" if is_dataset and name.startswith("u_") and name[2:] in arrays else name
+        columns[f"{key} [{array.attrs['units'] if stamped is None else SECONDS.text}]"] = (
+            array.values if stamped is None else stamped[0]
+        )
+    return columns
+
+
+def stamps(array: Any) -> tuple[Any, str] | None:
+    """Return dates, times since a date, or time differences, in seconds, with the stamp that is zero; None if it is none.
+
+    CF's time is a number with the unit ``seconds since 2024-05-01``, which xarray decodes (CF conventions 1.11, section
+    4.4); a motion is counted from the first stamp.
+    """
+    import numpy as np
+
+    values, second = np.asarray(array.values), np.timedelta64(10**9, "ns")
+    if values.dtype.kind == "m":
+        return values / second, ""
+    if values.dtype.kind == "M":
+        return (values - values[0]) / second, str(values[0])
+    unit, since, date = str(array.attrs.get("units", "")).partition(" since ")
+    if not since:
+        return None
+    factor = parse_unit(unit.strip())
+    return np.array(
+        [factor.to_si(float(value - values[0])) for value in values.tolist()]
+    ), f"{values[0]} {unit} since {date}"
+
+
+def is_array(value: Any) -> bool:
+    """Whether a value is an array of numpy or xarray with dimensions."""
+    return hasattr(value, "dtype") and getattr(value, "ndim", 0) > 0
+
+
+def as_in_file(entry: Any, name: str, dims: tuple[str, ...] | None, shapes: Shapes) -> Any:
+    """Return an entry with lists in the place of arrays, and text in that of a table; others as they are.
+
+    Parameters
+    ----------
+    entry : object
+        An array of xarray is turned to the order of `dims`, and its labelled elements to theirs; its unit is its
+        attribute `units`.
+    name : str
+    dims : tuple of str or None
+        Of the quantity, where they are declared elsewhere.
+    shapes : Shapes
+
+    Raises
+    ------
+    InputError
+        If an array has other dimensions or labels, no unit or two, or numbers that are not real.
+    """
+    if is_array(entry):
+        entry = {"value": entry}
+    if not isinstance(entry, Mapping):
+        return entry
+    if "table" in entry and not isinstance(entry["table"], str) and "csv" not in entry:
+        table = entry["table"]
+        if not isinstance(table, Mapping) and not hasattr(table, "columns"):
+            raise InputError(
+                f"table is a {type(table).__name__}, needs the name of a CSV file, a DataFrame, or columns by name"
+            )
+        return {**entry, "table": f"{name}.csv", "csv": csv_text(columns_of_frame(table), {*shapes.extents})}
+    arrays = {key: entry[key] for key in ("value", *SIZES) if is_array(entry.get(key))}
+    for key, array in arrays.items():
+        entry = {**entry, **_array_entry(key, array, entry, dims, shapes)}
+    return entry
+
+
+def _array_entry(key: str, array: Any, entry: Mapping[str, Any], dims: tuple[str, ...] | None, shapes: Shapes) -> Any:
+    """Return what stands in a file for one key with an array."""
+    if array.dtype.kind not in "biufUO":
+        raise InputError(f"{key} has numbers of the kind {array.dtype}, needs real ones")
+    if not hasattr(array, "dims"):
+        return {key: array.tolist()}
+    array_dims = tuple(str(dim) for dim in array.dims)
+    needed = tuple(entry.get("dims", array_dims)) if dims is None else dims
+    if sorted(array_dims) != sorted(needed):
+        raise InputError(
+            f"{key} is a DataArray along {', '.join(array_dims)}, needs {', '.join(needed) or 'no dimensions'}; rename or reduce it"
+        )
+    if "units" not in array.attrs:
+        raise InputError(f"{key} is a DataArray without units; set its attribute 'units', of pure numbers '1'")
+    unit = str(array.attrs["units"])
+    if key == "value" and "unit" in entry:
+        raise InputError(f"unit is '{entry['unit']}', and the DataArray has units '{unit}'; leave one out")
+    parse_unit(unit)
+    ordered_array = array.transpose(*needed)
+    numbers = np.asarray(ordered_array.values)
+    for axis, dim in enumerate(needed):
+        if dim in ordered_array.coords and shapes.extent(dim).labels:
+            numbers = numbers.take(
+                _label_positions(key, [str(label) for label in ordered_array[dim].values], shapes.extent(dim)), axis
+            )
+    if key == "value":
+        return {key: numbers.tolist(), "unit": unit} | ({"dims": list(needed)} if dims is None else {})
+    return {
+        key: np.array([f"{number!r} {unit}" for number in numbers.ravel().tolist()]).reshape(numbers.shape).tolist()
+    }
+
+
+def _label_positions(key: str, labels: list[str], extent: Extent) -> list[int]:
+    """Return where the elements of a dimension are among the labels of an array."""
+    if missing := [label for label in extent.labels if labels.count(label) != 1]:
+        raise InputError(
+            f"{key} has the labels {first_names(labels)} along '{extent.name}', needs each of {first_names(extent.labels)} exactly once; '{missing[0]}' is not"
+        )
+    if len(labels) > extent.size:
+        unknown_label = next(label for label in labels if label not in extent.labels)
+        raise InputError(
+            f"{key} has the label '{unknown_label}' along '{extent.name}', which has {first_names(extent.labels)}"
+        )
+    return [labels.index(label) for label in extent.labels]
 
 
 def from_table(

@@ -19,7 +19,7 @@ from xdynamics.model.lagrangian import TERMS
 from xdynamics.model.parts import Parameter
 from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
-from xdynamics.units.rounded import decimal_text
+from xdynamics.units.unit import decimal_text
 
 
 def model_toml(statement: Statement) -> str:

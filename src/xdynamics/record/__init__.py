@@ -9,11 +9,10 @@ from xdynamics.runtime.lazy_imports import entrance
 if TYPE_CHECKING:
     from xdynamics.record.column import Column
     from xdynamics.record.conformity import faults_of
+    from xdynamics.record.flag_words import own_attributes, plain
+    from xdynamics.record.folded_columns import sizes_of
     from xdynamics.record.folding import check_elements
-    from xdynamics.record.logged_elements import sizes_of
-    from xdynamics.record.run_columns import columns, constants, element_columns, factors, followed_tolerances
-    from xdynamics.record.run_dataset import check, check_kind, dataset, described, foreseen
-    from xdynamics.record.run_identity import (
+    from xdynamics.record.provenance import (
         comes_of,
         identity,
         input_digest,
@@ -23,18 +22,19 @@ if TYPE_CHECKING:
         same_settings,
         word_differences,
     )
+    from xdynamics.record.run_columns import columns, constants, element_columns, factors, followed_tolerances
+    from xdynamics.record.run_dataset import check, check_kind, dataset, described, foreseen
     from xdynamics.record.unfolding import of_elements, shapes_of, unfold, whole_of
-    from xdynamics.record.variable_attributes import own_attributes, plain
 
 # name -> its room, entered when the name is first used: who reads attributes alone, like the examining process, loads no engine
 _ROOMS = {
     "Column": "column",
-    "word_differences": "run_identity",
+    "word_differences": "provenance",
     "check": "run_dataset",
     "check_elements": "folding",
     "check_kind": "run_dataset",
     "columns": "run_columns",
-    "comes_of": "run_identity",
+    "comes_of": "provenance",
     "constants": "run_columns",
     "dataset": "run_dataset",
     "described": "run_dataset",
@@ -43,17 +43,17 @@ _ROOMS = {
     "faults_of": "conformity",
     "followed_tolerances": "run_columns",
     "foreseen": "run_dataset",
-    "identity": "run_identity",
-    "input_digest": "run_identity",
-    "is_of": "run_identity",
-    "is_of_model": "run_identity",
-    "model_words": "run_identity",
+    "identity": "provenance",
+    "input_digest": "provenance",
+    "is_of": "provenance",
+    "is_of_model": "provenance",
+    "model_words": "provenance",
     "of_elements": "unfolding",
-    "own_attributes": "variable_attributes",
-    "plain": "variable_attributes",
-    "same_settings": "run_identity",
+    "own_attributes": "flag_words",
+    "plain": "flag_words",
+    "same_settings": "provenance",
     "shapes_of": "unfolding",
-    "sizes_of": "logged_elements",
+    "sizes_of": "folded_columns",
     "unfold": "unfolding",
     "whole_of": "unfolding",
 }

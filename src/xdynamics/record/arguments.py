@@ -1,26 +1,33 @@
-"""The arguments of `simulate` that a record was made with, recovered from its attributes."""
+"""The arguments of `simulate` that a record was made with, recovered from its attributes.
+
+Runs that are still to be marched: a verb is given the run that will have been.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
 from fractions import Fraction
+from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics import schema
 from xdynamics.elementary import kept_set
+from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS
 from xdynamics.march.control import FIRST_STEP, FORESEEN
-from xdynamics.march.root_methods import ONE_BY_ONE, ROOT_METHODS, WAITING
+from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS, WAITING
 from xdynamics.march.tolerances import ATOL_FLOORS, NO_FLOOR
-from xdynamics.methods.scheme import FLOAT64, STEP_DOUBLING
-from xdynamics.methods.summation import PLAIN
+from xdynamics.methods.scheme import FLOAT64, PLAIN, STEP_DOUBLING
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER
-from xdynamics.record.partial_records import left_out_atols
+from xdynamics.record.folding import is_chunked
+from xdynamics.record.schemas import left_out_atols
 from xdynamics.record.unfolding import unfold
+from xdynamics.schema import EVIDENCE, RAGGED, STAGE
 from xdynamics.units import SECONDS, Quantity, Scales, Unit, parse_unit
-from xdynamics.units.rounded import Rounded
+from xdynamics.units.unit import Rounded
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -172,3 +179,43 @@ def _recorded_tolerances(run: xr.Dataset) -> dict[str, Any]:
     for name, (size, units) in left_out_atols(run.attrs).items():
         atol[name] = Quantity(rescaling * size, Unit("SI", parse_unit(units).dimension))
     return {"rtol": rescaling * rtol, "atol": atol or None}
+
+
+def is_unmarched(run: Any) -> bool:
+    """Whether a Dataset is what `simulate` or `ragged` returned with ``compute=False``, or made from that."""
+    if "dask" not in sys.modules or STAGE not in getattr(run, "encoding", ()):
+        return False
+    return EVIDENCE not in run.attrs or (run.attrs[EVIDENCE] == RAGGED and any(map(is_chunked, run.variables.values())))
+
+
+def march_argument(argument: Any) -> Any:
+    """March a run that is still to be marched; return anything else as it is.
+
+    Raises
+    ------
+    InputError
+        If only a part of the run is left, or it was changed: there is no whole record of that.
+    """
+    if isinstance(argument, Mapping) and not hasattr(argument, "variables"):
+        return {key: march_argument(value) for key, value in argument.items()}
+    if not is_unmarched(argument):
+        return argument
+    run = argument.encoding[STAGE].computed(argument)
+    if run is None:
+        raise InputError(
+            "this is a part of a run that is still to be marched, or was computed or changed by other means than these"
+            " verbs; give them the run as simulate(…, compute=False) returned it, or march with compute=True"
+        )
+    return run
+
+
+def marching(verb: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a verb take runs that are still to be marched; with ``compute=False`` it marches none itself."""
+
+    @wraps(verb)
+    def marching_call(*arguments: Any, **keywords: Any) -> Any:
+        if "dask" not in sys.modules or keywords.get("compute") is False:
+            return verb(*arguments, **keywords)
+        return verb(*map(march_argument, arguments), **{key: march_argument(value) for key, value in keywords.items()})
+
+    return marching_call

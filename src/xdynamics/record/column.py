@@ -1,30 +1,65 @@
-"""A variable of the record, and how its values are taken from a block of the log, in the record's unit."""
+"""A variable of the record, and how its values are taken from a block of the log, in the record's unit.
+
+The column of what is left of a number beside its float, where numbers are sums of two.
+
+What else a record has of the step to a row: Newton iterations, and how far lengths of quaternions were off.
+
+First-order states along the steps of a record: those of the motion with their rates, and what controllers hold.
+
+What a record has of constraints: multipliers, residuals, rates, rank, and how far each step's result was moved.
+
+Columns of the switches hidden in forces: the side of each for every row, and how often smooth ones were passed.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
-from xdynamics.expressions import dimension_of
+from xdynamics.elementary.double_double import DoubleDouble, nearest
+from xdynamics.elementary.double_double.sums import add, multiply
+from xdynamics.expressions import Binary, Compare, Node, dimension_of, text_of
+from xdynamics.expressions.evaluation import evaluate
 from xdynamics.kernels import Layout
-from xdynamics.march import LogBlock, Tolerances
+from xdynamics.march import LogBlock, March, Tolerances
+from xdynamics.march.log import PIECES
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
-from xdynamics.model.constraints import multiplier_dimensions
-from xdynamics.model.elementwise import element_blocks
-from xdynamics.model.lazy_trees import own_mass
+from xdynamics.model.body_sections import AXES
+from xdynamics.model.constraints import conditions, multiplier_dimensions
+from xdynamics.model.controllers import controller_states
+from xdynamics.model.elementwise import element_blocks, own_mass
+from xdynamics.model.kinks import Path
+from xdynamics.model.motion import constants
+from xdynamics.model.parts import Constraint
 from xdynamics.model.reactions import reaction_dimensions
+from xdynamics.model.regime_model import watched_by
+from xdynamics.model.switches import Switch
 from xdynamics.model.whole import prints_quantities
-from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import Variable
+from xdynamics.reaction_names import (
+    JOINT,
+    PROJECTION,
+    RANK,
+    constraint_force,
+    constraint_rate,
+    constraint_residual,
+    joint_force,
+    joint_torque,
+)
+from xdynamics.record.folding import names_as_words, quantity_of
+from xdynamics.runtime.lazy_imports import cached_property
+from xdynamics.schema import HELD, STEPS, Variable
+from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block as Quantity
-from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, spell
+from xdynamics.shapes.naming import join_element_name, split_element_name
+from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, parse_unit, spell
 
 Array = NDArray[Any]
 
@@ -202,3 +237,186 @@ def multiply_values(values: Array, factor: float) -> Array:
         return values
     scaled: Array = values * factor
     return scaled
+
+
+def rest_column(about: About, number_quantity: Quantity, rest_quantity: Quantity) -> Column:
+    """Return what is left of a number beside the nearest float that is recorded."""
+    unit, rows = (
+        about.units.known[number_quantity.name],
+        [about.layout.row.offset_of(quantity.name) for quantity in (number_quantity, rest_quantity)],
+    )
+    factor = about.units.factor(unit)
+    exact = nearest(1 / Fraction(unit.factor))
+
+    def take_rest(block: LogBlock) -> Array:
+        numbers = [take_row(row, 1.0, number_quantity.shape)(block) for row in rows]
+        product = multiply(DoubleDouble(*numbers), exact)
+        rests: Array = add(product, DoubleDouble(-multiply_values(numbers[0], factor), 0.0 * numbers[0])).high
+        return rests
+
+    long_name = f"what a float does not hold of {number_quantity.name}: the number is {number_quantity.name} + {rest_quantity.name}"
+    return Column(
+        Variable(rest_quantity.name, (STEPS, *number_quantity.dims), "f8", unit.text, long_name, schema.LEFT_OVER),
+        take_rest,
+    )
+
+
+def effort_columns(layout: Layout) -> list[Column]:
+    """Return the columns of what a step took and of what was put right after it."""
+    collected = []
+    if layout.deviations:
+        collected.append(Column(schema.DEVIATION, take_row(layout.row.offset_of(schema.DEVIATION.name), 1.0)))
+    if layout.effort:
+        index = layout.row.offset_of(layout.effort[0])
+        collected.append(Column(schema.NEWTON, lambda block: block.log.rows[index, : block.rows].astype("i4")))
+    return collected
+
+
+def of_first_order(about: About) -> Iterator[tuple[Quantity, str]]:
+    """Yield first-order states and their rates, each with its long name; what controllers hold has a role and no rate."""
+    layout, model = about.layout, about.model
+    held_states = controller_states(model.controllers, model.time_unit)
+    for state, rate in zip(layout.states.blocks, layout.rates.blocks, strict=True):
+        long_name = layout.declared.states[state.name].description or f"state {state.name}"
+        if state.name in held_states:
+            yield state._replace(role=HELD), long_name
+        else:
+            yield state, long_name
+            yield rate, f"rate of {state.name}"
+
+
+def of_constraints(about: About) -> Iterator[Column]:
+    """Yield the columns of constraints along the steps."""
+    layout, units = about.layout, about.units
+    for condition in conditions(about.model):
+        name = condition.name
+        constraint = about.model.shaped.constraints[quantity_of(name)]
+        noun = constraint.description or f"constraint {name}"
+        made = constraint_force(name)
+        words = f"multiplier of {noun}: the force on a coordinate is it times the derivative"
+        yield _constraint_column(
+            about, made, units.known[made], words, "multiplier", _constraint_attributes(constraint)
+        )
+        for made, words in (
+            (constraint_residual(name), f"how far positions are from {noun}"),
+            (constraint_rate(name), f"how fast velocities leave {noun}"),
+        ):
+            if made in layout.constraint_outputs:
+                unit = spell(dimension_of(layout.constraint_outputs[made], about.model.dimensions))
+                yield _constraint_column(about, made, unit, words, "residual", {})
+    yield from _of_joints(about)
+    if layout.constraint_diagnostics:
+        index = layout.row.offset_of(RANK.name)
+        yield Column(RANK, lambda block: block.log.rows[index, : block.rows].astype("i4"))
+        yield Column(PROJECTION, take_row(layout.row.offset_of(PROJECTION.name), 1.0))
+
+
+def _of_joints(about: About) -> Iterator[Column]:
+    """Yield the columns of the force and the torque in each joint, along the axes of space."""
+    for name, joint in about.model.joints.items():
+        first, second = joint.bodies
+        where = (
+            f"in {joint.description or f'joint {name}'}, on {first} at the point of {second}, along the axes of space"
+        )
+        more = {"acts_on": first, "acts_from": second}
+        for noun, made, unit in (("force", joint_force(name), "N"), ("torque", joint_torque(name), "N m")):
+            for axis in AXES:
+                if (owner := join_element_name(made, [axis])) in about.layout.constraint_outputs:
+                    yield _constraint_column(about, owner, parse_unit(unit), f"{noun} {where}", JOINT, more)
+
+
+def _constraint_column(about: About, name: str, unit: Unit, long_name: str, role: str, more: dict[str, str]) -> Column:
+    variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role, more)
+    return Column(variable, take_row(about.layout.row.offset_of(name), about.units.factor(unit)))
+
+
+def _constraint_attributes(constraint: Constraint) -> dict[str, str]:
+    """Return what the model says of a constraint, as attributes of its multiplier."""
+    key, differentiated_by = ("rolls", "velocities") if constraint.holds is None else ("holds", "coordinates")
+    return {key: text_of(constraint.condition), "acts_along": f"derivative of {key} by the {differentiated_by}"}
+
+
+def shapes_with_switches(model: Model) -> Shapes:
+    """Return the shapes of a model with those of the switches hidden in its forces, and of their sides."""
+    dims = {split_element_name(switch.name)[0]: switch.dims for switch in watched_by(model) if switch.dims}
+    sides = {schema.side_of(name): switch_dims for name, switch_dims in dims.items()}
+    return replace(model.shapes, dims={**model.shapes.dims, **dims, **sides}) if dims else model.shapes
+
+
+def side_columns(about: About) -> list[Column]:
+    """Return the side of each located switch for every row; for the points of a table, the piece between them."""
+    collected, places, flag_row = [], {}, 2 + about.layout.reactions.size
+    switches = watched_by(about.model)
+    for switch in switches:
+        places[switch.owner, switch.function] = flag_row
+        flag_row += 3 if switch.drive else 1
+    for switch in switches:
+        first = places[switch.owner, switch.function]
+        if switch.drive:
+            long_name = (
+                f"piece of table {switch.drive} that '{switch.owner}' reads: 0 is before its first point, 1 behind it"
+            )
+            variable = Variable(schema.side_of(switch.name), (STEPS,), "i4", "1", long_name, "switch")
+            collected.append(Column(variable, _piece_taker(first)))
+            continue
+        places_of_owner = {
+            function: flag_index for (owner, function), flag_index in places.items() if owner == switch.owner
+        }
+        sides = {number: word for number, word in schema.SIDES.items() if number or switch.nested or switch.dims}
+        extra = schema.flag_attributes(sides) | {"function": switch.text}
+        long_name = f"side of switch {switch.name}: the sign of its function"
+        long_name += "; elsewhere where it decides nothing, inside a where" if switch.nested else ""
+        variable = Variable(schema.side_of(switch.name), (STEPS,), "i1", "1", long_name, "flag", extra)
+        collected.append(Column(variable, _side_taker(about, switch, first, places_of_owner)))
+    return collected
+
+
+def _piece_taker(first: int) -> Callable[[LogBlock], Array]:
+    def take_piece(block: LogBlock) -> Array:
+        digits = block.log.flags[first : first + 3, : block.rows].astype(np.int32)
+        pieces: Array = digits[0] + PIECES * (digits[1] + PIECES * digits[2])
+        return pieces
+
+    return take_piece
+
+
+def _side_taker(about: About, switch: Switch, flag_row: int, places: Mapping[Node, int]) -> Callable[[LogBlock], Array]:
+    """Take a side, and 0 where the enclosing `where`s select other branches."""
+    if not switch.nested:
+        return lambda block: block.log.flags[flag_row, : block.rows]
+    values = dict(constants(about.model, about.scales))
+
+    def condition_holds(condition: Compare, block: LogBlock) -> Array:
+        flag_index = places.get(Binary("-", condition.left, condition.right))
+        if flag_index is None:  # it compares constants
+            return np.full(block.rows, bool(evaluate(condition, values)))
+        side = block.log.flags[flag_index, : block.rows]
+        return side < 0 if condition.operator[0] == "<" else side > 0
+
+    def path_holds(path: Path, block: LogBlock) -> Array:
+        holding = np.ones(block.rows, bool)
+        for condition, expected_truth in path:
+            holding &= condition_holds(condition, block) == expected_truth
+        return holding
+
+    def take_side(block: LogBlock) -> Array:
+        decides = np.any([path_holds(path, block) for path in switch.paths], axis=0)
+        return np.where(decides, block.log.flags[flag_row, : block.rows], np.int8(0))
+
+    return take_side
+
+
+def smooth_switch_passes(march: March) -> list[tuple[Variable, Array]]:
+    """Return how often each switch that was declared smooth was passed, and when first; empty without such switches."""
+    smooth = march.layout.smooth
+    if not smooth:
+        return []
+    counts, times = march.passed
+    more = {"names": names_as_words(switch.name for switch in smooth)}
+    return [
+        (replace(schema.PASSED, more=more), counts),
+        (
+            replace(schema.with_time_unit(schema.FIRST_PASSED, march.model.time_unit), more=more),
+            times * march.settings.scales.si_factor(TIME),
+        ),
+    ]

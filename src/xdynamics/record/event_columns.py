@@ -29,11 +29,11 @@ from xdynamics.model.detectors import (
     function_dimension,
     labels,
 )
-from xdynamics.model.lazy_trees import own_mass
+from xdynamics.model.elementwise import own_mass
 from xdynamics.model.parts import Contact, Event, Friction
-from xdynamics.record.assembly_columns import assembly_columns, impact_laws
 from xdynamics.record.column import About, Column, multiply_values, take_event_field, take_row_numbers
-from xdynamics.record.element_attributes import quantity_of
+from xdynamics.record.folding import quantity_of
+from xdynamics.record.link_columns import assembly_columns, impact_laws
 from xdynamics.schema import EVENTS, Variable
 from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.units import Dimension, Unit, spell

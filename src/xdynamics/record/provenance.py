@@ -1,43 +1,126 @@
-"""What was used, how it ended, on what it ran: the global attributes of a record."""
+"""What was used, how it ended, on what it ran: the global attributes of a record.
+
+When and on what machine something was done: recorded, and in no digest of content.
+
+What a record says of delayed values: delays, what was before the start, how past values were found.
+
+The identity of a march: model, settings and program, as words that can be compared one by one.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import fields, is_dataclass, replace
+from functools import lru_cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xdynamics import schema
+from xdynamics.expressions import text_of
+from xdynamics.faults import InputError
 from xdynamics.kernels import Layout
 from xdynamics.kernels.constraint_programs import TOLERANCE as CONSTRAINT_TOLERANCE
 from xdynamics.keywords import FULL
-from xdynamics.march import March
+from xdynamics.march import OUTCOMES, March, Pacing, Tolerances
+from xdynamics.march.configuration import settings_for
 from xdynamics.march.control import ERROR_NORM, SPACINGS, first_step_rule
 from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.initial_run import rest_of_time
 from xdynamics.march.outcome_text import accumulation, ending
-from xdynamics.march.outcomes import COMPLETED
-from xdynamics.march.root_methods import ROOT_METHODS
-from xdynamics.march.settings import Settings
+from xdynamics.march.outcomes import COMPLETED, INTERRUPTED
+from xdynamics.march.past import delay_times
+from xdynamics.march.settings import ROOT_METHODS, Settings
 from xdynamics.march.timescales import FEW, MOST_NUMBERS, RULE, beyond_eigenvalues, time_scales
 from xdynamics.march.tolerance_sizes import ATOL_RULE
 from xdynamics.march.tolerances import ATOL_FLOORS
+from xdynamics.methods import Method
 from xdynamics.methods.lines import printed_lines
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, ESTIMATE_WORDS, FLOAT64, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.methods.taylor import ORDER_RULE
 from xdynamics.model import Model
+from xdynamics.model.delayed_values import delayed_quantities
+from xdynamics.model.motion import variables
 from xdynamics.model.switches import LANDED_ON, LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, landed_on, watched_switches
-from xdynamics.record.arguments import EVERYWHERE, SCALES
-from xdynamics.record.circumstances import circumstances
-from xdynamics.record.delays import delay_attributes
-from xdynamics.record.element_names import names_as_words
-from xdynamics.record.folding import sized
-from xdynamics.record.logged_elements import march_shapes
+from xdynamics.record.arguments import EVERYWHERE, SCALES, recorded_arguments
+from xdynamics.record.folded_columns import march_shapes
+from xdynamics.record.folding import names_as_words, sized
 from xdynamics.record.run_columns import left_out_tolerances
 from xdynamics.shapes.naming import display_text
-from xdynamics.units import NUMBERS, TIME, UNSCALED, unit_suffix
+from xdynamics.units import NUMBERS, TIME, UNSCALED, Unit, unit_suffix
+from xdynamics.units.unit import decimal_text
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+if TYPE_CHECKING:
+    pass
+
+
+@lru_cache
+def _versions_and_processor() -> dict[str, str]:
+    """Return versions and processor: volatile, and in no digest of content."""
+    import platform
+    from importlib.metadata import version
+
+    from llvmlite import binding
+
+    from xdynamics.march.engine import engine_origin
+
+    features = binding.get_host_cpu_features()
+    versions = {f"{name}_version": version(name) for name in ("numpy", "numba", "llvmlite", "xarray", "xdynamics")}
+    return versions | {
+        "engine_origin": engine_origin(),
+        "python_version": platform.python_version(),
+        "cpu_name": binding.get_host_cpu_name(),
+        "cpu_features": " ".join(sorted(name for name, enabled in features.items() if enabled)),
+    }
+
+
+def xdynamics_version() -> str:
+    """Return the version of this program."""
+    return _versions_and_processor()["xdynamics_version"]
+
+
+def circumstances(done: str) -> dict[str, Any]:
+    """Return when and on what machine something was done; no digest of content includes it."""
+    from datetime import UTC, datetime
+
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    machine = _versions_and_processor()
+    history = f"{now} {done} by xdynamics {machine['xdynamics_version']}"
+    return {"date_created": now, "history": history} | machine
+
+
+BREAKING_POINTS = (
+    "start, ticks, points of tables, and events that change the motion, each plus sums of delays, are landed on up to those"
+    " where derivative {most} of the motion jumps (Hairer, Norsett, Wanner, Solving ODEs I, II.17); no step is longer than"
+    " the shortest delay"
+)
+AT_START = "its value at the start (default)"
+
+
+def delay_attributes(march: March) -> dict[str, Any]:
+    """Describe the delayed values of a run, if there are any."""
+    model, scheme = march.model, march.settings.scheme
+    if not model.delays:
+        return {}
+    history_words = {
+        name: text_of(model.history[name]) if name in model.history else AT_START for name in delayed_quantities(model)
+    }
+    return {
+        "solver_delays": np.array(delay_times(model)),
+        "solver_delays_units": model.time_unit.text,
+        "solver_delay_history": "; ".join(f"{name}: {words}" for name, words in history_words.items()),
+        "solver_delay_interpolation": f"polynomials of accepted steps: {scheme.interpolant.words}",
+        "solver_delay_interpolation_order": scheme.interpolant.order,
+        "solver_breaking_points": BREAKING_POINTS.format(most=scheme.order + 1),
+    }
+
 
 if TYPE_CHECKING:
     pass
@@ -397,3 +480,114 @@ def _last_step(march: March) -> str:
         if partial
         else "whole"
     )
+
+
+_SHOWN = 60  # characters of a value that are kept; longer values are abbreviated with a digest
+
+
+def identity(march: March) -> dict[str, str]:
+    """Return every word on which the bits of a march depend."""
+    program = {
+        "version": xdynamics_version(),
+        "math_functions": march.settings.math_functions,
+        "law": force_digest(march),
+    }
+    words = dict(_words_of_value("", replace(march.settings, compress=False)))
+    return {name: _abbreviated(value) for name, value in (words | program).items()} | model_words(march.model)
+
+
+def model_words(model: Model) -> dict[str, str]:
+    """Return what a model says, a word for each entry: the same whether elements have numbers or an expression."""
+    return {name: _abbreviated(value) for name, value in _words_of_value("model", model.written_out())}
+
+
+def input_digest(march: March) -> str:
+    """Return the digest of all inputs on which the bits of a march depend."""
+    return hashlib.sha256(json.dumps(identity(march), sort_keys=True).encode()).hexdigest()
+
+
+def word_differences(recorded_words: Mapping[str, str], current_words: Mapping[str, str]) -> list[str]:
+    """List the words in which two marches differ; the law's digest only if nothing else does."""
+    names = [
+        name for name in {**recorded_words, **current_words} if recorded_words.get(name) != current_words.get(name)
+    ]
+    names = [name for name in names if name != "law"] or names
+    return [
+        f"{name} was {recorded_words.get(name, 'not given')} and is {current_words.get(name, 'not given')}"
+        for name in names
+    ]
+
+
+def is_of(run: xr.Dataset, march: March) -> bool:
+    """Whether a finished record is of a march's model and law, by this version; settings are not compared."""
+    expected_attributes = {
+        "force_digest": force_digest(march),
+        "xdynamics_version": xdynamics_version(),
+        "math_functions": march.settings.math_functions,
+    }
+    if any(run.attrs.get(name) != value for name, value in expected_attributes.items()):
+        return False
+    return run.attrs["run_outcome"] != OUTCOMES[INTERRUPTED].word and is_of_model(run, march.model)
+
+
+def is_of_model(run: xr.Dataset, model: Model) -> bool:
+    """Whether a record's model is one, perhaps with numbers where this has an expression."""
+    if run.attrs.get("model_digest") == model.digest:
+        return True
+    with suppress(InputError, KeyError):  # of functions that are not those of this model; of what was left out
+        recorded_model = Model.from_record(run["model_toml"].values.item(), functions=model.functions)
+        return recorded_model.digest == run.attrs["model_digest"] and model_words(recorded_model) == model_words(model)
+    return False
+
+
+def comes_of(run: xr.Dataset, march: March) -> bool:
+    """Whether a finished record is that of a march, including its settings."""
+    if not is_of(run, march):
+        return False
+    settings = settings_for(march.model, **recorded_arguments(run))
+    return same_settings(settings, march.settings, variables(march.model))
+
+
+def same_settings(first_settings: Settings, second_settings: Settings, names: tuple[str, ...]) -> bool:
+    """Whether the settings of two marches of a model with these variables agree, however their tolerances are given."""
+    return _settings_by_name(first_settings, names) == _settings_by_name(second_settings, names)
+
+
+def _settings_by_name(settings: Settings, names: tuple[str, ...]) -> dict[str, Any]:
+    tolerances = settings.tolerances
+    absolute = {f"atol of {name}": tolerances.atol_of(name) for name in names} if tolerances else {}
+    return {
+        name: value
+        for name, value in _words_of_value("", replace(settings, compress=False))
+        if not name.startswith(("atol", "bare"))
+    } | absolute
+
+
+def _words_of_value(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Take a value apart into names and texts."""
+    if isinstance(value, Method):
+        yield name, value.name
+    elif isinstance(value, Unit):  # the model's own, which is no setting
+        return
+    elif is_dataclass(value):
+        prefix = "" if isinstance(value, Settings | Tolerances | Pacing) else f"{name}."
+        for entry in fields(value):
+            yield from _words_of_value(prefix + entry.name, getattr(value, entry.name))
+    elif isinstance(value, Mapping):
+        for key, entry in value.items():
+            yield from _words_of_value(f"{name}.{key}", entry)
+    elif value is not None:
+        yield name, _value_text(value)
+
+
+def _value_text(value: Any) -> str:
+    """Return a value as a text, numbers with all digits that are known of them."""
+    if isinstance(value, list) and {*map(type, value)} != {float}:
+        return f"[{', '.join(map(_value_text, value))}]"
+    return decimal_text(value) if isinstance(value, float) else repr(value)
+
+
+def _abbreviated(text: str) -> str:
+    if len(text) <= _SHOWN:
+        return text
+    return f"{text[:20]}… ({len(text)} characters, sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]})"

@@ -19,27 +19,37 @@ from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
-from xdynamics.record.closed_link_columns import any_rubs, link_names
-from xdynamics.record.column import About, Column, take_row, take_row_numbers, take_sample, take_trial_field
-from xdynamics.record.constraint_columns import of_constraints
-from xdynamics.record.effort_columns import effort_columns
-from xdynamics.record.element_attributes import attributes_of_quantity, quantity_of
+from xdynamics.record.column import (
+    About,
+    Column,
+    effort_columns,
+    of_constraints,
+    of_first_order,
+    rest_column,
+    shapes_with_switches,
+    side_columns,
+    smooth_switch_passes,
+    take_row,
+    take_row_numbers,
+    take_sample,
+    take_trial_field,
+)
 from xdynamics.record.event_columns import event_columns
-from xdynamics.record.first_order_columns import of_first_order
-from xdynamics.record.folded_columns import NamedColumns, dimension_variables, split_columns
-from xdynamics.record.logged_elements import (
+from xdynamics.record.folded_columns import (
+    NamedColumns,
     check_logged,
+    dimension_variables,
     fold_logged_columns,
     is_by_rows,
     logged_numbers,
     logged_quantities,
     march_shapes,
+    parameter_variables,
+    split_columns,
     with_elements,
 )
-from xdynamics.record.parameter_columns import parameter_variables
-from xdynamics.record.rest_column import rest_column
-from xdynamics.record.switches import shapes_with_switches, side_columns, smooth_switch_passes
-from xdynamics.record.written_link_columns import written_link_columns
+from xdynamics.record.folding import attributes_of_quantity, quantity_of
+from xdynamics.record.link_columns import any_rubs, link_names, written_link_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block as Quantity

@@ -1,7 +1,12 @@
-"""A march as one Dataset, and the check that a Dataset is a run record."""
+"""A march as one Dataset, and the check that a Dataset is a run record.
+
+How large a run's record will be, and whether there is room for it.
+"""
 
 from __future__ import annotations
 
+import re
+import shutil
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -9,23 +14,26 @@ from dataclasses import replace
 from itertools import chain
 from mmap import mmap
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, numbered_lines
+from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL
 from xdynamics.march import LogBlock, March
+from xdynamics.march.equation_solvers import solver_of
 from xdynamics.march.log import map_pages
+from xdynamics.methods.steppers import NOTHING
 from xdynamics.record import provenance
 from xdynamics.record.column import Column, LineOf
 from xdynamics.record.conformity import faults_of
+from xdynamics.record.folded_columns import sizes_of
 from xdynamics.record.folding import check_elements, model_dimensions
-from xdynamics.record.logged_elements import sizes_of
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
-from xdynamics.record.size import check_growth
-from xdynamics.runtime.files import displayed_path
+from xdynamics.runtime.files import ROOM, UNITS, displayed_path, free_memory, size_text
 from xdynamics.schema import (
     BOUNDS,
     DIMENSIONS,
@@ -43,13 +51,175 @@ from xdynamics.schema import (
     logged_of,
 )
 from xdynamics.shapes.blocks import Block
+from xdynamics.units import TIME, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
 
+SMALL = 1e6  # bytes of a log that always fit, so that the free memory is not looked up
+
+
+def bytes_of_row(layout: Layout, samples: int) -> int:
+    """Return how many bytes a row of the log has, with its force samples."""
+    return 8 * layout.row.size + layout.flags + samples * 8 * layout.sample.size
+
+
+def bytes_of_rows(march: March, rows: float) -> float:
+    """Return how many bytes so many rows of a march take."""
+    return rows * bytes_of_row(march.layout, int(march.run.plan[0].samples))
+
+
+def memory_asked(memory: str | float | None) -> float | None:
+    """Read a size of memory: a number of bytes, or a text like ``"2 GB"``.
+
+    Raises
+    ------
+    InputError
+        If it is no positive size.
+
+    Examples
+    --------
+    >>> memory_asked("2 GB"), memory_asked(1e6), memory_asked(None)
+    (2000000000.0, 1000000.0, None)
+    """
+    if memory is None:
+        return None
+    match = re.fullmatch(r"\s*([0-9.eE+]+)\s*([kMGT]?B)?\s*", str(memory))
+    try:
+        size = float(match[1]) * UNITS[match[2] or "B"] if match and not isinstance(memory, bool) else 0.0
+    except ValueError:
+        size = 0.0
+    if not 0.0 < size < float("inf"):
+        raise InputError(f"memory is {memory!r}, needs a positive size like '2 GB', or a number of bytes")
+    return size
+
+
+def check_record_room(march: March, memory: str | float | None = None, path: Any = None) -> None:
+    """Check before a march that its log will fit; rows of steps that are chosen, and of events, are judged as they come.
+
+    Parameters
+    ----------
+    march : March
+    memory : str or float, optional
+        The most that a log kept in memory may take; by default four fifths of the free memory.
+    path : str or Path, optional
+        The file that the log is streamed to, in bounded memory.
+
+    Raises
+    ------
+    InputError
+        With the number of rows, the room that they take and the room that is available.
+    """
+    _check_march(march)
+    allowed, rows = memory_asked(memory), march.expected_rows
+    if rows is None:
+        return
+    kept_rows = rows / march.settings.keep_every
+    needed = bytes_of_rows(march, kept_rows)
+    need_text = f"the run makes {rows:.4g} rows, which take {size_text(needed)}"
+    if march.settings.keep_every > 1:
+        need_text = f"the run makes {rows:.4g} rows and keeps {kept_rows:.4g} of them, which take {size_text(needed)}"
+    if path is not None:
+        try:
+            total, _, free = shutil.disk_usage(Path(path).absolute().parent)
+        except (OSError, ValueError):  # no folder: refused by its name before anything is marched into it
+            return
+        if total and needed > free:  # of no size is a file system that keeps no files, like /proc, which says so itself
+            raise InputError(
+                f"{need_text}, and the disk of '{path}' has {size_text(free)} free; take a longer step or an earlier end"
+            )
+        return
+    if allowed is None and needed < SMALL:
+        return
+    room = ROOM * free_memory() if allowed is None else allowed
+    if needed > room:
+        limit = f"{size_text(room)} of memory {'can be had' if allowed is None else 'were allowed'}"
+        raise InputError(
+            f"{need_text}, and {limit}; give path=… to stream them to a file, keep_every=n to keep one row in n, a longer"
+            " step or an earlier end"
+        )
+
+
+def check_growth(march: March, bytes_taken: float, more: float, memory: str | float | None = None) -> None:
+    """Check during a march that there is room for more of its record, whose rows could not be counted before.
+
+    Parameters
+    ----------
+    march : March
+    bytes_taken, more : float, bytes
+        What its record takes so far, and what it will take beyond that.
+    memory : str or float, optional
+        The most that it may take; by default it may take four fifths of the memory that is left.
+
+    Raises
+    ------
+    InputError
+        With the time it has come to, its rows, the room that they take and the room that is available.
+    """
+    if memory is None and more < SMALL:
+        return
+    allowed = memory_asked(memory)
+    room = ROOM * free_memory() if allowed is None else allowed
+    if (more if allowed is None else bytes_taken + more) <= room:
+        return
+    limit = f"{size_text(room)} more can be had" if allowed is None else f"{size_text(room)} were allowed"
+    rows, of_events, now = (
+        int(march.now.rows),
+        2 * march.event_pairs,
+        march.now.t * march.settings.scales.si_factor(TIME),
+    )
+    reached = f"the march of '{march.model.name}' is at t = {now:.6g}{unit_suffix(march.model.time_unit)}"
+    if 2 * of_events < rows:
+        raise InputError(
+            f"{reached} with {rows} rows, which take {size_text(bytes_taken)} of memory, and {limit}; give path=… to stream"
+            " them to a file, keep_every=n to keep one row in n, larger tolerances or an earlier end"
+        )
+    raise InputError(
+        f"{reached} with {rows} rows, {of_events} of them of events, which take {size_text(bytes_taken)} of memory, and"
+        f" {limit}; each event has two rows of all elements: take one event for all of them, by max(…, dimension) or"
+        " sum(…, dimension), name what is logged (log=['…']), or give path=… to stream them to a file"
+    )
+
+
+def sizes_of_march(march: March) -> dict[str, float]:
+    """Return how many bytes a march writes to beside its record, by what stands there; made before any of it is.
+
+    The law is written first, which takes less than its arrays.
+    """
+    layout, law = march.layout, march.law
+    sizes = {
+        "states at both ends of a step": 16.0 * layout.record.size,
+        "errors, tolerances and sizes": (28.0 if march.settings.adaptive else 2.0) * layout.used.size,
+        "a row of the log": 8.0 * layout.row.size,
+    }
+    return sizes | solver_of(march.settings.method).sizes(law)
+
+
+def _check_march(march: March) -> None:
+    """Check that a march itself has room: its states and two rows of its log, then what its method needs beside them."""
+    layout, room = march.layout, ROOM * free_memory()
+    solves = march.settings.method.solver != NOTHING
+    minimum_bytes = 8.0 * (2 * layout.record.size + layout.row.size)
+    if minimum_bytes + 24.0 * solves * layout.used.size**2 < SMALL:
+        return
+    try:
+        sizes = sizes_of_march(march) if minimum_bytes <= room else {}
+    except MemoryError:
+        sizes = {"what its method solves": room}
+    needed = max(minimum_bytes, sum(sizes.values()))
+    if needed > room:
+        largest = max(sizes, key=sizes.__getitem__, default="")
+        of_it = f", {size_text(sizes[largest])} of it {largest}," if largest else ""
+        remedy = "fewer elements" + ", or a method that solves no equations" * solves
+        raise InputError(
+            f"a march of {layout.used.size} numbers by {march.settings.method.name} takes about {size_text(needed)}{of_it}"
+            f" beside its record, and {size_text(room)} of memory can be had; take {remedy}"
+        )
+
+
 Array = NDArray[Any]
 
-TIME = "time"
+TIME_VARIABLE = "time"
 WIDE = 1 << 16  # numbers of a row of a column from which it is half a megabyte
 WIDEST = 1 << 19  # from which pages of its own are worth their faults: they leave no holes on the heap
 KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known before a march
@@ -146,7 +316,7 @@ def _assemble_dataset(filled: Sequence[tuple[Variable, Array]], attributes: dict
     import xarray as xr
 
     variables = {}
-    for variable, data in sorted(filled, key=lambda pair: pair[0].name == TIME):
+    for variable, data in sorted(filled, key=lambda pair: pair[0].name == TIME_VARIABLE):
         if len(variable.dims) != data.ndim:
             raise ValueError(f"'{variable.name}' has shape {data.shape} along {variable.dims}")
         made = variables[variable.name] = xr.Variable.__new__(xr.Variable)

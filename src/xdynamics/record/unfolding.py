@@ -1,4 +1,9 @@
-"""Variables of single elements, which every verb computes with, from the quantities with dimensions of a record."""
+"""Variables of single elements, which every verb computes with, from the quantities with dimensions of a record.
+
+Single elements of a record's quantities by their names, and the detectors of its events with theirs.
+
+Elements of a variable that is read when it is used: once for all of them.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +15,22 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from xarray import Variable
+from xarray.backends import BackendArray
+from xarray.core import indexing
 
 from xdynamics.faults import InputError
-from xdynamics.record.element_attributes import attributes_of_element
-from xdynamics.record.element_names import names_as_words
-from xdynamics.record.folding import FOLDED, check_elements, fold, labelled, model_dimensions, unlabelled
-from xdynamics.record.named_elements import DETECTOR, detectors_of, dims_of_detectors, element_labels, has_labels
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.record.folding import (
+    FOLDED,
+    attributes_of_element,
+    check_elements,
+    fold,
+    labelled,
+    model_dimensions,
+    names_as_words,
+    unlabelled,
+)
 from xdynamics.record.schemas import as_written
 from xdynamics.schema import (
     DETECTOR_DIMENSIONS,
@@ -30,10 +45,202 @@ from xdynamics.schema import (
     label_of,
 )
 from xdynamics.shapes import NO_SHAPES, Extent, Relation, Shapes
-from xdynamics.shapes.naming import display_text, join_element_name
+from xdynamics.shapes.extents import indices_of_element
+from xdynamics.shapes.naming import DOT, display_text, join_element_name, split_element_name
+from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
     import xarray as xr
+
+DETECTOR = "event_detector"
+
+
+def element_labels(dataset: xr.Dataset, dim: str) -> Sequence[str]:
+    """Return what the elements along a dimension of the model are called: their labels, or their numbers."""
+    return _written_labels(dataset, dim) or [str(number) for number in range(dataset.sizes[dim])]
+
+
+def has_labels(dataset: xr.Dataset, dim: str) -> bool:
+    """Whether the elements along a dimension of the model have labels."""
+    return bool(_written_labels(dataset, dim))
+
+
+def _written_labels(dataset: xr.Dataset, dim: str) -> tuple[str, ...]:
+    for name in (dim, label_of(dim)):
+        if name in dataset.variables and dataset.variables[name].dims == (dim,):
+            return tuple(str(label) for label in np.asarray(dataset.variables[name]).tolist())
+    return ()
+
+
+def dims_of_detectors(attributes: Mapping[Any, Any]) -> dict[str, tuple[str, ...]]:
+    """Return the dimensions of each detector that has some, from the attributes of `event_detector`."""
+    entries = [entry.partition(": ") for entry in str(attributes.get(DETECTOR_DIMENSIONS, "")).split("; ")]
+    return {kind: tuple(dims_text.split()) for kind, _, dims_text in entries if kind}
+
+
+def find_column(dataset: xr.Dataset, name: str) -> xr.Variable | None:
+    """Return a variable of a Dataset by its name, or one element of a quantity by the element's; None if there is none.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A record or evidence, with quantities as one variable each or unfolded.
+    name : str
+        ``u``, or an element as it is named inside, ``u·3``.
+    """
+    if name in dataset.variables:
+        full_variable: xr.Variable = dataset.variables[name]
+        return full_variable
+    if DOT not in name or (quantity := split_element_name(name)[0]) not in dataset.variables:
+        return None
+    variable, model_dims = dataset.variables[quantity], model_dimensions(dataset)
+    dims = tuple(str(dim) for dim in variable.dims if dim in model_dims)
+    extents = tuple(Extent(dim, dataset.sizes[dim], _written_labels(dataset, dim)) for dim in dims)
+    if (element_index := indices_of_element(name, extents)) is None:
+        return None
+    shape = tuple(extent.size for extent in extents)
+    element_variable = variable.isel(dict(zip(dims, element_index, strict=True)))
+    number, size = (int(np.ravel_multi_index(element_index, shape)), int(np.prod(shape))) if shape else (0, 1)
+    element_variable.attrs = attributes_of_element(variable.attrs, number, size)
+    return element_variable
+
+
+def element_array(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """Return `get_column` as an array with its coordinates, lazy where the Dataset is.
+
+    Raises
+    ------
+    KeyError
+        If there is none of that name.
+    """
+    import xarray as xr
+
+    variable = get_column(dataset, name)
+    return xr.DataArray(
+        variable, {key: dataset.coords[key] for key in dataset.coords if {*dataset[key].dims} <= {*variable.dims}}
+    )
+
+
+def get_column(dataset: xr.Dataset, name: str) -> xr.Variable:
+    """Return a variable of a Dataset, or one element of a quantity; see `find_column`.
+
+    Raises
+    ------
+    KeyError
+        If there is none of that name.
+    """
+    if (variable := find_column(dataset, name)) is None:
+        raise KeyError(name)
+    return variable
+
+
+def column_in_si(dataset: xr.Dataset, name: str) -> NDArray[np.float64]:
+    """Return the numbers of a variable, or of one element of a quantity, in SI units; see `get_column`.
+
+    Raises
+    ------
+    KeyError
+        If there is none of that name.
+    """
+    variable = get_column(dataset, name)
+    return np.asarray(variable.values, float) * float(parse_unit(str(variable.attrs["units"])).factor)
+
+
+def detectors_of(run: xr.Dataset) -> list[str]:
+    """Return everything that events of a record are located by: of a detector with dimensions each of its elements."""
+    attributes = run[DETECTOR].attrs
+    dims_by_detector = dims_of_detectors(attributes)
+    labels = {
+        dim: element_labels(run, dim) if dim in run.dims else ()
+        for detector_dims in dims_by_detector.values()
+        for dim in detector_dims
+    }
+    names: list[str] = []
+    for word in str(attributes["flag_meanings"]).split():
+        detector_dims = dims_by_detector.get(word, ())
+        names += (
+            [
+                join_element_name(word, label_combination)
+                for label_combination in product(*(labels[dim] for dim in detector_dims))
+            ]
+            if detector_dims
+            else [word]
+        )
+    return names
+
+
+def event_words(run: xr.Dataset) -> list[str]:
+    """Return what each event of a record was located by: an element's name where the detector has dimensions."""
+    words = words_of_flag(run[DETECTOR])
+    dims_by_detector = dims_of_detectors(run[DETECTOR].attrs)
+    dims = {dim for detector_dims in dims_by_detector.values() for dim in detector_dims}
+    numbers = {dim: np.asarray(run[at_event(dim)].values).tolist() for dim in dims}
+    labels = {dim: _written_labels(run, dim) for dim in dims}
+
+    def element_label(dim: str, event: int) -> str:
+        number = numbers[dim][event]
+        return labels[dim][number] if labels[dim] else str(number)
+
+    return [
+        join_element_name(word, [element_label(dim, event) for dim in dims_by_detector[word]])
+        if word in dims_by_detector
+        else word
+        for event, word in enumerate(words)
+    ]
+
+
+Array = NDArray[Any]
+
+MOST_READ = 4  # selections of rows that are kept: elements are asked for the same ones, one after the other
+
+
+class SharedElements:
+    """A variable whose elements are read together.
+
+    Parameters
+    ----------
+    variable : xarray.Variable
+        With the dimensions of the model last.
+    own : int
+        How many other dimensions it has.
+    """
+
+    def __init__(self, variable: Variable, outer_count: int) -> None:
+        self.variable, self.outer_count = variable, outer_count
+        self._read: dict[Any, Array] = {}
+
+    def element(self, element_index: tuple[int, ...]) -> Any:
+        """Return the values of an element, to be read when they are used."""
+        return indexing.LazilyIndexedArray(ElementArray(self, element_index))
+
+    def rows_of_all(self, key: tuple[Any, ...]) -> Array:
+        """Return the values of all elements in some rows."""
+        if all(isinstance(part, slice) and part == slice(None) for part in key):
+            return np.asarray(self.variable.values)
+        word = tuple(part.tobytes() if isinstance(part, np.ndarray) else str(part) for part in key)
+        values = self._read.get(word)
+        if values is None:
+            values = np.asarray(self.variable[key].values)
+            for oldest in [*self._read][: len(self._read) + 1 - MOST_READ]:
+                self._read.pop(oldest, None)
+            self._read[word] = values
+        return values
+
+
+class ElementArray(BackendArray):
+    """The values of one element."""
+
+    def __init__(self, shared: SharedElements, element_index: tuple[int, ...]) -> None:
+        self.shared, self.element_index = shared, element_index
+        self.shape, self.dtype = shared.variable.shape[: shared.outer_count], shared.variable.dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._element_values)
+
+    def _element_values(self, key: tuple[Any, ...]) -> Any:
+        index_of_all: Any = (..., *self.element_index)
+        return self.shared.rows_of_all(key)[index_of_all]
+
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -124,7 +331,6 @@ def _element_taker(variable: xr.Variable, outer_count: int) -> Callable[[tuple[i
     if isinstance(variable._data, np.ndarray) or variable.chunks is not None:  # noqa: SLF001 - `.data` would read what is lazy
         data, rows = variable.data, (slice(None),) * outer_count
         return lambda element_index: data[(*rows, *element_index)]
-    from xdynamics.record.element_reading import SharedElements
 
     return SharedElements(variable, outer_count).element
 

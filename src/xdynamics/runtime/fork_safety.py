@@ -1,8 +1,19 @@
-"""Locks that a fork waits for: a child would find the locks of other threads taken for ever, and their work half done."""
+"""Locks that a fork waits for: a child would find the locks of other threads taken for ever, and their work half done.
+
+Linear algebra on one thread, whose numbers do not depend on how many there are.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from threading import RLock
 from typing import Any, TypeVar
 
 Lock = TypeVar("Lock")
@@ -42,3 +53,61 @@ def _release_all_locks() -> None:
 
 
 os.register_at_fork(before=_acquire_all_locks, after_in_parent=_release_all_locks, after_in_child=_release_all_locks)
+
+
+LIBRARIES = ("numpy.linalg._umath_linalg", "scipy.linalg._flapack")  # each is linked to a BLAS of its own in wheels
+PREFIXES, SUFFIXES = ("scipy_openblas", "openblas"), ("64_", "")
+LOCK = waited_for(RLock())
+
+
+@dataclass(frozen=True, eq=False)
+class ThreadCount:
+    """The two functions of an OpenBLAS by which its number of threads is read and set."""
+
+    read: Callable[[], int]
+    set: Callable[[int], None]
+
+
+class _Use:
+    """How many calls are at work on one thread, and how many threads there were in each library before."""
+
+    calls = 0
+    previous_counts: dict[ThreadCount, int] = {}  # noqa: RUF012 - of the process, as the number of threads is
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Let OpenBLAS compute on one thread, in the whole process, until the last call that asked for it is done.
+
+    The eigenvalues of 200 rows take 3 ms so; two threads that wait for one another on a busy machine take 130. Another
+    BLAS than OpenBLAS keeps its threads, and so does a library that is loaded meanwhile.
+    """
+    with LOCK:
+        for count in (count for name in LIBRARIES if name in sys.modules for count in thread_counts(name)):
+            if count not in _Use.previous_counts:
+                _Use.previous_counts[count] = count.read()
+                count.set(1)
+        _Use.calls += 1
+    try:
+        yield
+    finally:
+        with LOCK:
+            _Use.calls -= 1
+            if not _Use.calls:
+                for count, threads in _Use.previous_counts.items():
+                    count.set(threads)
+                _Use.previous_counts.clear()
+
+
+@cache
+def thread_counts(name: str) -> tuple[ThreadCount, ...]:
+    """Find the functions in a library that is loaded, and in what it is linked to."""
+    counts = []
+    with suppress(OSError, TypeError):  # built otherwise: its threads stay as they are
+        library = ctypes.CDLL(sys.modules[name].__file__)
+        for prefix, suffix in product(PREFIXES, SUFFIXES):
+            with suppress(AttributeError):
+                read, write = (getattr(library, f"{prefix}_{verb}_num_threads{suffix}") for verb in ("get", "set"))
+                write.argtypes, write.restype = [ctypes.c_int], None
+                counts.append(ThreadCount(read, write))
+    return tuple(counts)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes.extents import Extent, Shapes, element_name, element_names, indices_of_element, number_of_element
 from xdynamics.shapes.naming import DOT, split_element_name
 

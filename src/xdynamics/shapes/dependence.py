@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import Along, Call, Compare, Element, Name, Node
 from xdynamics.expressions.evaluation import evaluate_many
-from xdynamics.shapes.distinct_parts import Parts
-from xdynamics.shapes.extents import Shapes
-from xdynamics.shapes.numbers_of_elements import is_of_numbers, taken_numbers, with_index_names
-from xdynamics.shapes.trees import OF_CROSS, REDUCTIONS, element_numbers, end_dimension
+from xdynamics.shapes.extents import Shapes, is_of_numbers, taken_numbers, with_index_names
+from xdynamics.shapes.trees import OF_CROSS, REDUCTIONS, Parts, element_numbers, end_dimension
 
 IntArray = NDArray[np.int64]  # codes; arrays of elements are short, since large models have millions
 Int32Array = NDArray[np.int32]

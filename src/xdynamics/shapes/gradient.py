@@ -26,9 +26,8 @@ from xdynamics.expressions import (
 from xdynamics.expressions.calculus import ONE, ZERO, add, divide, multiply, negative, operation_derivative
 from xdynamics.expressions.tree import children
 from xdynamics.faults import InputError
-from xdynamics.shapes.distinct_parts import Parts
 from xdynamics.shapes.extents import Shapes
-from xdynamics.shapes.trees import at_element, element_numbers, end_dimension
+from xdynamics.shapes.trees import Parts, at_element, element_numbers, end_dimension
 
 
 def gradient(tree: Node, names: Collection[str], shapes: Shapes) -> dict[str, Node]:

@@ -1,37 +1,305 @@
-"""Right-hand sides that are written with arrays, as models with a dimension: one state y along y_index."""
+"""Right-hand sides that are written with arrays, as models with a dimension: one state y along y_index.
+
+Python functions of t and y as `solve` takes them: what they are called with, what they return, their events.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.expressions import Along, Call, Compare, Element, Name, Node, Number, text_of
 from xdynamics.expressions.element_folding import IrregularError, Unfolding, term_count
-from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers
+from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers, check_repeats, check_unwritten
 from xdynamics.expressions.substitution import Substitution, table_values
 from xdynamics.expressions.traced_arrays import array_of
-from xdynamics.expressions.tracing import Traced, node_of, traced_name
+from xdynamics.expressions.tracing import Traced, WholeNumberError, node_of, traced, traced_name
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError
+from xdynamics.model.links import MOST_ELEMENTS
+from xdynamics.model.name_consistency import RESERVED
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.shapes.evaluation import evaluate_elements
-from xdynamics.simulation.right_sides import (
-    Floats,
-    RightSide,
-    WrittenFunction,
-    call_with_names,
-    call_with_numbers,
-    check_repeating,
-    event_sections,
-    function_name,
-    interpolated_drive,
-    start_numbers,
-    write_with_arguments,
-)
-from xdynamics.units import parse_time
+from xdynamics.units import parse_quantity, parse_time, parse_unit
+
+DIRECTIONS = {0: "either", 1: "rising", -1: "falling"}
+TIMES = ("t", "time", "tau", "_t", "times")  # what functions call it
+RightSide = Callable[..., Any]
+WrittenResult = TypeVar("WrittenResult")  # functions that are written down, perhaps with what they need besides
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WrittenFunction:
+    """A function of t and y, what each of its values is, and the values that it returned for names."""
+
+    function: RightSide
+    words: tuple[str, ...]
+    values: tuple[Any, ...]
+
+    @property
+    def nodes(self) -> list[Node]:
+        """The values as expressions."""
+        return [node_of(value) for value in self.values]
+
+
+def function_name(fun: RightSide) -> str:
+    """Return the name of a function, as messages and models have it."""
+    word = str(getattr(fun, "__name__", "right_side"))
+    return word if word.isidentifier() else "right_side"
+
+
+def event_functions(events: Any) -> list[RightSide]:
+    """Return events as functions.
+
+    Raises
+    ------
+    InputError
+        If one is no function.
+    """
+    row = [] if events is None else [events] if callable(events) else list(events)
+    for i, event in enumerate(row):
+        if not callable(event):
+            raise InputError(f"events[{i}] is {repr(event)[:40]}, needs a function of t and y")
+    return row
+
+
+def check_order(fun: RightSide) -> None:
+    """Refuse a function of y and t, as odeint takes it.
+
+    Raises
+    ------
+    InputError
+        If its arguments are named so.
+    """
+    argument_names = _argument_names(fun)
+    if len(argument_names) > 1 and argument_names[1] in TIMES and argument_names[0] not in TIMES:
+        label = "fun" if function_name(fun) == "right_side" else function_name(fun)
+        raise InputError(
+            f"{label} is {label}({', '.join(argument_names)}), y before t, as odeint takes it; here t comes first, as in solve_ivp:"
+            f" write xd.solve(lambda t, y, *args: {label}(y, t, *args), …)"
+        )
+
+
+def _argument_names(fun: RightSide) -> list[str]:
+    try:
+        return [argument.name for argument in inspect.signature(fun).parameters.values()]
+    except (TypeError, ValueError):
+        return []
+
+
+def check_span(t_span: Any) -> None:
+    """Refuse a span that goes back.
+
+    Raises
+    ------
+    InputError
+        With the span to take in its place.
+    """
+    begin, end = (parse_time(end, "t_span") for end in t_span)
+    if end < begin:
+        raise InputError(
+            f"t_span goes back, from {begin:g} to {end:g} s, and until has to lie after the start; integrate -f over the"
+            f" mirrored span: xd.solve(lambda t, y: -np.asarray(fun(-t, y)), ({0 - begin:g}, {0 - end:g}), y0)"
+        )
+
+
+def read_starts(y0: Any, units: Any) -> tuple[list[str], list[str]]:
+    """Return initial values with their units, and the units.
+
+    Raises
+    ------
+    InputError
+        If there are more or fewer units than numbers, or a number is not real or in another dimension.
+    """
+    row = [y0] if isinstance(y0, str | int | float) else list(y0)
+    if np.ndim(y0) > 1 or not row:
+        shape = np.shape(y0)
+        remedy = "give y0.ravel(), and fun reshapes it: y.reshape(…)" if row else "there is nothing to march"
+        raise InputError(f"y0 has shape {shape}, needs one axis of at least one number; {remedy}")
+    if len(row) > MOST_ELEMENTS:
+        raise InputError(f"y0 has {len(row)} numbers, needs 1 to {MOST_ELEMENTS}")
+    declared = [units] * len(row) if isinstance(units, str) else None if units is None else [*units]
+    if declared is not None and len(declared) != len(row):
+        raise InputError(f"units are {len(declared)}, and y0 has {len(row)} numbers")
+    quantities, unit_texts = [], []
+    for i, start in enumerate(row):
+        if isinstance(start, complex) or np.ndim(start):
+            raise InputError(f"y0[{i}] is {start!r}, needs a real number; write real and imaginary parts apart")
+        if not isinstance(start, str) and not np.isfinite(start):
+            raise InputError(f"y0[{i}] is {float(start)!r}, needs a finite number")
+        if isinstance(start, str):
+            quantity = parse_quantity(start)
+            unit = parse_unit(declared[i]) if declared is not None else quantity.unit
+            if quantity.unit.dimension != unit.dimension:
+                raise InputError(f"y0[{i}] is {start!r}, and its unit '{unit.text}'")
+            quantities.append(f"{quantity.value!r} {quantity.unit.text}")
+        else:
+            unit = parse_unit("1" if declared is None else declared[i])
+            quantities.append(f"{float(start)!r} {unit.text}")
+        unit_texts.append(unit.text)
+    return quantities, unit_texts
+
+
+def start_numbers(starts: list[str], unit_texts: list[str]) -> Floats:
+    """Return initial values as numbers of their units."""
+    return np.array(
+        [
+            float(start[:-2])
+            if unit == "1" and start.endswith(" 1")
+            else parse_quantity(start).si / float(parse_unit(unit).factor)
+            for start, unit in zip(starts, unit_texts, strict=True)
+        ]
+    )
+
+
+def write_with_arguments(
+    write: Callable[[list[Any]], WrittenResult], fun: RightSide, args: Any, taken_names: list[str]
+) -> tuple[WrittenResult, list[Any], dict[str, str]]:
+    """Write functions down with single numbers of `args` as parameters, with their names and values."""
+    try:
+        arguments, parameters = arguments_of(fun, args, taken_names, float)
+        return write(arguments), arguments, parameters
+    except WholeNumberError:  # an argument is how many there are of something, or an index
+        arguments, parameters = arguments_of(fun, args, taken_names, int)
+        return write(arguments), arguments, parameters
+
+
+def arguments_of(
+    fun: RightSide, args: Any, taken_names: list[str], unnamed_type: type
+) -> tuple[list[Any], dict[str, str]]:
+    """Return the arguments of `fun` after t and y: single numbers by name, as parameters, but whole ones if `unnamed_type` is int."""
+    row = [*args] if isinstance(args, list | tuple) else [args]
+    words = _argument_names(fun)[2:]
+    words = [words[i] if i < len(words) and words[i].isidentifier() else f"arg{i}" for i in range(len(row))]
+    words = [f"{word}_" if word in (*RESERVED, *taken_names) else word for word in words]
+    arguments: list[Any] = []
+    parameters = {}
+    for word, argument in zip(words, row, strict=True):
+        number = is_single_number(argument) and not (unnamed_type is int and isinstance(argument, int | np.integer))
+        arguments.append(traced_name(word) if number else argument)
+        if number:
+            parameters[word] = f"{float(argument)!r} 1"
+    return arguments, parameters
+
+
+def is_single_number(argument: Any) -> bool:
+    """Whether an argument is a single number."""
+    return isinstance(argument, int | float | np.number) and not isinstance(argument, bool)
+
+
+def _checked_rates(fun: RightSide, rates: Any, n: int) -> list[Any]:
+    if rates is None:
+        raise InputError(f"{function_name(fun)} returns nothing; it has to return rates, {n} of them")
+    row = [rates] if isinstance(rates, Traced | int | float) else list(np.asarray(rates, object).ravel())
+    if len(row) != n:
+        raise InputError(f"{function_name(fun)} returns {len(row)} rates, and y0 has {n} numbers")
+    return row
+
+
+def write_twice(
+    functions: list[RightSide], tables: Substitution, words: list[str], y: Any, arguments: list[Any]
+) -> list[WrittenFunction]:
+    """Write the right-hand side and the events down, all of them once more, and refuse what differs."""
+    first, second = ([*write_each(functions, tables, words, y, arguments)] for _ in range(2))
+    check_repeating(first, second)
+    return first
+
+
+def check_repeating(first: list[WrittenFunction], second: list[WrittenFunction]) -> None:
+    """Refuse functions that write something else when they are called again.
+
+    Raises
+    ------
+    InputError
+        With both expressions, from where they differ.
+    """
+    for first_function, second_function in zip(first, second, strict=True):
+        check_repeats(
+            function_name(first_function.function), first_function.words, first_function.nodes, second_function.nodes
+        )
+
+
+def write_each(
+    functions: list[RightSide], tables: Substitution, words: list[str], y: Any, arguments: list[Any]
+) -> Iterator[WrittenFunction]:
+    """Write the right-hand side down, and then every event."""
+    fun, *events = functions
+    arguments = [tables.substitute(argument) for argument in arguments]
+    t = traced_name("t") / traced_name("second")
+    rates = _checked_rates(fun, call_with_names(fun, tables, t, y, arguments), len(words))
+    yield WrittenFunction(fun, tuple(f"the rate of '{word}'" for word in words), tuple(rates))
+    for event in events:
+        yield WrittenFunction(event, ("its value",), (call_with_names(event, tables, t, y, arguments),))
+
+
+def call_with_names(function: RightSide, tables: Substitution, t: Traced, y: Any, arguments: list[Any]) -> Any:
+    """Call a function with names in the place of numbers, and refuse one that writes into y."""
+    y_copy = y.copy()
+    rates = traced(tables.substitute(function), t, y_copy, *arguments)
+    check_unwritten(function_name(function), y, y_copy)
+    return rates
+
+
+def call_with_numbers(function: RightSide, t: float, y: Floats, row: list[Any]) -> Any:
+    """Call a function with numbers, and refuse one that writes into y."""
+    y_copy = y.copy()
+    rates = function(t, y_copy, *row)
+    check_unwritten(function_name(function), y, y_copy)
+    return rates
+
+
+def interpolated_drive(word: str, times: Any, values: Any) -> dict[str, Any]:
+    """Return a table that a function read by `numpy.interp`."""
+    table = {"t [s]": np.array(times), f"{word} [1]": np.array(values)}
+    return {"table": table, "interpolation": "linear", "outside": "hold"}
+
+
+def event_sections(written_functions: list[WrittenFunction]) -> dict[str, dict[str, Any]]:
+    """Return events as a model has them, with scipy's attributes."""
+    events: dict[str, dict[str, Any]] = {}
+    for i, event in enumerate(written_functions):
+        label = (
+            function_name(event.function)
+            if function_name(event.function) not in events
+            else f"{function_name(event.function)}_{i}"
+        )
+        terminal, direction = _event_attributes(event.function)
+        entry: dict[str, Any] = {"function": text_of(event.nodes[0])}
+        entry |= {"direction": DIRECTIONS[direction], "action": "stop" if terminal else "record"}
+        if terminal > 1:
+            entry["count"] = terminal
+        events[label] = entry
+    return events
+
+
+def _event_attributes(event: RightSide) -> tuple[int, int]:
+    """Return how many occurrences of an event stop a run, 0 for none, and the sign of its direction.
+
+    Raises
+    ------
+    InputError
+        If an attribute is not what scipy takes.
+    """
+    terminal, direction = getattr(event, "terminal", None) or 0, getattr(event, "direction", None) or 0
+    if not isinstance(terminal, int | float | np.number | np.bool_) or not (
+        terminal >= 0 and int(terminal) == terminal
+    ):
+        raise InputError(
+            f"{function_name(event)}.terminal is {terminal!r}, needs True, False, or the number of occurrences that stop the run"
+        )
+    if not isinstance(direction, int | float | np.number) or direction != direction:
+        raise InputError(
+            f"{function_name(event)}.direction is {direction!r}, needs a number: 1 for rising, -1 for falling"
+        )
+    return int(terminal), int(np.sign(direction))
+
 
 MOST_TRACED = 30_000  # numbers of y0: each is traced by itself
 MOST_WRITTEN_OUT = 300  # numbers whose expressions follow no rule, and are written one after the other

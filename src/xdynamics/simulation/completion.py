@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive.place import Given
+from xdynamics.archive.store import Given
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.model import Model
 from xdynamics.model.parts import Authorship
 from xdynamics.record.arguments import recorded_arguments
 from xdynamics.schema import EVENTS, STEP_NUMBER, STEPS
-from xdynamics.simulation.records import open_source_run
 from xdynamics.simulation.single_run import simulate
+from xdynamics.simulation.unmarched_runs import open_source_run
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.archive.place import Given
 from xdynamics.archive.seals import slabs
+from xdynamics.archive.store import Given
 from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.faults import InputError
 from xdynamics.march import OUTCOMES, March
@@ -25,8 +25,8 @@ from xdynamics.model.assemblies import assemblies, impulse_quantities
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, drive_pieces, evaluate_over_states
 from xdynamics.model.parts import Authorship
 from xdynamics.record.arguments import recorded_arguments
-from xdynamics.record.named_rows import rows_named
-from xdynamics.record.partial_records import log_description
+from xdynamics.record.flag_words import rows_named
+from xdynamics.record.schemas import log_description
 from xdynamics.schema import (
     END_MEMORY,
     ERRORS,
@@ -46,7 +46,7 @@ from xdynamics.schema import (
 )
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.naming import split_element_name
-from xdynamics.simulation.records import check_destination, marched_record, open_source_run
+from xdynamics.simulation.unmarched_runs import check_destination, marched_record, open_source_run
 from xdynamics.units import TIME, parse_unit, time_in, unit_suffix
 
 if TYPE_CHECKING:

@@ -19,11 +19,11 @@ from xdynamics.faults import InputError
 from xdynamics.march.configuration import DEFAULT_RTOL, settings_for
 from xdynamics.methods import METHODS, unknown_method
 from xdynamics.model import Model
-from xdynamics.simulation.array_models import array_sections
-from xdynamics.simulation.right_sides import (
+from xdynamics.simulation.array_models import (
     Floats,
     RightSide,
     WrittenFunction,
+    array_sections,
     call_with_numbers,
     check_order,
     check_span,
@@ -37,7 +37,7 @@ from xdynamics.simulation.right_sides import (
     write_with_arguments,
 )
 from xdynamics.simulation.single_run import simulate
-from xdynamics.simulation.wanted_states import add_events, sampled_states, times_within
+from xdynamics.simulation.unmarched_runs import add_events, sampled_states, times_within
 from xdynamics.units import parse_time
 
 if TYPE_CHECKING:

@@ -1,34 +1,232 @@
-"""Simulate a model; simulate an archive's model again and compare every bit."""
+"""Simulate a model; simulate an archive's model again and compare every bit.
+
+The warning of a fixed step that is beyond the stability limit of its method.
+
+The model of an archived run with the settings of that run, so that it is marched again with something changed.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
 
 from xdynamics import archive, record
-from xdynamics.archive.place import Given, Place, location_of
-from xdynamics.archive.stores import store_of
+from xdynamics.archive.folder_store import store_of
+from xdynamics.archive.store import Given, Place, location_of
 from xdynamics.evidence.comparing.bits import compare_reproduction
-from xdynamics.faults import InputError
-from xdynamics.keywords import KEYWORDS
+from xdynamics.faults import InputError, StabilityWarning, warn
+from xdynamics.kernels.model_programs import has_loops
+from xdynamics.keywords import IN_FILES, KEYWORDS, STEP, TIME
 from xdynamics.march import March, Settings
-from xdynamics.march.configuration import settings_for
-from xdynamics.model import Model
+from xdynamics.march.configuration import settings_for, with_run
+from xdynamics.march.timescales import SLOW, beyond_eigenvalues, jacobian_at_start
+from xdynamics.methods import METHODS, Method
+from xdynamics.model import Model, check_model
+from xdynamics.model.linearisation import free_coordinates, initial_state, linearise
+from xdynamics.model.parts import Authorship
 from xdynamics.record.arguments import recorded_arguments
-from xdynamics.record.partial_records import is_run, kind_description
-from xdynamics.record.size import check_record_room
-from xdynamics.simulation.recorded_runs import changed_model
-from xdynamics.simulation.records import check_destination, marched_record
-from xdynamics.simulation.stability_warnings import warn_of_instability
-from xdynamics.simulation.unmarched_runs import unmarched_run
-from xdynamics.simulation.wanted_states import check_sampled, sampled_march, sampled_states, times_within
-from xdynamics.units import Quantity
+from xdynamics.record.run_dataset import check_record_room
+from xdynamics.record.schemas import is_run, kind_description
+from xdynamics.simulation.unmarched_runs import (
+    check_destination,
+    check_sampled,
+    marched_record,
+    sampled_march,
+    sampled_states,
+    times_within,
+    unmarched_run,
+)
+from xdynamics.stability import LinearSystem, fastest_rate, grows_at, stable_step_of, surely_stable
+from xdynamics.units import NUMBERS, SECONDS, Quantity, coherent, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from xdynamics.march.runner import Progress
-    from xdynamics.simulation.wanted_states import Floats
+    from xdynamics.simulation.unmarched_runs import Floats
+
+OFTEN_STABLE = ("velocity_verlet", "rk4", "dormand_prince")  # named where another method is not
+FEW_NUMBERS = 64  # of a state up to which the limit is found though errors do not grow: gaps below a step are met, too
+SAFE_STEP = 0.1  # over the fastest time scale: stable for long with every method of order 2 and more
+
+
+def warn_of_instability(model: Model, settings: Settings) -> None:
+    """Warn once if a fixed step is beyond the method's stability limit at the initial state, as `modes` reports it."""
+    step, method = settings.step, settings.method
+    if not isinstance(step, float | int) or settings.adaptive or model.python_forces or model.delays:
+        return
+    if beyond_eigenvalues(model):
+        return
+    start = _Start(model, method, settings)
+    jacobian, span = _start_jacobian(start), settings.until - model.statement.initial["t"].si
+    if jacobian is None:
+        return
+    if method.order > 1:
+        phase = step * _fastest_rate(start)
+        if not (phase > SAFE_STEP or span / step * phase ** (method.order + 1) > 1.0):
+            return
+        if surely_stable(jacobian, method, free_coordinates(model), step):
+            return
+    unresolved = SLOW * _fastest_rate(start) if has_loops(model) else 0.0  # growth that differences may show
+    if has_loops(model) and len(jacobian) > FEW_NUMBERS and not _grows(start, step, growth=unresolved):
+        return
+    limit, unit = _longest_stable_step(start, growth=unresolved), unit_suffix(model.time_unit)
+    if limit > 0.0 and step > limit:
+        warn(
+            f"step {step:.6g}{unit} is beyond the stability limit {limit:.6g}{unit} of '{method.name}'"
+            f" for '{model.name}' at its start: errors grow from step to step; take a shorter step, or see"
+            " xdynamics.modes(model) for the steps that other methods allow",
+            StabilityWarning,
+        )
+    elif limit == 0.0 and step > (longest := _longest_stable_step(start, growth=1.0 / span)):
+        warn(
+            f"no step of '{method.name}' is stable for '{model.name}' at its start, however short: errors grow from step"
+            f" to step. Within this run of {span:.6g}{unit}, a step of {step:.6g}{unit} multiplies them by more than e"
+            f" (2.7), one of up to {longest:.3g}{unit} by less; {_stable_methods(start, unit)}",
+            StabilityWarning,
+        )
+
+
+def _stable_methods(start: _Start, unit: str) -> str:
+    """Name some methods that are stable for a model, with their longest steps."""
+    starts = {name: _Start(start.model, METHODS[name], start.settings) for name in OFTEN_STABLE}
+    limits = {name: _longest_stable_step(method_start) for name, method_start in starts.items() if method_start.fits}
+    stable = [f"{name} (up to {limit:.3g}{unit})" for name, limit in limits.items() if 0.0 < limit < np.inf]
+    stable_text = f"stable are {', '.join(stable)}; " if stable else ""
+    return f"{stable_text}xdynamics.modes(model) has the limits of all methods"
+
+
+@dataclass(frozen=True)
+class _Start:
+    """The start of a run; its Jacobian and steps that are stable there depend on model and method alone."""
+
+    model: Model
+    method: Method
+    settings: Settings = field(compare=False)
+
+    @property
+    def fits(self) -> bool:
+        """Whether the method takes the model."""
+        return not self.method.refusals(self.model)
+
+
+@lru_cache(maxsize=64)
+def _start_jacobian(start: _Start) -> Floats | None:
+    """Return the Jacobian, of a law in loops by differences: trees of its elements would take longer than the run."""
+    return jacobian_at_start(start.model, start.settings) if has_loops(start.model) else _linearised(start.model)
+
+
+@lru_cache(maxsize=64)
+def _fastest_rate(start: _Start) -> float:
+    """Bound the size of every eigenvalue of the Jacobian, found once."""
+    jacobian = _start_jacobian(start)
+    return np.inf if jacobian is None else fastest_rate(jacobian)
+
+
+@lru_cache(maxsize=64)
+def _linearised(model: Model) -> Floats | None:
+    """Linearise a model at its start; None where that is not possible."""
+    try:
+        return linearise(model, initial_state(model)).reduced
+    except InputError:
+        return None  # the march will say what is wrong with the forces at the start
+
+
+@lru_cache(maxsize=256)
+def _grows(start: _Start, step: float, *, growth: float) -> bool:
+    """Whether errors grow at the step itself."""
+    jacobian = _start_jacobian(start)
+    return jacobian is not None and grows_at(
+        LinearSystem.from_jacobian(jacobian, free_coordinates(start.model)), start.method, step, growth=growth
+    )
+
+
+@lru_cache(maxsize=256)
+def _longest_stable_step(start: _Start, *, growth: float = 0.0) -> float:
+    """Return the largest stable step of a method at a model's start, found once by trying some hundred."""
+    jacobian = _start_jacobian(start)
+    assert jacobian is not None  # noqa: S101 - who asks has seen it
+    system = LinearSystem.from_jacobian(jacobian, free_coordinates(start.model))
+    return stable_step_of(system, start.method, start.model, growth=growth)
+
+
+ALWAYS = ("method", "until", "step", "rtol", "atol")  # the others are said where they are not what follows from these
+
+
+def model_of_run(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None = None) -> Model:
+    """Return the model of a run, with the settings that it was marched with as its `[run]`.
+
+    Parameters
+    ----------
+    run : xarray.Dataset
+        A run, or a part of one.
+    functions : mapping of str to callable, optional
+        The Python functions that its forces call.
+
+    Raises
+    ------
+    InputError
+        If it is no run, its model was left out, or its steps were given one by one, which a `[run]` does not say.
+    ModelError
+        If a function is missing or another one.
+    """
+    if "model_toml" not in run.variables:
+        raise InputError("the record has no model_toml, from which its model is read; take the whole one")
+    if not is_run(run.attrs):
+        raise InputError(f"this is {kind_description(run.attrs)}; give a run")
+    model = Model.from_record(
+        run["model_toml"].values.item(), functions=functions, about=Authorship.from_attributes(run.attrs)
+    )
+    return with_run(model, _run_section(run, with_run(model, {})))
+
+
+def changed_model(model: Model | xr.Dataset, **numbers: Mapping[str, Any] | None) -> Model:
+    """Return a model, or that of a run, with other numbers in some of its sections.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    ModelError
+        If an entry does not exist, or cannot be so.
+    """
+    if not isinstance(model, Model) and hasattr(model, "data_vars"):
+        return changed_model(model_of_run(model), **numbers)
+    check_model(model)
+    changed = {title: entries for title, entries in numbers.items() if entries}
+    return cast("Model", model.replace(**changed) if changed else model)
+
+
+def _run_section(run: xr.Dataset, bare_model: Model) -> dict[str, Any]:
+    """Return the settings of a record as a model file has them, without those that follow from the others."""
+    recorded_settings = {
+        name: value for name, value in recorded_arguments(run).items() if name in IN_FILES and value is not None
+    }
+    if isinstance(recorded_settings.get("step"), np.ndarray):
+        raise InputError(
+            "the steps of this run were given one by one, and a [run] has one step; march its model by"
+            " simulate(Model.from_record(run.model_toml.item()), step=run.given_step_size, …)"
+        )
+    section = {name: _file_value(name, value, bare_model) for name, value in recorded_settings.items()}
+    full_settings = settings_for(bare_model, **section)
+    for name in [name for name in section if name not in ALWAYS]:
+        fewer_settings = {other_name: value for other_name, value in section.items() if other_name != name}
+        if settings_for(bare_model, **fewer_settings) == full_settings:
+            section = fewer_settings
+    return section
+
+
+def _file_value(name: str, value: Any, model: Model) -> Any:
+    """Return a setting as it stands in a file."""
+    if KEYWORDS[name].kind in (TIME, STEP):
+        return float(value) if model.time_unit == NUMBERS else str(Quantity(float(value), SECONDS))
+    if name == "atol" and isinstance(value, Mapping):
+        return {key: f"{size.value!r} {coherent(model.units[key]).text}" for key, size in value.items()}
+    return [*value] if isinstance(value, tuple) else value
 
 
 def simulate(

@@ -1,32 +1,194 @@
-"""Runs and states that are described before they are marched, with dask arrays behind them."""
+"""Runs and states that are described before they are marched, with dask arrays behind them.
+
+The records that a run is made from and made into.
+
+States of a run at wanted times, in the place of its record.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import record
-from xdynamics.archive.place import Given, Place, location_of
+from xdynamics import archive, record
+from xdynamics.archive.folder_store import is_same
+from xdynamics.archive.store import GIVEN, Given, Place, location_of
+from xdynamics.dynamics.recorded_steps import wanted_times
 from xdynamics.dynamics.shortened_steps import StepInterpolator
-from xdynamics.evidence.runs import march_with_settings
+from xdynamics.evidence.runs import march_with_settings, record_march
+from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.stage_tasks import MARCH, Task
 from xdynamics.evidence.stages import Stage, lazy_stage
-from xdynamics.faults import InputError
+from xdynamics.faults import AccuracyWarning, InputError, warn
+from xdynamics.keywords import FULL, STATES
 from xdynamics.march import March, Settings
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.whole import is_read_by_quantity
+from xdynamics.record.flag_words import rows_named, without_bounds
 from xdynamics.record.folding import fold, labelled
 from xdynamics.record.run_dataset import KNOWN_BEFORE
-from xdynamics.schema import AT, AT_TIME, CLOSED_LINKS, EVENTS, GIVEN_STEP, SAMPLES, STEPS, TRIALS
-from xdynamics.simulation.wanted_states import check_sampled, sampled_march, sampled_states
+from xdynamics.record.schemas import kind_description
+from xdynamics.schema import (
+    AT,
+    AT_TIME,
+    CLOSED_LINKS,
+    EVENTS,
+    GIVEN_STEP,
+    OF_MOTION,
+    SAMPLES,
+    STEP_NUMBER,
+    STEPS,
+    TRIALS,
+)
+from xdynamics.units import Unit, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from xdynamics.march.runner import Progress
+
+
+@contextmanager
+def open_source_run(run: xr.Dataset | Given, path: Given | None, verb: str) -> Iterator[xr.Dataset]:
+    """Open or check a run from which another is made at `path`; the verb is for messages.
+
+    Raises
+    ------
+    InputError
+        If it is no whole run, was edited, or is the file that the other run would replace.
+    """
+    participle = f"{verb.removesuffix('e')}ed"
+    is_archive = isinstance(run, GIVEN)
+    if isinstance(run, GIVEN) and path is not None and is_same(location_of(path), location_of(run)):
+        raise InputError(f"'{path}' is the archive that is {participle}; name another file")
+    with archive.open_run(run) if isinstance(run, GIVEN) else nullcontext(run) as source_run:
+        record.check_kind(source_run)
+        if not is_archive:
+            archive.check_unchanged(source_run)
+        if kind := kind_description(source_run.attrs):
+            raise InputError(f"the run cannot be {participle}, it is {kind}; {verb} the run itself")
+        yield source_run
+
+
+def check_destination(path: Any, *, resume: bool) -> None:
+    """Check where a run is to be kept, before anything is marched.
+
+    Raises
+    ------
+    InputError
+        If the path is no name of a file, or a run is to be resumed without one.
+    """
+    if path is not None and not isinstance(path, GIVEN):
+        raise InputError(f"path is {path!r}, needs the name of a file")
+    if resume and path is None:
+        raise InputError("resume needs path=…, the file that the run was to be streamed to")
+
+
+def marched_record(
+    march: March,
+    path: Given | None,
+    earlier_rows: Iterable[tuple[str, Any]] = (),
+    *,
+    resume: bool = False,
+    memory: str | float | None = None,
+) -> xr.Dataset:
+    """March, warn of what was not accurate, and return the record; see `record_march`."""
+    run = record_march(march, path, earlier_rows, resume=resume, memory=memory)
+    warn_of_accuracy(march)
+    return run
+
+
+def warn_of_accuracy(march: March) -> None:
+    """Warn of what the tolerances of a finished march did not control."""
+    for doubt in march.doubts:
+        warn(f"{march.model.name}: {doubt}", AccuracyWarning)
+
+
+Floats = NDArray[np.float64]
+
+
+def times_within(times: Any, unit: Unit, start: float, until: float) -> Floats:
+    """Read the times to return states at, before anything is marched.
+
+    Raises
+    ------
+    InputError
+        If one is no time of the run.
+    """
+    sample_times = wanted_times(times, unit)
+    times_outside = sample_times[(sample_times < start) | (sample_times > until)]
+    if times_outside.size:
+        raise InputError(
+            f"times have {float(times_outside[0])!r}{unit_suffix(unit)}, and the run goes from {start!r}{unit_suffix(unit)} to"
+            f" {until!r}{unit_suffix(unit)}"
+        )
+    return sample_times
+
+
+def check_sampled(settings: Settings) -> None:
+    """Check that settings keep in a file what states at wanted times are computed from.
+
+    Raises
+    ------
+    InputError
+        Naming them.
+    """
+    if settings.keep_every > 1 or settings.log not in (FULL, STATES):
+        word = "keep_every" if settings.keep_every > 1 else "log"
+        raise InputError(
+            f"times are sampled from the rows of the file, and {word} leaves some of what they need out of it: leave"
+            f" out times or {word}"
+        )
+
+
+def sampled_march(model: Model, settings: Settings, sample_times: Floats, progress: Progress | None) -> xr.Dataset:
+    """March, and keep the part of the log from which states at wanted times are computed, a step for each."""
+    kept_times = None if model.delays else sample_times  # delayed values are of all rows
+    march = March(model, replace(settings, keep_every=1, log=STATES), progress, kept_times)
+    partial_run = record.dataset(march)
+    warn_of_accuracy(march)
+    states = sampled_states(partial_run, sample_times, model)
+    if model.delays:
+        return states
+    rows = states["row"]
+    return states.assign(row=rows.copy(data=partial_run[STEP_NUMBER.name].values[rows.values]))
+
+
+def add_events(states: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
+    """Add the events of a run to its states at wanted times: when each was, and the state after it."""
+    import xarray as xr
+
+    rows_after = rows_named(run, "event_row_after")
+    variables = {name: run.variables[name].copy(deep=False) for name in ("event_time", "event_detector")}
+    variables["event_time"].attrs = without_bounds(run.variables["event_time"].attrs)
+    for name, variable in run.variables.items():
+        if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in OF_MOTION:
+            attributes = {"units": variable.attrs["units"], "long_name": f"{name} after the event", "role": "event"}
+            variables[f"after_{name}"] = xr.Variable(
+                (EVENTS, *variable.dims[1:]), variable.values[rows_after], attributes
+            )
+    return states.assign(variables)
+
+
+def sampled_states(run: xr.Dataset, sample_times: Floats | None, model: Model) -> xr.Dataset:
+    """Return the states at wanted times, as far as the run came; the record where none are wanted."""
+    if sample_times is None:
+        return run
+    reached_times = sample_times[sample_times <= float(run["time"][-1])]
+    states = (
+        sample(run, reached_times, functions=model.functions)
+        if reached_times.size
+        else sample(run, float(run["time"][-1])).isel(at=slice(0))
+    )
+    return states.assign_attrs({key: run.attrs[key] for key in ("run_outcome", "run_outcome_text")})
+
 
 OUTCOME = {"run_outcome": "how the run ended, in one word", "run_outcome_text": "how the run ended, as a sentence"}
 COUNTED = (STEPS, EVENTS, TRIALS, SAMPLES, CLOSED_LINKS)  # dimensions that sizes can be given of

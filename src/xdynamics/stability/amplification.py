@@ -13,10 +13,18 @@ from numpy.typing import NDArray
 from xdynamics.expressions import Binary, Call, Name, Negative, Node, Number, exponent_of, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
-from xdynamics.methods.line_walk import Walker
-from xdynamics.methods.lines import SCALARS, ConstraintImpulse, Evaluation, Line, Solve, TaylorSeries, VectorStatement
+from xdynamics.methods.lines import (
+    SCALARS,
+    ConstraintImpulse,
+    Evaluation,
+    Line,
+    Solve,
+    TaylorSeries,
+    VectorStatement,
+    Walker,
+)
 from xdynamics.methods.method import Method
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.stability.normal_modes import SAME_SHAPES, NormalModes
 
 Floats = NDArray[np.float64]

@@ -9,9 +9,8 @@ import numpy as np
 
 from xdynamics.methods.method import Method
 from xdynamics.model import Model, Trait
-from xdynamics.model.linearisation import linearise, linearise_each
-from xdynamics.model.tangent_space import free_coordinates
-from xdynamics.runtime.blas_threads import one_blas_thread
+from xdynamics.model.linearisation import free_coordinates, linearise, linearise_each
+from xdynamics.runtime.fork_safety import one_blas_thread
 from xdynamics.stability.amplification import (
     AT_REST,
     SLOWEST,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.runtime.blas_threads import one_blas_thread
+from xdynamics.runtime.fork_safety import one_blas_thread
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.place import Place
+from xdynamics.archive.store import Place
 from xdynamics.faults import InputError, numbered_lines
 from xdynamics.record import model_words
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, Axis, AxisColumn, column_of, matching_dim
 from xdynamics.sweeping.collection import DIGEST, plan_of
-from xdynamics.sweeping.grid import SweepGrid
-from xdynamics.sweeping.labels import CONVERSION_RTOL
+from xdynamics.sweeping.grid import CONVERSION_RTOL, SweepGrid
 from xdynamics.sweeping.members import Block, Plan, Values
 
 if TYPE_CHECKING:

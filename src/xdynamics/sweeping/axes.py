@@ -1,26 +1,304 @@
-"""The axes of a grid of runs: what varies along each, in values with units."""
+"""The axes of a grid of runs: what varies along each, in values with units.
+
+The values along an axis as people write them: a range, a list, a row of texts or numbers, an array with units.
+
+Values that are drawn: Sobol points, a Latin hypercube, or from the distributions that a model declares.
+
+Measured tables with several columns: each column is one table.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
+from xdynamics.model.csv_sheet import Sheet
+from xdynamics.model.drives import doubts_of
+from xdynamics.model.instruments import as_table
 from xdynamics.model.uncertainty import correlation_matrix, draw_deviations
-from xdynamics.record.element_attributes import elements_of, quantity_names
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.record.folding import elements_of, quantity_names
+from xdynamics.runtime.files import decoded, read_bounded, reason
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE
 from xdynamics.shapes.naming import DOT, display_text, internal_text, split_element_name
-from xdynamics.sweeping.axis_values import Values, exact_numbers
-from xdynamics.sweeping.designs import DECLARED, Draws
-from xdynamics.sweeping.table_columns import csv_text, has_many_columns, split_table
-from xdynamics.units import NONE, Quantity, Scale, Unit, parse_unit
-from xdynamics.units.rounded import Rounded, decimal_text
+from xdynamics.units import NONE, Quantity, Range, Scale, Unit, is_range, parse_quantity, parse_scale, parse_unit
+from xdynamics.units.unit import Rounded, decimal_text
+
+Values = NDArray[Any]
+
+MAX_VALUES = 10_000_000  # along one axis
+
+
+def axis_numbers(entries: Any, declared: Scale) -> tuple[Values, Unit]:
+    """Read values: a text with a range or a list, a row of texts or numbers, an array with units.
+
+    Those without a unit are on the declared scale.
+
+    Raises
+    ------
+    InputError
+        If there are no values, or one is not a finite number with a unit of the declared dimension.
+    """
+    values, unit = exact_numbers(entries, declared)
+    return np.array(values, float), unit
+
+
+def exact_numbers(entries: Any, declared: Scale) -> tuple[Values | list[float], Unit]:
+    """Read the same; numbers in a list keep the digits that they were written with, where these are more than a float has.
+
+    Raises
+    ------
+    InputError
+        If there are no values, or one is not a finite number with a unit of the declared dimension.
+    """
+    if is_range(entries):
+        values, unit = _read_range(entries)
+        if unit == parse_unit("1"):
+            values, unit = _scaled_numbers(values, declared), declared.unit
+        return _checked_array(values, unit, declared.unit), unit
+    if isinstance(entries, str):
+        quantities = _read_list_text(entries)
+    elif isinstance(entries, Quantity | int | float):
+        quantities = [_read_quantity(entries, declared)]
+    else:
+        attrs = getattr(entries, "attrs", {})
+        scale = parse_scale(str(attrs["units"])) if "units" in attrs else declared
+        try:
+            row = getattr(entries, "values", entries)
+            row = row if isinstance(row, np.ndarray) and row.dtype.kind in "fiu" and row.ndim == 1 else list(row)
+        except TypeError:
+            raise InputError(f"is {str(entries)[:60]!r}, needs values like ['1 {declared.unit.text}']") from None
+        if isinstance(row, np.ndarray):
+            return _checked_array(_scaled_numbers(row, scale), scale.unit, declared.unit), scale.unit
+        quantities = [_read_quantity(quantity, scale) for quantity in row]
+    if not quantities:
+        raise InputError("has no values")
+    quantities = _with_default_unit(quantities, declared)
+    for quantity in quantities:
+        _check_unit(quantity.value, quantity.unit, declared.unit)
+    unit = quantities[0].unit
+    return [quantity.into(unit).value for quantity in quantities], unit
+
+
+def _checked_array(values: Values, unit: Unit, declared: Unit) -> Values:
+    """Check an array of numbers in one unit."""
+    if not values.size:
+        raise InputError("has no values")
+    non_finite = values[~np.isfinite(values)]
+    if non_finite.size:
+        raise InputError(f"has {float(non_finite[0])!r}, needs finite numbers")
+    _check_unit(float(values[0]), unit, declared)
+    return values.astype(float)
+
+
+def _check_unit(value: float, unit: Unit, declared: Unit) -> None:
+    if unit.dimension != declared.dimension:
+        raise InputError(f"has {value!r} {unit.text}, needs the unit '{declared.text}'")
+
+
+def _scaled_numbers(values: Values, scale: Scale) -> Values:
+    """Return bare numbers in the unit of their scale."""
+    return values if scale.is_unit else np.array([*map(scale.value, values.tolist())])
+
+
+def _with_default_unit(quantities: list[Quantity], scale: Scale) -> list[Quantity]:
+    """Put the quantities that have no unit on a scale."""
+    no_unit = parse_unit("1")
+    return [
+        Quantity(scale.value(quantity.value), scale.unit) if quantity.unit == no_unit else quantity
+        for quantity in quantities
+    ]
+
+
+def _read_quantity(value: Any, declared: Scale) -> Quantity:
+    if isinstance(value, Quantity):
+        return value
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool):
+        raise InputError(f"has {value!r}, needs numbers")
+    if isinstance(value, int | float):
+        if not np.isfinite(value):
+            raise InputError(f"has {value!r}, needs finite numbers")
+        return Quantity(declared.value(float(value)), declared.unit)
+    return parse_quantity(value)
+
+
+def _read_list_text(text: str) -> list[Quantity]:
+    """Read ``1, 2, 5 kg`` or ``1 kg``."""
+    if ":" in text:
+        raise InputError(f"is {text!r}, needs start:stop:count unit, count a whole number, like '0:2e-3:41 kg m-1'")
+    quantities = [parse_quantity(part) for part in text.split(",")]
+    return _with_default_unit(quantities, quantities[-1].scale_of_numbers)
+
+
+def _read_range(text: str) -> tuple[Values, Unit]:
+    """Read ``0:2e-3:41 kg m-1``: start:stop:count, both ends included."""
+    value_range = Range.parse(text)
+    if not (1 < value_range.count <= MAX_VALUES or (value_range.count == 1 and value_range.start == value_range.stop)):
+        raise InputError(f"is {text!r}, needs start:stop:count unit, both ends included, count from 2 to {MAX_VALUES}")
+    return np.linspace(value_range.start, value_range.stop, value_range.count), value_range.unit
+
+
+SOBOL, LATIN, DECLARED = "sobol", "latin_hypercube", "declared"
+DESIGNS = (SOBOL, LATIN, DECLARED)
+MIN_PROBABILITY = 2.0**-54  # smallest probability at which an unbounded distribution is evaluated
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Values of several parameters or initial values drawn together, for an axis of a sweep.
+
+    Parameters
+    ----------
+    count : int
+        Number of draws; for Sobol points a power of two.
+    ranges : mapping of str to (lowest, highest), or sequence of str
+        Ranges to draw from: ``{"m": ("1 kg", "2 kg")}``. For the design ``declared``, names of parameters and initial
+        values that have an uncertainty in the model: each is drawn from its distribution, normal ones with their
+        correlations.
+    design : {"sobol", "latin_hypercube", "declared"}
+    seed : int
+        Recorded, like the values.
+
+    Raises
+    ------
+    InputError
+        If count, ranges, design or seed cannot be used; with every fault.
+
+    Notes
+    -----
+    Scrambled Sobol points: Owen 1998 (doi:10.1006/jcom.1998.0487), by `scipy.stats.qmc`; Latin hypercube: McKay,
+    Beckman, Conover 1979 (doi:10.1080/00401706.1979.10489755).
+
+    Examples
+    --------
+    >>> import xdynamics as xd
+    >>> axes = {"draw": xd.Draws(8, {"v_y": ("10 m s-1", "20 m s-1")}, seed=1)}
+    >>> model = xd.Model.from_toml("data/models/ball_drag.toml")
+    >>> found = xd.sweep(model, axes, until="1 s")
+    >>> found.sizes["draw"], bool((found.v_y < 20).all())
+    (8, True)
+    """
+
+    count: int
+    ranges: Mapping[str, Sequence[Any]] | Sequence[str] = field(default_factory=dict)
+    design: str = SOBOL
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        faults = []
+        if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
+            faults.append(f"count is {self.count!r}, needs a positive whole number")
+        elif self.design == SOBOL and self.count & (self.count - 1):
+            next_power = 1 << self.count.bit_length()
+            faults.append(f"count is {self.count}, and Sobol points need a power of two, like {next_power}")
+        if self.design not in DESIGNS:
+            faults.append(f"design is {self.design!r}; there are {', '.join(DESIGNS)}")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            faults.append(f"seed is {self.seed!r}, needs a non-negative whole number")
+        if isinstance(self.ranges, str) or not self.ranges:
+            faults.append(f"ranges are {self.ranges!r}, need names, and of what is no declared design their ends")
+        elif self.design == DECLARED and (isinstance(self.ranges, Mapping) or not hasattr(self.ranges, "__iter__")):
+            faults.append(
+                f"ranges are {str(self.ranges)[:60]}, and what a model declares is drawn by names alone: ['m', 'k']"
+            )
+        if self.design != DECLARED and not isinstance(self.ranges, Mapping):
+            faults.append(
+                f"a design of {self.design} needs the lowest and the highest of each: {{'m': ('1 kg', '2 kg')}}"
+            )
+        if faults:
+            raise InputError("draws: " + "; ".join(faults), tuple(faults))
+
+    @property
+    def ends(self) -> Mapping[str, Sequence[Any]]:
+        """Lowest and highest value of each name; empty for a declared design."""
+        return self.ranges if isinstance(self.ranges, Mapping) else {}
+
+    def points(self) -> NDArray[np.float64]:
+        """Return numbers from 0 to 1, one row per draw, one column per name; the declared design never gives 0 or 1."""
+        rng, dimensions = np.random.default_rng(self.seed), len(self.ranges)
+        if self.design == DECLARED:
+            return np.maximum(rng.random((self.count, dimensions)), MIN_PROBABILITY)
+        from scipy.stats import qmc
+
+        sampler = (qmc.Sobol if self.design == SOBOL else qmc.LatinHypercube)(dimensions, seed=rng)
+        sample: NDArray[np.float64] = sampler.random(self.count)
+        return sample
+
+
+MAX_BYTES = 50_000_000  # bytes
+
+
+def csv_text(path: Path) -> str:
+    """Read a CSV file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    try:
+        return decoded(read_bounded(path, MAX_BYTES)).replace("\r\n", "\n").replace("\r", "\n")
+    except OSError as error:
+        raise InputError(f"table '{path}' cannot be read: {reason(error, path)}") from None
+    except ValueError as error:
+        raise InputError(f"table '{path}' cannot be read: {error}") from None
+
+
+def has_many_columns(path: Path) -> bool:
+    """Whether a table has more than one column besides its argument and uncertainties."""
+    return len(_value_columns(_sheet(path))) > 1
+
+
+def split_table(path: Path) -> dict[str, str]:
+    """Split a wide table: CSV text with argument, value and perhaps its uncertainty, by the name in the header.
+
+    Raises
+    ------
+    InputError
+        If a name occurs twice, or a row has another number of cells.
+    """
+    sheet = _sheet(path)
+    tables = {}
+    for label, columns in _value_columns(sheet):
+        sheet.columns(columns)  # raises if they cannot be read
+        tables[label] = _csv_of_columns(
+            [list(sheet.header), *(cells for _, cells in sheet.lines)], columns, sheet.decimal
+        )
+    return tables
+
+
+def _csv_of_columns(rows: list[list[str]], columns: Sequence[int], decimal: str) -> str:
+    """Write some columns as CSV; numbers stay the texts that they are, with decimal points."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([row[k].replace(decimal, ".") for k in columns] for row in rows)
+    return text.getvalue()
+
+
+def _sheet(path: Path) -> Sheet:
+    return Sheet.from_text(str(path), as_table(path.name, csv_text(path)))
+
+
+def _value_columns(sheet: Sheet) -> list[tuple[str, tuple[int, ...]]]:
+    """Return the value columns by name, each with the indices of the argument, itself and its uncertainties."""
+    names = [title.name for title in sheet.titles()]
+    uncertainties = {names[column_index] for name in names for column_index in doubts_of(name, names).values()}
+    return [
+        (name, (0, k, *doubts_of(name, names).values()))
+        for k, name in enumerate(names)
+        if k and name not in uncertainties
+    ]
+
 
 PARAMETER, INITIAL, START, STEP, RTOL, TABLE, SETTING = (
     "parameter",

@@ -12,27 +12,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
+from xdynamics.archive.folder_store import is_folder, made_folder, store_of
 from xdynamics.archive.integrity_checks import DAMAGED, Examination
-from xdynamics.archive.place import Given, Place, location_of
 from xdynamics.archive.reading import read_values
-from xdynamics.archive.sandboxed_reading import know
+from xdynamics.archive.sandbox import know
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.shared_handles import keep_open
-from xdynamics.archive.store import TakenError
-from xdynamics.archive.stores import is_folder, made_folder, store_of
+from xdynamics.archive.store import Given, Place, TakenError, location_of
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.schema import EVIDENCE, SWEEP
-from xdynamics.sweeping import zarr_catalogue, zarr_digests, zarr_opening
+from xdynamics.sweeping import zarr_blocks, zarr_catalogue
 from xdynamics.sweeping.additions import Additions, existing_additions
 from xdynamics.sweeping.collection import DIGEST, sweep_dataset, with_axes
 from xdynamics.sweeping.kept_quantities import DIGEST as DIGEST_OF_RUN
 from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
 from xdynamics.sweeping.member import run_path
-from xdynamics.sweeping.member_files import RUNS, archive_members, intact_digests
-from xdynamics.sweeping.members import DIGITS, FILE, LONGEST_WORD, SEAL, Block, Plan, march_block
-from xdynamics.sweeping.stored_blocks import Progress, block_name, lock_folder, saved_or_new_chunks, watch_blocks
+from xdynamics.sweeping.members import (
+    DIGITS,
+    FILE,
+    LONGEST_WORD,
+    RUNS,
+    SEAL,
+    Block,
+    Plan,
+    archive_members,
+    intact_digests,
+    march_block,
+)
 from xdynamics.sweeping.tasks import blocks_of
+from xdynamics.sweeping.zarr_blocks import Progress, block_name, lock_folder, saved_or_new_chunks, watch_blocks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,7 +81,7 @@ def open_sweep(path: Given) -> xr.Dataset:
     """
     folder = location_of(path)
     if zarr_catalogue.is_zarr_path(folder):
-        return zarr_opening.open_zarr_sweep(folder)
+        return zarr_catalogue.open_zarr_sweep(folder)
     file = folder / CATALOGUE
     is_there = _is_file(file)
     if not is_there and is_folder(folder / UNFINISHED):
@@ -170,7 +179,7 @@ def verify_sweep(path: Given) -> tuple[Examination, int]:
     """
     folder = location_of(path)
     if zarr_catalogue.is_zarr_path(folder):
-        examination = Examination((), zarr_digests.verify_arrays(folder))
+        examination = Examination((), zarr_blocks.verify_arrays(folder))
     else:
         examination = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else Examination(())
     with open_sweep(folder) as sweep:
@@ -239,7 +248,7 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
     """
     if zarr_catalogue.is_zarr_path(folder):
         zarr_catalogue.march_into_zarr(plan, members, folder, progress)
-        return zarr_opening.open_zarr_sweep(folder)
+        return zarr_catalogue.open_zarr_sweep(folder)
     store = store_of(folder)
     for required_folder in (store.made_folder(folder), folder / RUNS):
         store.clear(required_folder)
@@ -296,7 +305,7 @@ def _open_intact(folder: Place) -> xr.Dataset:
 def unfinished_folders(folder: Place) -> list[Place]:
     """List the folders of unfinished sweeps in a folder, or of what is being added to a Zarr store."""
     if zarr_catalogue.is_zarr_path(folder):
-        return zarr_digests.growth_folders(folder)
+        return zarr_blocks.growth_folders(folder)
     return [entry for entry in store_of(folder).names(folder / UNFINISHED) if is_folder(entry)]
 
 

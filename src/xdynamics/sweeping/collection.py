@@ -22,11 +22,11 @@ from xdynamics.evidence.grid_axes import (
     sweep_of,
 )
 from xdynamics.faults import InputError
-from xdynamics.march.root_methods import EARLIEST_FIRST, JUDGED, ROOT_METHODS, WAITING
+from xdynamics.march.settings import EARLIEST_FIRST, JUDGED, ROOT_METHODS, WAITING
 from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
 from xdynamics.model import Model
 from xdynamics.record.arguments import atol_floor_of, root_method_of
-from xdynamics.record.element_names import names_as_words
+from xdynamics.record.folding import names_as_words
 from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, OCCURRENCE, SWEEP, name_without_clash
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import display_text, internal_text
@@ -46,7 +46,7 @@ from xdynamics.sweeping.grid import SweepGrid
 from xdynamics.sweeping.kept_quantities import Keeping, keeping_of
 from xdynamics.sweeping.members import Plan
 from xdynamics.units import parse_unit, unit_suffix
-from xdynamics.units.rounded import read_decimal
+from xdynamics.units.unit import read_decimal
 
 if TYPE_CHECKING:
     import xarray as xr

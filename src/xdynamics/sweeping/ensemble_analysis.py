@@ -9,13 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.comparing.grids import judged_difference, uncertainty_of
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
-from xdynamics.evidence.grid_axes import AXES, AXIS, VARIES, WHAT, member_number_names, sweep_axis_names, sweep_of
-from xdynamics.evidence.grid_rounding import rounding_floors
-from xdynamics.evidence.refining.convergence import observed_orders
-from xdynamics.evidence.refining.judgements import VERDICTS, judge
+from xdynamics.evidence.grid_axes import (
+    AXES,
+    AXIS,
+    VARIES,
+    WHAT,
+    member_number_names,
+    rounding_floors,
+    sweep_axis_names,
+    sweep_of,
+)
+from xdynamics.evidence.refining.convergence import VERDICTS, judge, observed_orders
 from xdynamics.evidence.stages import compute_datasets, is_lazy
 from xdynamics.faults import InputError
 from xdynamics.methods import METHODS
@@ -25,8 +32,8 @@ from xdynamics.record.folding import labelled
 from xdynamics.schema import EVIDENCE, flag_attributes
 from xdynamics.sweeping.axes import RTOL, SETTING, STEP, matching_dim
 from xdynamics.sweeping.collection import axis_of, plan_of
+from xdynamics.sweeping.grid import index_on_axis
 from xdynamics.sweeping.kept_quantities import OUTCOME, STOPPED_BY
-from xdynamics.sweeping.labels import index_on_axis
 from xdynamics.units import quotient, unit_suffix
 
 if TYPE_CHECKING:

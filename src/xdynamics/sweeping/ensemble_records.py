@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
-from xdynamics.dynamics.recorded_links import RowLinks
-from xdynamics.dynamics.stacked_columns import step_columns
+from xdynamics.dynamics.recorded_steps import RowLinks, step_columns
 from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.evidence.observables import evaluate_inside_steps, rate_tree, reaction_columns
 from xdynamics.expressions import Name, Node, free_names
@@ -24,13 +23,13 @@ from xdynamics.march.outcomes import OUTCOMES
 from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.methods.steppers import SERIES
 from xdynamics.model import Model
-from xdynamics.model.mass import Assignment
+from xdynamics.model.constraints import Assignment
 from xdynamics.model.motion import assignments_read, constants
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
 from xdynamics.record.run_columns import named_columns, state_name
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.units import parse_unit, spell
 

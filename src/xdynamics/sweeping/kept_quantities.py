@@ -1,35 +1,218 @@
-"""What is kept of every member of a grid: words of `keep`, and the variables they stand for."""
+"""What is kept of every member of a grid: words of `keep`, and the variables they stand for.
+
+Largest and least value of a quantity in each of many runs: what `diagnose` finds in one run, for all at once.
+
+Numbers that take the whole run of a member: what its diagnosis finds, and what its record says of the march.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID
-from xdynamics.evidence.diagnosing.heights import RULES
+from xdynamics.evidence.diagnosing.conservation import ROLE
+from xdynamics.evidence.diagnosing.diagnosis import diagnose, foreseen_diagnosis
+from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID, STATES
+from xdynamics.evidence.diagnosing.phases import TURNS
+from xdynamics.evidence.diagnosing.summits import (
+    INTERPOLATED,
+    LOCATED,
+    RULES,
+    SAMPLED,
+    Summits,
+    crests,
+    humps,
+    parabola_excess,
+    summits,
+)
 from xdynamics.evidence.evidence_dataset import attrs_of
-from xdynamics.evidence.observables import is_comparable, is_observable, observables_of
+from xdynamics.evidence.observables import is_comparable, is_observable, observables_of, rate_tree
 from xdynamics.faults import InputError
+from xdynamics.march import March, Settings
+from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
 from xdynamics.model.joints import joint_reactions
 from xdynamics.model.whole import is_read_by_quantity
-from xdynamics.record.element_attributes import attributes_of_quantity, quantity_names
-from xdynamics.record.element_names import Names, QuantityElements, expand_quantities
+from xdynamics.record.column import shapes_with_switches
+from xdynamics.record.folding import Names, QuantityElements, attributes_of_quantity, expand_quantities, quantity_names
 from xdynamics.record.run_columns import named_columns
-from xdynamics.record.switches import shapes_with_switches
-from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import AT, EVENTS, OCCURRENCE, flag_attributes
+from xdynamics.runtime.lazy_imports import cached_property
+from xdynamics.schema import AT, COUNTS, CYCLE, EVENT_AFTER, EVENT_BEFORE, EVENTS, OCCURRENCE, flag_attributes
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import DOT, split_element_name
 from xdynamics.sweeping.ensemble_records import MemberRuns
-from xdynamics.sweeping.extrema import NO_RULE, extremes_of_members
-from xdynamics.sweeping.run_quantities import RunQuantity, run_quantities
-from xdynamics.units import SECONDS, Unit, time_in
+from xdynamics.units import NUMBERS, SECONDS, Unit, time_in
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+NO_RULE = -1  # of a member without a finite value
+
+
+class Extremes(NamedTuple):
+    """The extremes of one quantity, shape (members,).
+
+    Attributes
+    ----------
+    value : ndarray
+        In the unit of a record; nan for a member without a finite value.
+    time : ndarray, s
+    rule : ndarray of int8
+        Index into `RULES` (an accepted state, a state between, one at an event), or `NO_RULE`.
+    uncertainty : ndarray
+        Of the value, by interpolation alone, as for a single run.
+    """
+
+    value: Floats
+    time: Floats
+    rule: NDArray[np.int8]
+    uncertainty: Floats
+
+
+def extremes_of_members(runs: MemberRuns, name: str, sign: float) -> Extremes:
+    """Find the largest value of a quantity in every member (with a sign of -1 the least), its time and uncertainty.
+
+    Parameters
+    ----------
+    runs : Harvest
+        With complete logs.
+    name : str
+    sign : float
+    """
+    if (name, sign) not in runs.extremes_cache:
+        runs.extremes_cache[name, sign] = _search_extremes(runs, name, sign)
+    return Extremes(*runs.extremes_cache[name, sign])
+
+
+def _search_extremes(runs: MemberRuns, name: str, sign: float) -> Extremes:
+    values, time, first = runs[name], runs["time"], runs.runs.first_row
+    rows, members = crests(sign * values, first)
+    tops = _highest_rows(sign * values, rows, members, runs.size)
+    extremes = _extremes_of_rows(runs, values, tops)
+    unrated = runs.columns[name].variable.role not in STATES and bool(runs.model.python_functions)
+    solves_anew = (
+        bool(runs.model.assemblies) and not runs.settings.method.stepper.locates
+    )  # impulses at each time inside
+    if unrated or solves_anew:
+        for i in np.flatnonzero(extremes.rule == SAMPLED).tolist():
+            run_rows = slice(first[i], first[i + 1])
+            extremes.uncertainty[i] = parabola_excess(values[run_rows], time[run_rows], int(tops[i] - first[i]))
+    if unrated:
+        return extremes
+    search = _begin_search(runs, name, sign, extremes, humps(sign * values, time, first, rows, members))
+    if solves_anew:
+        return extremes._replace(uncertainty=np.fmax(extremes.uncertainty, search.open_heights))
+    while (places := search.places()).size:
+        times = search.place_members
+        states, from_rows = runs.states_at(times, places, after_event=False, known_rows=search.rows)
+        search.narrow(*runs.evaluate_with_rates(name, states, times, from_rows, places))
+    between = np.flatnonzero(sign * search.best > sign * extremes.value)
+    for array, improved in ((extremes.value, search.best), (extremes.time, search.when)):
+        array[between] = improved[between]
+    if between.size:
+        extremes.rule[between] = INTERPOLATED
+        extremes.uncertainty[between] = runs.interpolation_errors(name, between, extremes.time[between])
+    return extremes
+
+
+def _extremes_of_rows(runs: MemberRuns, values: Floats, tops: Rows) -> Extremes:
+    """Return the extremes over accepted states alone."""
+    has_number = tops >= 0
+    at_event = np.isin(runs["row_kind"][tops], (EVENT_BEFORE, EVENT_AFTER))
+    rule = np.where(has_number, np.where(at_event, LOCATED, SAMPLED), NO_RULE).astype(np.int8)
+    best, best_times = np.where(has_number, values[tops], np.nan), np.where(has_number, runs["time"][tops], np.nan)
+    return Extremes(best, best_times, rule, np.where(has_number, 0.0, np.nan))
+
+
+def _begin_search(
+    runs: MemberRuns, name: str, sign: float, accepted: Extremes, humps_found: tuple[Rows, Rows]
+) -> Summits:
+    """Begin the search for extremes between accepted states, around the humps of a quantity."""
+    (rows, members), first, time = humps_found, runs.runs.first_row, runs["time"]
+    rates = None
+    if rate_tree(runs.model, name) is not None:
+        low, high = np.maximum(rows - 1, first[members]), np.minimum(rows + 1, first[members + 1] - 1)
+        rates_at_rows = runs.rate_at_rows(name, members, rows)
+        rising = sign * rates_at_rows > 0.0
+        rates_opposite = runs.rate_at_rows(
+            name, members, np.where(rising, high, low)
+        )  # at the other end of the bracket
+        rates = np.stack(
+            [np.where(rising, np.nan, rates_opposite), rates_at_rows, np.where(rising, rates_opposite, np.nan)]
+        )
+    return summits(sign, accepted.value.copy(), accepted.time.copy(), runs[name], time, first, rates, rows, members)
+
+
+def _highest_rows(values: Floats, rows: Rows, members: Rows, size: int) -> Rows:
+    """Return the first row of each member that holds its largest value, a crest; -1 where there is no finite value."""
+    largest = np.full(size, -np.inf)
+    np.maximum.at(largest, members, values[rows])
+    highest = np.flatnonzero(values[rows] == largest[members])[::-1]
+    tops = np.full(size, -1)
+    tops[members[highest]] = rows[highest]
+    return tops
+
+
+LISTED = (CYCLE, TURNS)  # of which a run has as many as it happens to have
+BY_COMPANION = ("believed_until", "phase_offset")  # for which a diagnosis marches once more
+
+
+@dataclass(frozen=True)
+class RunQuantity:
+    """A number of a whole run, or a list of them.
+
+    Attributes
+    ----------
+    dims : tuple of str
+        Without those of `LISTED`.
+    dtype : str
+    attributes : mapping
+    is_listed : bool
+        Whether a run has any number of them: of its cycles or turns.
+    """
+
+    dims: tuple[str, ...]
+    dtype: str
+    attributes: Mapping[str, Any]
+    is_listed: bool = False
+
+
+def run_quantities(model: Model, settings: Settings) -> dict[str, RunQuantity]:
+    """Return by name the numbers that the record and the diagnosis of a model's run have; nothing is marched for it."""
+    rate, time = NUMBERS.per(model.time_unit).text, model.time_unit.text
+    units = dict.fromkeys(COUNTS, "1") | {"run_fastest_rate": rate, "run_slowest_period": time}
+    units |= dict.fromkeys(("run_h_omega_start", "run_h_omega_largest"), "1")
+    quantities = {
+        name: RunQuantity((), "f8", attrs_of(unit, name.removeprefix("run_").replace("_", " "), ROLE))
+        for name, unit in units.items()
+    }
+    diagnosis = foreseen_diagnosis(March(model, settings), 1)
+    for name, variable in diagnosis.variables.items():
+        dims = tuple(str(dim) for dim in variable.dims)
+        is_known = {*dims} <= {*LISTED, *model.shapes.extents}  # gates are of the model, and no numbers
+        if variable.dtype.kind in "fi" and variable.attrs.get("role") != "rule" and is_known:
+            element_dims = tuple(dim for dim in dims if dim not in LISTED)
+            quantities[str(name)] = RunQuantity(
+                element_dims, variable.dtype.str[1:], dict(variable.attrs), is_listed=element_dims != dims
+            )
+    return quantities
+
+
+def run_values(run: xr.Dataset, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Return the named numbers of a run; a run that failed has attributes alone."""
+    of_diagnosis = [name for name in names if name not in run.attrs and run.attrs["run_outcome"] in GOOD]
+    diagnosis = diagnose(run, companion=bool({*of_diagnosis} & {*BY_COMPANION})) if of_diagnosis else run
+    values = {name: diagnosis.variables[name].values for name in of_diagnosis if name in diagnosis.variables}
+    return values | {name: np.asarray(run.attrs[name]) for name in names if name in run.attrs}
+
 
 Values = NDArray[Any]
 ValueFunction = Callable[[MemberRuns], Values]
@@ -463,7 +646,7 @@ def keeping_of(words: Sequence[str] | str, times: Any, occurrences: Any, unit: U
     InputError
         If words, times or occurrences cannot be used.
     """
-    from xdynamics.dynamics.wanted_times import wanted_times
+    from xdynamics.dynamics.recorded_steps import wanted_times
 
     row: list[Any] = [words] if isinstance(words, str) or not hasattr(words, "__iter__") else list(words)
     if not row or not all(isinstance(entry, str) for entry in row):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive, record
-from xdynamics.archive.place import Place, location_of
+from xdynamics.archive.store import Place, location_of
 from xdynamics.evidence.grid_axes import sweep_of
 from xdynamics.evidence.runs import march_model
 from xdynamics.faults import ArchiveError
@@ -18,11 +18,9 @@ from xdynamics.march import March
 from xdynamics.march.outcomes import GOOD
 from xdynamics.schema import ROOT_DIGEST
 from xdynamics.sweeping.collection import plan_of
-from xdynamics.sweeping.grid import AxisIndices, SweepGrid
+from xdynamics.sweeping.grid import AxisIndices, SweepGrid, indices_of_labels
 from xdynamics.sweeping.kept_quantities import DIGEST, OUTCOME
-from xdynamics.sweeping.labels import indices_of_labels
-from xdynamics.sweeping.member_files import RUNS
-from xdynamics.sweeping.members import FILE, digest_of_end
+from xdynamics.sweeping.members import FILE, RUNS, digest_of_end
 
 if TYPE_CHECKING:
     import xarray as xr

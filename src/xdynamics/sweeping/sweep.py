@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import record
-from xdynamics.archive.place import GIVEN, Given, location_of
+from xdynamics.archive.store import GIVEN, Given, location_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model, check_model
 from xdynamics.runtime.lazy_imports import load_dask_whole

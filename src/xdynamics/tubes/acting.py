@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xdynamics.tubes.crossings import Crossing, Crossings, sign_of
+from xdynamics.tubes.crossings import Crossing, Crossings, Passage, Reset, passage, sign_of
 from xdynamics.tubes.flow import Flow, Proof
-from xdynamics.tubes.passages import Passage, Reset, passage
 from xdynamics.tubes.series import UndefinedError
 
 

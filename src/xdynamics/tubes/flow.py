@@ -16,11 +16,9 @@ from math import frexp, inf, ldexp
 import numpy as np
 
 from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import Box, Floats
+from xdynamics.tubes.boxes import AffineImage, Box, Doubleton, Floats, Polynomials, doubleton_of
 from xdynamics.tubes.interval_problem import IntervalProblem
-from xdynamics.tubes.polynomials import Polynomials
 from xdynamics.tubes.series import MotionSeries, UndefinedError
-from xdynamics.tubes.sets import AffineImage, Doubleton, doubleton_of
 
 WIDER = 0.02  # by which a candidate is wider than what is reached, as a part of it
 TRIALS = 3  # of wider candidates, before a step is shortened

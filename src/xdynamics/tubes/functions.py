@@ -12,15 +12,12 @@ from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import values_of
 from xdynamics.kernels.program import AT, Compute, Line, Load, Location, Loop, Program, StoreTo, T
 from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import Box, Floats
-from xdynamics.tubes.constants import Constants
-from xdynamics.tubes.enclosed_programs import PARTS, EnclosedProgram
+from xdynamics.tubes.boxes import HELD, AffineImage, Box, Floats, with_pieces
 from xdynamics.tubes.flow import Proof
 from xdynamics.tubes.gradients import StraightLines
 from xdynamics.tubes.interval_problem import IntervalProblem, literals_of
-from xdynamics.tubes.sets import AffineImage
-from xdynamics.tubes.step_constants import HELD, with_pieces
-from xdynamics.tubes.tangents import SEED
+from xdynamics.tubes.series import Constants
+from xdynamics.tubes.tangents import PARTS, SEED, EnclosedProgram
 
 UNKNOWN = np.array([[-np.inf], [np.inf]])
 

@@ -14,13 +14,11 @@ from typing import Any
 import numpy as np
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.elementary.bounds import Interval
+from xdynamics.elementary.bounds import BREAKS, SMOOTH, Interval
 from xdynamics.elementary.intervals import Intervals
-from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH
 from xdynamics.kernels.program import AT, Compute, Line, Load, Location, Operand, StoreTo
 from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import Box, Floats
-from xdynamics.tubes.step_constants import HELD
+from xdynamics.tubes.boxes import HELD, Box, Floats
 
 NOW = Location("at", AT.index("t"))
 _INTERVALS = Intervals(FUNCTIONS)

@@ -18,12 +18,11 @@ from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import constants, first_regime
 from xdynamics.model.parts import Parameter
-from xdynamics.tubes.boxes import Box, enclosed, hull, point_box
+from xdynamics.tubes.boxes import Box, StepConstants, enclosed, hull, point_box, with_pieces
 from xdynamics.tubes.gradients import StraightLines, Value
 from xdynamics.tubes.series import Motions
-from xdynamics.tubes.step_constants import StepConstants, with_pieces
 from xdynamics.units import CONSTANTS, Quantity, constant
-from xdynamics.units.rounded import exact_value
+from xdynamics.units.unit import exact_value
 
 PI = enclosed(Fraction("3.14159265358979323846264338327950288419716939937510"))
 

@@ -4,23 +4,38 @@ Text is taken apart here, under limits. Conversion factors are exact fractions, 
 ``0.001`` seconds are the same float.
 """
 
-from xdynamics.units.dimension import BASE, ENERGY, NONE, TIME, Dimension
 from xdynamics.units.names import CALENDAR, CONSTANTS, PREFIX, SPELLING, constant_of
-from xdynamics.units.ranges import Range, is_range
 from xdynamics.units.reading import (
+    UNSCALED,
+    Range,
+    Scales,
+    coherent,
     constant,
     is_number,
+    is_range,
     parse_quantity,
     parse_scale,
     parse_time,
     parse_unit,
     quotient,
+    spell,
     time_in,
     unit_text,
 )
-from xdynamics.units.scales import UNSCALED, Scales
-from xdynamics.units.spelling import coherent, spell
-from xdynamics.units.unit import NUMBERS, SECONDS, UNKNOWN_UNIT, Quantity, Scale, Unit, unit_suffix
+from xdynamics.units.unit import (
+    BASE,
+    ENERGY,
+    NONE,
+    NUMBERS,
+    SECONDS,
+    TIME,
+    UNKNOWN_UNIT,
+    Dimension,
+    Quantity,
+    Scale,
+    Unit,
+    unit_suffix,
+)
 
 __all__ = [
     "BASE", "CALENDAR", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNKNOWN_UNIT", "UNSCALED", "Dimension", "Quantity",

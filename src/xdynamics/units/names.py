@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.units.dimension import COHERENT, NONE, TIME, Dimension, base_powers
+from xdynamics.units.unit import COHERENT, NONE, TIME, Dimension, base_powers
 
 # pint's name of a unit -> how UDUNITS spells it, where both mean the same size (an electronvolt differs; a year of
 # UDUNITS is the tropical one, pint's its Julian_year); a unit outside this table has no place in a record

@@ -1,8 +1,17 @@
-"""Units and quantities from text, under limits; from numbers and from pint."""
+"""Units and quantities from text, under limits; from numbers and from pint.
+
+Evenly spaced numbers with a unit, as one text.
+
+The SI unit of a dimension or of a unit, as a record spells it.
+
+Scales of length, time and mass, in which a march may be nondimensional.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import isfinite
@@ -10,10 +19,24 @@ from numbers import Real
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.units.dimension import NONE, TIME
-from xdynamics.units.names import LENGTHS_OF_VALUES, look_up_unit
-from xdynamics.units.rounded import Rounded, exact_value, read_decimal
-from xdynamics.units.unit import UNKNOWN_UNIT, Quantity, Scale, Unit
+from xdynamics.units.names import LENGTHS_OF_VALUES, PREFIX, look_up_unit
+from xdynamics.units.unit import (
+    BASE,
+    COHERENT,
+    DERIVED,
+    ENERGY,
+    NONE,
+    TIME,
+    UNKNOWN_UNIT,
+    Dimension,
+    Quantity,
+    Rounded,
+    Scale,
+    Unit,
+    base_powers,
+    exact_value,
+    read_decimal,
+)
 
 LONGEST_TEXT = 200
 LARGEST_EXPONENT = 16
@@ -277,3 +300,162 @@ def quotient(unit: str, divisor_unit: str) -> str:
         power = int(factor[len(name) :] or 1)
         inverse.append(f"{name}{-power}")
     return parse_unit(" ".join(factor for factor in (unit, *inverse) if factor != "1") or "1").text
+
+
+_RANGE = re.compile(r"\s*(?P<start>[^:\s]+)\s*:\s*(?P<stop>[^:\s]+)\s*:\s*(?P<count>\d+)(?![.\d])\s*(?P<unit>[^:]*)")
+
+
+def is_range(value: Any) -> bool:
+    """Whether a text is meant as ``start:stop:count unit``."""
+    return isinstance(value, str) and _RANGE.fullmatch(value) is not None
+
+
+@dataclass(frozen=True)
+class Range:
+    """``0:20:201 s``: evenly spaced numbers, both ends included.
+
+    Attributes
+    ----------
+    start, stop : float
+        In `unit`.
+    count : int
+    unit : Unit
+        Given after the count, or at the ends; ``1`` if there is none.
+    """
+
+    start: float
+    stop: float
+    count: int
+    unit: Unit
+
+    @classmethod
+    def parse(cls, text: str) -> Range:
+        """Read a range.
+
+        Raises
+        ------
+        InputError
+            If its ends have different units, or units in addition to the one after the count.
+        """
+        match = _RANGE.fullmatch(text)
+        if match is None:
+            raise InputError(f"is {text!r}, needs start:stop:count unit, like '0:20:201 s'")
+        ends = [parse_quantity(match[name]) for name in ("start", "stop")]
+        units = [item.unit for item in ends if item.unit.text != "1"]
+        if units and match["unit"]:
+            raise InputError(f"is {text!r}, with units after its ends and after the count; write one, after the count")
+        if units and len({item.dimension for item in units}) > 1:
+            raise InputError(
+                f"is {text!r}, from '{units[0].text}' to '{units[1].text}'; its ends need one kind of unit"
+            )
+        if not units:
+            scale = parse_scale(match["unit"] or "1")
+            start, stop = (scale.value(item.value) for item in ends)
+            return cls(start, stop, int(match["count"]), scale.unit)
+        unit = units[-1]
+        start, stop = (
+            item.value if item.unit.text in ("1", unit.text) else item.si / float(unit.factor) for item in ends
+        )
+        return cls(start, stop, int(match["count"]), unit)
+
+
+def spell(dimension: Dimension, *, angle: bool = False) -> Unit:
+    """Return the SI unit of a dimension, spelled for a record; a torque (`angle`) is ``N m``.
+
+    Raises
+    ------
+    InputError
+        If a power is no whole number, which UDUNITS cannot spell.
+    """
+    if any(power.denominator != 1 for power in dimension.powers):
+        raise InputError(f"units '{dimension}' have a fractional power, which a record cannot spell")
+    if angle and dimension == ENERGY:
+        return Unit("N m", dimension)
+    base = str(dimension).split(" (")[0]
+    return Unit(DERIVED.get(dimension, base), dimension)
+
+
+def coherent(unit: Unit) -> Unit:
+    """Return the SI unit of a unit, spelled as it was: prefixes go, and what is no SI unit becomes base units.
+
+    Examples
+    --------
+    >>> [coherent(parse_unit(text)).text for text in ("mN s m-1", "g", "degree s-1", "km h-1", "rad", "N m")]
+    ['N s m-1', 'kg', 'rad s-1', 'm s-1', 'rad', 'N m']
+    """
+    if unit.factor == 1:
+        return unit
+    factors = []
+    for part in unit.text.split():
+        name = part.rstrip("-0123456789")
+        power = int(part[len(name) :] or 1)
+        factors += [(base, power * times) for base, times in _coherent(name)]
+    return parse_unit(" ".join(f"{name}{power}" for name, power in factors) or "1")
+
+
+def _coherent(name: str) -> list[tuple[str, int]]:
+    """Spell the SI unit of one unit name: with its own name, without a prefix, by a derived name, or in base units."""
+    spelling, dimension, factor = look_up_unit(name)
+    if factor == 1:
+        return [(spelling, 1)]
+    stems = [spelling.removeprefix(symbol) for symbol in PREFIX.values() if symbol and spelling.startswith(symbol)]
+    matching = [symbol for symbol in stems if symbol in COHERENT and COHERENT[symbol] == dimension]
+    if matching or dimension in DERIVED:
+        return [(matching[0] if matching else DERIVED[dimension], 1)]
+    if dimension == NONE:
+        return [("rad", 1)] if spelling == "degree" else []
+    return [(base, int(power)) for base, power in zip(BASE, dimension.powers, strict=True) if power]
+
+
+_NEEDED = {"length": base_powers(m=1), "time": TIME, "mass": base_powers(kg=1)}
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Length, time and mass that count as one inside a march in nondimensional variables, in SI units."""
+
+    length: float = 1.0
+    time: float = 1.0
+    mass: float = 1.0
+
+    @classmethod
+    def parse(cls, scales: dict[str, Any] | None) -> Scales:
+        """Read ``{"length": "1 astronomical_unit", …}``; scales not given are one SI unit.
+
+        Raises
+        ------
+        InputError
+            If a scale is unknown, has the wrong dimension or is not positive.
+        """
+        values = {}
+        if not isinstance(scales, Mapping | None):
+            raise InputError(f'scales are {scales!r}, need a table like {{ length = "1 m" }}')
+        for name, text in (scales or {}).items():
+            if name not in _NEEDED:
+                raise InputError(f"scale {name!r} is not known; there are length, time and mass")
+            quantity = parse_quantity(text)
+            if quantity.unit.dimension != _NEEDED[name] or not 1e-40 <= quantity.si <= 1e40:
+                raise InputError(
+                    f"{name} scale is {text!r}, needs a positive quantity in '{_NEEDED[name]}', 1e-40 to 1e40"
+                )
+            values[name] = quantity.si
+        return cls(**values)
+
+    def si_factor(self, dimension: Dimension) -> float:
+        """SI units in one nondimensional unit of a dimension, by multiplication and square roots only."""
+        kilogram, metre, second = dimension.powers[:3]
+        return _scale_power(self.mass, kilogram) * _scale_power(self.length, metre) * _scale_power(self.time, second)
+
+
+def _scale_power(base: float, exponent: Fraction) -> float:
+    if base == 1.0 or exponent == 0:
+        return 1.0
+    if exponent.denominator == 2:
+        return float(_scale_power(base, Fraction(exponent.numerator)) ** 0.5)
+    result = 1.0
+    for _ in range(abs(int(exponent))):
+        result *= base
+    return result if exponent > 0 else 1.0 / result
+
+
+UNSCALED = Scales()

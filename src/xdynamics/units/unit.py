@@ -1,17 +1,116 @@
-"""Units and quantities: numbers with a unit, converted to SI exactly."""
+"""Units and quantities: numbers with a unit, converted to SI exactly.
+
+Floats that know the number that was written, for arithmetic of more digits than a float has.
+
+Dimensions: powers of the SI base units, and the derived units that are spelled by a name.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from decimal import Decimal
+from decimal import Context, Decimal
 from fractions import Fraction
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
-from xdynamics.units.dimension import NONE, TIME, Dimension
-from xdynamics.units.rounded import Rounded, decimal_text, exact_value
+
+MOST_DIGITS = 400  # that are kept of a number, and written out again
+ENOUGH = 40  # digits of a number that has no end, beyond those of the sum of two floats
+SMALLEST = (
+    1e-290  # of smaller numbers the rest would not be a float, and the exact value of hostile ones fills the memory
+)
+
+
+class Rounded(float):
+    """A float that knows the number that it was rounded from; otherwise like any."""
+
+    exact: Fraction
+
+    @classmethod
+    def from_exact(cls, exact: Fraction, value: float) -> float:
+        """Return a float, as it is where its own decimal digits are that number."""
+        if Fraction(repr(value)) == exact:
+            return value
+        rounded = cls(value)
+        rounded.exact = exact
+        return rounded
+
+
+def read_decimal(text: str) -> float:
+    """Read a decimal number, perhaps one that is not finite."""
+    number = float(text)
+    if not SMALLEST < abs(number) < inf or len(text) > MOST_DIGITS or text == repr(number):
+        return number
+    return Rounded.from_exact(Fraction(text.replace("_", "")), number)
+
+
+def exact_value(number: float) -> Fraction:
+    """Return the number that a float stands for: that which it was rounded from, or its fewest decimal digits."""
+    return number.exact if isinstance(number, Rounded) else Fraction(repr(float(number)))
+
+
+def decimal_text(number: float) -> str:
+    """Write a float with the digits that it was written with, where these are more than its own.
+
+    Examples
+    --------
+    >>> decimal_text(Rounded.from_exact(Fraction("0.12345678901234567890123"), 0.12345678901234568)), decimal_text(0.1)
+    ('0.12345678901234567890123', '0.1')
+    """
+    if not isinstance(number, Rounded):
+        return repr(float(number))
+    above, below = Decimal(number.exact.numerator), Decimal(number.exact.denominator)
+    digits = Context(prec=MOST_DIGITS).divide(above, below)
+    return str(digits if Fraction(digits) == number.exact else Context(prec=ENOUGH).divide(above, below))
+
+
+BASE = ("kg", "m", "s", "A", "K", "mol", "cd")
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """Powers of the SI base units, in the order of `BASE`; an angle has none."""
+
+    powers: tuple[Fraction, ...] = (Fraction(0),) * len(BASE)
+
+    def __mul__(self, factor: Dimension) -> Dimension:
+        return Dimension(tuple(a + b if b else a for a, b in zip(self.powers, factor.powers, strict=True)))
+
+    def __truediv__(self, divisor: Dimension) -> Dimension:
+        return Dimension(tuple(a - b if b else a for a, b in zip(self.powers, divisor.powers, strict=True)))
+
+    def __pow__(self, exponent: Fraction | int) -> Dimension:
+        return Dimension(tuple(power * exponent for power in self.powers))
+
+    def __str__(self) -> str:
+        """In base units, with the derived unit's name where there is one: ``kg m s-2 (N)``."""
+        parts = [
+            base + ("" if power == 1 else str(power)) for base, power in zip(BASE, self.powers, strict=True) if power
+        ]
+        name = DERIVED.get(self)
+        return (" ".join(parts) or "1") + (f" ({name})" if name else "")
+
+
+NONE = Dimension()
+
+
+def base_powers(**powers: int) -> Dimension:
+    """Return the dimension with these powers of base units: ``base_powers(m=1, s=-2)``."""
+    return Dimension(tuple(Fraction(powers.get(base, 0)) for base in BASE))
+
+
+TIME = base_powers(s=1)
+ENERGY = base_powers(kg=1, m=2, s=-2)
+COHERENT = {
+    **{base: base_powers(**{base: 1}) for base in BASE}, "rad": NONE, "N": base_powers(kg=1, m=1, s=-2), "J": ENERGY,
+    "W": base_powers(kg=1, m=2, s=-3), "Pa": base_powers(kg=1, m=-1, s=-2), "Hz": base_powers(s=-1), "C": base_powers(A=1, s=1),
+    "V": base_powers(kg=1, m=2, s=-3, A=-1), "ohm": base_powers(kg=1, m=2, s=-3, A=-2), "F": base_powers(kg=-1, m=-2, s=4, A=2),
+    "T": base_powers(kg=1, s=-2, A=-1),
+}  # fmt: skip
+DERIVED: dict[Dimension, str] = {COHERENT[name]: name for name in ("N", "J", "W", "Pa", "C", "V")}
 
 
 @dataclass(frozen=True)

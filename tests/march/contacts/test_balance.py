@@ -104,7 +104,7 @@ sys.path.insert(0, 'tests')
 import xdynamics as xd
 from xdynamics.kernels.linear import solve_linear as SOLVE
 from xdynamics.march.contacts import {room} as room
-from xdynamics.march.contacts.event_rows import event_row_of as ROW_OF
+from xdynamics.march.contacts.dispatch import event_row_of as ROW_OF
 from xdynamics.march.contacts.impact import strike_in_turn as STRIKE
 def SCALED(a, factor):
     a *= factor

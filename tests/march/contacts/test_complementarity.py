@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cases.plain import made_by_hand, plain
-from xdynamics.march.contacts import complementarity
+from xdynamics.march.contacts import delassus
 from xdynamics.march.run import Run
 
 Floats = NDArray[np.float64]
@@ -19,14 +19,14 @@ def solved(matrix: Floats, q: Floats) -> Floats | None:
     """Solve by the engine."""
     n = len(q)
     run = posed(matrix, q)
-    return run.solution.copy() if plain(complementarity.solve_complementarity)(run, n) else None
+    return run.solution.copy() if plain(delassus.solve_complementarity)(run, n) else None
 
 
 def posed(matrix: Floats, q: Floats) -> Run:
     """A run with a problem in it."""
     n = len(q)
     run = made_by_hand(problem=np.zeros((n, 2 * n + 2)), basis=np.zeros(3 * n + 1, np.int64), solution=np.zeros(n))
-    plain(complementarity.clear_tableau)(run, n)
+    plain(delassus.clear_tableau)(run, n)
     run.problem[:, n : 2 * n], run.problem[:, 2 * n + 1] = -matrix, q
     return run
 

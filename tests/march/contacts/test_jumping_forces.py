@@ -10,7 +10,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.plain import made_by_hand, plain
-from xdynamics.march.contacts import admissibility
+from xdynamics.march.contacts import balance
 from xdynamics.march.outcomes import CONTACT_VIOLATED, RUNNING
 from xdynamics.march.run import DETECTOR, WATCH
 from xdynamics.model.detectors import PULL
@@ -150,7 +150,7 @@ def test_a_row_in_which_a_contact_pulls_ends_the_run(
     detectors, watches = np.zeros(1, DETECTOR), np.zeros(1, WATCH)
     detectors["role"], watches["guard"] = PULL, 1
     run = made_by_hand(detectors=detectors, watches=watches, balance=np.zeros(9), g1=np.array([value]))
-    check = plain(admissibility.check_contact_law)
+    check = plain(balance.check_contact_law)
     monkeypatch.setitem(check.__globals__, "allowed_residue", lambda *_: 1e-12)
     monkeypatch.setitem(check.__globals__, "call_law", lambda *_: None)
     check(run, 0.0)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cases.plain import Seen, plain, watching
-from xdynamics.elementary.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
-from xdynamics.march.events import arming, isolation, zero_tests
+from xdynamics.elementary.bounds import BREAKS, EPS, SMOOTH, UNBOUNDED
+from xdynamics.march.events import departures, isolation, zero_tests
 from xdynamics.march.events.zero_tests import CLEAR, CROSSED, ENDED, FORCED, MONOTONE, MURKY, NONE, OPEN, TOUCHED
 from xdynamics.march.run import ENCLOSE, TOUCH, Run
 from xdynamics.model.detectors import GAP, OCCASION
@@ -342,10 +342,10 @@ def test_sides_are_armed_away_from_zero(monkeypatch: pytest.MonkeyPatch) -> None
         (0.2, 0.1, 1.0, 1, 0, 0),
     ):
         run = on_a_piece(armed=7, ever=0, greatest=greatest, asleep=asleep)
-        doubted(monkeypatch, arming.arm_event, murk)(run, 0, value)
+        doubted(monkeypatch, departures.arm_event, murk)(run, 0, value)
         assert (run.watches[0].armed, run.watches[0].ever) == (armed, ever)
     run.watches["armed"], run.watches["began"] = -1, 1
-    plain(arming.rearm_rejected)(run)
+    plain(departures.rearm_rejected)(run)
     assert run.watches[0].armed == 1
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 import xdynamics as xd
 from cases.plain import between_states, plain, rules_in_python
-from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH, UNBOUNDED
+from xdynamics.elementary.bounds import BREAKS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.drive_tables import PYTHON_TABLES
 from xdynamics.kernels.interval_program import OPERATIONS as NAMES
 from xdynamics.kernels.interval_program import VARIABLES

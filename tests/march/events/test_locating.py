@@ -7,7 +7,7 @@ import math
 import pytest
 
 from cases.plain import Seen, plain, watching
-from xdynamics.elementary.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
+from xdynamics.elementary.bounds import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.march.events import root_finding, zero_tests
 from xdynamics.schema import CLUSTER, CROSSING, JUMP, POLE, TOUCH
 

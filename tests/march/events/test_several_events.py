@@ -10,7 +10,7 @@ import pytest
 import xdynamics as xd
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
-from xdynamics.march.events.event_free_region import BOX, STANDS
+from xdynamics.march.events.enclosures import BOX, STANDS
 from xdynamics.record import dataset
 from xdynamics.schema import REASON_EVENT
 

@@ -9,7 +9,7 @@ import xdynamics as xd
 from cases.plain import between_states, made_by_hand, plain
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
-from xdynamics.march.events import event_free_region
+from xdynamics.march.events import enclosures
 from xdynamics.march.run import DETECTOR, ENCLOSE, WATCH, Run
 
 
@@ -25,7 +25,7 @@ def test_the_way_of_a_step_holds_its_enclosure(case: int) -> None:
     run.z[:] += random.normal(size=6) * 10.0 ** random.uniform(-9, 1)
     run.trial[0].h = h
     for i in range(2):
-        low, high = plain(event_free_region.coordinate_bounds)(run, i)
+        low, high = plain(enclosures.coordinate_bounds)(run, i)
         enclosure = between_states("position", run.y, run.z, (i, 2 + i, 4 + i), h)
         (q0, v0, a0), (q1, v1, a1) = run.y[i::2], run.z[i::2]
         apart = max(min(0.4 * h * abs(v0), h * h * abs(a0) / 20), min(0.4 * h * abs(v1), h * h * abs(a1) / 20))
@@ -51,31 +51,31 @@ def test_a_step_is_inside_by_all_that_functions_are_made_of() -> None:
     )
     run, inside = (
         March(model, settings_for(model, method="rk4", step=0.05, until=0.5)).run,
-        plain(event_free_region.stays_in_region),
+        plain(enclosures.stays_in_region),
     )
     run.y[:6], run.z[:6] = (1.0, 0.0, 0.0, 0.5, -1.0, 0.0), (0.99875, 0.025, -0.05, 0.499, -0.99875, -0.025)
     run.now[0].t, run.trial[0].t, run.trial[0].h = 2.0, 2.05, 0.05
-    n, first = len(run.box_variables), event_free_region.BOX
+    n, first = len(run.box_variables), enclosures.BOX
     assert sorted(run.box_variables[:, 0].tolist()) == [
-        event_free_region.POSITION,
-        event_free_region.POSITION,
-        event_free_region.INSTANT,
+        enclosures.POSITION,
+        enclosures.POSITION,
+        enclosures.INSTANT,
     ]
     for j, (sort, k, _) in enumerate(run.box_variables.tolist()):
         bounds = (
-            plain(event_free_region.coordinate_bounds)(run, k)
-            if sort == event_free_region.POSITION
+            plain(enclosures.coordinate_bounds)(run, k)
+            if sort == enclosures.POSITION
             else (run.now[0].t, run.trial[0].t)
         )
         run.region[first + j], run.region[first + n + j] = min(bounds), max(bounds)
-    run.region[event_free_region.STANDS] = 1.0
+    run.region[enclosures.STANDS] = 1.0
     assert inside(run)
     for side in range(2 * n):
         held = run.region[first + side]
         run.region[first + side] = np.nextafter(held, np.inf if side < n else -np.inf)
         assert not inside(run)
         run.region[first + side] = held
-    run.region[event_free_region.STANDS] = 0.0
+    run.region[enclosures.STANDS] = 0.0
     assert not inside(run)
 
 
@@ -110,10 +110,10 @@ def test_a_box_reaches_beyond_a_step(
     silent: bool,
 ) -> None:
     """Assert half a width beyond bounds on every side, or where they leave the last box, if nothing is zero in it."""
-    positions = np.array([[event_free_region.POSITION, j, 1 + j] for j in range(3)])
+    positions = np.array([[enclosures.POSITION, j, 1 + j] for j in range(3)])
     run = made_by_hand(
         box_variables=positions,
-        region=np.zeros(event_free_region.BOX + 12),
+        region=np.zeros(enclosures.BOX + 12),
         under=np.zeros(4),
         over=np.zeros(4),
         detectors=np.zeros(1, DETECTOR),
@@ -121,15 +121,15 @@ def test_a_box_reaches_beyond_a_step(
         parts=np.zeros(4, np.int64),
         functions=np.zeros(ENCLOSE + 1, np.int64),
     )
-    is_silent = plain(event_free_region.is_silent)
+    is_silent = plain(enclosures.is_silent)
     monkeypatch.setitem(is_silent.__globals__, "enclosed_by", lambda *_: None)
     (run.under[0], run.over[0]), watch = value, run.watches[0]
     watch.armed, watch.guard, watch.asleep = armed, guard, asleep
     before = [-1.0, 9.0, -2.0, 0.8, 20.0, -0.5]
-    run.region[event_free_region.BOX :] = [*before, 0.0, 10.0, -2.5, 1.0, 14.0, -0.5]
+    run.region[enclosures.BOX :] = [*before, 0.0, 10.0, -2.5, 1.0, 14.0, -0.5]
     assert is_silent(run, 0.5, joined) == silent
     wanted = [*low, *high] if silent else before
-    assert run.region[event_free_region.BOX :][:6].tolist() == pytest.approx(wanted)
+    assert run.region[enclosures.BOX :][:6].tolist() == pytest.approx(wanted)
 
 
 @pytest.mark.parametrize(
@@ -156,14 +156,14 @@ def test_a_box_grows_or_another_one_is_tried(
     after: tuple[float, ...],
 ) -> None:
     """Assert which boxes are tried, how far the next one reaches, and for how long none is tried where none would do."""
-    leaves = np.array([[event_free_region.POSITION, 0, 1], [event_free_region.OTHER, 1, 0]])
+    leaves = np.array([[enclosures.POSITION, 0, 1], [enclosures.OTHER, 1, 0]])
     run = made_by_hand(
         box_variables=leaves,
-        region=np.zeros(event_free_region.BOX + 8),
+        region=np.zeros(enclosures.BOX + 8),
         under=np.array([-2.0, 7.0]),
         over=np.array([3.0, 8.0]),
     )
-    set_region, tried, left = plain(event_free_region.set_region), [], list(answers)
+    set_region, tried, left = plain(enclosures.set_region), [], list(answers)
 
     def is_silent(run: Run, reach: float, joined: bool) -> bool:
         tried.append((reach, joined, int(run.piece[0].rough)))
@@ -171,19 +171,19 @@ def test_a_box_grows_or_another_one_is_tried(
 
     monkeypatch.setitem(set_region.__globals__, "is_silent", is_silent)
     monkeypatch.setitem(set_region.__globals__, "coordinate_bounds", lambda _run, k: (10.0 + k, 20.0 + k))
-    run.region[: event_free_region.BOX] = before
+    run.region[: enclosures.BOX] = before
     set_region(run)
     assert tried == [(*one, 2) for one in asked]
-    assert run.region[: event_free_region.BOX].tolist() == list(after)
+    assert run.region[: enclosures.BOX].tolist() == list(after)
     assert run.piece[0].rough == 0
-    assert run.region[event_free_region.BOX + 4 :].tolist() == ([10.0, -2.0, 20.0, 3.0] if asked else [0.0] * 4)
+    assert run.region[enclosures.BOX + 4 :].tolist() == ([10.0, -2.0, 20.0, 3.0] if asked else [0.0] * 4)
 
 
 def test_a_region_ends_where_there_is_one() -> None:
     """Assert that the box is forgotten of a run whose event functions have one, and that others are left alone."""
-    run = made_by_hand(box_variables=np.zeros((1, 3), np.int64), region=np.ones(event_free_region.BOX))
-    plain(event_free_region.end_region)(run)
-    assert run.region[event_free_region.STANDS] == 0.0
-    run = made_by_hand(box_variables=np.zeros((0, 3), np.int64), region=np.ones(event_free_region.BOX))
-    plain(event_free_region.end_region)(run)
-    assert run.region[event_free_region.STANDS] == 1.0
+    run = made_by_hand(box_variables=np.zeros((1, 3), np.int64), region=np.ones(enclosures.BOX))
+    plain(enclosures.end_region)(run)
+    assert run.region[enclosures.STANDS] == 0.0
+    run = made_by_hand(box_variables=np.zeros((0, 3), np.int64), region=np.ones(enclosures.BOX))
+    plain(enclosures.end_region)(run)
+    assert run.region[enclosures.STANDS] == 1.0

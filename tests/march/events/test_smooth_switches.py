@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from xdynamics.evidence.refining.judgements import VERDICTS
+from xdynamics.evidence.refining.convergence import VERDICTS
 from xdynamics.model.switches import smooth_switches
 
 

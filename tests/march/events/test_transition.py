@@ -10,9 +10,9 @@ import pytest
 import xdynamics as xd
 from cases.plain import Seen, law_of, nothing, plain, watching
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march import acceptance
-from xdynamics.march.events import actions, arming, dispatch, event_rows, root_finding, zero_tests
-from xdynamics.march.events.event_free_region import BOX, STANDS
+from xdynamics.march import control
+from xdynamics.march.events import departures, dispatch, root_finding, transition, zero_tests
+from xdynamics.march.events.enclosures import BOX, STANDS
 from xdynamics.march.run import FIND_EVENTS, REACTION, Run
 from xdynamics.model.detectors import GAP, GRIP, OCCASION, PULL, SLIP
 from xdynamics.schema import CROSSING, REASON_ERROR, REASON_EVENT, REASON_EVENT_FUNCTION
@@ -27,7 +27,7 @@ def noting(monkeypatch: pytest.MonkeyPatch, doubt: float = 1e-14) -> Run:
     run.put(log_rates=np.zeros((0, 5)), log_impulses=np.ones((2, 5)))
     plain(root_finding.locate_events)(run)
     run.slopes[:], run.watches["zone"] = 99.0, -1.0
-    monkeypatch.setitem(plain(event_rows.note_events).__globals__, "function_uncertainty", lambda *_: doubt)
+    monkeypatch.setitem(plain(transition.note_events).__globals__, "function_uncertainty", lambda *_: doubt)
     return run
 
 
@@ -35,7 +35,7 @@ def test_a_row_of_an_event_has_its_own_numbers(monkeypatch: pytest.MonkeyPatch) 
     """Assert time, bracket, residual, slope, doubt, direction, rows and counts of two events in one group."""
     run = noting(monkeypatch)
     run.watches[1].drift, run.watches[1].zone, run.watches[1].clear, run.now[0].events = 4e-9, 0.5, 0.625, 1
-    plain(event_rows.note_events)(run, 7, 13)
+    plain(transition.note_events)(run, 7, 13)
     assert run.now[0].events == 3
     h = float(run.trial[0].h)
     for i, (row, seen) in enumerate(zip(run.log_events[1:3], (FALLING, RISING), strict=True)):
@@ -54,7 +54,7 @@ def test_a_bracket_may_begin_before_the_step(monkeypatch: pytest.MonkeyPatch) ->
     run = noting(monkeypatch)
     run.watches[1].left, run.pending[1] = 0.0, 0.125
     run.detectors[0].sampled, run.watches[0].up = 1, 5.0
-    plain(event_rows.note_events)(run, 7, 13)
+    plain(transition.note_events)(run, 7, 13)
     assert run.log_events[1].left == 2.0 - 0.125
     assert run.log_events[0].slope == -5.0  # the mean slope, by the direction
 
@@ -67,9 +67,9 @@ def test_an_event_that_is_past_but_not_found_is_pending(monkeypatch: pytest.Monk
     run.trial[0].h, run.trial[0].t, run.y[0] = 0.625, 2.625, 0.625
     run.g1[:] = [seen.value(0.625) for seen in (FALLING, RISING)]
     run.watches["hit"], run.watches["left"], run.pending[:] = zero_tests.NONE, [0.5, 0.25], [0.03125, 0.0]
-    monkeypatch.setitem(plain(arming.rearm).__globals__, "arm_event", lambda _, i, value: armed.append((i, value)))
+    monkeypatch.setitem(plain(departures.rearm).__globals__, "arm_event", lambda _, i, value: armed.append((i, value)))
     armed: list[tuple[int, float]] = []
-    plain(arming.rearm)(run, False)
+    plain(departures.rearm)(run, False)
     assert run.pending.tolist() == ([0.0, 0.0] if apart else [0.03125 + 0.125, 0.375])
     assert armed == ([(i, run.g1[i]) for i in range(2)] if apart else [])
 
@@ -93,11 +93,11 @@ def test_what_is_no_event_to_come_is_not_pending(monkeypatch: pytest.MonkeyPatch
             run.g1[0] = value
         elif what:
             where[what] = value
-        monkeypatch.setitem(plain(arming.is_pending).__globals__, "noise_floor", lambda *_: 1e-9)
-        assert plain(arming.is_pending)(run, 0) == (not what)
-    monkeypatch.setitem(plain(arming.is_pending).__globals__, "noise_floor", lambda *_: 10.0)
+        monkeypatch.setitem(plain(departures.is_pending).__globals__, "noise_floor", lambda *_: 1e-9)
+        assert plain(departures.is_pending)(run, 0) == (not what)
+    monkeypatch.setitem(plain(departures.is_pending).__globals__, "noise_floor", lambda *_: 10.0)
     run.detectors[0].direction = 1  # of one that is not watched for, what is too small to have a side
-    assert plain(arming.is_pending)(run, 0)
+    assert plain(departures.is_pending)(run, 0)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_no_grip_is_lost_where_its_contact_opens(role: int, normal: int, other: 
     run.reactions["normal"] = [-1, -1, normal]
     run.detectors["role"], run.detectors["reaction"] = [role, other], [2, 1]
     run.watches[1].hit = zero_tests.CROSSED if hit else zero_tests.NONE
-    plain(event_rows.leave_out)(run)
+    plain(transition.leave_out)(run)
     assert (run.watches[0].hit != zero_tests.NONE) == left
 
 
@@ -135,11 +135,11 @@ def test_a_reset_sets_what_it_names() -> None:
         z=np.array([1.0, 2.0, 3.0, 0.25, 0.5]),
     )
     run.plan[0].used, run.plan[0].evaluated, run.plan[0].coordinates = 2, 1, 1
-    plain(actions.reset)(run, 0, 2)
+    plain(transition.reset)(run, 0, 2)
     assert run.z.tolist() == [5.0, 7.0, 3.0, 0.0, 0.0]
     assert run.log_impulses.tolist() == [[0.0, 0.0, 4.0, 0.0, 0.0]]
     run.z[:] = [1.0, 2.0, 3.0, 0.25, 0.5]
-    plain(actions.reset)(run, 1, 3)
+    plain(transition.reset)(run, 1, 3)
     assert run.z.tolist() == [6.0, 2.0, 3.0, 0.0, 0.5]
     assert run.log_impulses.tolist() == [[0.0, 0.0, 4.0, 5.0, 0.0]]
 
@@ -162,10 +162,10 @@ def test_what_happens_ends_the_region_without_events(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("made", "at", "node", "final"),
     [
-        (0, acceptance.AT_NODE, 1, True),
-        (3, acceptance.AT_BOTH, 1, True),
-        (0, acceptance.AT_GRID, 1, False),
-        (0, acceptance.AT_NODE, 0, False),
+        (0, control.AT_NODE, 1, True),
+        (3, control.AT_BOTH, 1, True),
+        (0, control.AT_GRID, 1, False),
+        (0, control.AT_NODE, 0, False),
     ],
 )
 def test_a_trial_without_events_stays_as_it_is(

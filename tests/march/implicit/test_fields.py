@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 import xdynamics as xd
 from cases.shaped_laws import MODELS
-from xdynamics.kernels import jacobian_pattern, layout_of
-from xdynamics.kernels.jacobian_pattern import pattern_of
+from xdynamics.kernels import layout_of, newton_matrix
+from xdynamics.kernels.newton_matrix import pattern_of
 from xdynamics.march import March, equation_solvers
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.run import ARRAYS
@@ -72,7 +72,7 @@ def test_narrow_bands(name: str) -> None:
 
 def run_of_elements(name: str, monkeypatch: pytest.MonkeyPatch, **asked: Any) -> xr.Dataset:
     """March a model with derivatives of single elements and matrices that are kept whole."""
-    for module in (equation_solvers, jacobian_pattern):
+    for module in (equation_solvers, newton_matrix):
         monkeypatch.setattr(module, "is_compressed", lambda _: False)
     for module in ("line_writing", "step_programs"):
         monkeypatch.setattr(f"xdynamics.kernels.{module}.is_compressed", lambda _: False)

@@ -25,7 +25,7 @@ from xdynamics.march.engine import engine
 from xdynamics.march.implicit import radau as march_radau
 from xdynamics.march.log import LOG_COUNTS, allocate
 from xdynamics.march.memory import changing_arrays, put_back
-from xdynamics.methods import radau
+from xdynamics.methods import implicit
 
 # what keeps an absolute tolerance below the smallest component
 SMALL = {"hires": 1e-4, "robertson": 1e-8, "van_der_pol": 1.0}
@@ -71,20 +71,20 @@ def test_coefficients_take_the_method_apart() -> None:
                 [(16 - s) / 36, (16 + s) / 36, mp.mpf(1) / 9],
             ]
         )
-        t, inverse = mp.matrix(radau.T), mp.matrix(radau.T_INVERSE)
+        t, inverse = mp.matrix(implicit.T), mp.matrix(implicit.T_INVERSE)
         block = mp.matrix(
             [
-                [radau.GAMMA, 0, 0],
-                [0, radau.ALPHA, -radau.BETA],
-                [0, radau.BETA, radau.ALPHA],
+                [implicit.GAMMA, 0, 0],
+                [0, implicit.ALPHA, -implicit.BETA],
+                [0, implicit.BETA, implicit.ALPHA],
             ]
         )
         assert mp.mnorm(inverse * a**-1 * t - block) < 64 * EPS
         assert mp.mnorm(inverse * t - mp.eye(3)) < 16 * EPS
         nodes = [(4 - s) / 10, (4 + s) / 10, mp.mpf(1)]
         weights = [(-13 - 7 * s) / 3, (-13 + 7 * s) / 3, -mp.mpf(1) / 3]
-        assert [float(node) for node in nodes] == pytest.approx(radau.NODES, rel=EPS)
-        assert [float(weight) for weight in weights] == pytest.approx(radau.ERROR, rel=EPS)
+        assert [float(node) for node in nodes] == pytest.approx(implicit.NODES, rel=EPS)
+        assert [float(weight) for weight in weights] == pytest.approx(implicit.ERROR, rel=EPS)
 
 
 @pytest.mark.parametrize(("n", "band"), [(1, 1), (2, 2), (7, 7), (9, 2)])
@@ -130,7 +130,7 @@ def test_the_interpolant_is_the_collocation_polynomial() -> None:
     inner = np.linspace(0.02, 0.98, 7)
     found = xd.sample(run, h + h * inner, rule="interpolant").y.values
     cubic = np.polynomial.Polynomial.fit(inner, found, 3)
-    nodes = np.array(radau.NODES)
+    nodes = np.array(implicit.NODES)
     assert np.abs(cubic(inner) - found).max() < 8 * EPS
     assert np.abs(cubic([0.0, 1.0]) - run.y.values[1:3]).max() < 64 * EPS
     assert cubic.deriv()(nodes) / h == pytest.approx(-(cubic(nodes) ** 3) / 2, rel=1e-12)

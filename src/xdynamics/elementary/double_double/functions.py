@@ -2,20 +2,22 @@
 
 Reduction and Taylor series: Hida, Li, Bailey 2001, doi:10.1109/ARITH.2001.930115, with series in place of their tables;
 inverse functions correct the float's by one step of Newton's method, which doubles its digits.
+
+Constants of the functions, from their decimal digits, and coefficients, from fractions.
+
+The operations of programs, of sums of two floats, by the names that they have of floats.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import factorial
+from typing import Any
 
 from xdynamics.elementary import circular, exponential
-from xdynamics.elementary.double_double.constants import (
-    HALF_PI_PARTS,
-    INVERSE_FACTORIALS,
-    INVERSE_ODD,
-    LOG2,
-    LOG2_PARTS,
-)
+from xdynamics.elementary.double_double import sums
 from xdynamics.elementary.double_double.sums import (
     ONE,
     DoubleDouble,
@@ -25,9 +27,11 @@ from xdynamics.elementary.double_double.sums import (
     divide,
     exact,
     multiply,
+    nearest,
     negated,
     polynomial_of_sums,
     scaled_by_power,
+    split_fraction,
     sqrt,
     subtract,
 )
@@ -44,6 +48,19 @@ from xdynamics.elementary.numbers import (
     power_of_two,
     round_to_integer,
 )
+
+# Abramowitz and Stegun, table 1.1, continued; compared with mpmath by the tests
+PI_DIGITS = Fraction("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899862803482534")
+LOG2_DIGITS = Fraction("0.69314718055994530941723212145817656807550013436025525412068000949339362196969471560586332700")
+
+PI, HALF_PI = nearest(PI_DIGITS), nearest(PI_DIGITS / 2)
+LOG2 = nearest(LOG2_DIGITS)
+LOG2_PARTS = split_fraction(LOG2_DIGITS, 42, 42)  # whose products with 11 bits are exact
+HALF_PI_PARTS = split_fraction(PI_DIGITS / 2, 33, 33, 33)  # with 20 bits
+
+INVERSE_FACTORIALS = tuple(nearest(Fraction(1, factorial(k))) for k in range(31))
+INVERSE_ODD = tuple(nearest(Fraction(1, 2 * k + 1)) for k in range(24))
+
 
 DOUBLINGS = 9
 LOG2_E = 1.4426950408889634
@@ -258,3 +275,58 @@ FUNCTIONS: dict[str, Callable[..., DoubleDouble]] = {
     "power": power,
     "hypot": hypot,
 }
+
+
+RULES: Mapping[str, Callable[..., Any]] = {
+    "add": sums.add,
+    "subtract": sums.subtract,
+    "multiply": sums.multiply,
+    "divide": sums.divide,
+    "less": sums.is_less,
+    "at_most": sums.at_most,
+    "more": lambda x, y: sums.is_less(y, x),
+    "at_least": lambda x, y: sums.at_most(y, x),
+    "equal": sums.equal,
+    "unequal": lambda x, y: (x.high != y.high) | (x.low != y.low),
+    "negative": sums.negated,
+    "abs": sums.absolute_value,
+    "sqrt": sums.sqrt,
+    "choose": sums.choose_sum,
+    "sign": sums.sign_of_sum,
+    "least": sums.minimum_of_sums,
+    "greatest": sums.maximum_of_sums,
+    "positive": sums.positive_sum,
+    "floor": sums.floor_of_sum,
+    "ceil": sums.ceiling_of_sum,
+    "round": sums.nearest_integer,
+    "mod": sums.modulo_of_sums,
+    "newest": lambda _, new: new,
+    # between sums and floats
+    "joined": DoubleDouble,
+    "exact": sums.exact,
+    "added": lambda x, y: DoubleDouble(*exact_sum(x, y)),
+    "high": lambda x: x.high,
+    "low": lambda x: x.low,
+}
+
+# operations that programs of sums call; written out, one of ten lines would be one of two hundred
+CALLED = {
+    name: RULES[name] for name in ("add", "subtract", "multiply", "divide", "sqrt", "floor", "ceil", "round", "mod")
+}
+
+
+@dataclass(frozen=True)
+class DoubleDoubles:
+    """The operations.
+
+    Parameters
+    ----------
+    functions : mapping of str to callable
+        The elementary functions; where programs are written, calls of them and of what is long of `RULES`.
+    """
+
+    functions: Mapping[str, Callable[..., DoubleDouble]] = field(default_factory=lambda: FUNCTIONS)
+
+    def of(self, operation: str, *arguments: DoubleDouble | Number | Truth) -> Any:
+        """Return the result of an operation."""
+        return (self.functions.get(operation) or RULES[operation])(*arguments)

@@ -14,7 +14,7 @@ from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.folding import model_dimensions
-from xdynamics.record.named_elements import element_labels
+from xdynamics.record.unfolding import element_labels
 from xdynamics.schema import (
     ATOL_EFFECT,
     COUNTS,

@@ -9,9 +9,9 @@ from typing import Any
 
 import xarray as xr
 
-from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.faults import InputError, escaped
-from xdynamics.model.text_limits import parse_model_text
+from xdynamics.model.file_access import parse_model_text
 from xdynamics.record import is_of_model
 
 SECTIONS = ("parameters", "initial")  # of a model, whose entries are listed separately from its other entries

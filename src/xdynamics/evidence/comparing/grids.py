@@ -20,10 +20,10 @@ from xdynamics.evidence.grid_axes import (
     VARIES,
     WHAT,
     member_number_names,
+    rounding_floors,
     sweep_axis_names,
     sweep_of,
 )
-from xdynamics.evidence.grid_rounding import rounding_floors
 from xdynamics.faults import InputError, first_names
 from xdynamics.record.flag_words import words_of_flag
 from xdynamics.schema import AT, AT_TIME, OCCURRENCE, ROOT_DIGEST, flag_attributes

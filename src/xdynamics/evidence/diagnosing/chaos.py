@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.dynamics import exponents as rules
+from xdynamics.dynamics import tangents as rules
 from xdynamics.dynamics.tangents import TOLERANCE, count_of, local_growth
 from xdynamics.dynamics.variational import NotVariedError
 from xdynamics.elementary.arrays import log
 from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.faults import InputError
 from xdynamics.model import Model
+from xdynamics.model.linearisation import count_of_changes
 from xdynamics.model.motion import variables as variables_of
-from xdynamics.model.tangent_space import count_of_changes
 from xdynamics.schema import EXPONENT, FINITE_TIME_GROWTH, LYAPUNOV, LYAPUNOV_TIME, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
 from xdynamics.units.digits import with_uncertainty
 

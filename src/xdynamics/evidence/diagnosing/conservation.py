@@ -1,8 +1,13 @@
-"""Quantities that may be conserved: the ranges of energies, observables and momenta over a run, and how they drift."""
+"""Quantities that may be conserved: the ranges of energies, observables and momenta over a run, and how they drift.
+
+Residuals of a run against closed forms.
+
+The time up to which a run can be believed: a tighter run stays close to it until then.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from math import prod
@@ -15,17 +20,22 @@ from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import sample_in_steps
 from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
+from xdynamics.evidence.companion import Companion, global_error
 from xdynamics.evidence.diagnosing.cycles import Cycles
-from xdynamics.evidence.evidence_dataset import attrs_of
+from xdynamics.evidence.evidence_dataset import attrs_of, scale_of, scaled_variables
 from xdynamics.evidence.observables import evaluate_at_states, evaluate_quantity, is_comparable, momenta_on
-from xdynamics.expressions import Binary, Name, Node, dimension_of
+from xdynamics.expressions import Binary, Name, Node, dimension_of, free_names, parse
+from xdynamics.faults import InputError, Ledger
 from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
+from xdynamics.model.motion import constants, drive_pieces, evaluate_over_states
 from xdynamics.model.whole import expanded_tree
-from xdynamics.record.folding import model_dimensions
-from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.shapes.trees import at_element
+from xdynamics.record.flag_words import time_unit_of
+from xdynamics.record.folding import model_dimensions, quantity_names
+from xdynamics.runtime.lazy_imports import cached_property
+from xdynamics.schema import STEPS
+from xdynamics.shapes.trees import at_element, dims_of, resolve_min_max
 from xdynamics.units import parse_unit, spell
 
 if TYPE_CHECKING:
@@ -258,3 +268,155 @@ class _Cycle:
         y = np.ascontiguousarray(np.concatenate([between, values], axis=-1)[..., order])  # sums are as of one element
         mean: Floats = np.trapezoid(y, t) / (times[-1] - times[0])
         return mean
+
+
+def closed_form_residuals(rows: Chunks, exact: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
+    """Yield the residuals of a run against closed forms at its accepted states.
+
+    Raises
+    ------
+    InputError
+        If closed forms are not given by name, or one cannot be evaluated.
+    """
+    if not isinstance(exact, Mapping):
+        raise InputError(f"exact is {str(exact)[:40]!r}, needs closed forms by name, like {{'x': 'A*cos(w*t)'}}")
+    run = rows.run
+    forms = [form for name, text in exact.items() for form in _element_closed_forms(rows, name, text)]
+    for (name, text, _), computed, expected in zip(forms, *_computed_and_expected(rows, forms), strict=True):
+        residual = computed - expected
+        units = str(run[name].attrs["units"])
+        yield f"residual_{name}", ((STEPS,), residual, attrs_of(units, f"{name} less {text}", "residual"))
+        yield (
+            f"largest_residual_{name}",
+            ((), float(np.max(np.abs(residual))), attrs_of(units, f"largest size of residual_{name}", "residual")),
+        )
+        yield (
+            f"rms_residual_{name}",
+            (
+                (),
+                float(np.sqrt(np.mean(residual**2))),
+                attrs_of(units, f"root of the mean square of residual_{name}", "residual"),
+            ),
+        )
+        scale_text = f"largest size of {text} at the accepted times; where that is 0, of {name} as computed"
+        scale = scale_of(expected, computed)
+        yield from scaled_variables(
+            "residual", name, residual, scale, (STEPS,), units, scale_text, ("largest", "rms")
+        ).items()
+
+
+def _element_closed_forms(rows: Chunks, name: str, text: str) -> Iterator[tuple[str, str, Node]]:
+    """Yield the closed form of each element of a quantity, which is read and checked once.
+
+    Raises
+    ------
+    InputError
+        If there is no such quantity, or the expression cannot be read, reads anything but time and parameters, or has
+        another dimension.
+    """
+    model, quantity_name = rows.model, rows.model.shapes.internal_name(name)
+    shapes = model.shapes
+    places = shapes.index_combinations(shapes.dims.get(quantity_name, ()))
+    elements = [(shapes.element_at(quantity_name, element_index), element_index) for element_index in places]
+    first, element_index = elements[0]
+    if first not in model.units or first not in rows.run.variables:
+        raise InputError(f"exact names '{first}'; there are {', '.join(quantity_names(model.units))}")
+    ledger = Ledger(f"exact '{name}'")
+    with ledger.entry(repr(text)[:60]):
+        tree = resolve_min_max(parse(text), shapes)
+        if further := [dim for dim in dims_of(tree, shapes) if dim not in element_index]:
+            raise InputError(
+                f"has the dimension '{further[0]}', which {name} does not have; reduce it, like sum(…, {further[0]})"
+            )
+        dimension = dimension_of(model.expanded(at_element(tree, element_index, shapes)), model.dimensions)
+        if dimension != model.units[first].dimension:
+            raise InputError(f"has units '{dimension}', needs '{model.units[first].text}'")
+        computed = {*model.units, *model.drives}
+        for element, element_index in elements:
+            element_tree = model.expanded(at_element(tree, element_index, shapes))
+            if read := sorted(free_names(element_tree) & computed):
+                raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
+            yield element, text, element_tree
+    ledger.raise_faults()
+
+
+def _computed_and_expected(rows: Chunks, forms: Sequence[tuple[str, str, Node]]) -> tuple[Floats, Floats]:
+    """Return variables, and expressions of time and parameters in their units, at the accepted times."""
+    model, trees = rows.model, [tree for _, _, tree in forms]
+    units = {name: float(model.units[name].factor) for name, _, _ in forms}
+    drive_inputs = {name for argument_tree in model.looked_up_at.values() for name in free_names(argument_tree)} & {
+        *model.units
+    }
+    computed, expected = np.zeros((2, len(forms), rows.size))
+    for part in rows.parts("time", *dict.fromkeys((*units, *drive_inputs))):
+        times, row_slice = part.own_rows("time"), slice(part.first, part.first + part.count)
+        state = {name: part.own_rows(name) * float(model.units[name].factor) for name in drive_inputs} | {"t": times}
+        values = evaluate_over_states(model, trees, state, constants(model), drive_pieces(model))
+        for i, ((name, _, _), value) in enumerate(zip(forms, values, strict=True)):
+            computed[i, row_slice], expected[i, row_slice] = (
+                part.own_rows(name),
+                np.broadcast_to(value, times.shape) / units[name],
+            )
+    return computed, expected
+
+
+BELIEVED = 0.1  # of the range of a quantity: the largest error with which it is still believed
+AHEAD = 40  # rows of the companion by which its range is taken ahead: what has just begun to move has hardly any yet
+LOOKED_AT = 400  # times at which a run is compared with its companion
+
+
+def belief_variables(rows: Chunks, tighter: Companion) -> dict[str, Any]:
+    """Return the time up to which every coordinate, velocity and state is known to a tenth of its range.
+
+    The range is that of the companion up to there: what the run under judgement does later, well or badly, counts for
+    nothing.
+    """
+    until = np.nan if isinstance(rows, Unread) else _believed_until(rows, tighter)
+    long_name = (
+        "time up to which no coordinate, velocity or state is further from the solution than a tenth of its range"
+    )
+    return {"believed_until": ((), until, attrs_of(time_unit_of(rows.run).text, long_name, ROLE))}
+
+
+def _believed_until(rows: Chunks, tighter: Companion) -> float:
+    run = rows.run
+    end = min(float(rows.values_at("time", rows.size - 1)), float(tighter.run["time"][-1]))
+    looked_at = _evenly_spaced_rows(lambda: _rows_off_events(rows, end))
+    times = rows.values_at("time", looked_at)
+    near, _ = rows.nearby_record(looked_at)
+    states = tighter.with_global_errors(
+        sample_in_steps(near, times, after_event=True, rule=REINTEGRATE, functions=tighter.functions)
+    )
+    lost = np.zeros(times.size, bool)
+    names = with_roles(run, ("coordinate", "velocity", "state"))
+    tighter_run = tighter.holding(names)
+    reached = np.searchsorted(tighter_run.variables["time"].values, times, side="right") - 1 + AHEAD
+    for name in names:
+        span = _range_up_to(tighter_run.variables[name].values, reached)
+        far = (np.abs(np.asarray(states.variables[global_error(name)])) > BELIEVED * span) & (span > 0.0)
+        lost |= flattened_rows(far).any(axis=1)
+    stays = lost & np.append(lost[1:], lost[-1:])  # a single time may lie between two occurrences of the same impact
+    return float(times[int(np.argmax(stays))]) if stays.any() else end
+
+
+def _range_up_to(values: Floats, rows: Rows) -> Floats:
+    """Return the range of a column from its first row to each of some rows, or to its last one."""
+    spans = np.fmax.accumulate(values) - np.fmin.accumulate(values)
+    return np.asarray(spans[np.minimum(rows, len(values) - 1)])
+
+
+def _rows_off_events(rows: Chunks, end: float) -> Iterator[Rows]:
+    """Yield the rows up to a time that are at no event: there two runs may be on different sides, however well they agree."""
+    for part in rows.parts("time", "row_kind"):
+        at_event = np.isin(part.own_rows("row_kind"), (schema.EVENT_BEFORE, schema.EVENT_AFTER))
+        yield part.first + np.flatnonzero(~at_event & (part.own_rows("time") <= end))
+
+
+def _evenly_spaced_rows(parts: Callable[[], Iterable[Rows]]) -> Rows:
+    """Choose some of all rows, evenly by their number."""
+    count = sum(part.size for part in parts())
+    places, passed, chosen_rows = np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(np.int64)), 0, []
+    for part in parts():
+        chosen_rows.append(part[places[(places >= passed) & (places < passed + part.size)] - passed])
+        passed += part.size
+    return np.concatenate(chosen_rows)

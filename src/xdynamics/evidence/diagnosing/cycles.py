@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from xdynamics import schema
 from xdynamics.dynamics.shortened_steps import StepInterpolator
-from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.chunks import Chunks
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
-from xdynamics.record.named_elements import find_column
+from xdynamics.record.unfolding import find_column
 from xdynamics.shapes.naming import split_element_name
 
 if TYPE_CHECKING:

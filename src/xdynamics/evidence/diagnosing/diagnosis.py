@@ -10,37 +10,46 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive, record, schema
-from xdynamics.dynamics.recorded_models import model_of_record
+from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.evidence.audit import audit, audited_columns, gate_lines, gates_of
 from xdynamics.evidence.chunks import Chunks, Unread, with_roles
 from xdynamics.evidence.companion import Companion, Tighter, check_whole, tighter_of
 from xdynamics.evidence.diagnosing import chaos
-from xdynamics.evidence.diagnosing.belief import belief_variables
-from xdynamics.evidence.diagnosing.closed_forms import closed_form_residuals
-from xdynamics.evidence.diagnosing.conservation import ROLE, bands, conservation_variables
+from xdynamics.evidence.diagnosing.conservation import (
+    ROLE,
+    bands,
+    belief_variables,
+    closed_form_residuals,
+    conservation_variables,
+)
 from xdynamics.evidence.diagnosing.continuity import continuity, continuity_lines
-from xdynamics.evidence.diagnosing.element_extremes import extremes_by_quantities, has_many_elements
-from xdynamics.evidence.diagnosing.extremes import extremes_of, sought_names
+from xdynamics.evidence.diagnosing.extremes import extremes_by_quantities, extremes_of, has_many_elements, sought_names
 from xdynamics.evidence.diagnosing.phases import (
     count_coordinate_cycles,
     cycle_variables,
     exact_march,
     limit_occurrences,
     reference_times,
+    turn_variables,
 )
-from xdynamics.evidence.diagnosing.turns import turn_variables
-from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset, relative_uncertainty, stated_value
-from xdynamics.evidence.gates import NOT_CHECKED, Gate, gate_variables
-from xdynamics.evidence.run_tasks import task_of_runs
+from xdynamics.evidence.evidence_dataset import (
+    NOT_CHECKED,
+    Gate,
+    attrs_of,
+    evidence_dataset,
+    gate_variables,
+    relative_uncertainty,
+    stated_value,
+)
 from xdynamics.evidence.runs import prepare_record
 from xdynamics.evidence.stage_tasks import results_of
-from xdynamics.evidence.stages import Stage, lazy_stage, requested_count, subject_of, task_of
+from xdynamics.evidence.stages import Stage, lazy_stage, requested_count, subject_of, task_of, task_of_runs
 from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.record import check, check_kind, shapes_of, unfold
 from xdynamics.record.folding import fold, labelled, model_dimensions
-from xdynamics.record.named_elements import get_column
-from xdynamics.record.partial_records import check_every_column, check_every_row
+from xdynamics.record.schemas import check_every_column, check_every_row
+from xdynamics.record.unfolding import get_column
 from xdynamics.schema import CYCLE, SAMPLES, STEPS
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import UNESTIMATED, UNKNOWN, digits

@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
-from xdynamics.evidence.refining.defects import DEFECT
-from xdynamics.evidence.refining.family import ROLE, TrackedValue, family
-from xdynamics.evidence.refining.judgements import FEW_STEPS
-from xdynamics.evidence.refining.readings import ComparisonPoints, Readings, RunSummary
+from xdynamics.evidence.refining.convergence import FEW_STEPS
+from xdynamics.evidence.refining.readings import DEFECT, ComparisonPoints, Readings, RunSummary
 from xdynamics.evidence.refining.study import Study
-from xdynamics.evidence.refining.subjects import StudyQuantities, crossing_level
+from xdynamics.evidence.refining.subjects import ROLE, StudyQuantities, TrackedValue, crossing_level, family
 from xdynamics.evidence.stage_tasks import AT_ONCE, Task, setting_words
 from xdynamics.evidence.stages import Stage, lazy_stage
 from xdynamics.faults import InputError

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.evidence.refining.judgements import HIGHEST, are_restrained
+from xdynamics.evidence.refining.convergence import HIGHEST, are_restrained
 from xdynamics.evidence.stage_tasks import Task, march_task, results_of
 from xdynamics.faults import InputError
 from xdynamics.kernels import layout_of

@@ -9,18 +9,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.diagnosing.cycles import TURN
-from xdynamics.evidence.event_matching import Rows, match_times
-from xdynamics.evidence.refining.family import TrackedValue
+from xdynamics.evidence.evidence_dataset import Rows, match_times
 from xdynamics.evidence.refining.levels import Levels
 from xdynamics.evidence.refining.readings import ENERGY, ComparisonPoints, Readings, RunSummary
-from xdynamics.evidence.refining.states_after import StateAfter
-from xdynamics.evidence.refining.subjects import ENERGY_RANGE, EVENT_TIME, PERIOD, StudyQuantities
+from xdynamics.evidence.refining.subjects import (
+    ENERGY_RANGE,
+    EVENT_TIME,
+    PERIOD,
+    StateAfter,
+    StudyQuantities,
+    TrackedValue,
+)
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.switches import bent_and_smooth, smooth_switches
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import AT
 from xdynamics.shapes.blocks import Block
 from xdynamics.shapes.naming import split_element_name

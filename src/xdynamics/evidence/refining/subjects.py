@@ -1,7 +1,13 @@
-"""The numbers that a refinement compares, with names, units and words, before anything is marched."""
+"""The numbers that a refinement compares, with names, units and words, before anything is marched.
+
+The variables of a refinement for one number: its differences, orders, gates, verdict, limit and uncertainty.
+
+States after the events of a refinement: of the element that an event is of, and of all elements.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,22 +16,305 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.observables import is_observable
-from xdynamics.evidence.refining.family import Subject, TrackedValue
-from xdynamics.evidence.refining.levels import Levels
-from xdynamics.evidence.refining.states_after import StateAfter, with_event_dims, words_of_left_out
+from xdynamics.evidence.refining.convergence import UNCERTAINTY_RULES, VERDICTS, Judged, judge, observed_orders
+from xdynamics.evidence.refining.levels import RTOLS, TIME_TOLERANCES, Levels
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model.detectors import labels
 from xdynamics.model.whole import is_read_by_quantity
-from xdynamics.runtime.cached_properties import cached_property
-from xdynamics.schema import AT, OCCURRENCE, Variable
-from xdynamics.shapes import Shapes
+from xdynamics.runtime.lazy_imports import cached_property
+from xdynamics.schema import AT, LEVEL, OCCURRENCE, Variable, at_event, flag_attributes, scale_name
+from xdynamics.shapes import Extent, Shapes
 from xdynamics.shapes.blocks import Block
 from xdynamics.shapes.naming import DOT, split_element_name
 from xdynamics.units import time_in
 
 Floats = NDArray[np.float64]
+
+GATES = ("passed", "failed")
+ROLE = "refinement"
+RULES = {rule: rule.replace(" ", "_").replace(":", "") for rule in UNCERTAINTY_RULES}  # by the words of their flags
+RULE_WORDS = sorted(RULES.values())
+RULE_NUMBERS = np.array([RULE_WORDS.index(RULES[rule]) for rule in UNCERTAINTY_RULES], np.int8)
+
+Subject = tuple[str, str, str, tuple[str, ...]]  # name, units, long name and dimensions of a number
+
+
+@dataclass(frozen=True)
+class TrackedValue:
+    """One quantity of every level, at several places: a number, or with dimensions those of all elements.
+
+    Attributes
+    ----------
+    name, units, long_name : str
+    dims : tuple of str
+        Of the places, then of the quantity; none for one number per run.
+    values, errors : ndarray, shape (places, ..., levels)
+        The values, and their errors by interpolation or location.
+    rounding, event_errors : ndarray, shape (places, ...)
+        Errors of the finest values by rounding, and by the uncertain location of events before.
+    kinks : ndarray, shape (places,) or (places, ...)
+        The order left by switches that steps went over, inf where there are none.
+    scale : float, or ndarray, shape (...)
+        By which differences are divided: a size of the quantity, of every element its own, that is never zero.
+    """
+
+    name: str
+    units: str
+    long_name: str
+    dims: tuple[str, ...]
+    values: Floats
+    errors: Floats
+    rounding: Floats
+    event_errors: Floats
+    scale: Any
+    kinks: Floats | None = None
+
+    @classmethod
+    def blank(cls, subject: Subject, places: int, levels: int, shape: tuple[int, ...] = ()) -> TrackedValue:
+        """Return what is known of a quantity before anything is marched: everything but its values."""
+        nothing = np.full((places, *shape, levels), np.nan)
+        return cls(*subject, nothing, nothing, nothing[..., 0], nothing[..., 0], np.full(shape, np.nan))
+
+    def element(self, name: str, element_index: tuple[int, ...]) -> TrackedValue:
+        """Return one element of a quantity, as a number of its own."""
+        index: Any = (slice(None), *element_index)
+
+        return replace(
+            self,
+            name=name,
+            dims=self.dims[:1],
+            values=self.values[index],
+            errors=self.errors[index],
+            rounding=self.rounding[index],
+            event_errors=self.event_errors[index],
+            scale=float(self.scale[element_index]),
+        )
+
+    @property
+    def changes(self) -> Floats:
+        """Difference to the next finer level; nan for the finest, shape (places, ..., levels)."""
+        differences = np.full(self.values.shape, np.nan)
+        differences[..., :-1] = np.diff(self.values, axis=-1)
+        return differences
+
+
+def family(number: TrackedValue, levels: Levels, accepted: int, estimated: float = 0.0) -> dict[str, Any]:
+    """Return every variable about one number, ready for a Dataset.
+
+    `accepted` counts the finest level's steps, and `estimated` is what these estimate to be off together, as a part of
+    the number's size, where something else than the tolerance set them.
+    """
+    name, units, changes = number.name, number.units, number.changes
+    dims = (LEVEL, *number.dims)
+
+    def levels_first(values: Floats) -> Floats:
+        """Return values with levels first; without places, levels only."""
+        return np.moveaxis(values, -1, 0) if number.dims else values[0]
+
+    # the finest level has no difference of its own: its gate uses the last one
+    last = np.abs(np.concatenate([changes[..., :-1], changes[..., -2:-1]], axis=-1))
+    gate = (~(number.errors <= last)).astype(np.int8)
+    size = scale_name("difference", name)
+    variables: dict[str, Any] = {
+        name: (dims, levels_first(number.values), attrs_of(units, number.long_name, ROLE)),
+        f"difference_{name}": (
+            dims,
+            levels_first(changes),
+            attrs_of(units, f"{name} at the next finer level minus {name} at this level", ROLE),
+        ),
+        f"scaled_difference_{name}": (
+            dims,
+            levels_first(changes / np.asarray(number.scale)[..., np.newaxis]),
+            attrs_of("1", f"difference_{name} over {size}", ROLE),
+        ),
+        size: (
+            number.dims[1:],
+            np.asarray(number.scale, float),
+            attrs_of(units, f"scale of difference_{name}, never zero", "scale"),
+        ),
+        f"interpolation_error_{name}": (
+            dims,
+            levels_first(number.errors),
+            attrs_of(units, f"estimated error of {name} by interpolation, or by locating the event", ROLE),
+        ),
+        f"gate_{name}": (
+            dims,
+            levels_first(gate),
+            attrs_of(
+                "1",
+                f"passed where interpolation_error_{name} is at most the difference to the next finer level",
+                "flag",
+            )
+            | flag_attributes(dict(enumerate(GATES))),
+        ),
+    }
+    return variables | (_judgement_variables(number, levels, accepted, estimated) if levels.ordered else {})
+
+
+def _judgement_variables(number: TrackedValue, levels: Levels, accepted: int, estimated: float) -> dict[str, Any]:
+    """Return orders, verdicts, limits and uncertainties, where levels are numbers with which errors shrink."""
+    name, units = number.name, number.units
+    orders, judgement = observed_orders(number.values, levels.values), _judgement(number, levels, accepted, estimated)
+
+    def once(values: Any, dtype: Any) -> Any:
+        return number.dims, np.asarray(values if number.dims else values[0], dtype)
+
+    return {
+        f"order_{name}": (
+            (LEVEL, *number.dims),
+            np.moveaxis(orders, -1, 0) if number.dims else orders[0],
+            attrs_of(
+                "1",
+                f"observed order of {name}, from this level and its two neighbours; negative where differences grow",
+                ROLE,
+            ),
+        ),
+        f"verdict_{name}": (
+            *once(judgement.verdict, np.int8),
+            attrs_of("1", f"verdict on the convergence of {name}", "flag") | flag_attributes(dict(enumerate(VERDICTS))),
+        ),
+        f"limit_{name}": (
+            *once(judgement.limit, float),
+            attrs_of(units, f"limit of {name} as {levels.varied.name} tends to zero", ROLE),
+        ),
+        f"uncertainty_{name}": (
+            *once(judgement.uncertainty, float),
+            attrs_of(units, f"uncertainty of {name} at the finest level, at about 95 %", ROLE),
+        ),
+        f"uncertainty_rule_{name}": (
+            *once(RULE_NUMBERS[judgement.rule], np.int8),
+            attrs_of("1", f"rule by which the uncertainty of {name} was found", "flag")
+            | flag_attributes(dict(enumerate(RULE_WORDS))),
+        ),
+    }
+
+
+def _judgement(number: TrackedValue, levels: Levels, accepted: int, estimated: float) -> Judged:
+    """Judge the levels at every place of a quantity."""
+    kinks = np.full(len(number.values), np.inf)
+    if number.kinks is not None and levels.varied != TIME_TOLERANCES:
+        kinks = number.kinks
+    return judge(
+        number.values,
+        levels.values,
+        levels.formal,
+        number.rounding,
+        number.errors[..., -2:].max(axis=-1),
+        number.event_errors,
+        smooth=levels.varied != RTOLS,
+        kink=kinks.reshape(*kinks.shape, *[1] * (number.values.ndim - 1 - kinks.ndim)),
+        accepted=accepted,
+        order=levels.order,
+        estimated=estimated * np.asarray(number.scale),
+    )
+
+
+MOST_NUMBERS = 1_000_000  # of one quantity over levels, occurrences, elements with events and elements with states
+
+AFTER = OWN_AFTER, ALL_AFTER = "after_", "all_after_"  # how their names begin
+
+
+@dataclass(frozen=True)
+class StateAfter:
+    """A quantity, or one element of it, after the events of a detector and of all elements that this has.
+
+    Attributes
+    ----------
+    detector, state : str
+    detector_dims, dims : tuple of str
+        Dimensions of the detector, and of the quantity; the state of a single element has none.
+    element : mapping of str to int
+        The place of a single element; empty for a quantity.
+    every : bool
+        Whether there is a value for every element at the event of each; else only for the element that the event is of.
+    """
+
+    detector: str
+    state: str
+    detector_dims: tuple[str, ...]
+    dims: tuple[str, ...]
+    element: Mapping[str, int]
+    every: bool = False
+
+    @property
+    def name(self) -> str:
+        """The name of the number that is compared."""
+        return f"{ALL_AFTER if self.every else OWN_AFTER}{self.detector}_{self.state}"
+
+    @property
+    def long_name(self) -> str:
+        """What it is, in words."""
+        return f"{self.state} after {f'the event {self.detector} of each element' if self.every else self.detector}"
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Dimensions that the detector has and the quantity too."""
+        return tuple(dim for dim in self.detector_dims if dim in self.dims or dim in self.element)
+
+    @property
+    def of_events(self) -> tuple[str, ...]:
+        """Dimensions of the detector that the number has too."""
+        return tuple(dim for dim in self.detector_dims if self.every or dim not in self.shared)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The dimensions of the number: a shared one of the event's has the name that a record has for it."""
+        event_dims = (at_event(dim) if dim in self.shared else dim for dim in self.of_events)
+        return (OCCURRENCE, *event_dims, *self.dims)
+
+    def has_value_at(self, event: Mapping[str, int]) -> bool:
+        """Whether the number has a value at the event of an element."""
+        return self.every or all(self.element.get(dim, number) == number for dim, number in event.items())
+
+    def selection(self, event: Mapping[str, int]) -> dict[str, int]:
+        """Return which elements of the quantity have a value at the event of an element; empty for all of them."""
+        return {} if self.every else {dim: number for dim, number in event.items() if dim in self.dims}
+
+    def index(self, event: Mapping[str, int]) -> tuple[Any, ...]:
+        """Return where their values are among those of one occurrence."""
+        selected = self.selection(event)
+        return (*(event[dim] for dim in self.of_events), *(selected.get(dim, slice(None)) for dim in self.dims))
+
+    def fits(self, shapes: Shapes, levels: int, occurrences: int) -> bool:
+        """Whether the number has few enough values over all levels; `shapes` with the dimensions of events."""
+        return levels * occurrences * math.prod(shapes.shape(self.places[1:])) <= MOST_NUMBERS
+
+
+def with_event_dims(shapes: Shapes, states: list[StateAfter]) -> Shapes:
+    """Return the shapes of a model with those of states after events: along a shared dimension events have their own."""
+    shared = [dim for dim in shapes.extents if any(state.every and dim in state.shared for state in states)]
+    event_extents = {at_event(dim): replace(shapes.extents[dim], name=at_event(dim)) for dim in shared}
+    dims = {state.name: state.places[1:] for state in states if not state.element}
+    return (
+        replace(shapes, extents={**event_extents, **shapes.extents}, dims={**shapes.dims, **dims}) if states else shapes
+    )
+
+
+def words_of_left_out(left: list[StateAfter], shapes: Shapes, levels: int, occurrences: int) -> str:
+    """Say which states after events are left out, why, and what to ask for instead; nothing where none are."""
+    if not left:
+        return ""
+    first = left[0]
+    extents = [shapes.extent(dim) for dim in first.places[1:]]
+    return (
+        f"{', '.join(state.name for state in left)}: {levels} levels, {occurrences} of each event,"
+        f" {' x '.join(map(_extent_text, extents))}: {levels * occurrences * math.prod(extent.size for extent in extents)}"
+        f" numbers, more than {MOST_NUMBERS}; compare single elements, like observables=['{_example(first, shapes)}'],"
+        " or fewer occurrences"
+    )
+
+
+def _extent_text(extent: Extent) -> str:
+    return f"{extent.size} {extent.name}"
+
+
+def _example(state: StateAfter, shapes: Shapes) -> str:
+    labels = ", ".join(shapes.extent(dim).label(0) for dim in state.dims)
+    return f"{state.state}[{labels}]" if labels else state.state
+
 
 ENERGY_RANGE, PERIOD, PHASE, EVENT_TIME = "energy_range", "period_", "phase_", "event_time_"
 

@@ -1,4 +1,7 @@
-"""The runs of one case of the ledger by one method: their residuals from closed forms, and the bounds of these."""
+"""The runs of one case of the ledger by one method: their residuals from closed forms, and the bounds of these.
+
+What rounding does to the expressions of a closed form and of the start, beside the same with 31 digits.
+"""
 
 from __future__ import annotations
 
@@ -10,34 +13,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.evidence.event_matching import event_rows_by_name
+from xdynamics.elementary.bounds import EPS
+from xdynamics.evidence.evidence_dataset import event_rows_by_name, scale_of
 from xdynamics.evidence.observables import is_observable, observe
 from xdynamics.evidence.observed_quantities import parameters_read_by
 from xdynamics.evidence.runs import march_model
-from xdynamics.evidence.scaling import scale_of
-from xdynamics.evidence.validating.ledger_rows import LedgerRow
-from xdynamics.evidence.validating.rounded_expressions import MAGNIFIED, rounding_of_form, start_without_rounding
-from xdynamics.evidence.validating.worst_elements import MOST_ALONE, of_worst
-from xdynamics.expressions import dimension_of, text_of
+from xdynamics.evidence.validating.ledger_rows import MOST_ALONE, LedgerRow, of_worst
+from xdynamics.expressions import Call, Node, dimension_of, free_names, text_of
+from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError
 from xdynamics.march.outcomes import GOOD
 from xdynamics.methods import METHODS
 from xdynamics.methods.steppers import DIFFERENCES
 from xdynamics.model import Model
-from xdynamics.model.closed_forms import BAND, ORDER, UNSCALED, exact_from
+from xdynamics.model.element_numbers import ElementNumbers
+from xdynamics.model.elementwise import in_si
+from xdynamics.model.kinks import JUMPING
 from xdynamics.model.motion import constants, evaluate_over_states
 from xdynamics.model.parts import Validation
+from xdynamics.model.statement import BAND, ORDER, UNSCALED, exact_from
 from xdynamics.model.whole import expanded_tree
-from xdynamics.record.flag_words import time_unit_of
-from xdynamics.record.named_elements import find_column, get_column
-from xdynamics.record.named_rows import rows_named
-from xdynamics.record.unfolding import whole_of
-from xdynamics.runtime.cached_properties import cached_property
+from xdynamics.record.flag_words import rows_named, time_unit_of
+from xdynamics.record.unfolding import find_column, get_column, whole_of
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import AT, STEPS, acceleration, velocity
 from xdynamics.shapes import Extent, at_element
-from xdynamics.shapes.blocks import Block
-from xdynamics.shapes.evaluation import evaluate_elements
+from xdynamics.shapes.blocks import Block, Blocks
+from xdynamics.shapes.evaluation import evaluate_elements, rounding_errors
 from xdynamics.shapes.naming import join_element_name, split_element_name
 from xdynamics.units import Quantity, parse_unit, time_in, unit_suffix
 
@@ -45,6 +47,93 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
+
+MAGNIFIED = 2.0**20  # times its rounding, by which a start is moved: what a march makes of it stands out of its own
+NEAR_JUMP = 2.0**-26  # of the largest value: what is further off by rounding is on another side of a jump
+_APART = frozenset((*JUMPING, "atan2"))  # functions of which rounding may take another side
+PIECE = 1 << 18  # numbers of a closed form that are evaluated together: each has dozens of intermediate results
+
+
+def start_without_rounding(model: Model) -> Model | None:
+    """Return a model whose start is moved from its own to that of its expressions, `MAGNIFIED` times as far.
+
+    None where no start is given by an expression, or rounding did nothing to any.
+    """
+    if not any(values.tree is not None for values in model.shaped.starting.values()):
+        return None
+    errors = ElementNumbers(model.shaped, model.shapes).rounding_at_start(
+        model.statement.parameters, model.statement.initial
+    )
+    initial = {}
+    for name, rounding_error in errors.items():
+        block = Blocks.from_names("", [name], model.shapes)
+        start = in_si(model.statement.initial, block).reshape(rounding_error.shape)
+        tree = model.shaped.starting[name].tree
+        error = (
+            rounding_error
+            if tree is None
+            else without_jumps(tree, rounding_error, float(np.max(np.abs(start), initial=0.0)))
+        )
+        if error.any():
+            moved_start = start - MAGNIFIED * error
+            unit = model.statement.initial[block.blocks[0].first].unit
+            initial[name] = {"unit": unit.text, "value": (moved_start / float(unit.factor)).tolist()}
+    return model.replace(initial=initial) if initial else None
+
+
+def without_jumps(tree: Node, errors: Any, size: float) -> Any:
+    """Return what rounding did to an expression, 0 where that is another side of a jump, or of a pole.
+
+    Parameters
+    ----------
+    tree : Node
+    errors : ndarray
+    size : float
+        The largest value that is expected.
+    """
+    jumps = any(isinstance(part, Call) and part.function in _APART for part in every(tree))
+    return np.where(np.abs(errors) <= (NEAR_JUMP if jumps else 2.0) * size, errors, 0.0)
+
+
+def rounding_of_form(
+    model: Model, case: Validation, block: Block, times: Floats, exact_values: Floats, size: float
+) -> Any:
+    """Return the most that rounding did to a closed form at some times, of each element, in SI units.
+
+    Parameters
+    ----------
+    model : Model
+    case : Validation
+    block : Block
+        The elements; without dimensions there is one number.
+    times : ndarray, shape (k,), s
+    exact_values : ndarray, shape (k, ...)
+        The closed form in floats.
+    size : float
+        The largest value of the quantity along the run.
+    """
+    if block.dims:
+        tree = expanded_tree(model, case.expression)
+        input_values = parameters_read_by(model, [tree]) or constants(model)
+    else:
+        tree, input_values = model.expanded(case.expression), constants(model)
+        input_values = {name: input_values[name] for name in free_names(tree) & input_values.keys()}
+    if free_names(tree) - input_values.keys() - {"t"}:
+        return 0.0
+    shapes, count = model.shapes, max(1, PIECE // block.size)
+    largest_error: Any = 0.0
+    for first in range(0, len(times), count):
+        part = slice(first, first + count)
+        part_times = times[part]
+        part_shapes = replace(
+            shapes, dims={**shapes.dims, "t": (AT,)}, extents={**shapes.extents, AT: Extent(AT, len(part_times))}
+        )
+        values = np.moveaxis(exact_values[part], 0, -1)
+        errors = rounding_errors(tree, (*block.dims, AT), {**input_values, "t": part_times}, part_shapes, values, AT)
+        errors = without_jumps(tree, errors, size)
+        largest_error = np.maximum(largest_error, np.max(np.abs(errors), axis=-1))
+    return largest_error
+
 
 SLACK = 0.5  # of an order, by which halved steps may fall short: a defect costs a whole order
 FINER = {1: 1 / 20, 2: 1 / 4, 3: 1 / 2}  # times the step of a case, by the order of a method

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.dynamics.wanted_times import wanted_times
+from xdynamics.dynamics.recorded_steps import wanted_times
 from xdynamics.elementary.arrays import log
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.observables import observables_of, observe
@@ -22,10 +22,9 @@ from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
-from xdynamics.record.element_attributes import quantity_names
-from xdynamics.record.element_names import expand_quantities
 from xdynamics.record.flag_words import time_unit_of
-from xdynamics.record.named_elements import get_column
+from xdynamics.record.folding import expand_quantities, quantity_names
+from xdynamics.record.unfolding import get_column
 from xdynamics.schema import AT, AT_TIME, LEVEL
 from xdynamics.units import Quantity, Unit, parse_quantity, time_in, unit_suffix
 

@@ -14,10 +14,10 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model, check_model
-from xdynamics.model.closed_forms import ORDER
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import Function
+from xdynamics.model.statement import ORDER
 from xdynamics.model.whole import expanded_tree, forces_by_coordinate, prints_quantities, state_quantities
 from xdynamics.schema import velocity
 from xdynamics.shapes import at_element, dims_of, display_text, resolve_min_max

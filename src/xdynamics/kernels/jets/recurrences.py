@@ -10,16 +10,195 @@ Exp. Math. 14, 99, proposition 2.1. With k for the order and ' for `series.slope
 
 Functions with a corner keep to the side on which the value lies; at the corner to that on which the motion goes on.
 Where a root is of zero its series has no further coefficients; the error estimate knows of that, and the step is short.
+
+Series in time, one for every value of a program, and the lines that compute their next coefficient.
+
+A series is a row of coefficients, the value of the program being the first; those of values that do not change with time
+are zero but for that. There are two ways to write them: each coefficient as a value of its own, for small programs, or
+in memory, by a loop over orders, for the others. The operations are those of any kind of number that a printer knows.
+
+Quotients of coefficients by what stays the same in all orders: products with its reciprocal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import NamedTuple, Protocol
 
-from xdynamics.kernels.jets.quotients import begin_quotient, divide_coefficient, or_nothing
-from xdynamics.kernels.jets.series import Order, Series, slope_series
-from xdynamics.kernels.program import Operand
+from xdynamics.kernels.program import Location, Operand
+
+MEMORY, ORDER, TERM = "w", "_order", "_term"  # array of the coefficients; indices of loops over orders and over terms
+# of the order k: (k - 1)//2, as many pairs of terms; whether there is a term in their middle, and k/2, which it is
+HALF, ODD, MIDDLE = "_half", "_odd", "_middle"
+
+
+@dataclass(eq=False)
+class Series:
+    """The coefficients of a value.
+
+    Attributes
+    ----------
+    constant : bool
+        Whether the value does not change with time.
+    truth : bool
+        Whether it is a comparison, which is in memory as 1 or 0.
+    terms : dict of int to operand
+        Coefficients that are values of the text: all of them, or the first alone.
+    location : Place, optional
+        Where the first coefficient is, of series in memory.
+    stride : int
+        How far a coefficient is from the one before.
+    read : bool
+        Whether a coefficient is read from memory.
+    square : Series, optional
+        That of which it is the square root.
+    scaled : (Series, Operand), optional
+        What it is a multiple of, and the factor.
+    made : (str, tuple of Series), optional
+        Of which others it is the sum, or the difference: its coefficients are computed again wherever they are read, as
+        those of two bodies take less room than those of every two.
+    """
+
+    constant: bool = False
+    truth: bool = False
+    terms: dict[int, Operand] = field(default_factory=dict)
+    location: Location | None = None
+    stride: int = 1
+    read: bool = False
+    square: Series | None = None
+    scaled: tuple[Series, Operand] | None = None
+    made: tuple[str, tuple[Series, ...]] | None = None
+    parts: dict[str, Series] = field(default_factory=dict)
+
+
+class Order(Protocol):
+    """The lines of one order: 0 is that of the values themselves."""
+
+    fused: bool  # whether products are added by fma, and what is divided by is kept as a reciprocal
+    high: bool  # whether coefficients are so small that reciprocals of 53 bits do
+
+    @property
+    def number(self) -> Operand:
+        """The order as a number."""
+
+    def divide_by_order(self, value: Operand) -> Operand:
+        """Divide by the order."""
+
+    def compute(self, operation: str, *arguments: Operand) -> Operand:
+        """Write one operation; return its operand."""
+
+    def product_added(self, a: Operand, b: Operand, total: Operand) -> Operand:
+        """Write a*b + total."""
+
+    def first(self, series: Series) -> Operand:
+        """Return the coefficient of order 0."""
+
+    def second(self, series: Series) -> Operand:
+        """Return the coefficient of order 1, at orders above 0."""
+
+    def now(self, series: Series) -> Operand:
+        """Return the coefficient of this order."""
+
+    def convolution(self, a: Series, b: Series, *, skip: int = 0) -> Operand:
+        """Sum a[j]*b[k - j] over j from `skip` to k, but for a skip of 2 over j from 1 to k - 1."""
+
+    def part(self, owner: Series, name: str) -> Series:
+        """Return a series that is computed along with another, as the cosine with a sine."""
+
+    def keep(self, series: Series, value: Operand) -> None:
+        """Let a value be the coefficient of this order."""
+
+    def knows(self, series: Series) -> bool:
+        """Whether the coefficient of this order is written."""
+
+    def read(self, location: Location) -> Operand:
+        """Read a number that does not change."""
+
+
+def has_pairs(source: str) -> bool:
+    """Whether a law, printed as Python, has sums of products by pairs of terms."""
+    return f" {HALF} = " in source
+
+
+def reciprocal(number: float) -> tuple[float, float]:
+    """Return the reciprocal of a number as the sum of two floats.
+
+    Examples
+    --------
+    >>> reciprocal(4), reciprocal(3)
+    ((0.25, 0.0), (0.3333333333333333, 1.850371707708594e-17))
+    """
+    nearest = 1.0 / number
+    return nearest, float(1 / Fraction(number) - Fraction(nearest))
+
+
+def slope_series(order: Order, series: Series) -> Series:
+    """Return the series whose coefficients are k times those of another: that of its derivative times the time."""
+    rising = order.part(series, "slope")
+    if order.knows(rising):
+        return rising
+    if series.constant:
+        rising.constant = True
+        rising.terms[0] = 0.0
+    elif order.number == 0.0:
+        order.keep(rising, 0.0)
+    else:
+        order.keep(rising, order.compute("multiply", order.number, order.now(series)))
+    return rising
+
+
+def begin_quotient(order: Order, target: Series, divisor: Operand) -> None:
+    """Keep the reciprocal of what all coefficients are divided by, to 106 bits."""
+    if not order.fused or _is_literal(divisor):
+        return
+    nearest, low_part = (order.part(target, name) for name in ("reciprocal", "rest"))
+    nearest.constant = low_part.constant = True
+    order.keep(nearest, order.compute("divide", 1.0, divisor))
+    left = order.compute("fma", order.compute("negative", divisor), order.now(nearest), 1.0)
+    order.keep(low_part, order.compute("divide", left, divisor))
+
+
+def divide_coefficient(order: Order, target: Series, value: Operand, divisor: Operand) -> Operand:
+    """Divide a coefficient by what `begin_quotient` was given: rounded to nearest as a division is, in half the time."""
+    if not order.fused:
+        return order.compute("divide", value, divisor)
+    nearest, low_part = _reciprocal(order, target, divisor)
+    if order.high or low_part == 0.0:
+        return order.compute("multiply", value, nearest)
+    return order.compute("fma", value, nearest, order.compute("multiply", value, low_part))
+
+
+def _reciprocal(order: Order, target: Series, divisor: Operand) -> tuple[Operand, Operand]:
+    """Return the reciprocal and what is left of it."""
+    if _is_literal(divisor):
+        return reciprocal(float(divisor))
+    nearest, low_part = (order.first(order.part(target, name)) for name in ("reciprocal", "rest"))
+    return nearest, low_part
+
+
+def multiple_of(order: Order, name: str, target: Series, operands: Sequence[Series]) -> tuple[Series, Operand] | None:
+    """Return the series that another is a multiple of and the factor, if it is one, where factors stay the same."""
+    match name, operands:
+        case "negative", (of,):
+            return of, -1.0
+        case "multiply", (a, b) if a.constant != b.constant:
+            return (b, order.first(a)) if a.constant else (a, order.first(b))
+        case "divide", (a, b) if b.constant and order.fused:
+            return a, _reciprocal(order, target, order.first(b))[0]
+    return None
+
+
+def _is_literal(divisor: Operand) -> bool:
+    """Whether it is a literal, of which the reciprocal is known when the program is written."""
+    return not isinstance(divisor, str) and 1e-150 < abs(divisor) < 1e150
+
+
+def or_nothing(order: Order, divisor: Operand, value: Operand) -> Operand:
+    """Return a coefficient, or 0 where what it was divided by is 0."""
+    return order.compute("choose", order.compute("equal", divisor, 0.0), 0.0, value)
+
 
 Recurrence = Callable[..., Operand]  # of an order, the function's series and those of its arguments
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from xdynamics.kernels.compiling import jit_separate
-from xdynamics.march.assembly.broad_phase import LOSS, ROWS, STRAIN, TERMS, TOGETHER, WORK
+from xdynamics.march.assembly.broad_phase import ASSEMBLY, LINK, LOSS, NOISE, ROWS, STRAIN, TERMS, TOGETHER, WORK
 from xdynamics.march.assembly.closed_links import (
     DRAG,
     FRICTIONLESS,
@@ -26,12 +26,7 @@ from xdynamics.march.assembly.closed_links import (
 )
 from xdynamics.march.assembly.friction import RESTLESS
 from xdynamics.march.assembly.holding import project_on_links, remove_closed_rates
-from xdynamics.march.assembly.link_forces import solve_forces
-from xdynamics.march.assembly.links import ASSEMBLY, LINK, NOISE
-from xdynamics.march.assembly.low_motions import falling, is_low, link_resolution, slip_falling
-from xdynamics.march.assembly.normal_forces import largest_entry
-from xdynamics.march.assembly.slip_stops import check_cone, end_slips, halt_slips, hold_cones, skipped_time
-from xdynamics.march.assembly.touching import (
+from xdynamics.march.assembly.impact import (
     ACTS,
     AFTER,
     BEFORE,
@@ -62,6 +57,19 @@ from xdynamics.march.assembly.touching import (
     gap_rate,
     slip_of,
 )
+from xdynamics.march.assembly.link_forces import (
+    check_cone,
+    end_slips,
+    falling,
+    halt_slips,
+    hold_cones,
+    is_low,
+    link_resolution,
+    skipped_time,
+    slip_falling,
+    solve_forces,
+)
+from xdynamics.march.assembly.normal_forces import largest_entry
 from xdynamics.march.force_evaluation import evaluate_forces
 from xdynamics.march.run import Run
 

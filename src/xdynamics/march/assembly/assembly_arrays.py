@@ -16,12 +16,10 @@ from xdynamics.kernels.interval_program import VARIABLE, enclosing_rows
 from xdynamics.march.assembly.banded_factors import CHANGE, MOST_CHANGES, ORDERS, WIDEST
 from xdynamics.march.assembly.broad_phase import GROUP, ROWS, SLOTS, TALLIES
 from xdynamics.march.assembly.closed_links import PATHS, VECTORS
-from xdynamics.march.assembly.impact import MOST_LEMKE
-from xdynamics.march.assembly.pivoting import MOST_UNKNOWNS
-from xdynamics.march.assembly.touching import NUMBERS
-from xdynamics.march.root_methods import EARLIEST_FIRST, ON_HERMITE
+from xdynamics.march.assembly.impact import MOST_LEMKE, NUMBERS
+from xdynamics.march.assembly.lemke_path import MOST_UNKNOWNS
 from xdynamics.march.run import ASSEMBLY, Run
-from xdynamics.march.settings import Settings
+from xdynamics.march.settings import EARLIEST_FIRST, ON_HERMITE, Settings
 from xdynamics.model import Model
 from xdynamics.model.assemblies import SECOND, Assembly, PatternInput, assemblies, max_simultaneous, slots_of
 from xdynamics.model.motion import constants

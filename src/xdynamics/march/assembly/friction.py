@@ -5,6 +5,16 @@ that of its sliding. One link is solved for after the other, and now and then al
 and to slide. Where that does not settle, as with masses that differ by many powers of ten, normal forces are solved for
 with bounds as they are, then bounds are made anew, until nothing changes (Necas, Jarusek, Haslinger, Boll. Un. Mat. Ital.
 B 17, 1980, 796; Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008, section 13.7).
+
+Forces, or impulses, of links with friction, one link after the other.
+
+M. Jean, Comput. Methods Appl. Mech. Eng. 177, 1999, 235 (nonlinear block Gauss-Seidel). Each link is solved for exactly,
+with those of all others as they are; a turn costs as much as one product with W.
+
+Equations of all links that hold, where others drag as their links press: solved for at once.
+
+They are not symmetric, as a drag is a share of another force. Generalised conjugate residuals (Eisenstat, Elman, Schultz,
+SIAM J. Numer. Anal. 20, 1983, 345) need as many directions as there are forces at most, and a few at a time.
 """
 
 from __future__ import annotations
@@ -19,6 +29,7 @@ from xdynamics.march.assembly.closed_links import (
     DRAG,
     GIVEN,
     GRIP,
+    IMAGE,
     LEAST,
     LOAD,
     MOST,
@@ -31,24 +42,220 @@ from xdynamics.march.assembly.closed_links import (
     TRIED,
     TRIED_WAY,
     X,
+    clear_responses,
     closed_from,
+    respond,
+    response_along,
     rows_of_closed,
 )
-from xdynamics.march.assembly.lemke_path import come_nearer, follow_from_far, follow_from_near
+from xdynamics.march.assembly.lemke_path import come_nearer, follow_from_far, follow_from_near, solve_by_pivots
 from xdynamics.march.assembly.normal_forces import (
     ALLOWED,
     ENOUGH,
+    MOST_RESTARTS,
+    add_solution,
     apply_link_effects,
+    eliminate,
+    is_dependent,
     largest_entry,
     solve_bounded,
     solve_equations,
     solve_unilateral,
 )
-from xdynamics.march.assembly.pivoting import solve_by_pivots
-from xdynamics.march.assembly.responses import clear_responses, respond, response_along
-from xdynamics.march.assembly.sliding_friction import follow_path, solve_at_once
-from xdynamics.march.assembly.sweeps import sweep_links
 from xdynamics.march.run import STEP_LINKS, Run
+
+
+@jit_separate
+def sweep_links(run: Run, first: int, rows: int, relaxation: float, backward: bool) -> float:
+    """Solve for one link after the other; return the largest change of a force, over the largest one.
+
+    Each changes by `relaxation` times what it is to change by, within its bounds; above 1 motions in which many links share
+    settle sooner.
+    """
+    largest_change = 0.0
+    add_up(run, first, rows)
+    for row_offset in range(0, rows, 2):
+        row = first + (rows - 2 - row_offset if backward else row_offset)
+        if run.vectors[SCALE, row] > 0.0 or run.vectors[SCALE, row + 1] > 0.0:
+            old, drag = run.vectors[X, row], run.vectors[X, row + 1]
+            solve_alone(run, row, gradient_along(run, row), gradient_along(run, row + 1))
+            if relaxation != 1.0:
+                go_beyond(run, row, old, drag, relaxation)
+            change, drag_change = run.vectors[X, row] - old, run.vectors[X, row + 1] - drag
+            add_unknown_change(run, row, change)
+            add_unknown_change(run, row + 1, drag_change)
+            largest_change = max(largest_change, abs(change), abs(drag_change))
+    return largest_change / largest_entry(run, X, first, rows) if largest_change > 0.0 else 0.0
+
+
+@jit_separate
+def add_up(run: Run, first: int, rows: int) -> None:
+    """Sum what the solution changes of everything that links read."""
+    clear_responses(run, first, rows)
+    for row in range(first, first + rows):
+        add_unknown_change(run, row, run.vectors[X, row])
+
+
+@jit_separate
+def add_unknown_change(run: Run, row: int, change: float) -> None:
+    """Add what a change of one unknown does."""
+    respond(run, row, change * run.vectors[SCALE, row])
+
+
+@jit_separate
+def gradient_along(run: Run, row: int) -> float:
+    """The gradient W x - b along one unknown."""
+    return float(response_along(run, row) * run.vectors[SCALE, row] - run.vectors[RIGHT, row])
+
+
+@jit_separate
+def solve_alone(run: Run, row: int, opening: float, slipping: float) -> None:
+    """Solve for the force of one link and its friction, of gradients; they stay where these two have no solution.
+
+    Scaled, each answers itself with one: opening + x + across*t is zero, or positive where x is zero, and the friction t
+    is -slipping - across*x, or at a bound, which is `ratio` times what the link presses with.
+    """
+    scale, slip_scale = run.vectors[SCALE, row], run.vectors[SCALE, row + 1]
+    across, x, t = across_of(run, row), run.vectors[X, row], run.vectors[X, row + 1]
+    opening, slipping = opening - (x + across * t), slipping - (across * x + t)
+    low, high = run.vectors[DRAG, row + 1] - run.vectors[GRIP, row + 1], run.vectors[DRAG, row + 1]
+    high += run.vectors[GRIP, row + 1]
+    load = run.vectors[RETURNED, row] / slip_scale if slip_scale > 0.0 else 0.0
+    share = scale / slip_scale if slip_scale > 0.0 else 0.0
+    t = min(max(low * load, -slipping), high * load)
+    if opening + across * t >= 0.0 or scale == 0.0:
+        run.vectors[X, row], run.vectors[X, row + 1] = 0.0, t
+        return
+    determinant = 1.0 - across * across
+    x = (across * slipping - opening) / determinant
+    t = (across * opening - slipping) / determinant
+    if x >= 0.0 and low * (share * x + load) <= t <= high * (share * x + load):
+        run.vectors[X, row], run.vectors[X, row + 1] = x, t
+        return
+    for k in range(2):
+        ratio = high if k == 0 else low
+        reply, free_opening = 1.0 + across * ratio * share, opening + across * ratio * load
+        if reply > 0.0 and free_opening <= 0.0:
+            x = -free_opening / reply
+            t = ratio * (share * x + load)
+            against = slipping + across * x + t
+            if low == high or (against <= 0.0 if k == 0 else against >= 0.0):
+                run.vectors[X, row], run.vectors[X, row + 1] = x, t
+                return
+
+
+@jit_separate
+def go_beyond(run: Run, row: int, old: float, drag: float, relaxation: float) -> None:
+    """Change the force of a link and its friction by more than their solution, within their bounds."""
+    x = max(0.0, old + relaxation * (run.vectors[X, row] - old))
+    t, slip_scale = drag + relaxation * (run.vectors[X, row + 1] - drag), run.vectors[SCALE, row + 1]
+    if slip_scale > 0.0:
+        load = (x * run.vectors[SCALE, row] + run.vectors[RETURNED, row]) / slip_scale
+        middle, far = run.vectors[DRAG, row + 1] * load, run.vectors[GRIP, row + 1] * load
+        t = min(max(middle - far, t), middle + far)
+    run.vectors[X, row], run.vectors[X, row + 1] = x, t
+
+
+@jit_separate
+def across_of(run: Run, row: int) -> float:
+    """What the slip of a link answers to its own normal force, scaled."""
+    total = 0.0
+    for i in range(run.coordinate_indices.shape[1]):
+        total += run.normals[row + 1, i] * run.unit_responses[row, i]
+    return float(total * run.vectors[SCALE, row] * run.vectors[SCALE, row + 1])
+
+
+@jit_separate
+def solve_at_once(run: Run, first: int, rows: int) -> float:
+    """Find the forces of all that hold, from zero on; return the residual over the size of the terms."""
+    right_size = 0.0
+    for row in range(first, first + rows):
+        run.vectors[LOAD, row] = 0.0
+        right_size = max(right_size, abs(run.vectors[GIVEN, row]) if run.vectors[SCALE, row] > 0.0 else 0.0)
+    n = eliminate(run, first, rows, run.problem.shape[0], True)
+    left = refine_all(run, n, right_size, first, rows)
+    if is_dependent(run, n) and not left <= 8.0 * ENOUGH:
+        for row in range(first, first + rows):
+            run.vectors[LOAD, row] = 0.0
+        left = refine_all(run, 0, right_size, first, rows)
+    for row in range(first, first + rows):
+        run.vectors[X, row], run.vectors[RESIDUE, row] = run.vectors[LOAD, row], run.vectors[AMISS, row]
+    return left
+
+
+@jit_separate
+def refine_all(run: Run, n: int, right_size: float, first: int, rows: int) -> float:
+    """Solve by factors of n equations, or else along many directions; return the residual over the size of the terms."""
+    share, best = inf, inf
+    for _ in range(MOST_RESTARTS):
+        apply_all(run, LOAD, AMISS, 1.0, first, rows)
+        for row in range(first, first + rows):
+            if run.vectors[SCALE, row] > 0.0:
+                run.vectors[AMISS, row] = run.vectors[GIVEN, row] - run.vectors[AMISS, row]
+        size, left = max(right_size, largest_entry(run, LOAD, first, rows)), largest_entry(run, AMISS, first, rows)
+        share = left / size if left > 0.0 else left
+        if share <= ENOUGH or not share < best / 2.0:
+            break
+        best = share
+        if n > 0:
+            add_solution(run, n, AMISS, LOAD)
+        else:
+            follow_paths(run, ENOUGH * size / 4.0, first, rows)
+    return share
+
+
+@jit_separate
+def apply_all(run: Run, source: int, target: int, returned_share: float, first: int, rows: int) -> None:
+    """Compute what forces, their drags and a share of what is given back do along everything that holds."""
+    clear_responses(run, first, rows)
+    for row in range(first, first + rows):
+        amount, ratio = run.vectors[source, row] * run.vectors[SCALE, row], run.vectors[RATIO, row]
+        if ratio != 0.0:
+            load = run.vectors[source, row - 1] * run.vectors[SCALE, row - 1]
+            amount = ratio * (load + returned_share * run.vectors[RETURNED, row - 1])
+        respond(run, row, amount)
+    for row in range(first, first + rows):
+        scale = run.vectors[SCALE, row]
+        run.vectors[target, row] = response_along(run, row) * scale if scale > 0.0 else 0.0
+
+
+@jit_separate
+def follow_paths(run: Run, enough: float, first: int, rows: int) -> None:
+    """Improve forces along one direction after the other, until little is amiss or all directions are used up."""
+    for k in range(run.paths.shape[0] // 2):
+        if largest_entry(run, AMISS, first, rows) <= enough:
+            return
+        for row in range(first, first + rows):
+            run.vectors[TRIED_WAY, row] = run.vectors[AMISS, row]
+        apply_all(run, TRIED_WAY, IMAGE, 0.0, first, rows)
+        for row in range(first, first + rows):
+            run.paths[2 * k, row], run.paths[2 * k + 1, row] = run.vectors[TRIED_WAY, row], run.vectors[IMAGE, row]
+        if not follow_path(run, k, first, rows):
+            return
+
+
+@jit_separate
+def follow_path(run: Run, k: int, first: int, rows: int) -> bool:
+    """Go along the newest direction, made to differ from all before, as far as what is amiss falls; whether it leads on."""
+    for j in range(k):
+        across, image_square = 0.0, 0.0
+        for row in range(first, first + rows):
+            across += run.paths[2 * k + 1, row] * run.paths[2 * j + 1, row]
+            image_square += run.paths[2 * j + 1, row] * run.paths[2 * j + 1, row]
+        for row in range(first, first + rows):
+            run.paths[2 * k, row] -= across / image_square * run.paths[2 * j, row]
+            run.paths[2 * k + 1, row] -= across / image_square * run.paths[2 * j + 1, row]
+    across, image_square = 0.0, 0.0
+    for row in range(first, first + rows):
+        across += run.vectors[AMISS, row] * run.paths[2 * k + 1, row]
+        image_square += run.paths[2 * k + 1, row] * run.paths[2 * k + 1, row]
+    if not image_square > 0.0:
+        return False
+    for row in range(first, first + rows):
+        run.vectors[LOAD, row] += across / image_square * run.paths[2 * k, row]
+        run.vectors[AMISS, row] -= across / image_square * run.paths[2 * k + 1, row]
+    return True
+
 
 MOST_BOUNDS = 300  # turns of making bounds anew
 MOST_SWEEPS = 1 << 13  # turns over all links, one after the other

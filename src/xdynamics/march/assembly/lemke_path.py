@@ -5,6 +5,19 @@ Rates without impulses are given, and t times others are added to these. As t fa
 each gives way a little, the path cannot end but at t = 0 (Cottle, Pang, Stone, The Linear Complementarity Problem, 1992,
 section 4.4; of friction Stewart, Trinkle, Int. J. Numer. Methods Eng. 39, 1996, 2673). From impulses that are nearly right
 it is far shorter, and may lead away; then it is begun anew.
+
+What a link with friction may do, as pieces of one surface: it opens, holds, or slides one way or the other.
+
+Impulse x and rate w of a link are together two numbers that may be given: of one that opens its rates, of one that holds its
+impulses, of one that slides its normal impulse and its slip. Where a piece ends another begins. Each link gives way by a small
+part of its impulses, w = W x - b + `GIVES` (x - y), so that impulses are one value of rates, also of links that hold more
+than needs holding; y, from before, is what they are nearly.
+
+Forces, or impulses, of links with friction by Lemke's method, where improving one after the other does not settle.
+
+Friction along a known line is one complementarity problem (Stewart, Trinkle, Int. J. Numer. Methods Eng. 39, 1996, 2673):
+of each link its normal force; of one that grips also its friction either way, and a slip rate that is positive only where
+that friction is at its bound. A link that slides drags in proportion to its normal force, which needs no unknown.
 """
 
 from __future__ import annotations
@@ -12,37 +25,259 @@ from __future__ import annotations
 from math import inf
 
 from xdynamics.kernels.compiling import jit_separate
-from xdynamics.march.assembly.banded_factors import MOST_CHANGES
+from xdynamics.march.assembly.banded_factors import (
+    MOST_CHANGES,
+    add_product,
+    change_factors,
+    factor_band,
+    pose_masses,
+    solve_factors,
+)
 from xdynamics.march.assembly.closed_links import (
+    AMISS,
+    DRAG,
     FORCE,
     FORCE_SLOPE,
     FREE,
+    GRIP,
     PIECE,
     RATE,
     RATE_SLOPE,
+    RETURNED,
     RIGHT,
     SCALE,
     TOWARD,
     TRIED,
     X,
-)
-from xdynamics.march.assembly.cone_pieces import (
-    GIVES,
-    HOLDS,
-    OPENS,
-    SLIDES_BACK,
-    SLIDES_FORTH,
-    count_piece_ends,
-    follow_pieces,
-    piece_beyond_end,
-    pose_pieces,
-    ratio_of,
-    room_to_piece_end,
-    slip_sign,
-    take_up,
+    clear_responses,
+    respond,
+    response_along,
 )
 from xdynamics.march.assembly.normal_forces import apply_link_effects, largest_entry
+from xdynamics.march.contacts.delassus import clear_tableau, solve_complementarity
 from xdynamics.march.run import Run
+
+OPENS, HOLDS, SLIDES_FORTH, SLIDES_BACK = range(4)
+GIVES = 1e-5  # of an impulse, over what it answers itself with: less of it leaves fewer digits of changed factors
+
+
+@jit_separate
+def ratio_of(run: Run, row: int) -> float:
+    """The most friction of a link over its normal impulse, both scaled; 0 where it has none."""
+    slip_scale = run.vectors[SCALE, row + 1]
+    return float(run.vectors[GRIP, row + 1] * run.vectors[SCALE, row] / slip_scale) if slip_scale > 0.0 else 0.0
+
+
+@jit_separate
+def slip_sign(run: Run, row: int) -> float:
+    """The sign of the slip of a link that slides, else 0."""
+    piece = run.vectors[PIECE, row]
+    return 1.0 if piece == SLIDES_FORTH else (-1.0 if piece == SLIDES_BACK else 0.0)
+
+
+@jit_separate
+def pose_pieces(run: Run, first: int, rows: int, n: int) -> None:
+    """Factor the matrix of coordinates with what all links do."""
+    pose_masses(run, first, rows, n)
+    for row in range(first, first + rows, 2):
+        if run.vectors[PIECE, row] != OPENS:
+            scale, slip_scale = run.vectors[SCALE, row], run.vectors[SCALE, row + 1]
+            drag = -slip_sign(run, row) * ratio_of(run, row) * slip_scale
+            add_product(run, row, scale / GIVES, drag / GIVES, scale, 0.0)
+            if run.vectors[PIECE, row] == HOLDS:
+                add_product(run, row, 0.0, slip_scale / GIVES, 0.0, slip_scale)
+    factor_band(run, n)
+
+
+@jit_separate
+def take_up(run: Run, row: int, n: int, changes: int, piece: int) -> int:
+    """Let a link go on to a piece next to its own; return how many products are beside the factors then."""
+    scale, slip_scale = run.vectors[SCALE, row], run.vectors[SCALE, row + 1]
+    piece_before, holds = int(run.vectors[PIECE, row]), HOLDS in (int(run.vectors[PIECE, row]), piece)
+    run.vectors[PIECE, row] = piece_before if piece in (OPENS, HOLDS) else piece
+    drag = slip_sign(run, row) * ratio_of(run, row)
+    run.vectors[PIECE, row] = piece
+    stiffness = (-1.0 if piece_before == HOLDS or piece == OPENS else 1.0) / GIVES
+    if holds:
+        return int(change_factors(run, row, n, changes, 0.0, stiffness * slip_scale, drag * scale, slip_scale))
+    return int(change_factors(run, row, n, changes, stiffness * scale, -stiffness * drag * slip_scale, scale, 0.0))
+
+
+@jit_separate
+def follow_pieces(
+    run: Run, first: int, rows: int, n: int, changes: int, free_rates: int, force: int, rate: int
+) -> None:
+    """Find impulses and rates of all links, in vectors, as their pieces are, of rates without impulses that are given."""
+    clear_responses(run, first, rows)
+    for row in range(first, first + rows, 2):
+        if run.vectors[PIECE, row] != OPENS:
+            load = -run.vectors[free_rates, row] / GIVES
+            drag = -slip_sign(run, row) * ratio_of(run, row) * load
+            drag = -run.vectors[free_rates, row + 1] / GIVES if run.vectors[PIECE, row] == HOLDS else drag
+            load, drag = load * run.vectors[SCALE, row], drag * run.vectors[SCALE, row + 1]
+            for i in range(run.coordinate_indices.shape[1]):
+                run.swing[run.coordinate_indices[row, i]] += load * run.normals[row, i] + drag * run.normals[row + 1, i]
+    solve_factors(run, n, changes)
+    for row in range(first, first + rows, 2):
+        opening = response_along(run, row) * run.vectors[SCALE, row] + run.vectors[free_rates, row]
+        slipping = response_along(run, row + 1) * run.vectors[SCALE, row + 1] + run.vectors[free_rates, row + 1]
+        if run.vectors[PIECE, row] == OPENS:
+            run.vectors[force, row], run.vectors[force, row + 1] = 0.0, 0.0
+            run.vectors[rate, row], run.vectors[rate, row + 1] = opening, slipping
+        elif run.vectors[PIECE, row] == HOLDS:
+            run.vectors[force, row], run.vectors[force, row + 1] = -opening / GIVES, -slipping / GIVES
+            run.vectors[rate, row], run.vectors[rate, row + 1] = 0.0, 0.0
+        else:
+            drag = slip_sign(run, row) * ratio_of(run, row) * opening / GIVES
+            run.vectors[force, row], run.vectors[force, row + 1] = -opening / GIVES, drag
+            run.vectors[rate, row], run.vectors[rate, row + 1] = 0.0, slipping + GIVES * drag
+
+
+@jit_separate
+def room_to_piece_end(run: Run, row: int, end: int, force: int, rate: int) -> float:
+    """How far a link is from one of two ends of its piece; positive within, and linear in impulses and rates."""
+    piece, ratio = run.vectors[PIECE, row], ratio_of(run, row)
+    if piece == OPENS:
+        return float(run.vectors[rate, row])
+    if piece == HOLDS:
+        friction_limit, pull = ratio * run.vectors[force, row], run.vectors[force, row + 1]
+        return float(friction_limit - pull if end == 0 else friction_limit + pull)
+    return float(run.vectors[force, row] if end == 0 else slip_sign(run, row) * run.vectors[rate, row + 1])
+
+
+@jit_separate
+def count_piece_ends(run: Run, row: int) -> int:
+    """How many ends the piece of a link has."""
+    if run.vectors[SCALE, row] == 0.0:
+        return 0
+    return 1 if run.vectors[PIECE, row] == OPENS or ratio_of(run, row) == 0.0 else 2
+
+
+@jit_separate
+def piece_beyond_end(run: Run, row: int, end: int, slip: float) -> tuple[int, int]:
+    """The piece beyond an end of a link's own, and which of its ends that is; by the slip where it opens."""
+    piece = run.vectors[PIECE, row]
+    if piece == OPENS:
+        return (SLIDES_FORTH if slip >= 0.0 or ratio_of(run, row) == 0.0 else SLIDES_BACK), 0
+    if piece == HOLDS:
+        return (SLIDES_BACK if end == 0 else SLIDES_FORTH), 1
+    if end == 0:
+        return OPENS, 0
+    return HOLDS, (0 if piece == SLIDES_BACK else 1)
+
+
+MOST_UNKNOWNS = 512  # four of a link that grips; exchanges grow with their number, and each with its square
+
+
+@jit_separate
+def solve_by_pivots(run: Run, first: int, rows: int) -> bool:
+    """Solve for forces and friction of all links at once; whether that ended with a solution."""
+    links, grips = count_unknowns(run, first, rows)
+    n = links + 3 * grips
+    if not 0 < n <= run.problem.shape[0]:
+        return False
+    clear_tableau(run, n)
+    pose_forces(run, first, rows, links, grips)
+    pose_friction_bounds(run, first, rows, links, grips)
+    if not solve_complementarity(run, n):
+        return False
+    take_forces(run, first, rows, links, grips)
+    return True
+
+
+@jit_separate
+def count_unknowns(run: Run, first: int, rows: int) -> tuple[int, int]:
+    """Count links that may press and those that grip; the place of each among these is in `AMISS`."""
+    links, grips = 0, 0
+    for row in range(first, first + rows, 2):
+        run.vectors[AMISS, row], run.vectors[AMISS, row + 1] = -1.0, -1.0
+        if run.vectors[SCALE, row] > 0.0:
+            run.vectors[AMISS, row] = links
+            links += 1
+        if run.vectors[SCALE, row + 1] > 0.0 and run.vectors[GRIP, row + 1] > 0.0:
+            run.vectors[AMISS, row + 1] = grips
+            grips += 1
+    return links, grips
+
+
+@jit_separate
+def pose_forces(run: Run, first: int, rows: int, links: int, grips: int) -> None:
+    """Write what a unit of each force does along every link, and what is there without them."""
+    n, constant_column = links + 3 * grips, 2 * (links + 3 * grips) + 1
+    clear_responses(run, first, rows)
+    for row in range(first, first + rows, 2):
+        add_drag(run, row, run.vectors[RETURNED, row])
+    for row in range(first, first + rows):
+        rate = response_along(run, row) * run.vectors[SCALE, row] - run.vectors[RIGHT, row]
+        pose_entry(run, row, first, links, grips, constant_column, rate)
+    for row in range(first, first + rows):
+        unknown_index = int(run.vectors[AMISS, row])
+        if unknown_index < 0:
+            continue
+        clear_responses(run, first, rows)
+        respond(run, row, run.vectors[SCALE, row])
+        presses = (row - first) % 2 == 0
+        if presses:
+            add_drag(run, row, run.vectors[SCALE, row])
+        for effect_row in range(first, first + rows):
+            effect = response_along(run, effect_row) * run.vectors[SCALE, effect_row]
+            if presses:
+                pose_entry(run, effect_row, first, links, grips, n + unknown_index, -effect)
+            else:
+                pose_entry(run, effect_row, first, links, grips, n + links + unknown_index, -effect)
+                pose_entry(run, effect_row, first, links, grips, n + links + grips + unknown_index, effect)
+
+
+@jit_separate
+def add_drag(run: Run, row: int, load: float) -> None:
+    """Add what a link that slides drags with, if it presses with a load."""
+    if run.vectors[SCALE, row + 1] > 0.0:
+        respond(run, row + 1, run.vectors[DRAG, row + 1] * load)
+
+
+@jit_separate
+def pose_entry(run: Run, row: int, first: int, links: int, grips: int, column: int, value: float) -> None:
+    """Write an entry of the rows of a link: of its gap, or of both ways of its slip."""
+    unknown_index = int(run.vectors[AMISS, row])
+    if unknown_index < 0:
+        return
+    if (row - first) % 2 == 0:
+        run.problem[unknown_index, column] = value
+    else:
+        run.problem[links + unknown_index, column], run.problem[links + grips + unknown_index, column] = value, -value
+
+
+@jit_separate
+def pose_friction_bounds(run: Run, first: int, rows: int, links: int, grips: int) -> None:
+    """Write that friction is at most what its link presses with allows, or slips."""
+    n = links + 3 * grips
+    for row in range(first + 1, first + rows, 2):
+        grip, press = int(run.vectors[AMISS, row]), int(run.vectors[AMISS, row - 1])
+        if grip < 0:
+            continue
+        ratio, bound = run.vectors[GRIP, row] / run.vectors[SCALE, row], links + 2 * grips + grip
+        for direction in range(2):
+            unknown_index = links + direction * grips + grip
+            run.problem[unknown_index, n + bound], run.problem[bound, n + unknown_index] = -1.0, 1.0
+        if press >= 0:
+            run.problem[bound, n + press] = -ratio * run.vectors[SCALE, row - 1]
+        run.problem[bound, 2 * n + 1] = ratio * run.vectors[RETURNED, row - 1]
+
+
+@jit_separate
+def take_forces(run: Run, first: int, rows: int, links: int, grips: int) -> None:
+    """Read the solution."""
+    for row in range(first, first + rows, 2):
+        press, grip = int(run.vectors[AMISS, row]), int(run.vectors[AMISS, row + 1])
+        run.vectors[X, row] = run.solution[press] if press >= 0 else 0.0
+        load = run.vectors[X, row] * run.vectors[SCALE, row] + run.vectors[RETURNED, row]
+        if grip >= 0:
+            run.vectors[X, row + 1] = run.solution[links + grip] - run.solution[links + grips + grip]
+        elif run.vectors[SCALE, row + 1] > 0.0:
+            run.vectors[X, row + 1] = run.vectors[DRAG, row + 1] * load / run.vectors[SCALE, row + 1]
+        else:
+            run.vectors[X, row + 1] = 0.0
+
 
 # crossings at most, over the number of rows: from impulses that are there, and from none
 FROM_NEAR, FROM_FAR = 0.25, 16.0

@@ -2,7 +2,7 @@
 
 A link acts whose gap is closed in the middle of the step, or as near to it as impulses are solved for. After the step its
 rate is not less than -e times the rate before, and its friction has stopped its slip or is at its bound (Moreau 1999,
-doi:10.1016/S0045-7825(98)00387-9; Jean 1999, doi:10.1016/S0045-7825(98)00383-1). `march.contacts.time_stepping` does the
+doi:10.1016/S0045-7825(98)00387-9; Jean 1999, doi:10.1016/S0045-7825(98)00383-1). `march.contacts.dispatch` does the
 same for contacts that are written out.
 """
 
@@ -13,24 +13,28 @@ from math import nan
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import UNSOUND
 from xdynamics.march.assembly.broad_phase import (
+    ASSEMBLY,
     COUNT,
     CROWDED,
     FASTEST,
     FAULT,
+    LINK,
+    NEAR,
+    NOISE,
     READY,
     RESIDUAL,
     ROWS,
     SPREAD,
     TOGETHER,
     blame,
+    evaluate_candidate,
+    gap_at,
     keep_boxes,
 )
-from xdynamics.march.assembly.closed_links import FRICTIONLESS, SLIDES_BACK, SLIDES_ON, STICKS
-from xdynamics.march.assembly.impact import ALLOWED_OVER_STEP, solve_link_impulses
-from xdynamics.march.assembly.links import ASSEMBLY, LINK, NEAR, NOISE, evaluate_candidate, gap_at
-from xdynamics.march.assembly.patterns import prepare_patterns
-from xdynamics.march.assembly.touching import (
+from xdynamics.march.assembly.closed_links import FRICTIONLESS, SLIDES_BACK, SLIDES_ON, STICKS, prepare_patterns
+from xdynamics.march.assembly.impact import (
     ACTS,
+    ALLOWED_OVER_STEP,
     BOUNCE,
     CANDIDATE,
     GIVES_BACK,
@@ -45,6 +49,7 @@ from xdynamics.march.assembly.touching import (
     gap_of,
     gap_rate,
     slip_of,
+    solve_link_impulses,
 )
 from xdynamics.march.force_evaluation import evaluate_forces, finite_state
 from xdynamics.march.run import Run

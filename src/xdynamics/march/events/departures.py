@@ -4,25 +4,81 @@ A function at zero says nothing of a passage; where the motion takes it does. An
 in its direction, `rising` or `falling`, by the forces that hold then: a block that the force of one regime drives back
 into the other is in the other at once. An event's own action makes it happen no second time. Actions that lead back to
 a state that was met at the same instant, or crowd together in time, have no motion behind them, and end the run.
+
+Where the motion goes from an instant at which an event function is zero: by its rate, else by how its rate changes.
+
+On which side of zero each event function is: where it starts, after an event, after a trial that is rejected.
 """
 
 from __future__ import annotations
 
 from math import inf, isnan
+from typing import Any
 
-from xdynamics.elementary.rounding_margins import SMOOTH
+from numpy.typing import NDArray
+
+from xdynamics.elementary.bounds import EPS, SMOOTH
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import call_law
-from xdynamics.march.events.one_sided_rates import LATE, is_certain, moment, step_ahead
-from xdynamics.march.events.zero_tests import CROSSED, NONE, ROUGHLY, event_resolution, noise_floor, sign_of
-from xdynamics.march.exact_times import set_time
+from xdynamics.march.events.zero_tests import (
+    CROSSED,
+    NEAR,
+    NONE,
+    ROUGHLY,
+    TOUCHED,
+    enclose_here,
+    event_resolution,
+    noise_floor,
+    sign_of,
+)
+from xdynamics.march.force_evaluation import evaluate_forces, set_time, state_slope
 from xdynamics.march.outcomes import EVENT_ACCUMULATION, RUNNING, SLIDING_MODE
 from xdynamics.march.run import Run
 from xdynamics.march.trial_step import copy_numbers
 from xdynamics.model.detectors import OCCASION, PERIODIC
 from xdynamics.model.parts import ACTIONS
+
+State = NDArray[Any]
+
+SHARE = 2.0**-20  # of a time over which the first steps count: a moment
+SPACINGS = 64.0  # of t, which a moment is not shorter than
+LATE = 4.0  # time tolerances within which a root is located: a function that may still be zero
+DOUBTS = 4.0  # uncertainties of a rate that count as zero
+
+
+@jit_separate
+def moment(run: Run) -> float:
+    """Return a time that is short for the motion and long for rounding."""
+    return max(SHARE * run.plan[0].rest, SPACINGS * EPS * abs(run.now[0].t))
+
+
+@jit_separate
+def step_ahead(run: Run, state: State, duration: float) -> None:
+    """Leave in `z` about where the motion is a moment after a state, with the forces there; t is the time then."""
+    n, used, t = run.plan[0].coordinates, run.plan[0].used, run.now[0].t + duration
+    for i in range(used):
+        run.z[i] = state[i] + duration * state_slope(run, state, i)
+    for i in range(n):
+        run.z[i] += 0.5 * duration * duration * state_slope(run, state, n + i)
+    evaluate_forces(run, t, run.z)
+    set_time(run, T, t)
+
+
+@jit_separate
+def is_certain(run: Run, i: int, state: State) -> bool:
+    """Whether the rate of an event function at a state is more than rounding; `slopes` are those there."""
+    return bool(abs(run.slopes[i]) > DOUBTS * uncertainty_of_rate(run, i, state))
+
+
+@jit_separate
+def uncertainty_of_rate(run: Run, i: int, state: State) -> float:
+    """How far rounding may move the rate of an event function at a state; t is its time."""
+    slope = run.detectors[i].slope
+    enclose_here(run, i, state, run.parts[2], 0.0)
+    return float((run.over[slope] - run.under[slope]) / 2.0)
+
 
 _RECORD, _STOP, _SWITCH, _RESET = range(len(ACTIONS))
 
@@ -290,3 +346,78 @@ def note_pause(run: Run, i: int) -> None:
         if run.now[0].status == RUNNING:
             run.now[0].status = EVENT_ACCUMULATION
     departure.earlier, departure.pause, departure.last = departure.pause, pause, t
+
+
+@jit_separate
+def arm_event(run: Run, i: int, value: float) -> None:
+    """Arm an event at once where its function is away from zero, else once the function leaves it."""
+    watch = run.watches[i]
+    if watch.asleep:
+        watch.armed = 0
+        return
+    away = abs(value) > max(noise_floor(run, i, run.z), NEAR * watch.greatest)
+    watch.armed = sign_of(value) if away else 0
+    watch.ever = max(watch.ever, abs(watch.armed))
+
+
+@jit_separate
+def rearm_rejected(run: Run) -> None:
+    """Arm every event as it was before a trial that is rejected."""
+    for i in range(run.watches.shape[0]):
+        run.watches[i].armed = run.watches[i].began
+    leave_again(run)
+
+
+@jit_separate
+def rearm(run: Run, changed: bool) -> None:
+    """Determine the side of zero of each event function after an event; one within its uncertainty has yet to leave.
+
+    Where events are judged, an acting one at zero is armed on the side to which the motion takes it; if that is a
+    passage in its direction, due to another's action, it is met at this instant. `changed` says whether forces or the
+    state were changed.
+    """
+    if judges_departures(run):
+        find_sides(run)
+    set_time(run, T, run.now[0].t)
+    call_law(run.law[DETECT], run, run.y, run.g, 0)
+    for i in range(run.detectors.shape[0]):
+        watch, pending = run.watches[i], 0.0
+        if (
+            judges_departures(run)
+            and has_action(run, i)
+            and (watch.hit not in (NONE, TOUCHED) or (changed and watch.hit == NONE))
+        ):
+            take_departure(run, i)
+        elif watch.hit != NONE or sign_of(run.g[i]) != watch.armed:
+            if is_pending(run, i):
+                pending = run.pending[i] + run.trial[0].h - watch.left
+            elif watch.hit == TOUCHED and run.plan[0].apart == 0:
+                rearm_behind_touch(run, i)
+            else:
+                arm_event(run, i, run.g[i])
+        run.pending[i] = pending
+
+
+@jit_separate
+def rearm_behind_touch(run: Run, i: int) -> None:
+    """Arm a function that touched zero once it has left, by its uncertainty over the whole step.
+
+    The shortened step that ends at the touch is more certain, but the next one is as long as the one before, and would
+    find the same touch again.
+    """
+    copy_numbers(run.full_e, run.located_e)
+    arm_event(run, i, run.g[i])
+    copy_numbers(run.e, run.located_e)
+
+
+@jit_separate
+def is_pending(run: Run, i: int) -> bool:
+    """Whether an event, perhaps just passed, is so near the one landed on that it is left to the next step.
+
+    As far as is known, it is on the side that it came from: nothing but motion has changed its function.
+    """
+    watch, detector = run.watches[i], run.detectors[i]
+    if run.plan[0].apart or watch.hit != NONE or watch.armed == 0 or detector.reaction >= 0 or run.g[i] != run.g1[i]:
+        return False
+    watched = detector.direction == 0 or detector.direction == -watch.armed
+    return bool(watched or abs(run.g[i]) <= noise_floor(run, i, run.y))

@@ -7,20 +7,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.elementary.bounds import EPS
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
-from xdynamics.march.acceptance import AT_BORDER, AT_BOTH, AT_NODE
 from xdynamics.march.calls import call_law, run_at
-from xdynamics.march.events.arming import arm_event, rearm_rejected
-from xdynamics.march.events.departures import begin_departures, judges_departures
-from xdynamics.march.events.event_free_region import end_region
+from xdynamics.march.control import AT_BORDER, AT_BOTH, AT_NODE
+from xdynamics.march.events.departures import arm_event, begin_departures, judges_departures, rearm_rejected
+from xdynamics.march.events.enclosures import end_region
 from xdynamics.march.events.isolation import ends_near_event, is_event_free, isolate
 from xdynamics.march.events.switch_sides import take_sides
 from xdynamics.march.events.transition import check_contact_row, locate_and_land, meet_here, ring_alone
 from xdynamics.march.events.zero_tests import event_resolution
-from xdynamics.march.exact_times import set_time
+from xdynamics.march.force_evaluation import set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import SOUND
 from xdynamics.march.run import BEGIN_EVENTS, MEET_HERE, RING, TAKE_SIDES, Run

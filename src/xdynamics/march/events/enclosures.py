@@ -3,26 +3,192 @@
 Between two states of a step, a coordinate is the Hermite polynomial through both positions, velocities and
 accelerations, a first-order state the one through both values and rates, each widened by its distance from such
 polynomials of lower degree; where the step leaves a polynomial of its own, as that of a collocation method does, it is
-that one, and Hermite's where that is narrower (`elementary.curve_bounds`). Their Bernstein coefficients bound them, and
+that one, and Hermite's where that is narrower (`elementary.bounds`). Their Bernstein coefficients bound them, and
 interval arithmetic, rounded outward, bounds the functions (Moore, Kearfott, Cloud, Introduction to Interval Analysis,
 2009). The rows to compute come from `kernels.interval_program`.
+
+The operations on intervals behind addresses: each reads its operands where a row says, and stores its result.
+
+A region of the motion in which no event function has a zero: while steps stay inside it, none of them is examined.
+
+The region is a box of the variables of event functions: positions, velocities, states, time. Their enclosures show
+once that none has a zero anywhere in it; a step then costs only bounds of its positions, however many detectors there
+are. A step that leaves the box is examined by itself, and the box grows, or a new one is put around it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 from math import inf
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary import bounds
-from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH, ULPS, UNBOUNDED
-from xdynamics.kernels.compiling import jit_separate
+from xdynamics.elementary import SETS, bounds
+from xdynamics.elementary.bounds import BREAKS, POLYNOMIALS, SMOOTH, ULPS, UNBOUNDED, Interval, on_curve
+from xdynamics.elementary.intervals import Intervals
+from xdynamics.elementary.numbers import FunctionLines, LaneValue
+from xdynamics.elementary.text import count_calls, declarations, definitions, written_intervals
+from xdynamics.kernels import machine
+from xdynamics.kernels.compiling import PLAINLY, jit_inline, jit_separate, keys_of
 from xdynamics.kernels.drive_tables import find_piece_of_table
-from xdynamics.kernels.interval_program import CONSTANT, NUMBER, PHASE, RULES, SLOPE, TIME, UNKNOWN, VALUE, VARIABLE
-from xdynamics.kernels.program import REGIME
-from xdynamics.march.calls import floats_at, row_by, run_at
-from xdynamics.march.run import ALIVE, ALL, Run
+from xdynamics.kernels.interval_program import (
+    CONSTANT,
+    NUMBER,
+    OPERANDS,
+    PHASE,
+    RULES,
+    SLOPE,
+    TIME,
+    UNKNOWN,
+    VALUE,
+    VARIABLE,
+    VARIABLES,
+)
+from xdynamics.kernels.program import REGIME, WORDS
+from xdynamics.march.calls import enclosed_by, floats_at, row_by, run_at
+from xdynamics.march.run import ALIVE, ALL, ARRAYS, ENCLOSE, PIECE, PLAN, Run
+
+Rule = tuple[str, bool]  # an operation, and whether it is for a first look at a step
+ROUGH = ("sin", "cos")  # those that a first look evaluates once instead of twice
+_KEPT: list[machine.Code] = []  # as long as the process, as the addresses
+
+
+@lru_cache(maxsize=64)
+def operation_addresses(math_functions: str, needed: frozenset[str], degree: int = 0) -> NDArray[np.int64]:
+    """Return addresses of operations in the order of `RULES`, then those for a first look; 0 for what is not needed.
+
+    Variables are enclosed by the polynomial of some degree that a step leaves, or by Hermite's where that is 0.
+    """
+    fine: list[Rule] = [(name, False) for name in RULES if name in needed]
+    rough: list[Rule] = [(name, True) for name in ROUGH if name in needed]
+    address = (_plain_operations if PLAINLY else _compiled_operations)(math_functions, [*fine, *rough], degree)
+    exact = [address.get((name, False), 0) for name in RULES]
+    return np.array([*exact, *(address.get((name, True), exact[i]) for i, name in enumerate(RULES))], np.int64)
+
+
+def _compiled_operations(math_functions: str, requested_rules: list[Rule], degree: int) -> dict[Rule, int]:
+    symbols = {rule: f"{rule[0]}_{'roughly' if rule[1] else 'finely'}" for rule in requested_rules}
+    entries = "\n".join(_print_operation(symbol, *rule, degree) for rule, symbol in symbols.items())
+    functions = definitions(dict.fromkeys(count_calls(entries), False), 1, math_functions)
+    _KEPT.append(machine.compiled(f"{declarations(1)}\n{functions}\n{entries}", symbols.values()))
+    return {rule: _KEPT[-1].addresses[symbol] for rule, symbol in symbols.items()}
+
+
+def _plain_operations(math_functions: str, requested_rules: list[Rule], degree: int) -> dict[Rule, int]:
+    keys = keys_of(in_python(name, math_functions, rough=rough, degree=degree) for name, rough in requested_rules)
+    return dict(zip(requested_rules, keys, strict=True))
+
+
+def in_python(
+    name: str, math_functions: str, *, rough: bool = False, degree: int = 0
+) -> Callable[[Run, Any, Any, int], None]:
+    """Return an operation as a function of a run, two of its states and the number of a row, in plain Python."""
+
+    def operation(run: Run, y: Any, z: Any, row: int) -> None:
+        target, *places = run.rows[row, 1 : 2 + OPERANDS[name]].tolist()
+        kind = Intervals(SETS[math_functions], float(run.plan[0].margin), rough)
+        if name in VARIABLES:
+            piece, error = run.piece[0], float(run.piece[0].wide * abs(run.located_e[places[VARIABLES[name]]]))
+            ends = [[float(state[state_index]) for state in (y, z)] for state_index in places]
+            operands: list[Any] = [
+                *(end[k] for k in range(2) for end in ends),
+                float(piece.width),
+                error,
+                int(piece.part),
+            ]
+            if degree:
+                coefficients = [
+                    float(run.w[k]) for k in _coefficient_indices(run.plan[0], places[: POLYNOMIALS[name]], degree)
+                ]
+                shares = float(piece.full), float(piece.first), float(piece.last)
+                operands = [*coefficients, *(number for end in ends for number in end), *operands[-3:], *shares]
+        else:
+            operands = [Interval(float(run.under[k]), float(run.over[k]), int(run.flaws[k])) for k in places]
+        run.under[target], run.over[target], run.flaws[target] = kind.of(_operation(name, degree), *operands)
+
+    return operation
+
+
+def _operation(name: str, degree: int) -> str:
+    """Return the name of an operation among those of `elementary.intervals`."""
+    return on_curve(name) if degree and name in VARIABLES else name
+
+
+def _coefficient_indices(plan: Any, places: Sequence[int], degree: int) -> list[int]:
+    """Return where in `w` the coefficients of components are."""
+    return [int(plan.curve + power * plan.used) + state_index for state_index in places for power in range(degree + 1)]
+
+
+def _print_operation(symbol: str, name: str, rough: bool, degree: int) -> str:
+    """Print an operation as a function of a run's table, two of its states and a row."""
+    write = _Lines(1)
+    under_array, over_array, flaws = (write.array(array) for array in ("under", "over", "flaws"))
+    target, *places = (write.word("%row", 1 + k).text for k in range(1 + OPERANDS[name]))
+    kind = written_intervals(write, write.field(PLAN, "plan", "margin"), rough=rough)
+    if name in VARIABLES:
+        ends = [[write.number(state, state_index) for state in ("%y", "%z")] for state_index in places]
+        error = write.number(write.array("located_e"), places[VARIABLES[name]]).absolute()
+        width, wide, part = (write.field(PIECE, "piece", field) for field in ("width", "wide", "part"))
+        operands: list[Any] = [*(end[k] for k in range(2) for end in ends), width, wide * error, part]
+        if degree:
+            shares = [write.field(PIECE, "piece", field) for field in ("full", "first", "last")]
+            coefficients = write.coefficients(places[: POLYNOMIALS[name]], degree)
+            operands = [*coefficients, *(number for end in ends for number in end), *operands[-3:], *shares]
+    else:
+        operands = [
+            Interval(write.number(under_array, k), write.number(over_array, k), write.word(flaws, k)) for k in places
+        ]
+    for value, letter, array in zip(
+        map(write.value, kind.of(_operation(name, degree), *operands)),
+        ("double", "double", "i64"),
+        (under_array, over_array, flaws),
+        strict=True,
+    ):
+        write.lines.append(f"store {letter} {value.text}, ptr {write.word_address(array, target)}, align 8")
+    body = "\n  ".join(write.lines)
+    return f"define void @{symbol}(ptr %run, ptr %y, ptr %z, ptr %row) nounwind {{\n  {body}\n  ret void\n}}"
+
+
+class _Lines(FunctionLines):
+    """Lines that read arrays of a run."""
+
+    def word_address(self, begin: str, number: int | str) -> str:
+        """Write the address of a word."""
+        return self.line("p", f"getelementptr i64, ptr {begin}, i64 {number}").text
+
+    def word(self, begin: str, number: int | str) -> LaneValue:
+        """Read a whole number."""
+        return self.line("w", f"load i64, ptr {self.word_address(begin, number)}, align 8")
+
+    def number(self, begin: str, number: int | str) -> LaneValue:
+        """Read a number."""
+        return self.line("n", f"load double, ptr {self.word_address(begin, number)}, align 8")
+
+    def coefficients(self, places: Sequence[str], degree: int) -> list[LaneValue]:
+        """Read those of the step's polynomial, of components of the state."""
+        array, used = self.array("w"), self.field(PLAN, "plan", "used").text
+        values_read, first = [], self.field(PLAN, "plan", "curve").text
+        for state_index in places:
+            term = self.line("w", f"add i64 {first}, {state_index}").text
+            for power in range(degree + 1):
+                if power:
+                    term = self.line("w", f"add i64 {term}, {used}").text
+                values_read.append(self.number(array, term))
+        return values_read
+
+    def array(self, name: str) -> str:
+        """Write where an array begins."""
+        entry_address = self.word_address("%run", WORDS * list(ARRAYS).index(name))
+        return self.line("p", f"load ptr, ptr {entry_address}, align 8, !invariant.load !0").text
+
+    def field(self, record: Any, array: str, name: str) -> LaneValue:
+        """Read a field of an array's only record."""
+        dtype, offset = record.fields[name][:2]
+        return (self.number if dtype.kind == "f" else self.word)(self.array(array), offset // 8)
+
 
 State = NDArray[Any]
 below, above = jit_separate(bounds.below), jit_separate(bounds.above)
@@ -146,3 +312,112 @@ def enclose_between(address: Any, y: Any, z: Any, first: int, last: int, whose: 
         The number of an event function, `ALL`, or `ALIVE`.
     """
     enclose_functions(run_at(address), floats_at(y), floats_at(z), first, last, whose)
+
+
+# of `Run.region`: whether there is a box, how many widths of a step it reaches beyond the step, for how many steps none
+# is tried, and how many of these are left; then the box, and after it the bounds of the step
+STANDS, REACH, PAUSE, WAIT, BOX = range(5)
+POSITION, INSTANT, OTHER = range(3)  # kinds of variables of the box
+FARTHEST, LONGEST = 64.0, 16.0
+GROWN = 0.5  # of the width of a step that left the box: how far the box grows beyond it
+SLACK = (
+    1e-9  # of a bound: `coordinate_bounds` takes fewer operations than the enclosure, which its bounds have to contain
+)
+
+
+@jit_inline
+def stays_in_region(run: Run) -> bool:
+    """Whether all variables of event functions stay inside the box during the trial."""
+    now, trial, piece, n = run.now[0], run.trial[0], run.piece[0], run.box_variables.shape[0]
+    if run.region[STANDS] == 0.0:
+        return False
+    piece.start, piece.end, piece.width, piece.wide = now.t, trial.t, trial.h, 0.0
+    piece.rough, piece.part = 1, 0
+    for j in range(n):
+        sort, k = run.box_variables[j, 0], run.box_variables[j, 1]
+        low, high = now.t, trial.t
+        if sort == POSITION:
+            low, high = coordinate_bounds(run, k)
+        elif sort == OTHER:
+            enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, k, k + 1, ALL)
+            low, high = run.under[run.rows[k, 1]], run.over[run.rows[k, 1]]
+        if not (run.region[BOX + j] <= low and high <= run.region[BOX + n + j]):
+            return False
+    return True
+
+
+@jit_inline
+def coordinate_bounds(run: Run, i: int) -> tuple[float, float]:
+    """Bounds of a coordinate between the states y and z, in few operations: they contain `enclosures.coordinate`'s."""
+    n, used, w = run.plan[0].coordinates, run.plan[0].used, run.trial[0].h
+    q0, v0, a0, q1, v1, a1 = run.y[i], run.y[n + i], run.y[used + i], run.z[i], run.z[n + i], run.z[used + i]
+    slant0, slant1, bend0, bend1 = 0.4 * w * v0, -0.4 * w * v1, 0.05 * w * w * a0, 0.05 * w * w * a1
+    odd = abs((q1 - q0) - 0.5 * w * (v0 + v1) + (w * w * (1.0 / 12.0)) * (a1 - a0))
+    even = abs(w * (v1 - v0) - 0.5 * w * w * (a0 + a1))
+    size = max(abs(q0), abs(q1)) + abs(slant0) + abs(slant1) + abs(bend0) + abs(bend1)
+    off = odd + even * (1.0 / 128.0) + SLACK * size
+    low = min(q0 + min(slant0, 0.0) + min(bend0, 0.0), q1 + min(slant1, 0.0) + min(bend1, 0.0))
+    high = max(q0 + max(slant0, 0.0) + max(bend0, 0.0), q1 + max(slant1, 0.0) + max(bend1, 0.0))
+    return low - off, high + off
+
+
+@jit_separate
+def end_region(run: Run) -> None:
+    """Discard the box: after an event or a node, event functions change, or have to stay on other sides."""
+    if run.box_variables.shape[0] > 0:
+        run.region[STANDS] = 0.0
+
+
+@jit_separate
+def set_region(run: Run) -> None:
+    """Put a box around the trial just enclosed: extend the last box as far as this trial, or make a new one."""
+    n, region = run.box_variables.shape[0], run.region
+    if region[WAIT] > 0.0:
+        region[WAIT] -= 1.0
+        return
+    for j in range(n):
+        target = run.box_variables[j, 2]
+        low, high = (
+            coordinate_bounds(run, run.box_variables[j, 1])
+            if run.box_variables[j, 0] == POSITION
+            else (run.under[target], run.over[target])
+        )
+        region[BOX + 2 * n + j], region[BOX + 3 * n + j] = low, high
+    run.piece[0].rough = 2
+    stands = region[STANDS] != 0.0 and (is_silent(run, GROWN, True) or is_silent(run, GROWN / 8.0, True))
+    if not stands:
+        stands = is_silent(run, max(region[REACH], GROWN), False)
+        region[REACH] = min(FARTHEST, 2.0 * max(region[REACH], GROWN)) if stands else region[REACH] / 4.0
+    run.piece[0].rough = 0
+    region[STANDS] = 1.0 if stands else 0.0
+    region[PAUSE] = 1.0 if stands else min(LONGEST, 2.0 * max(1.0, region[PAUSE]))
+    region[WAIT] = 0.0 if stands else region[PAUSE]
+
+
+@jit_separate
+def is_silent(run: Run, reach: float, joins_last_box: bool) -> bool:
+    """Whether no event function has a zero in a box `reach` widths beyond the step, joined to the last box or not."""
+    n, region = run.box_variables.shape[0], run.region
+    for j in range(n):
+        target, low, high = run.box_variables[j, 2], region[BOX + 2 * n + j], region[BOX + 3 * n + j]
+        beyond = reach * (high - low)
+        if joins_last_box:
+            box_low, box_high = region[BOX + j], region[BOX + n + j]
+            low, high = (
+                min(box_low, low - beyond if low < box_low else low),
+                max(box_high, high + beyond if high > box_high else high),
+            )
+        else:
+            low, high = low - beyond, high + beyond
+        run.under[target], run.over[target] = low, high
+    enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1], ALL)
+    for i in range(run.detectors.shape[0]):
+        value_index, watch = run.detectors[i].value, run.watches[i]
+        keeps_side = (watch.armed > 0 and run.under[value_index] > 0.0) or (
+            watch.armed < 0 and run.over[value_index] < 0.0
+        )
+        if watch.asleep == 0 and not (keeps_side and (watch.guard == 0 or watch.armed == watch.guard)):
+            return False
+    for j in range(n):
+        region[BOX + j], region[BOX + n + j] = run.under[run.box_variables[j, 2]], run.over[run.box_variables[j, 2]]
+    return True

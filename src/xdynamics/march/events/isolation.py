@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from math import nan
 
-from xdynamics.elementary.rounding_margins import BREAKS, SMOOTH
+from xdynamics.elementary.bounds import BREAKS, SMOOTH
 from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import call_law, enclosed_by
 from xdynamics.march.events.departures import end_leaving, happens_late, has_left, is_leaving, leave_again
-from xdynamics.march.events.event_free_region import set_region, stays_in_region
+from xdynamics.march.events.enclosures import set_region, stays_in_region
 from xdynamics.march.events.zero_tests import (
     CLEAR,
     CROSSED,
@@ -39,7 +39,7 @@ from xdynamics.march.events.zero_tests import (
     trespasses,
     turns_back,
 )
-from xdynamics.march.exact_times import set_time
+from xdynamics.march.force_evaluation import set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import ALIVE, ALL, ENCLOSE, Run
 from xdynamics.march.trial_step import copy_numbers, substep

@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import BREAKS, EPS, SMOOTH, UNBOUNDED
+from xdynamics.elementary.bounds import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import INSIDE, SLOPES
 from xdynamics.kernels.program import T1, H, S, T
@@ -23,8 +23,7 @@ from xdynamics.march.events.zero_tests import (
     event_resolution,
     sign_of,
 )
-from xdynamics.march.exact_times import set_time
-from xdynamics.march.force_evaluation import evaluate_forces, finite_state
+from xdynamics.march.force_evaluation import evaluate_forces, finite_state, set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.run import Run
 from xdynamics.march.trial_step import copy_numbers, evaluate_events, restore_trial, store_trial, substep

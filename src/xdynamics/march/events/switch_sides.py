@@ -1,4 +1,7 @@
-"""Sides of the switches hidden in forces: taken at the start, kept along steps, changed at events."""
+"""Sides of the switches hidden in forces: taken at the start, kept along steps, changed at events.
+
+Ticks of controllers, where what they hold changes, all from what holds just before; nodes with periodic events.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import EPS
+from xdynamics.elementary.bounds import EPS
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.drive_tables import find_piece_of_table
-from xdynamics.kernels.law import DETECT, SLOPES
+from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import call_law
-from xdynamics.march.events.one_sided_rates import moment, step_ahead
+from xdynamics.march.control import AT_BOTH, AT_NODE
+from xdynamics.march.events.departures import moment, step_ahead
 from xdynamics.march.events.root_finding import event_kind, has_passed
 from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign_of
-from xdynamics.march.exact_times import set_time
-from xdynamics.march.force_evaluation import evaluate_forces
+from xdynamics.march.force_evaluation import evaluate_forces, put_reset_value, set_time
 from xdynamics.march.run import Run
-from xdynamics.model.detectors import KINK, SWITCH
+from xdynamics.model.detectors import KINK, PERIODIC, SWITCH
 from xdynamics.schema import JUMP
 
 State = NDArray[Any]
@@ -279,3 +282,58 @@ def enter_piece(run: Run, i: int, piece: int) -> None:
     run.modes[mode_index + 1] = -(inverse * low) if left else 1.0
     run.modes[mode_index + 2] = inverse if right else 0.0
     run.modes[mode_index + 3] = inverse * high if right else 1.0
+
+
+@jit_separate
+def tick_at_start(run: Run) -> None:
+    """Let controllers act at the start, before anything else reads what they hold."""
+    if run.ticks.shape[0] > 0 and run.ticks[0] != 0:
+        evaluate_forces(run, run.now[0].t, run.y)
+        apply_actions(run, run.ticks[0], run.now[0].t, run.y)
+
+
+@jit_separate
+def tick_at_end(run: Run) -> bool:
+    """Let controllers act at the end of a trial, if it is a tick; whether it is."""
+    if not ticks_at_end(run):
+        return False
+    apply_actions(run, run.ticks[run.now[0].node + 1], run.trial[0].t, run.z)
+    evaluate_forces(run, run.trial[0].t, run.z)
+    return True
+
+
+@jit_separate
+def ticks_at_end(run: Run) -> bool:
+    """Whether controllers act at the end of a trial that reaches its node."""
+    landed = run.ticks.shape[0] > 0 and run.trial[0].landing in (AT_NODE, AT_BOTH)
+    return bool(landed and run.ticks[run.now[0].node + 1] != 0)
+
+
+@jit_separate
+def rings_at_end(run: Run) -> bool:
+    """Whether periodic events are met at the end of a trial."""
+    now = run.now[0]
+    landed = run.alarms.shape[0] > 0 and run.trial[0].landing in (AT_NODE, AT_BOTH)
+    return bool(landed and run.alarms[now.node + 1] != 0)
+
+
+@jit_separate
+def ring_events(run: Run) -> None:
+    """Have the periodic events of the trial's end among those that it is noted with."""
+    due, number = run.alarms[run.now[0].node + 1], 0
+    for i in range(run.detectors.shape[0]):
+        if run.detectors[i].role == PERIODIC:
+            if (due >> number) & 1 == 1:
+                run.watches[i].hit, run.watches[i].armed = CROSSED, -1
+            number += 1
+
+
+@jit_separate
+def apply_actions(run: Run, actions: int, t: float, state: State) -> None:
+    """Set what some actions change in a state, all from what holds in it."""
+    set_time(run, T, t)
+    call_law(run.law[RESETS], run, state, run.resets, 0)
+    for k in range(run.targets.shape[0]):
+        action = -1 - run.targets[k, 0]
+        if action >= 0 and (actions >> action) & 1 == 1:
+            put_reset_value(run, k, state)

@@ -1,4 +1,9 @@
-"""Landing on the first event of a trial: shortened to end there, noted on both sides, acted upon, and gone on from."""
+"""Landing on the first event of a trial: shortened to end there, noted on both sides, acted upon, and gone on from.
+
+Rows of the record about events: when, how uncertain, of which kind, and what they did to the state.
+
+What events declare: to stop, to go on by the forces of another regime, to reset the state.
+"""
 
 from __future__ import annotations
 
@@ -9,30 +14,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels.compiling import jit_separate, noinline
-from xdynamics.kernels.law import SLOPES
-from xdynamics.kernels.program import T
-from xdynamics.march.acceptance import (
+from xdynamics.kernels.law import RESETS, SLOPES
+from xdynamics.kernels.program import REGIME, T
+from xdynamics.march.calls import call_law, call_phase
+from xdynamics.march.control import (
     AT_BORDER,
     AT_GRID,
     count_landing_apart,
     end_march,
+    forget_rounding,
+    grow_step,
     judge_trial_apart,
     move_to_end_apart,
     nonfinite_reason,
 )
-from xdynamics.march.calls import call_law, call_phase
-from xdynamics.march.control import forget_rounding, grow_step
-from xdynamics.march.events.actions import act
-from xdynamics.march.events.arming import rearm, rearm_rejected
-from xdynamics.march.events.departures import begin_instant, judge_actions, judges_departures, meet_departures
-from xdynamics.march.events.event_free_region import end_region
-from xdynamics.march.events.event_rows import leave_out, note_events, note_offsets
-from xdynamics.march.events.root_finding import is_plain, locate_events
-from xdynamics.march.events.switch_sides import keep_sides, slides_along_switch
-from xdynamics.march.events.ticks import ring_events, rings_at_end, tick_at_end, ticks_at_end
-from xdynamics.march.events.zero_tests import NONE, event_resolution
-from xdynamics.march.exact_times import set_time
-from xdynamics.march.force_evaluation import evaluate_held, finite_state
+from xdynamics.march.events.departures import (
+    begin_instant,
+    judge_actions,
+    judges_departures,
+    meet_departures,
+    note_rates,
+    rearm,
+    rearm_rejected,
+)
+from xdynamics.march.events.enclosures import end_region
+from xdynamics.march.events.root_finding import event_kind, is_plain, locate_events
+from xdynamics.march.events.switch_sides import (
+    keep_sides,
+    ring_events,
+    rings_at_end,
+    slides_along_switch,
+    tick_at_end,
+    ticks_at_end,
+)
+from xdynamics.march.events.zero_tests import NONE, event_resolution, function_uncertainty
+from xdynamics.march.force_evaluation import evaluate_held, finite_state, put_reset_value, set_time
 from xdynamics.march.log import append_row, first_of_group, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     CONTACT_INCONSISTENT,
@@ -41,6 +57,7 @@ from xdynamics.march.outcomes import (
     RUNNING,
     SLIDING_MODE,
     SOUND,
+    STOPPED,
 )
 from xdynamics.march.past import break_here, note_past
 from xdynamics.march.run import (
@@ -54,6 +71,7 @@ from xdynamics.march.run import (
     GUARD,
     HOLD,
     KEPT_ALL,
+    NO_LINK,
     RELEASE_LINKS,
     RESOLVE,
     SETTLE,
@@ -61,8 +79,136 @@ from xdynamics.march.run import (
     Run,
 )
 from xdynamics.march.trial_step import copy_numbers, evaluate_events, propose_step_apart
-from xdynamics.model.detectors import KINK
-from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_CONTACT, REASON_EVENT
+from xdynamics.model.detectors import GRIP, KINK, PERIODIC, PULL, SLIP
+from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
+from xdynamics.model.parts import ACTIONS
+from xdynamics.schema import (
+    CROSSING,
+    EVENT_AFTER,
+    EVENT_BEFORE,
+    JUMP,
+    NODE,
+    REASON_CONTACT,
+    REASON_EVENT,
+    REGIME_SWITCH,
+    RESET_KIND,
+)
+
+_CROSSING = np.int64(CROSSING)  # no literal: numba compiles a copy of a function for each
+STATE = 2  # of a row of the log, after time and step
+
+
+@jit_separate
+def leave_out(run: Run) -> None:
+    """Ignore that a grip is lost where the contact itself opens."""
+    for i in range(run.detectors.shape[0]):
+        grip = run.detectors[i]
+        if grip.role not in (GRIP, SLIP) or run.watches[i].hit == NONE:
+            continue
+        for j in range(run.detectors.shape[0]):
+            pull = run.detectors[j]
+            opens = pull.role == PULL and run.watches[j].hit != NONE
+            if opens and run.reactions[grip.reaction].normal == pull.reaction:
+                run.watches[i].hit = NONE
+
+
+@jit_separate
+def note_events(run: Run, row: int, substeps: int) -> None:
+    """Write a row for each event that the trial ends at, between the rows `row` and the next."""
+    now, trial = run.now[0], run.trial[0]
+    set_time(run, T, trial.t)
+    call_law(run.law[SLOPES], run, run.z, run.slopes, 0)
+    if trial.h > 0.0:
+        note_rates(run)
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        if watch.hit == NONE:
+            continue
+        event = run.log_events[now.events - run.base[0].events]
+        left = now.t + watch.left if watch.left > 0.0 else now.t - run.pending[i]
+        event.time, event.left, event.residual, event.slope = trial.t, left, run.g1[i], run.slopes[i]
+        if run.detectors[i].sampled:
+            event.slope = -watch.armed * watch.up
+        event.uncertainty, event.substeps = function_uncertainty(run, i, run.z), substeps
+        event.interpolation = watch.drift / abs(event.slope) if watch.drift > 0.0 else 0.0
+        event.murk = watch.clear - watch.zone if watch.zone >= 0.0 else 0.0
+        event.row_before, event.row_after, event.detector, event.kind = row, row + 1, i, event_kind(run, i)
+        event.direction, event.link = -watch.armed, NO_LINK
+        event.rest = rest_to_root(run, i) if run.plan[0].doubled > 0 else 0.0
+        if run.detectors[i].role == PERIODIC:  # at a time that was known before
+            event.left, event.residual, event.slope, event.uncertainty = trial.t, 0.0, 1.0, 0.0
+            event.interpolation, event.murk, event.kind, event.rest = 0.0, 0.0, _CROSSING, trial.rest
+        watch.seen += 1
+        for k in range(run.log_rates.shape[0]):
+            run.log_rates[k, now.events - run.base[0].events] = run.slopes[run.detectors.shape[0] + k]
+        for k in range(run.log_impulses.shape[0]):
+            run.log_impulses[k, now.events - run.base[0].events] = 0.0
+        now.events += 1
+
+
+@jit_separate
+def rest_to_root(run: Run, i: int) -> float:
+    """Return what is left of an event's time beside the float: of the trial's end, and from there to the root by the slope."""
+    trial, change = run.trial[0], -run.g1[i] / run.slopes[i] if run.slopes[i] != 0.0 else 0.0
+    return float(trial.rest + change) if is_plain(run, i) else float(trial.rest)
+
+
+@jit_separate
+def note_offsets(run: Run, row_before: int) -> None:
+    """Note how far positions were moved by contacts that came to rest, beyond what events set them to."""
+    n, rows, first = run.plan[0].coordinates, run.log_impulses.shape[0], first_of_group(run, row_before)
+    if rows == 0 or run.targets.shape[0] + run.touches.shape[0] == 0:
+        return
+    owner, last = first, run.now[0].events - run.base[0].events
+    for e in range(first, last):
+        if run.detectors[run.log_events[e].detector].reaction >= 0:
+            owner = e
+            break
+    for i in range(n):
+        offset = run.z[i] - run.log_rows[STATE + i, row_before - run.base[0].rows]
+        for e in range(first, last):
+            offset -= run.log_impulses[rows - n + i, e]
+        run.log_impulses[rows - n + i, owner] += offset
+
+
+# no literals: numba compiles a copy of a function for each literal that it is given
+_SWITCHED, _RESET = np.int64(REGIME_SWITCH), np.int64(RESET_KIND)
+_CROSSED, _JUMPED = np.int64(CROSSING), np.int64(JUMP)
+_, STOP, SWITCH, RESET = range(len(ACTIONS))
+
+
+@jit_separate
+def act(run: Run, row: int) -> bool:
+    """Do what the events of a group declare, in the order of declaration; whether forces have to be evaluated anew."""
+    now, changed = run.now[0], False
+    for k in range(first_of_group(run, row), now.events - run.base[0].events):
+        event = run.log_events[k]
+        detector = run.detectors[event.detector]
+        if detector.role in (SWITCH_ROLE, KINK) and event.kind in (_CROSSED, _JUMPED):
+            event.kind = _SWITCHED
+        if run.watches[event.detector].seen < detector.count:
+            continue
+        if detector.action == STOP:
+            now.status = STOPPED
+        elif detector.action == SWITCH:
+            now.regime, run.at[REGIME], event.kind, changed = detector.to, detector.to, _SWITCHED, True
+        elif detector.action == RESET:
+            reset(run, event.detector, k)
+            event.kind, changed = _RESET, True
+    return changed
+
+
+@jit_separate
+def reset(run: Run, i: int, e: int) -> None:
+    """Reset the state as an event declares, all from the state before; its row notes how far positions are moved."""
+    first = run.log_impulses.shape[0] - run.plan[0].coordinates
+    call_law(run.law[RESETS], run, run.z, run.resets, 0)
+    for k in range(run.targets.shape[0]):
+        if run.targets[k, 0] == i:
+            if run.targets[k, 1] < run.plan[0].coordinates:
+                run.log_impulses[first + run.targets[k, 1], e] += run.resets[k] - run.z[run.targets[k, 1]]
+            put_reset_value(run, k, run.z)
+
 
 # no literals: numba compiles a copy of a function for each literal that it is given
 _BEFORE, _AFTER, _NODE = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER), np.int64(NODE)

@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import EPS, SMOOTH, UNBOUNDED
+from xdynamics.elementary.bounds import EPS, SMOOTH, UNBOUNDED
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T

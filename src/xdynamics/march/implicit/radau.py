@@ -1,7 +1,16 @@
 """A step by Radau IIA as RADAU5 makes it: simplified Newton; derivatives and factors are kept while it converges.
 
 Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. The unknowns are the increments Z of three stages; transformed,
-W = T**-1 Z, they are those of the two linear systems of `march.implicit.transformed`.
+W = T**-1 Z, they are those of the two linear systems of `march.implicit.radau`.
+
+The corrections of a step by Radau IIA, measured by tolerances, by the sizes of unknowns, and by rounding.
+
+Linear systems of Radau IIA in transformed variables: gamma/h - J and (alpha + i beta)/h - J.
+
+In both, the coordinates are eliminated by their rows c dq - dv = r, so that only velocities and first-order states are
+factorised (Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8).
+
+What a step of Radau IIA keeps for the next one, put into a lane and taken out of it: `kernels.collocation`.
 """
 
 from __future__ import annotations
@@ -9,25 +18,246 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xdynamics.elementary.rounding_margins import EPS
-from xdynamics.kernels import radau_lines, step_control
-from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
-from xdynamics.kernels.formulas import compiled_function_of
+from xdynamics.elementary.bounds import EPS
+from xdynamics.kernels import collocation, formulas
+from xdynamics.kernels.collocation import KEPT
+from xdynamics.kernels.collocation import PLACES as K
+from xdynamics.kernels.compiling import jit_inline, jit_separate, jit_uncounted, noinline
+from xdynamics.kernels.formulas import compiled_function_of, larger
+from xdynamics.kernels.lane_step import LANE
 from xdynamics.kernels.law import INSIDE
-from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.control import NONFINITE_FACTOR, trial_error_norm
-from xdynamics.march.force_evaluation import State, evaluate_forces, evaluate_held, find_term_sizes, keep_sample
-from xdynamics.march.implicit.corrections import (
-    at_stages,
-    corrections_are_rounding,
-    largest_correction,
-    settles_to_rounding,
+from xdynamics.kernels.linear import (
+    COMPLEX,
+    REAL,
+    factorise,
+    factorise_band,
+    factorise_complex,
+    factorise_complex_band,
+    note_extents,
+    substitute,
+    substitute_band,
+    substitute_complex,
+    substitute_complex_band,
 )
-from xdynamics.march.implicit.derivatives import LATE, linearise_forces, slope_apart
-from xdynamics.march.implicit.transformed import factorise_both, solve_complex_system, solve_real_system
+from xdynamics.kernels.program import UNSOUND
+from xdynamics.march.assembly.closed_links import SCALE, X, closed_from, rows_of_closed
+from xdynamics.march.control import NONFINITE_FACTOR, term_rounding, trial_error_norm
+from xdynamics.march.force_evaluation import State, evaluate_forces, evaluate_held, find_term_sizes, keep_sample
+from xdynamics.march.implicit.newton import LATE, ROUNDED, column_height, linearise_forces, matrix_index, slope_apart
 from xdynamics.march.run import BEGUN, MOVED, STAYED, Run
-from xdynamics.methods import radau as constants
+from xdynamics.methods import implicit as constants
+from xdynamics.methods.implicit import ALPHA, BETA, GAMMA
+from xdynamics.methods.implicit import T as TRANSFORMATION
+
+# single numbers: numba would build tuples anew at every use
+(T00, T01, T02), (T10, T11, T12), (T20, _, _) = TRANSFORMATION
+
+
+@jit_separate
+def largest_correction(run: Run, h: float, y: State, weighed: bool) -> float:
+    """Return the largest of the last corrections, relative to its tolerance or to the size of its unknown.
+
+    They stand where stages will; the largest of each unknown is left in `right`, for messages. If `weighed` by the sizes
+    of terms, those within their rounding are none.
+    """
+    n, plan, largest = run.plan[0].used, run.plan[0], 0.0
+    holds_links = plan.assemblies > 0 and run.closed[0] > 0
+    if holds_links:
+        held_of_kinds(run, h)
+    for i in range(n):
+        scale = run.atol[i] + plan.rtol * abs(y[i])
+        move = largest_move(run, i)
+        if plan.follows and scale == 0.0:  # it was at rest: its move is the only scale
+            scale = plan.rtol * move
+        if settles_to_rounding(run):
+            scale = abs(y[i]) + abs(h * slope_apart(run, y, i)) + move
+            if holds_links:
+                scale += held_from(run, h, i)
+        run.right[i] = 0.0
+        rounding_floor = term_rounding(run, i, h) if weighed and run.adaptive_atol[i] else 0.0
+        for k in range(3):
+            change = abs(run.stages[k * n + i])
+            run.right[i] = larger(run.right[i], change)
+            if change <= rounding_floor and scale < rounding_floor:
+                continue
+            if change != 0.0:
+                largest = larger(largest, change / scale)
+    return largest
+
+
+@jit_separate
+def largest_move(run: Run, i: int) -> float:
+    """Return how far an unknown has moved since the start of the step, at most."""
+    n, transformed = run.plan[0].used, run.turned
+    first, second, third = at_stages(transformed[i], transformed[n + i], transformed[2 * n + i])
+    return max(abs(first), abs(second), abs(third))
+
+
+@jit_separate
+def settles_to_rounding(run: Run) -> bool:
+    """Whether steps are solved to rounding: given ones, and where links meet, as a gap is to pass through zero but once."""
+    return not run.plan[0].adaptive or run.plan[0].assemblies > 0
+
+
+@jit_separate
+def held_of_kinds(run: Run, h: float) -> None:
+    """Find the largest velocity of each kind that the forces of closed links, just found, keep from bodies in the step.
+
+    What links hold has no size of its own but rounding about zero, and that is a share of the terms that cancel.
+    """
+    n = run.plan[0].coordinates
+    for k in range(run.tops.shape[0]):
+        run.tops[k] = 0.0
+    for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
+        amount = h * run.vectors[X, row] * run.vectors[SCALE, row]
+        for i in range(run.normals.shape[1]):
+            kind = run.kinds[n + run.coordinate_indices[row, i]]
+            run.tops[kind] = max(run.tops[kind], abs(run.unit_responses[row, i] * amount))
+
+
+@jit_separate
+def held_from(run: Run, h: float, i: int) -> float:
+    """Return what closed links keep from an unknown of the kind of this one in the step."""
+    n = run.plan[0].coordinates
+    if i < n:
+        return float(h * run.tops[run.kinds[n + i]])
+    return float(run.tops[run.kinds[i]]) if i < 2 * n else 0.0
+
+
+@jit_inline
+def corrections_are_rounding(run: Run, h: float, y: State) -> bool:
+    """Whether the last corrections are what rounding of the state does to the forces.
+
+    What is left of large terms that cancel, as of bars that pull to both sides, has no digits below: a correction is then
+    no share of its unknown.
+    """
+    n, used, first, scratch = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.turned
+    if not run.kept[0].factored > 0.0:
+        return False
+    for i in range(used):  # of each unknown: its size; the terms of its equation; how steeply they follow it
+        size = abs(y[i]) + largest_move(run, i)
+        scratch[i], scratch[used + i], scratch[2 * used + i] = size, size, 1.0
+    for k in range(run.entries.shape[0]):
+        row, column, slope = n + run.entries[k, 0], run.entries[k, 1], abs(h * run.w[first + k])
+        scratch[used + row] += slope * scratch[column]
+        if column == row or column == row - n:
+            scratch[2 * used + row] += slope if column == row else h * slope
+    for i in range(used):
+        terms = scratch[used + i] / scratch[2 * used + i]
+        if i < n:
+            terms += h * scratch[used + n + i] / scratch[2 * used + n + i]
+        if not run.right[i] <= ROUNDED * terms:
+            return False
+    return True
+
+
+@jit_separate
+def at_stages(w0: float, w1: float, w2: float) -> tuple[float, float, float]:
+    """Multiply one component of three vectors by T."""
+    return T00 * w0 + T01 * w1 + T02 * w2, T10 * w0 + T11 * w1 + T12 * w2, T20 * w0 + w1
+
+
+@jit_separate
+def factorise_both(run: Run, h: float) -> bool:
+    """Assemble the real and the complex matrix for a step size, and factorise them; False if one is singular."""
+    n, first, matrix = run.plan[0].coordinates, 3 * run.plan[0].used, run.matrix
+    size = run.plan[0].used - n
+    gamma, alpha, beta = GAMMA / h, ALPHA / h, BETA / h
+    square = alpha * alpha + beta * beta
+    plane = size * column_height(run)
+    for i in range(3 * plane):
+        matrix[i] = 0.0
+    re, im = plane, 2 * plane
+    for i in range(size):
+        diagonal = matrix_index(run, i, i)
+        matrix[diagonal], matrix[re + diagonal], matrix[im + diagonal] = gamma, alpha, beta
+    for k in range(run.entries.shape[0]):
+        row, column, slope = run.entries[k, 0], run.entries[k, 1], run.w[first + k]
+        if column < n:  # dq = dv/c, and 1/(alpha + i beta) is (alpha - i beta)/square
+            entry_index = matrix_index(run, row, column)
+            matrix[entry_index] -= slope / gamma
+            matrix[re + entry_index] -= slope * (alpha / square)
+            matrix[im + entry_index] += slope * (beta / square)
+        else:
+            entry_index = matrix_index(run, row, column - n)
+            matrix[entry_index] -= slope
+            matrix[re + entry_index] -= slope
+    run.kept[0].factored = 0.0
+    if not (factorised_in_band(run, size) if run.band.shape[0] > 0 else factorised_whole(run, size)):
+        return False
+    run.kept[0].factored = h
+    run.now[0].factorisations += 1
+    return True
+
+
+@jit_separate
+def factorised_whole(run: Run, size: int) -> bool:
+    """Factorise both matrices, kept whole."""
+    return factorise(run.matrix, run.pivots, size) and factorise_complex(run.matrix, run.pivots, size)
+
+
+@jit_separate
+def factorised_in_band(run: Run, size: int) -> bool:
+    """Factorise both matrices, kept as bands."""
+    lower, upper = run.band[0], run.band[1]
+    real = factorise_band(run.matrix, run.pivots, size, lower, upper)
+    return real and factorise_complex_band(run.matrix, run.pivots, size, lower, upper)
+
+
+@jit_separate
+def solve_real_system(run: Run, vector: State) -> None:
+    """Solve (gamma/h - J) d = r in place, with the factors at hand."""
+    n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
+    gamma = GAMMA / run.kept[0].factored
+    for i in range(n, used):
+        right[run.order[i - n]] = vector[i]
+    for k in range(run.entries.shape[0]):
+        column = run.entries[k, 1]
+        if column < n:
+            right[run.order[run.entries[k, 0]]] += run.w[first + k] * (vector[column] / gamma)
+    if run.band.shape[0] > 0:
+        substitute_band(run.matrix, run.pivots, right, used - n, run.band[0], run.band[1])
+    else:
+        substitute(run.matrix, run.pivots, right, used - n)
+    for i in range(n, used):
+        vector[i] = right[run.order[i - n]]
+    for i in range(n):
+        vector[i] = (vector[i] + vector[n + i]) / gamma
+
+
+@jit_separate
+def solve_complex_system(run: Run, vectors: State) -> None:
+    """Solve ((alpha + i beta)/h - J) d = r in place, for the second and the third part of three vectors."""
+    n, used, first, right = run.plan[0].coordinates, run.plan[0].used, 3 * run.plan[0].used, run.right
+    size = used - n
+    alpha, beta = ALPHA / run.kept[0].factored, BETA / run.kept[0].factored
+    square = alpha * alpha + beta * beta
+    x, y = alpha / square, -beta / square
+    for i in range(n):
+        u, v = vectors[used + i], vectors[2 * used + i]
+        vectors[used + i], vectors[2 * used + i] = u * x - v * y, u * y + v * x
+    for i in range(size):
+        ordered_index = run.order[i]
+        right[ordered_index], right[size + ordered_index] = vectors[used + n + i], vectors[2 * used + n + i]
+    for k in range(run.entries.shape[0]):
+        row, column = run.order[run.entries[k, 0]], run.entries[k, 1]
+        if column < n:
+            right[row] += run.w[first + k] * vectors[used + column]
+            right[size + row] += run.w[first + k] * vectors[2 * used + column]
+    if run.band.shape[0] > 0:
+        substitute_complex_band(run.matrix, run.pivots, right, size, run.band[0], run.band[1])
+    else:
+        substitute_complex(run.matrix, run.pivots, right, size)
+    for i in range(size):
+        ordered_index = run.order[i]
+        vectors[used + n + i], vectors[2 * used + n + i] = right[ordered_index], right[size + ordered_index]
+    for i in range(n):
+        u, v = right[run.order[i]], right[size + run.order[i]]
+        vectors[used + i] += u * x - v * y
+        vectors[2 * used + i] += u * y + v * x
+
 
 _ITERATIONS = (
     "simplified Newton iterations in transformed variables, with Jacobian and factors kept while they converge;"
@@ -58,14 +288,14 @@ OPEN, DONE, IN_VAIN = range(3)
 
 error_norm_apart = noinline(trial_error_norm)
 _polynomial = compiled_function_of(
-    radau_lines.RADAU_POLYNOMIAL, "z0 z1 z2", "first second third", radau_lines.CONSTANTS
+    collocation.RADAU_POLYNOMIAL, "z0 z1 z2", "first second third", collocation.CONSTANTS
 )
-_guess = compiled_function_of(radau_lines.GUESS, "c relative first second third", "guess", radau_lines.CONSTANTS)
+_guess = compiled_function_of(collocation.GUESS, "c relative first second third", "guess", collocation.CONSTANTS)
 _convergence = compiled_function_of(
-    radau_lines.CONVERGENCE, "size change ratio turn_now", "ratio_now theta_now eta_now"
+    collocation.CONVERGENCE, "size change ratio turn_now", "ratio_now theta_now eta_now"
 )
 _GIVEN = "norm width before norm_before turn turns theta safety least greatest"
-_growth = compiled_function_of(step_control.PREDICTIVE, _GIVEN, "growth", step_control.CONSTANTS)
+_growth = compiled_function_of(formulas.PREDICTIVE, _GIVEN, "growth", formulas.CONSTANTS)
 
 
 @jit_inline
@@ -344,3 +574,102 @@ def look_ahead(run: Run, h: float) -> None:
         plan.least,
         plan.greatest,
     )
+
+
+Floats = NDArray[np.float64]
+
+OF_LANE, OF_KEPT = np.int64(len(LANE)), np.int64(len(KEPT))
+
+
+@jit_uncounted
+def step_memory_index(run: Run) -> int:
+    """Return the place in a lane of what a step of Radau IIA keeps."""
+    return OF_LANE + 3 * run.plan[0].used + 2 * run.detectors.shape[0]
+
+
+@jit_uncounted
+def step_number_count(run: Run) -> int:
+    """Return how many numbers of a lane hold the polynomial of a step and the states that it is made of."""
+    plan = run.plan[0]
+    return run.stages.shape[0] + (plan.degree + 1) * plan.used if plan.degree > 0 else 0
+
+
+@jit_uncounted
+def forget_step_memory(run: Run, w: Floats, lane: int) -> None:
+    """Let the next step use nothing of those before, as after a node."""
+    if run.stages.shape[0] > 0:
+        w[step_memory_index(run) + K.since, lane] = BEGUN
+
+
+@jit_uncounted
+def enter_step_memory(run: Run, w: Floats, lane: int) -> int:
+    """Put what a step keeps for the next one into a lane, ordered as `radau_memory.lengths`; return the place after."""
+    first, step_memory = step_memory_index(run), run.kept[0]
+    if run.stages.shape[0] == 0:
+        return first
+    w[first + K.factored, lane], w[first + K.theta, lane], w[first + K.eta, lane] = (
+        step_memory.factored,
+        step_memory.theta,
+        step_memory.eta,
+    )
+    w[first + K.before, lane], w[first + K.norm_before, lane] = step_memory.step, step_memory.norm
+    w[first + K.linearised, lane], w[first + K.fresh, lane] = float(step_memory.linearised), float(step_memory.fresh)
+    w[first + K.since, lane], w[first + K.turns, lane] = float(step_memory.since), float(step_memory.turns)
+    w[first + K.iterations, lane] = w[first + K.evaluations, lane] = 0.0
+    w[first + K.jacobians, lane] = w[first + K.factorisations, lane] = 0.0
+    first += OF_KEPT
+    stages, matrix, size = run.stages.shape[0], run.matrix.shape[0], run.pivots.shape[0] // 6
+    for k in range(run.entries.shape[0]):
+        w[first + k, lane] = run.w[stages + k]
+    first += run.entries.shape[0]
+    for i in range(stages):
+        w[first + i, lane], w[first + stages + i, lane] = run.stages[i], run.past[i]
+    first += 2 * stages
+    for i in range(matrix):
+        w[first + i, lane] = run.matrix[i]
+    for k in range(size):
+        w[first + matrix + k, lane] = float(run.pivots[k])
+        w[first + matrix + size + k, lane] = float(run.pivots[3 * size + k])
+    return first + matrix + 2 * size + stages + step_number_count(run)
+
+
+@jit_uncounted
+def leave_step_memory(run: Run, w: Floats, lane: int, accepted: int, rejected: int) -> int:
+    """Take what a step keeps out of a lane, with its counts; return the place after it."""
+    first, step_memory, now = step_memory_index(run), run.kept[0], run.now[0]
+    if run.stages.shape[0] == 0:
+        now.evaluations += run.plan[0].stages * (accepted + rejected)
+        if accepted > 0:
+            step_memory.since, run.trial[0].iterations = MOVED, 0
+        return first
+    step_memory.factored, step_memory.theta, step_memory.eta = (
+        w[first + K.factored, lane],
+        w[first + K.theta, lane],
+        w[first + K.eta, lane],
+    )
+    step_memory.step, step_memory.norm = w[first + K.before, lane], w[first + K.norm_before, lane]
+    step_memory.linearised, step_memory.fresh = (
+        np.int64(w[first + K.linearised, lane]),
+        np.int64(w[first + K.fresh, lane]),
+    )
+    step_memory.since, step_memory.turns = np.int64(w[first + K.since, lane]), np.int64(w[first + K.turns, lane])
+    run.trial[0].iterations = np.int64(w[first + K.iterations, lane])
+    now.evaluations += np.int64(w[first + K.evaluations, lane])
+    now.jacobians += np.int64(w[first + K.jacobians, lane])
+    now.factorisations += np.int64(w[first + K.factorisations, lane])
+    first += OF_KEPT
+    stages, matrix, size = run.stages.shape[0], run.matrix.shape[0], run.pivots.shape[0] // 6
+    for k in range(run.entries.shape[0]):
+        run.w[stages + k] = w[first + k, lane]
+    first += run.entries.shape[0]
+    for i in range(stages):
+        run.stages[i], run.past[i] = w[first + i, lane], w[first + stages + i, lane]
+    first += 2 * stages
+    for i in range(matrix):
+        run.matrix[i] = w[first + i, lane]
+    for k in range(size):
+        run.pivots[k] = np.int64(w[first + matrix + k, lane])
+        run.pivots[3 * size + k] = np.int64(w[first + matrix + size + k, lane])
+    note_extents(run.matrix, run.pivots, size, REAL)
+    note_extents(run.matrix, run.pivots, size, COMPLEX)
+    return first + matrix + 2 * size + stages + step_number_count(run)
