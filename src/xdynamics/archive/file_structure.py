@@ -1,4 +1,6 @@
-"""Whether an archive declares more data than its file can hold, and whether it is built as archives are.
+"""What a file says of itself before it is read: sizes that it declares, and every object in it.
+
+Whether an archive declares more data than its file can hold, and whether it is built as archives are.
 
 The objects of an HDF5 file, listed without following any: netCDF follows them, and does not show them all.
 

@@ -1,4 +1,6 @@
-"""A store: where files are written whole or not at all, listed, locked, and known by what is there.
+"""Where files are: the protocol of a store, the name of a place, and the checks of a path to be read.
+
+A store: where files are written whole or not at all, listed, locked, and known by what is there.
 
 The program knows this protocol alone. A folder of the file system is one store (`folder_store`), a bucket of an object
 store another (`object_store`); `stores.store_of` says which one a place is of.

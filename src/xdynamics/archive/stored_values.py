@@ -1,4 +1,6 @@
-"""Texts of many members as numbers in a file: outcomes as flags, digests as bytes; readers get the texts.
+"""Values as they are stored, and as readers get them: texts of many members, chunks by index, arrays read when used.
+
+Texts of many members as numbers in a file: outcomes as flags, digests as bytes; readers get the texts.
 
 A digest of 32 digits takes 16 bytes, an outcome one; in memory, as texts of one width, 128 and 80. The digest of such a
 variable is that of its texts, so that an archive has the same content digest in whatever form it keeps them.

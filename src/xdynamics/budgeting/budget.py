@@ -80,7 +80,7 @@ def budgets_over(
     first = members[0]
     for position, result in zip(np.ndindex(grid.shape), members, strict=True):
         if [*result["term_name"].values] != [*first["term_name"].values]:
-            names = [", ".join(map(str, terms_of["term_name"].values)) for terms_of in (first, result)]
+            names = [", ".join(map(str, terms["term_name"].values)) for terms in (first, result)]
             raise InputError(
                 f"member {grid.member_name(position)} has the terms {names[1]}, and the first has {names[0]}"
             )

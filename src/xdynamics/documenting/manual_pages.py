@@ -1,4 +1,6 @@
-"""The guide's pages on runs and their files, on how a march finds events and contacts, on evidence, and on many runs.
+"""The pages of the manual on runs, evidence, archives, fits, JSON, precision, and words.
+
+The guide's pages on runs and their files, on how a march finds events and contacts, on evidence, and on many runs.
 
 The page `xdynamics help archives`: runs in files, by time and many together, with xarray alone where that is enough.
 

@@ -1,4 +1,6 @@
-"""Lines of help no wider than a window usually is.
+"""The pages of help on parts of a model: bodies, constraints, delays, joints, quantities with dimensions.
+
+Lines of help no wider than a window usually is.
 
 The page of help on rigid bodies, before the keys of their section.
 

@@ -1,4 +1,6 @@
-"""The accepted times of a record.
+"""What a record has of its steps, to repeat one: accepted times, rows, closed links, models, columns.
+
+The accepted times of a record.
 
 Whether recorded steps reach from one row to the next, or rows were left out between them.
 

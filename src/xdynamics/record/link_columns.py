@@ -1,4 +1,6 @@
-"""Columns of closed links: what is held together in each row, by which contact, with which force.
+"""Columns of contacts of many bodies: closed links by row, their impacts, and few links written out one by one.
+
+Columns of closed links: what is held together in each row, by which contact, with which force.
 
 Columns of the impacts of many links: which link, which two bodies, and the impulse on each of the two.
 
