@@ -27,6 +27,7 @@ from xdynamics.documenting.model_pages import (
     shapes_page,
     wrapped_lines,
 )
+from xdynamics.documenting.pages import page_text
 from xdynamics.expressions.tree import FUNCTIONS
 from xdynamics.faults import InputError
 from xdynamics.model.grammar import HEAD, SECTIONS
@@ -126,130 +127,9 @@ PAGES_ABOUT = {  # pages that are of no section of a model file
     "json": "What verbs print with --json.",
     "stores": "Objects of S3, and Zarr stores.",
 }
-STARTER = """\
-# A driven pendulum. `xdynamics help model` lists all sections, `xdynamics help forces` every key of one.
-name = "Driven pendulum"
-description = "A pendulum with friction in its bearing, and a torque that swings"
-
-[coordinates]                 # what moves; the velocity of theta is v_theta
-theta = { unit = "rad", description = "angle from the vertical" }
-
-[parameters]                  # numbers with units; an uncertainty makes a term of an error budget
-m = "0.2 kg"
-l = { value = "0.5 m", uncertainty = "1 mm", description = "from the pivot to the bob" }
-g = "9.80665 m s-2"
-b = { value = "2e-3 kg m2 s-1", description = "of the bearing" }
-torque = "0.1 N m"
-w = "3 s-1"
-
-[mass]                        # what multiplies the acceleration: of an angle a moment of inertia
-theta = "m*l**2/radian**2"
-
-[forces.gravity]              # of a potential, the force is its negative gradient
-potential = "-m*g*l*cos(theta)"
-
-[forces.bearing]              # else a component for each coordinate: of an angle a torque
-theta = "-b*v_theta/radian**2"
-
-[forces.drive]
-theta = "torque*sin(w*t)/radian"
-
-# [drives.push]               # measured data: use `push` in an expression
-# table = "push.csv"          # header: t [s],push [N m]
-
-[events.turn]                 # a function whose zeros are located; action: record, stop, switch, reset, impact
-function = "v_theta"
-
-[observables]                 # what else is recorded
-height = { expression = "-l*cos(theta)", unit = "cm", description = "of the bob over the pivot" }
-
-[initial]                     # where it starts; a velocity that is not there is 0
-theta = "30 degree"
-
-[figure]                      # what pictures show: where the bob is, a dot in each period of the torque
-plane = ["l*sin(theta)", "-l*cos(theta)"]
-section = "2*pi/w"
-wrap = ["theta"]
-
-[run]                         # defaults of `xdynamics run`
-method = "dop853"
-rtol = 1e-9
-until = "20 s"
-"""
-FILES = """\
-A drive, `compare` and `fit` read tables: a header with names and units, rows of numbers; commas,
-semicolons, tabs.
-  time [ms],x [mm],u(x) [mm]
-  also  time (ms);x (mm)  and  time/ms, with decimal commas where cells are not split by commas.
-  u(x) is the standard uncertainty of x row by row, u_common(x) one that all rows share. Columns
-  nobody asks for may be anything.
-Files of instruments are read as they come:
-  phyphox      exports of the phone (CSV or Excel): column = "Acceleration x"
-  Vernier      "Data Set 1:Position(m)" or "Latest: Position (m)": column = "Position"; the first
-               data set is taken
-  Tracker      a line with the track's name, then t, x, y without units:
-               units = { t = "s", x = "m" }
-  oscilloscope Tektronix (TDS, MDO, MSO, DPO), Siglent, Rigol, PicoScope: column = "CH1"
-  RASP         *.eng, thrust of a rocket motor; its first point (0, 0) is added, its last is 0 N
-  Excel        *.xlsx, the first sheet with two rows or more (pip install 'xdynamics[excel]')
-  netCDF       a file, or a Dataset or DataArray of xarray, with `units`; u_x for the uncertainty of
-               x; dates count from the first
-What a file does not say is said by keys of the drive, by reading={...} in Python, by options of
-compare and fit:
-  skip       --skip 3                      lines before the header
-  header     --header "t [s],x [mm]"       titles, one for each column, in the place of the file's
-  columns    --column x=Position           a column's name where it is not the model's (compare and
-                                           fit; a drive has `column`)
-  units      --units t=s --units x=mm      of columns whose titles have none
-  time_zero  --time-zero 2.5s | first      what times are counted from
-  decimal    --decimal ,                   where it cannot be found
-  gaps       --gaps skip                   leaves out rows in which a number that is needed is
-                                           missing
-What was read is kept in the model and its archives as a plain table, whose first line says what it
-was made of.
-A table may have 50 MB, some million rows; a model file 20 MB and 500,000 numbers in lists, so that
-more of them belong into tables. The text of a record, or of to_toml, has the tables in it, and may
-have 70 MB and 2,000,000 numbers: Model.from_record reads it.
-Units are spelled as they are found: m/s², m/s^2, µm, °/s, kΩ. Of values in °C 273.15 K is added; of
-uncertainties not.
-"""
-SOLVE = """\
-xd.solve(fun, t_span, y0, method="RK45", ...) takes what scipy.integrate.solve_ivp takes, and
-returns a run.
-  run = xd.solve(lambda t, y, m: [y[1], m*(1 - y[0]**2)*y[1] - y[0]], (0, 20), [2, 0], args=(1.5,))
-  run.dynamics.solution           t, y, sol(t), t_events, y_events, status, message, as scipy has
-                                  them
-fun is called once, with symbols, and what it does to them is written down as expressions. So it may
-use
-  + - * / ** % abs min max, math.sin or np.sin and the like, np.where, np.clip, np.heaviside,
-  np.interp, np.sum, np.dot, @, np.linalg.solve, np.zeros(n) and assignment to its elements, slices,
-  np.roll, loops over range, functions of yours.
-Arrays of any number of axes, u = y.reshape(n, m), are traced number by number, and numbers whose
-expressions are alike become one expression of the element's number, however many they are: windows
-u[1:-1, 1:-1], d[1:] += …, np.roll, np.diff, np.gradient, np.pad, np.where, np.hstack, u.T. Sums,
-means and extremes go in loops, along an axis too, as do bodies by pairs, x[None, :, :] - x[:, None,
-:], and products of matrices: @, np.einsum, np.outer, np.tensordot, np.trace. Spreads are np.std,
-np.var, np.ptp, and functions have their methods: np.add.at(d, i, f), np.subtract.outer(y, y),
-np.maximum.reduce(y). With names="u" a function that returns a list has one state u(u_index), too. A
-pair costs some 0.1 ms once: of over a few hundred bodies, or some ten thousand numbers, write the
-model with [dimensions] (`xdynamics help shapes`), which is read at once.
-It may not branch on the state (`if y[0] > 0`): write np.where(y[0] > 0, a, b), an event, or a
-contact. Comparisons are joined by &, |, ~ or np.logical_and, and count as 1 and 0 in arithmetic;
-np.interp takes left, right and period.
-What it cannot is refused in words with the remedy: f(y, t) of odeint, spans backward in time,
-integer powers that vary, and what scipy computes from the state at every step: quad, fsolve,
-brentq, interpolators, erf and the like.
-Limits, beyond which the message names what to write in its place:
-  200000     operations that one function may write down
-  30000      numbers of y0; of more, write the model with [dimensions]
-  300        numbers that follow no rule in common, as where they are picked by a list at random
-  64         families of numbers with rules of their own, such as ends, edges and corners
-  10         numbers that get a name each; of more, an array whose rule is the same along it becomes
-             one quantity with a dimension
-  40         points of np.interp at an expression of the state; over t a table of any length is a
-             drive
-  6          unknowns of np.linalg.solve
-"""
+STARTER = page_text("starter.toml")
+FILES = page_text("files.txt")
+SOLVE = page_text("solve.txt")
 
 
 def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from textwrap import wrap
 
+from xdynamics.documenting.pages import page_text
 from xdynamics.expressions.parser import FORMS
 
 WIDTH = 100  # of a line
@@ -34,33 +35,7 @@ def wrapped_lines(text: str, hang: int = 0) -> list[str]:
     return wrap(text, WIDTH, subsequent_indent=" " * hang, break_long_words=False, break_on_hyphens=False)
 
 
-BODIES_PAGE = """\
-A body `frame` in [bodies.frame] stands for
-  frame_r       position of its centre of mass in space, along axis; absent with a pivot
-  v_frame_turn  its angular velocity, along its own axes; frame_turn, its integral, has no meaning
-  frame_q0      the scalar part, and
-  frame_q       the vector part of its attitude, a unit quaternion that turns body to space axes
-  frame_spin    its angular momentum about the centre of mass, or the pivot, in space
-  frame_tip     where its point `tip` is in space, and v_frame_tip how fast that moves
-Expressions may read, for a point that has a name or is given by its components in the body,
-  point(frame, tip), point(frame, [0*metre, 0*metre, l])   where it is
-  velocity(frame, tip), velocity(frame, [0*metre, …])      how fast it moves
-  direction(frame, [0, 0, 1])                              what a vector of the body is in space
-and `centre` is the point at its origin. All are vectors along axis: frame_tip[z] is the height of a
-named point, norm(point(frame, tip) - point(base, hook), axis) the distance between two points.
-
-Forces and torques are given in [bodies.frame]; gyroscopic terms are added: force frame_gyroscopic.
-A potential may read points: [forces.gravity] potential = "m*g*frame_tip[z]" acts on position and
-attitude, and the energy is known. Gaps of contacts and slips of frictions may not read attitudes.
-In a model with regimes, forces of bodies act in the regimes that name them; unnamed ones in all.
-
-After every step the quaternion is scaled back to length 1; attitude_deviation is how far from 1 it
-was, which falls with the step's error. With precision = "double_double" it is not scaled.
-The attitude as a rotation of scipy's:
-  Rotation.from_quat(np.column_stack([run.frame_q0, run.frame_q]), scalar_first=True)
-and run.dynamics.animate("film.gif") shows bodies by their points, joints and ellipsoids of inertia.
-
-"""
+BODIES_PAGE = page_text("bodies.txt")
 
 
 def bodies_page(section: Iterator[str]) -> Iterator[str]:
@@ -69,36 +44,7 @@ def bodies_page(section: Iterator[str]) -> Iterator[str]:
     yield from section
 
 
-CONSTRAINTS_PAGE = """\
-A constraint keeps an expression at zero. Of [constraints.rod] the record has
-  constraint_force_rod      its multiplier: times the derivative of the expression by a coordinate
-                            it is the force on that; of norm(r, axis) - L it is in N, along r
-  constraint_residual_rod   the value of the expression; constraint_rate_rod, its time derivative
-  constraint_rank           how many constraints are independent. Where some imply others, many sets
-                            of multipliers give the same motion: the one of least norm is taken,
-                            each weighed by how much it accelerates the bodies when it acts alone
-  constraint_projection     the largest residual at the end of a step, over the size of its terms,
-                            before positions, then velocities, are put back onto the constraints
-It may read t, as for a guide that moves. With dimensions there is one constraint for each element:
-  [constraints.rod]  holds = "norm(r - shift(r, bead, 1, 0*metre), axis) - L"
-
-Explicit, implicit and Taylor methods keep their orders. velocity_verlet, position_verlet,
-euler_cromer and the compositions of velocity Verlet become RATTLE, with impulses of constraints in
-every drift, so that energy does not drift. ruth3, pefrl and dprkn6 would lose their order: refused.
-
-Constraints have to hold at the start; if they do not, the error message has the nearest state where
-they do, and [initial] consistent = true starts there. Impacts and friction obey constraints. Balls,
-hinges, sliders and welds of bodies need not be written out: `xdynamics help joints`.
-
-Rolling without any slip is a constraint. A wheel that slips when rolling would take more force than
-Coulomb's law allows is dry friction, which while it sticks is the same constraint:
-  [frictions.lane]  slip = "v_x - R*v_theta/radian"  kinetic = "mu*m*g"
-For a ball thrown with backspin, the event stick is when it begins to roll, and slip when that ends.
-
-A march passes singular positions, where for an instant one constraint follows from others: within
-about 3e-4 (in radians, say) of one the weakest is not kept, and some eight digits are left.
-
-"""
+CONSTRAINTS_PAGE = page_text("constraints.txt")
 
 
 def constraints_page(section: Iterator[str]) -> Iterator[str]:
@@ -107,35 +53,7 @@ def constraints_page(section: Iterator[str]) -> Iterator[str]:
     yield from section
 
 
-DELAYS_PAGE = """\
-delayed(x, "20 ms") is x as it was 20 ms ago. The delay is a quantity in quotes, a parameter or a
-constant expression, a positive time that does not change; what is delayed is any expression:
-  [forces.servo]
-  x = "-k*delayed(x, tau) - d*delayed(v_x, '20 ms')"
-It stands in components of forces, rates of states, events and what they set, controllers,
-observables, and definitions of these. Coordinates, velocities, states, what controllers hold and
-drives may be delayed, each by several times; in it t is the time back then.
-
-Up to the start a value is the one at the start, or what [history] says; solver_delay_history in the
-record says which. A jump from the one to the other is met like any other jump.
-
-The past is kept as polynomials of the accepted steps by the method's own dense output:
-  dop853                      of degree 7, which leaves order 8
-  dormand_prince              of degree 4, which leaves order 5
-  other methods up to order 4 Hermite's cubic, which leaves their order
-(solver_delay_interpolation). Methods of higher orders by Hermite's cubic, radau_iia and taylor
-refuse. No step is longer than the shortest delay.
-
-Where the motion has a jump or a kink, at the start, a tick, a point of a table, an impact, a reset
-or a switch, it has a smoother one a delay later, two delays later, and so on: the march lands on
-them all, as nodes, as long as the method can tell them from none (solver_breaking_points).
-
-A record without all of its rows, as by keep_every, is reproduced and extended, but not sampled.
-Members of sweeps are marched one after the other, and slopes of budgets and fits are differences.
-Proofs, modes, variational equations, precision = "double_double", constraints, bodies and models
-with dimensions do not go with delays, and say so.
-
-"""
+DELAYS_PAGE = page_text("delays.txt")
 
 
 def delays_page(section: Iterator[str]) -> Iterator[str]:
@@ -144,34 +62,7 @@ def delays_page(section: Iterator[str]) -> Iterator[str]:
     yield from section
 
 
-JOINTS_PAGE = """\
-A joint holds two bodies together, or a body and `space`, which does not move:
-  ball    in one point                                               3 conditions
-  hinge   in one point, turning about one axis                       5
-  slider  the second along an axis of the first, unturned in it      5
-  rigid   as one body: in one point, unturned                        6
-Points and axes are written in the axes of each body. Points of space may read t, and move.
-
-Recorded are the force in N and the torque in N m that the second does to the first, at the point
-of the second, along x, y and z of space:
-  joint_force_elbow, joint_torque_elbow      (of a ball there is no torque)
-In expressions of forces, events, observables stand
-  elbow_angle    how far the second has turned about a hinge's axis in the first; without a break
-                 up to a whole turn either way; 0 where the axes of both are aligned
-  v_elbow_angle  how fast it turns
-  rail_travel    how far the point of the second is along a slider's axis from that of the first
-so that potential = "k*elbow_angle**2/2" is a torsion spring between both.
-
-A joint stands for constraints, which have multipliers, residuals and rates in the record, too:
-  elbow_point    one point less the other, along axis
-  rail_across_1, rail_across_2           the same of a slider, across its axis
-  elbow_turn_1, elbow_turn_2, weld_turn  small angles by which directions are off
-The motion has to start with every joint together, else the message has the nearest such state, and
-[initial] consistent = true goes there. In closed loops of hinges some conditions imply each other:
-constraint_rank tells how many act, and what the motion does not tell, as forces across its plane,
-is shared by least norm (`xdynamics help constraints`).
-
-"""
+JOINTS_PAGE = page_text("joints.txt")
 
 
 def joints_page(section: Iterator[str]) -> Iterator[str]:

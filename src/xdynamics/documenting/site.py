@@ -12,36 +12,10 @@ from pathlib import Path
 
 from xdynamics.archive.folder_store import new_folder_at
 from xdynamics.documenting.guide import PAGES_ABOUT, topics
+from xdynamics.documenting.pages import page_text
 from xdynamics.model.grammar import SECTIONS
 
-STYLE = """\
-:root { color-scheme: light dark; --ink: #1d2327; --paper: #fff; --faint: #f4f5f6; --line: #d9dcdf; --link: #1f5f99 }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #dfe3e6; --paper: #16191c; --faint: #1f2327; --line: #363c42; --link: #79b4ea } }
-* { box-sizing: border-box }
-body { margin: 0; display: flex; align-items: flex-start; color: var(--ink); background: var(--paper);
-  font: 16px/1.5 system-ui, sans-serif }
-nav { flex: none; width: 15rem; height: 100vh; position: sticky; top: 0; overflow-y: auto; padding: 1.2rem;
-  background: var(--faint); border-right: 1px solid var(--line); font-size: .9rem }
-nav h2 { margin: 1.2rem 0 .2rem; font-size: .75rem; text-transform: uppercase; letter-spacing: .06em; opacity: .7 }
-nav a { display: block; padding: .1rem 0 } nav a.here { font-weight: 600; color: inherit }
-main { flex: 1; min-width: 0; max-width: 72rem; padding: 1.2rem 1.6rem 4rem }
-a { color: var(--link); text-decoration: none } a:hover { text-decoration: underline }
-h1 { margin: .2rem 0 1rem; font-size: 1.7rem } h2 { margin: 2rem 0 .5rem; font-size: 1.15rem }
-pre { padding: .8rem 1rem; white-space: pre-wrap; overflow-x: auto; background: var(--faint); border-radius: 6px;
-  border: 1px solid var(--line);
-  font: clamp(.6rem, calc((100vw - 23rem) / 62), .85rem)/1.5 ui-monospace, "DejaVu Sans Mono", monospace }
-table { border-collapse: collapse; font-size: .85rem }
-td, th { padding: .2rem .6rem; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line) }
-code { font: .88em ui-monospace, "DejaVu Sans Mono", monospace }
-.models { display: grid; gap: 1.2rem; grid-template-columns: repeat(auto-fill, minmax(min(24rem, 100%), 1fr)) }
-.models figure { margin: 0; border: 1px solid var(--line); border-radius: 6px; overflow: hidden }
-.models img { display: block; width: 100%; height: auto; background: #fff }
-.models figcaption { padding: .6rem .8rem; font-size: .85rem }
-@media (max-width: 50rem) {
-  body { flex-direction: column } main { padding: 1rem; width: 100% } pre { font-size: .75rem; white-space: pre }
-  nav { order: 2; position: static; width: 100%; height: auto } }
-"""
+STYLE = page_text("site.css")
 GUIDE, SECTIONS_OF, COMMANDS, FUNCTIONS = "The guide", "Sections of a model", "Command line", "Python"
 INDEX, VERBS, METHODS, GALLERY, API = "index", "verbs", "methods", "gallery", "api"
 DATA = Path(__file__).parents[3] / "data"  # of a checkout; an installed package has none
