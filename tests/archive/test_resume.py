@@ -134,9 +134,9 @@ def test_interrupted_is_resumed(tmp_path: Path) -> None:
 def test_a_full_disk_is_resumed(tmp_path: Path) -> None:
     """Assert that segments outlive a write that fails, and the run goes on from them once there is room."""
     script = (
-        "import resource, signal, sys\nimport xdynamics as xd\nfrom xdynamics.archive import segments, streaming, writer\n"
-        "from test_resume import ASKED, PENDULUM\nwriter.CHUNKS = writer.CHUNKS | {'step': 5_000}  # each block reaches the disk\n"
-        "segments.EVERY, segments.Segments.patience = 0.0, float('inf')\nstreaming.BLOCK_ROWS = 5_000\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "import resource, signal, sys\nimport xdynamics as xd\nfrom xdynamics.archive import segments, writing\n"
+        "from test_resume import ASKED, PENDULUM\nwriting.CHUNKS = writing.CHUNKS | {'step': 5_000}  # each block reaches the disk\n"
+        "segments.EVERY, segments.Segments.patience = 0.0, float('inf')\nsegments.BLOCK_ROWS = 5_000\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, 2_000_000))\n"
         "try:\n    xd.simulate(PENDULUM, **ASKED, path=sys.argv[1])\n"
         "except xd.ArchiveError as error:\n    print(error)"

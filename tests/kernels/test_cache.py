@@ -177,12 +177,12 @@ def test_a_cache_that_cannot_be_written(kept: tuple[Path, str], known: str, tmp_
 
 FULL = """
 import resource, sys
-from xdynamics.kernels import cache
+from xdynamics.kernels import machine
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-print(cache.caching_obstacle())
+print(machine.caching_obstacle())
 for name in ("law-x.o", "law-y.o"):
-    cache.write(name, bytes(5000))
-    print(cache.read(name))
+    machine.write(name, bytes(5000))
+    print(machine.read(name))
 """
 
 

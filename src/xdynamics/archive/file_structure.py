@@ -41,6 +41,7 @@ def size_faults(path: Path, file: netCDF4.Dataset) -> list[str]:
     A byte of the file stands for up to `MOST_PACKED` bytes of a compressed variable, see `variables_to_compress`, and for one of others.
     """
     status = path.stat()
+    # st_blocks counts units of 512 bytes, whatever the block size of the file system
     if status.st_size > _SMALL and status.st_size > SPARSE * 512 * getattr(status, "st_blocks", status.st_size):
         return [f"the file says that it has {status.st_size} bytes, but almost none of them are on the disk"]
     faults, total, needed = [], 0, 0
@@ -48,6 +49,7 @@ def size_faults(path: Path, file: netCDF4.Dataset) -> list[str]:
         size, chunk = _bytes_of(variable)
         filters = [*_filters(variable)]
         minimum_bytes = -(-size // MOST_PACKED) if filters == ["zlib"] else size
+        # a compressed chunk may be larger than the file that holds it: what bounds it is the memory it is unpacked in
         room = max(status.st_size, LARGEST_CHUNK) if filters == ["zlib"] else status.st_size
         total, needed = total + size, needed + minimum_bytes
         if minimum_bytes > status.st_size or chunk > room:
@@ -76,6 +78,7 @@ def variables_to_compress(widths: Mapping[str, tuple[str, int]]) -> set[str]:
         For each variable the dimension along which it grows, and its bytes per row of that.
     """
     compressed_names, plain, full = set(), dict.fromkeys((dim for dim, _ in widths.values()), 0), Counter[str]()
+    # narrow columns first: they are the cheapest to leave plain, and plain bytes are what the bound is a multiple of
     for name, (dim, width) in sorted(widths.items(), key=lambda item: item[1][1]):
         if full[dim] + width <= PACKED * plain[dim]:
             full[dim] += width
@@ -209,6 +212,7 @@ def inventory(path: Path) -> Inventory:
             raise OSError("it does not begin as an HDF5 file does")
     openings.opening_of(path)  # refuses one that was overwritten while the library has it open
     objects = Inventory()
+    # the zeros are H5F_ACC_RDONLY and H5P_DEFAULT
     with _library_handle("H5Fopen", os.fsencode(path.absolute()), 0, 0, close="H5Fclose") as root:
         objects.attributes[""] = _attribute_names(root, "", objects.faults)
         links = "H5Literate2" if hasattr(_library(), "H5Literate2") else "H5Literate"
@@ -257,10 +261,13 @@ def _iterated_names(function: str, handle: int) -> list[tuple[str, int]]:
             entries.append((name.decode("utf-8", "surrogateescape"), numbers[0]))
         except BaseException as error:  # noqa: BLE001 - Ctrl-C, too, would be lost in a function that C calls
             broken.append(error)
+            # a negative number ends the iteration and makes the library call
+            # fail; the exception is raised again behind it
             return -1
         return 0
 
     try:
+        # by H5_INDEX_NAME (0) in H5_ITER_NATIVE (2), the order that is fastest for the file at hand
         _call_library(function, handle, 0, 2, None, _Noted(note_entry), None)
     except OSError:
         if broken:
@@ -286,6 +293,7 @@ def _is_within(handle: int) -> bool:
     ):
         if library.H5Tget_class(rows) != ROWS:
             return False
+        # H5T_STD_REF_OBJ is an address in the file itself; the newer H5T_STD_REF may name another file
         with _library_handle("H5Tget_super", rows, close="H5Tclose") as base_type:
             return bool(library.H5Tequal(base_type, c_int64.in_dll(library, "H5T_STD_REF_OBJ_g")) > 0)
 
@@ -322,7 +330,9 @@ def _library() -> ctypes.CDLL:
     for name, (result, arguments) in _FUNCTIONS.items():
         if hasattr(library, name):
             function = getattr(library, name)
+            # ctypes assumes C ints, which would cut off half of a 64-bit identifier
             function.restype, function.argtypes = result, arguments
+    # type constants like H5T_STD_REF_OBJ_g hold no identifier before this call
     library.H5open()
     library.H5Eset_auto2(0, None, None)  # it would print its errors
     return library

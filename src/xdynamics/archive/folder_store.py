@@ -58,6 +58,7 @@ def new_folder_at(path: Path) -> Iterator[Path]:
             os.close(handle)
             shutil.rmtree(built, ignore_errors=True)
     except OSError as error:
+        # the rename met what another process put there meanwhile: name that, not the system's word for it
         if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
             check_folder_empty(path)
         raise ArchiveError(
@@ -82,13 +83,16 @@ def check_folder_empty(path: Path) -> None:
 
 def _rename_built_folder(built: Path, target: Path) -> None:
     if target.is_dir():
+        # the empty folder that is replaced passes on its rights
         shutil.copymode(target, built)
+    # files first, then the folder: after a power cut the new name must not stand for files that are not on the disk
     for file in built.iterdir():
         with synced(file):
             pass
     with synced(built):
         pass
     built.rename(target)  # replaces an empty folder, and fails on any other
+    # a rename is durable only once the folder that holds the name is
     with synced(target.parent):
         pass
 
@@ -112,6 +116,7 @@ def _sweep_dead_folders(target: Path) -> None:
         if not names.fullmatch(folder.name) or folder.is_symlink() or not folder.is_dir():
             continue
         with suppress(OSError):
+            # O_NOFOLLOW: a link may have taken the name since it was looked at
             handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
             try:
                 if _try_folder_lock(handle):
@@ -132,6 +137,7 @@ def _try_folder_lock(handle: int) -> bool:
 
 
 def _stem(target: Path) -> str:
+    # 8 digits of the token and 2 points; file systems limit bytes, not letters
     room = LONGEST - len(BUILT) - 8 - 2
     return f".{os.fsdecode(os.fsencode(target.name)[:room])}."
 

@@ -346,6 +346,7 @@ def record_standing(run: xr.Dataset) -> Standing:
     for dim, names in fewer.items():
         faults += _row_faults(dim, names, run, origin)
     left_out = [name for name in origin.parts if name not in run.variables]
+    # tolerances that follow a rule follow it again in a new march; only given ones would be lost
     tolerances = {
         name: (float(attributes["atol_si"]), str(attributes["units"]))
         for name, attributes in ((name, origin.parts[name].attributes) for name in left_out)
@@ -455,6 +456,7 @@ def _is_edited(part: OriginalVariable, now: xr.Variable, run: xr.Dataset, open_o
         return True
     if now.dims[0] in original_indices:
         return bool((mine != theirs).any())
+    # nothing says which rows these are: each has to be one of the run's
     return not {*mine.tolist()} <= {*theirs.tolist()}
 
 
@@ -629,6 +631,8 @@ def rows_within(names: list[str], run: xr.Dataset, full_run: xr.Dataset) -> NDAr
     remaining = theirs.tolist()
     for row, row_word in enumerate(mine.tolist()):
         try:
+            # the first match is enough: if the rows are a subsequence at all,
+            # the earliest choice leaves most for the rest
             next_row = remaining.index(row_word, next_row)
         except ValueError:
             return row
@@ -640,6 +644,7 @@ def rows_within(names: list[str], run: xr.Dataset, full_run: xr.Dataset) -> NDAr
 def _rows_as_words(variables: list[xr.Variable]) -> NDArray[Any]:
     """Return every row of some variables as one word of bytes, compared without tolerance and without nan."""
     row_bytes = np.ascontiguousarray(np.hstack([_bytes_of_rows(np.asarray(variable.values)) for variable in variables]))
+    # as bytes a nan equals itself, and -0.0 differs from 0.0
     words: NDArray[Any] = row_bytes.view(np.dtype((np.void, row_bytes.shape[1]))).ravel()
     return words
 

@@ -181,6 +181,7 @@ def _examine_open_file(file: Any, tail: Tail, harms: list[str], objects: Invento
     )
     of_variables = [*record.faults()]
     differences += of_variables
+    # a variable that differs is named already, and changes the content digest too
     if ROOT_DIGEST in attributes and all(kind == MANNER for kind, _ in of_variables) and not record.agrees():
         differences.append((EDIT, "the attributes differ from the content digest"))
     if VOLATILE_DIGEST in attributes and attributes[VOLATILE_DIGEST] != record.volatile_digest():

@@ -144,6 +144,7 @@ _forking: list[Any] = []
 
 
 def _before_fork() -> None:
+    # whoever owns ours holds xarray's as well, and those are not reentrant
     theirs = [] if _library_lock._is_owned() else _locks_of_xarray()  # type: ignore[attr-defined]  # noqa: SLF001
     _library_lock.acquire()
     for lock in theirs:

@@ -82,6 +82,7 @@ def client() -> Any:
         If the package is missing.
     """
     settings = tuple(sorted(pair for pair in os.environ.items() if pair[0].startswith(("AWS_", "FSSPEC_"))))
+    # by process: the event loop and connections of a client do not survive a fork
     return _client(os.getpid(), settings, CONNECT, READ, ATTEMPTS)
 
 
@@ -98,6 +99,7 @@ def _client(_process: int, _settings: tuple[tuple[str, str], ...], connect: floa
         "read_timeout": read,
         "retries": {"mode": "standard", "total_max_attempts": attempts},
     } | dict(conf.get("s3", {}).get("config_kwargs", {}))
+    # fsspec caches by arguments, and would not notice that the environment has changed
     files = s3fs.S3FileSystem(config_kwargs=config, skip_instance_cache=True)
     files.retries = 1  # the client behind it repeats calls itself
     return files
@@ -146,6 +148,7 @@ def pieces_of(answer: dict[str, Any]) -> Iterator[bytes]:
     except Exception as error:  # noqa: BLE001 - as above
         raise refusal_of(error) from None
     finally:
+        # the connection belongs to the loop, which runs in a thread of fsspec's own
         loop.call_soon_threadsafe(body.close)
 
 
@@ -207,6 +210,7 @@ def leased(lock: ObjectName, locked_name: ObjectName) -> Iterator[None]:
     token = secrets.token_hex(8)
     handle = os.open(_witness(token), os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, 0o600)
     try:
+        # locked before others see the token: a witness that can be locked stands for a dead holder
         try_lock(handle, needed=False)
         content = json.dumps({"token": token, "host": socket.gethostname(), "process": os.getpid()}).encode()
         lease = _Lease(lock, content, _take_lock(lock, locked_name, content))
@@ -240,6 +244,7 @@ class _Lease:
     def release(self) -> None:
         """Release the lock, if it is still this process' own."""
         self.over.set()
+        # a renewal under way would change the stamp that the deletion is conditional on
         self.thread.join()
         with suppress(RefusedError):
             call_store(self.lock, "delete_object", Key=self.lock.key, IfMatch=self.stamp)
@@ -264,6 +269,7 @@ def _take_lock(lock: ObjectName, locked_name: ObjectName, content: bytes) -> str
                 stamp = _put_lock(lock, content, IfMatch=str(answer["ETag"]))
                 _forget_token(str(holder.get("token", "")))
                 return stamp
+            # another process took the lock over at this moment, so it is as good as new
             age = 0.0
     except RefusedError as error:
         if error.is_absent:  # released in between
@@ -312,6 +318,7 @@ def _is_dead(token: str) -> bool:
     except OSError:
         return False
     try:
+        # where the file system has no locks nothing is known, and the holder counts as alive
         return try_lock(handle, needed=True)
     finally:
         os.close(handle)

@@ -149,6 +149,7 @@ class ObjectStore:
         etag = str(stamp_of(head))
         if stamp is not None and etag != stamp:
             raise ArchiveError(f"'{location}' is another file than the one that was opened; open it again")
+        # a thread that wants the same version waits here and finds the copy, instead of downloading it again
         with self._fetching:
             local_copy = self._copies.get((location, etag))
             if local_copy is None:
@@ -359,6 +360,8 @@ def _download_object(location: ObjectName, stamp: str, size: int) -> tuple[Path,
                     _download_rest(file, location, stamp, size)
                     break
                 except RefusedError as error:
+                    # with words it is the store's own answer, which would be the same
+                    # again; without any the connection was lost
                     if error.is_taken or error.words or attempt + 1 == ATTEMPTS:
                         raise
         return part.path, _Copy(stack.pop_all())
@@ -369,6 +372,7 @@ def _download_rest(file: Any, location: ObjectName, stamp: str, size: int) -> No
     done = file.tell()
     if done == size:
         return
+    # under the condition: the rest has to be of the same version as what is here already
     answer = call_store(location, "get_object", Key=location.key, IfMatch=stamp, Range=f"bytes={done}-")
     for piece in pieces_of(answer):
         file.write(piece)

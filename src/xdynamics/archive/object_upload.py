@@ -80,6 +80,7 @@ class Upload:
     def send(self) -> None:
         """Send all parts."""
         self._id = str(call_store(self.location, "create_multipart_upload", **self.about)["UploadId"])
+        # S3 takes 10,000 parts at most, so those of a very large file have to be larger
         size = max(SINGLE, -(-self.part.stat().st_size // MOST_PARTS))
         about = {"Key": self.location.key, "UploadId": self._id}
         with self.part.open("rb") as file:
@@ -177,6 +178,7 @@ class ObjectBatch:
         uploads = [Upload(new.part, new.name, self._stamp_before(new.name)) for new in self._files]
         with ExitStack() as locks:
             for folder in dict.fromkeys(upload.location.parent for upload in uploads):
+                # by this lock `clear` of another process knows that these uploads are of a living one
                 locks.enter_context(leased(folder / f"{BATCH}{secrets.token_hex(8)}{LOCK}", folder))
             self._step_all_uploads(uploads, Upload.send, "none of {1} files has its name, nothing is changed")
             outcome_text = "{0} of {1} files have their names, under the others nothing is changed"
@@ -227,6 +229,7 @@ def are_alive(folder: ObjectName) -> bool:
     alive = False
     for entry in locks:
         try:
+            # a lock that can be taken is of a dead process, and is removed as this block ends
             with leased(ObjectName(folder.bucket, str(entry["Key"])), folder):
                 pass
         except LockedError:

@@ -108,6 +108,7 @@ def read_columns(path: Given, names: Collection[str]) -> xr.Dataset:
         with open_run(path) as run:
             return run[[name for name in names if name in run.variables]].load()
     with opened_file(local_file.path) as file:
+        # asked after the opening: the name may have gone to another file since the seal was read
         if _identity(local_file) != look.identity:
             raise ArchiveError(f"'{local_file.location}' was replaced while it was opened; open it again")
         variables = {name: file.variables[name] for name in names if name in file.variables}
@@ -119,6 +120,7 @@ def _stored_column(variable: netCDF4.Variable[Any]) -> tuple[tuple[str, ...], ND
     """Return dims, values and attributes of a variable of a run's file; letters as texts."""
     dims, values = variable.dimensions, np.asarray(_all_stored_values(variable))
     if values.dtype == "S1":
+        # null letters, which fill up short texts, fall away at the end of numpy's byte strings
         texts = np.ascontiguousarray(values).view(f"S{values.shape[-1]}")[..., 0]
         dims, values = dims[:-1], np.char.decode(texts, "utf-8")
     return dims, values, stored_attributes(variable)
@@ -337,6 +339,7 @@ def _examine_stable_file(local_file: LocalFile, look: _SealedIdentity | None = N
         look = look or _SealedIdentity.from_file(local_file)
         examination = examine_sandboxed(local_file.path, look.tail)
         identity = look.identity
+        # seal and values may have been read from two files: a fault counts only if it was one
         if not examination.faults or identity_of(local_file.path) == identity:
             break
         look = None

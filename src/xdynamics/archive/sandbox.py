@@ -61,6 +61,7 @@ def _answer_requests() -> None:
         _send_answer(vars(examination))
         if examination.faults:
             os._exit(0)
+    # not sys.exit: exit handlers and buffers that the fork inherited are the parent's
     os._exit(UNASKED)
 
 
@@ -90,11 +91,13 @@ def _send_answer(answer: object) -> None:
 
 
 def _bound_memory(more: int) -> None:
+    # a file that makes the reader crash must not fill the disk with core dumps
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[0])
     except OSError:
         return  # a system that does not report the memory in use
+    # RLIMIT_AS counts all address space, much of which the libraries have taken before any file is read
     limit = pages * resource.getpagesize() + more
     resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
@@ -261,6 +264,8 @@ class _Examiner:
                 stderr=subprocess.DEVNULL,
                 text=True,
                 env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+                # a group of its own, which `end` kills together with the reader,
+                # and which Ctrl-C at a terminal does not reach
                 start_new_session=True,
             )
             if _next_answer(self._process, STARTING) != READY:
@@ -276,6 +281,7 @@ def _is_faultless(answer: Any) -> bool:
 def _next_answer(process: subprocess.Popen[str], seconds: float) -> Any:
     """Return the next answer of a process; None if it gives none in time, or ends."""
     assert process.stdout is not None  # noqa: S101
+    # select refuses descriptors from 1024 on, and a process may have as many files open
     ready = select.poll()
     ready.register(process.stdout, select.POLLIN)
     if not ready.poll(1000 * seconds):

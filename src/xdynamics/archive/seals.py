@@ -157,7 +157,9 @@ class Seal:
 
     def hexdigest(self) -> str:
         """Return the digest of everything added so far."""
+        # a copy: segments of a march state digests of what there is so far, and more rows follow
         sealed = self._sha.copy()
+        # the shape comes last: how many rows there will be is not known when the first are hashed
         sealed.update(json.dumps([self._rows, *(self._inner or ())]).encode())
         return sealed.hexdigest()
 
@@ -196,6 +198,7 @@ def utf8_letters(text: Array) -> Array:
     if not text.ndim:
         return np.frombuffer(str(text[()]).encode(), dtype="S1")
     text = np.ascontiguousarray(text.astype(str, copy=False))
+    # numpy keeps each letter of a text in four bytes
     codes = text.view(np.uint32).reshape(*text.shape, -1)
     if text.size and codes.max(initial=0) < _ASCII:  # the usual case: no letter takes more than a byte
         longest = max(1, int(np.flatnonzero(codes.reshape(-1, codes.shape[-1]).any(axis=0)).max(initial=0)) + 1)
@@ -267,6 +270,7 @@ def digest_lines(digests: Mapping[str, str]) -> str:
 
 def digests_in(attributes: Mapping[Any, Any]) -> dict[str, str]:
     """Return the digests of variables that a file states in one place; none of the former schema."""
+    # from the right: a digest has no blank, and a name may have some
     lines = [line.rpartition(" ") for line in str(attributes.get(DIGESTS, "")).splitlines()]
     return {name: digest for name, _, digest in lines}
 

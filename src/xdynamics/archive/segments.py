@@ -114,6 +114,7 @@ def write_segment(
     shapes = [(name, array.dtype, array.shape) for name, array in memory.items()]
     header = {"kind": _KIND} | dict(march_header) | {MEMORY: _array_headers(shapes), ROWS: _array_headers(rows)}
     head = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in memory.values())
+    # rows need none of their own: the header has a digest of every variable up to the end of this segment
     digest = hashlib.sha256(head).hexdigest()
     with taking_name(location) as new, new.part.open("wb") as file:
         file.write(head + _MARK + digest.encode() + b"\n")
@@ -157,6 +158,7 @@ def _read_segment_head(file: IO[bytes]) -> tuple[dict[str, Any], int, str]:
     if header["kind"] != _KIND:
         raise ArchiveError("is of another version")
     size = sum(_array_bytes(kind, shape) for _, kind, shape in header[MEMORY])
+    # the header is not trusted before its digest holds: never read more than there is
     if not 0 <= size <= os.fstat(file.fileno()).st_size:
         raise ArchiveError("is cut off")
     digest = hashlib.sha256(line + file.read(size)).hexdigest()
@@ -471,6 +473,7 @@ def stream_to_writer(
             for name, attributes in record.followed_tolerances(march).items():
                 writer.describe(name, attributes)
             writer.finish(provenance.run_attributes(march))
+        # only now: the segments are all there is of the run until the archive has its name
         if not march.unfinished:
             segments.remove()
     return writer
@@ -493,10 +496,13 @@ def _write_all_rows(writer: Writer, march: March, segments: Segments, earlier_pa
             if not writer.filled:
                 sizes = _block_sizes(block) if march.is_over and not march.waits else {}
                 _define_columns(writer, spec, march, sizes)
+            # taken before the wait, so that this overlaps with the writing of the block before
             parts = [(column.variable.name, column.take(block)) for column in spec]
             _await_writes(pending)
             pending = [pool.submit(writer.write, parts)]
+            # hashed here while the other thread writes the same arrays: sha256 gives up the interpreter lock
             writer.hash(parts)
+            # memory and digests are taken now: the march and the hashing go on while the segment is written
             if segments.due and march.unfinished:
                 pending.append(pool.submit(segments.keep, writer, march.memory(), writer.digests()))
             if rows_of_block == 1:  # the next one is marched into the same

@@ -26,6 +26,7 @@ MOST_OPEN = 128  # files at a time; what was used longest ago is closed, and ope
 
 Identity = tuple[int, int, int, int]  # device, inode, size, time of the last change
 
+# by id: the archive as a key would be kept alive, and its finaliser never run
 _open: OrderedDict[int, netCDF4.Dataset] = OrderedDict()
 _archives: WeakSet[SharedArchive] = WeakSet()
 _kept_open: set[int] = set()  # of those whose name another file has taken or is to take: they could not be opened again
@@ -145,6 +146,7 @@ def open_shared(path: Path, identity: Identity | None = None, local_file: LocalF
     if faults := size_faults(path, archive.acquire()):
         raise ArchiveError(f"'{archive.location}' is damaged or no run archive:{numbered_lines(faults)}", tuple(faults))
     store = VariableStore(archive, mode="r")  # type: ignore[no-untyped-call]
+    # undecoded: values are to have the bits that were recorded, and no time becomes a calendar date
     run = xr.open_dataset(store, decode_times=False, mask_and_scale=False)
     run.encoding["source"] = str(local_file.location if local_file else path)
     run.set_close(_Closing(archive))

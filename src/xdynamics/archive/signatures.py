@@ -211,6 +211,7 @@ def _verified_digests(path: Place) -> dict[str, str]:
     with open_run(path, check=False) as run:
         circumstances = str(run.attrs[VOLATILE_DIGEST])
     digests = {"content": examination.digest, "circumstances": circumstances, "bytes": bytes_digest(local_file.path)}
+    # the three digests come from separate readings, and have to be of one file
     if store.stamp(path) != stamp_before:
         raise ArchiveError(f"'{path}' was written to while it was verified; try again")
     return digests

@@ -128,6 +128,7 @@ def _from_hexadecimal(codes: Array) -> Array | None:
     octets = np.empty((len(flat), codes.shape[-1] // 2), np.uint8)
     for start in range(0, len(flat), AT_ONCE):
         digits = _VALUES[flat[start : start + AT_ONCE]]
+        # 255 stands for every letter that is no digit, so one maximum finds them all
         if digits.max() >= len(DIGITS):
             return None
         octets[start : start + AT_ONCE] = (digits[:, ::2] << 4) | digits[:, 1::2]
@@ -196,6 +197,7 @@ def text_form(attributes: Mapping[str, Any], dtype: Any, dims: tuple[str, ...], 
     sound = 0 < len(words) <= MOST_WORDS and all(map(_is_word, words)) and numbers == [*range(len(words))]
     if form != FLAGS or dtype != np.int8 or not dims or not sound or b"" in words:
         raise ValueError(f"it is no text in the form '{form}'")
+    # the empty text is last, where `NO_WORD`, -1, finds it
     return Form(np.array([*words, b""]), max(map(len, words)))
 
 
@@ -322,6 +324,7 @@ class StoredValues(BackendArray):
         except (OSError, RuntimeError) as error:  # a damaged file that was opened unchecked, or a lost disk
             raise ArchiveError(f"variable '{self.name}' of '{self.lent.location}' cannot be read: {error}") from None
         finally:
+            # also after an error: a file that was overwritten is a better reason than what the library says of it
             self.lent.check_unchanged()
         if self.dtype == "S1":
             self._check_text(values)

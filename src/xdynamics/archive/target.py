@@ -121,6 +121,7 @@ def sweep_temporary_files(folder: Path) -> None:
 
 def _remove_unlocked(guard: Path, paths: list[Path]) -> None:
     """Remove files if the first is one of ours and locked by nobody."""
+    # O_NONBLOCK: a pipe of such a name must not keep this waiting; O_NOFOLLOW: a link must not lead elsewhere
     handle = os.open(guard, os.O_RDWR | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         ours = stat.S_ISREG(os.fstat(handle).st_mode) and os.read(handle, 8) in _BEGINS
@@ -245,6 +246,7 @@ class Batch:
                     _inherit(handle, new.name)
                 finally:
                     os.close(handle)
+            # rights were set before, so that they reach the disk together with the content
             sync_file_systems([new.part for new in self._files])
             for new in self._files:
                 new.part.replace(new.name)
@@ -311,6 +313,7 @@ def taking_path_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile
         with ExitStack() as parts:
             new = _begin_new_file(parts, target)
             yield new
+            # on the disk before it has the name: a power cut could otherwise leave the name with an empty file
             with synced(new.part) as handle:
                 _inherit(handle, new.name)
             new.part.replace(new.name)
@@ -329,6 +332,7 @@ def _inherit(part: int, old: Path) -> None:
     except FileNotFoundError:
         return
     mode, current = status.st_mode & _RIGHTS, os.fstat(part)
+    # the group before the mode: no other group is to have these rights meanwhile
     if current.st_gid != status.st_gid:
         try:
             os.fchown(part, -1, status.st_gid)

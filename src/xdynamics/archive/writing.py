@@ -262,6 +262,7 @@ class Writer:
         self._file.setncatts(written_attributes)
         self.digest = root_digest(digests, self._attributes, written_attributes)
         self._file.setncattr(ROOT_DIGEST, self.digest)
+        # the last one: `integrity_checks` takes attributes behind it for notes of other programs
         self._file.setncattr(VOLATILE_DIGEST, volatile_digest(digests, self._attributes, written_attributes))
 
 
@@ -567,6 +568,7 @@ def new_file(
     with store_of(path).taking_name(path, batch) as new:
         first = new.name
         with opened_file(new.part, "w") as file:
+            # every value is written, so filling the file before would write it twice
             with_library_lock(file.set_fill_off)()
             writer = Writer(file)
             writer.path = path

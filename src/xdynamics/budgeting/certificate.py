@@ -371,6 +371,7 @@ def _differences(original: xr.Dataset, new_certificate: xr.Dataset) -> list[str]
             faults.append(f"'{name}' has the shape {old.shape}, and comes out as {new.shape}")
             continue
         differs = (
+            # nan on both sides is no difference
             (old != new) & ~((old != old) & (new != new))
             if old.dtype.kind == "f"
             else old.astype(str) != new.astype(str)

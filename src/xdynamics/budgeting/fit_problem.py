@@ -118,6 +118,7 @@ def runs_probability(row: Floats) -> float:
     runs, n = 1 + int(np.count_nonzero(signs[1:] != signs[:-1])), positive_count + negative_count
     mean = 1.0 + 2.0 * positive_count * negative_count / n
     variance = (mean - 1.0) * (mean - 2.0) / (n - 1)
+    # a half corrects for continuity: runs are counted, and the normal distribution is not
     return float(ndtr((runs + 0.5 - mean) / sqrt(variance))) if variance > 0.0 else nan
 
 

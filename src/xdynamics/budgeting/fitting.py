@@ -270,6 +270,7 @@ def _estimates_of(problem: Fitting, best: Search, choice: Choice) -> FitEstimate
     if choice.intervals == PROFILE and (scaled > 0).all():
         variance = 1.0 if problem.has_uncertainties else best.square / freedom
         ends = profile_intervals(problem, best, choice.low, choice.high, scaled, half**2 * variance, half)
+    # rounding may leave a variance of zero below it
     row_deviations = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", best.slopes, covariance, best.slopes)))
     noise = 1.0 if problem.has_uncertainties else np.sqrt(best.square / freedom)
     bands = Bands(row_deviations, np.hypot(row_deviations, noise), half)
@@ -329,6 +330,7 @@ def _covariance(problem: Fitting, slopes: Floats) -> tuple[Floats, float]:
     names = [number_label(problem.records, number) for number in problem.numbers]
     if idle_names := [name for name, size in zip(names, sizes, strict=True) if not size > 0.0]:
         raise InputError(f"the data do not change with '{idle_names[0]}': it cannot be fitted to them; fix it")
+    # with columns of length 1 dependence is not a matter of units
     _, singular, vectors = np.linalg.svd(slopes / sizes, full_matrices=False)
     if singular[-1] <= DEPENDENT_RATIO * singular[0]:
         mixed_names = [name for name, part in zip(names, np.abs(vectors[-1]), strict=True) if part > 0.1]

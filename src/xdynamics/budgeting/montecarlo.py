@@ -126,6 +126,7 @@ def tolerance_of(standard: float, digits: int = 1) -> float:
     if not standard > 0.0:
         return nan
     power = int(f"{standard:.{digits - 1}e}".split("e")[1])
+    # read from decimal text it is the nearest float, which a product of powers of ten may miss
     return float(f"5e{power - digits}")
 
 
@@ -243,6 +244,7 @@ class Propagation:
             )
         points = np.random.default_rng([self.measurand.seed, STREAM]).random((draws, len(self.added)))
         for k, standard in enumerate(self.added):
+            # a drawn point may be 0, whose quantile is infinite
             values = values + standard * normal_quantile(np.maximum(points[:, k], MIN_PROBABILITY))
         return values
 

@@ -225,6 +225,7 @@ def search_from_start(
 
     def cached_evaluation(scaled: Floats) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes, remembering the last ones."""
+        # scipy asks for residuals and slopes in two calls at the same point, and one march gives both
         key = scaled.tobytes()
         if key not in cache:
             cache.clear()
@@ -248,6 +249,7 @@ def search_from_start(
         rule,
         start,
         solution.x,
+        # the cost of scipy is half the sum
         2.0 * float(solution.cost),
         int(solution.nfev),
         bool(solution.status > 0),

@@ -501,6 +501,7 @@ def _spread_of_copies(measurand: Measurand, run: xr.Dataset, value: float) -> Te
     if distance_back is not None:
         rule += f"; marched back by its own steps the run comes to {distance_back:.2g} of its start"
         standard, bound = max(standard, distance_back / BOUNDED), max(bound, distance_back)
+    # the standard deviation of n normal numbers about a known mean is uncertain by 1/sqrt(2 n) of it
     return Term(ROUNDOFF, NUMERICAL, standard, bound, rule, standard_doubt=standard / float(np.sqrt(2.0 * COPIES)))
 
 

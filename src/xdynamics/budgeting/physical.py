@@ -325,6 +325,7 @@ def shifted_copies(measurand: Measurand, names: Sequence[str], **settings: Any) 
         name: np.full((len(inputs), len(SHIFTS), len(SIDES)), entry.quantity.value) for name, entry in inputs.items()
     }
     for i, (name, entry) in enumerate(inputs.items()):
+        # unusable shifts march the unchanged model; their sizes are nan, so that no slope comes of them
         values[name][i] += np.multiply.outer(np.nan_to_num(_input_shifts(entry)), SIDES)
     axes = {
         "input": {

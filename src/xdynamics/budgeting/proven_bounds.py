@@ -45,6 +45,7 @@ class ProvenBounds(NamedTuple):
 
     def error(self, value: float) -> float:
         """Return what a number is off by at most."""
+        # a difference is rounded once, so that the next float is a bound of the exact one
         return float(np.nextafter(max(value - self.low, self.high - value), np.inf))
 
     def distance(self, value: float) -> float:

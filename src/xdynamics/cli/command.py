@@ -323,6 +323,7 @@ def _terminable() -> Iterator[list[int]]:
             raise KeyboardInterrupt
         keyboard(signal.SIGINT, frame)
 
+    # Python allows signal handlers to be set in the main thread alone
     if threading.current_thread() is not threading.main_thread():
         yield received
         return

@@ -52,6 +52,7 @@ def settings(*, excluded: Iterable[str] = ()) -> Callable[[Callable[..., Any]], 
     left_out = {*excluded}
 
     def add_options(verb: Callable[..., Any]) -> Callable[..., Any]:
+        # click lists options in the order of decorators from the top, which are applied from the bottom
         for name, keyword in reversed(KEYWORDS.items()):
             if name not in left_out:
                 verb = _option(keyword)(verb)
@@ -143,6 +144,7 @@ def names_in(text: str) -> list[str]:
     >>> names_in("r[Jupiter, x], energy")
     ['r[Jupiter, x]', 'energy']
     """
+    # a comma with a closing bracket ahead, and no opening one before that, is inside an element's brackets
     return [name.strip() for name in re.split(r",(?![^\[]*\])", text)]
 
 

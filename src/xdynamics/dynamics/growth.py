@@ -197,6 +197,7 @@ def finish_piece(scheme: GrowthScheme, tangent: Tangent, h: float) -> float:
             if c > 0:
                 fifth += low * low
                 third += lower * lower
+    # both estimates combined as in dop853 (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.10)
     total = fifth + 0.01 * third
     return abs(h) * fifth / np.sqrt(total) if total > 0.0 else total  # nan stays nan
 
@@ -258,6 +259,7 @@ def advance_piece(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, t: flo
                 slopes[s, c, i] = stage[c, first + i] * ratios[i]
         for i in range(first, n):
             slopes[s, 0, i] = z[n - first + i]
+        # differences evaluate the law again, into the same z: its accelerations are copied by now
         if law.nudge > 0.0:
             differences_at(law, stage, slopes[s])
         else:
@@ -329,6 +331,7 @@ def add_growth(tangent: Tangent, grown: Grown, block: int) -> None:
     for j in range(m):
         for k in range(j, m):
             entry = 0.0
+            # both factors are upper triangular: outside j to k every term is zero
             for c in range(j, k + 1):
                 entry += upper[j, c] * total[c, k]
             product[j, k] = entry
@@ -371,8 +374,10 @@ def carry(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, grown: Grown, 
         tangent.pieces[0] += 1
         if tangent.pieces[0] > scheme.most_pieces:
             return STIFF
+        # negated, so that nan counts as too large an error
         if not error <= scheme.tolerance:
             tangent.pace[0] = h / 2.0
+            # an error that stays nan halves the piece until it is below the spacing of times
             if t + h / 2.0 == t:
                 return LOST
             continue
@@ -384,6 +389,7 @@ def carry(law: GrowthLaw, scheme: GrowthScheme, tangent: Tangent, grown: Grown, 
         orthonormalise(tangent.state, tangent.upper)
         add_growth(tangent, grown, block)
         grown.errors[block] += error
+        # t + (t1 - t) may round to a neighbour of t1, and leave a piece of next to nothing
         t = t1 if last else t + h
     return DONE
 
@@ -397,13 +403,16 @@ def grow(law: GrowthLaw, scheme: GrowthScheme, rows: Rows, tangent: Tangent, gro
             orthonormalise(tangent.state, tangent.upper)
             add_growth(tangent, grown, rows.blocks[k])
         t, t1 = rows.times[k], rows.times[k + 1]
+        # both rows of an event are at one time: only its matrix acts between them
         if not t1 > t:
             continue
         law.time_and_regime[REGIME] = rows.regimes[k]
         for i in range(rows.sides.shape[1]):
             law.p[first_side + i] = rows.sides[k, i]
         for i in range(rows.pieces.shape[1]):
+            # the third of the three numbers of a drive's table is the piece that it is in
             law.places[3 * i + 2] = rows.pieces[k, i]
+        # from the recorded state, so that the vectors belong to the run and not to where this integration drifts
         for i in range(rows.states.shape[1]):
             tangent.state[0, i] = rows.states[k, i]
         parts = rows.parts[k]

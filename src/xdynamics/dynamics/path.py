@@ -198,8 +198,10 @@ class RunPath:
         bins = np.floor((self.times[:-1] + sizes / 2.0 - self.times[0]) / width)
         is_divided = parts > 1
         begins = np.ones(len(parts), bool)
+        # a divided step has its blocks for itself, so the step behind it begins a new one too
         begins[1:] = is_divided[1:] | is_divided[:-1] | (bins[1:] != bins[:-1])
         counts = np.where(begins, parts, 0)
+        # a step that begins no block adds to the latest one, whose number is one less than the blocks begun so far
         return parts, counts, np.cumsum(counts) - np.where(begins, counts, 1)
 
     @cached_property
@@ -310,6 +312,7 @@ class RunPath:
         pairs = (
             [] if by_differences else [(row[name], column[column_name]) for name, column_name in jacobian_names(model)]
         )
+        # a transpose is in Fortran order, and the compiled signature takes arrays in C order
         entries = np.array(pairs, np.int64).reshape(-1, 2).T.copy()
         weights = self.sizes[entries[1]] / self.sizes[entries[0]]
         width = layout.record.size

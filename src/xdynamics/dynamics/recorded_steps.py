@@ -84,6 +84,7 @@ class AcceptedTimes:
                 continue
             middle = (low + high + 1) // 2
             border = self._chunk(middle)[0]
+            # events repeat a time: rows equal to the border, which "left" leaves out, may begin in the chunk before
             is_above = requested_times[which] >= border if side == "right" else requested_times[which] > border
             parts = (low, middle - 1, which[~is_above]), (middle, high, which[is_above])
             pending += [part for part in parts if part[2].size]
@@ -120,6 +121,7 @@ def locate_steps(
         )
     rows = accepted.row_counts(requested_times, "right") - 1
     if not after_event:
+        # rows of an event share its time: the first of them is the state before it
         rows = np.minimum(rows, accepted.row_counts(requested_times, "left"))
     return rows, accepted.times_of_rows(rows), accepted.times_of_rows(np.minimum(rows + 1, len(accepted) - 1))
 
@@ -315,6 +317,7 @@ def blockwise(
     data = [da.asarray(column.transpose(STEPS, ...).data) for column in columns]
     parts = da.concatenate([part.reshape(len(part), -1).T for part in data]).rechunk({0: -1})
     places = da.from_array(where, chunks=(len(where), parts.chunks[1]))
+    # without meta dask would call the function with empty arrays to learn what it returns
     return da.map_blocks(
         function, places, parts, dtype=float, chunks=((height,), parts.chunks[1]), meta=np.empty((0, 0)), links=later()
     )
@@ -383,6 +386,7 @@ def wanted_times(times: Any, unit: Unit = SECONDS) -> Floats:
     elif isinstance(times, list | tuple) and any(isinstance(time, str) for time in times):
         times = [time_in(unit, time, "times") for time in times]
     try:
+        # as a float, True would be the time 1
         if np.asarray(times).dtype == bool:
             raise TypeError(times)  # noqa: TRY301 - answered right below
         requested_times = np.atleast_1d(np.asarray(times, dtype=float))

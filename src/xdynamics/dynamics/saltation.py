@@ -140,6 +140,7 @@ class SimultaneousEvents:
         speed = FlowStates(self.model, self._state, self._rates).change(tree)
         if not speed.all():
             raise NotVariedError(f"'{name}' has no slope where it is met")
+        # the function stays zero: its change at a fixed time and its slope along the motion cancel
         change: Floats = -FlowStates(self.model, self._state, fixed).change(tree) / speed
         return change
 
@@ -250,6 +251,7 @@ class SimultaneousEvents:
         normal, normals = self._normal(flow_states, reaction)
         mass, masses = self._mass(flow_states)
         lever = solve_systems(mass, normal[..., None])[..., 0]
+        # the change of M^-1 n, from M W = n: M dW = dn - dM W, so that no inverse is differentiated
         levers = solve_systems(mass, normals - np.sum(masses * lever[:, None, :, None], axis=2))
         weight = dot(normal, lever)
         weights = (product(lever[:, None], normals) + product(normal[:, None], levers))[:, 0]
@@ -356,6 +358,7 @@ def tick_rows(variations: Variations, model: Model) -> tuple[IntArray, IntArray]
     instants, masks = ticks(
         actions(model.controllers), exact_time(model.statement.initial["t"]), exact_value(float(times[-1]))
     )
+    # the last row at a tick's time is the one that begins with what the tick has set
     rows = np.searchsorted(times, instants + ROUNDED * np.abs(instants), side="right") - 1
     marked = np.abs(times[rows] - instants) <= ROUNDED * np.abs(instants)
     rows, masks = rows[marked], masks[marked]

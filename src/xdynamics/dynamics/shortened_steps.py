@@ -220,7 +220,9 @@ class StepInterpolator:
         count, max_columns = rows.size, max(1, PIECE // self._height)
         if count <= max_columns:
             return self._evaluated(where, stack_columns(self._columns(rows)), self._links)
+        # posed once for all pieces, as this allocates the arrays of a run
         run = posed_inside(self.model, self.settings, self.law, reintegrated=self.rule == REINTEGRATE)
+        # in Fortran order a single column is contiguous, and states are written right into it
         state_numbers = np.empty((self._height, count), order="F" if max_columns == 1 else "C")
         for first in range(0, count, max_columns):
             piece = slice(first, first + max_columns)
@@ -368,6 +370,7 @@ class StepInterpolator:
             of_step = [np.asarray(shifts[quantity.name]) for quantity in self.quantities]
             columns[first + doubled * n :][:n] += np.concatenate([flattened_rows(part).T for part in of_step])
         inner = columns[first : first + n].copy()
+        # the last border is the object `end` itself, which is recognised below by identity
         borders = [*(start + (end - start) * (k / parts) for k in range(parts)), end]
         for low, high in pairwise(borders):
             if parts > 1:  # a whole step is of its recorded size, which is not end - start to the bit

@@ -103,6 +103,7 @@ def local_growth(
             raise NotVariedError(
                 f"{where} the equations are too stiff: they would take more than {scheme.most_pieces} pieces of steps"
             )
+    # compiled code reads these arrays by address: they had to live until here
     del references
     return LocalGrowth(
         times,
@@ -262,6 +263,7 @@ def _finite_time(local: LocalGrowth) -> float:
         image = product(local.total_growth, vector)
         size = float(np.sqrt(dot(image[:, 0], image[:, 0]) / dot(vector[:, 0], vector[:, 0])))
         vector = product(local.total_growth.T, image)
+        # also true of nan; and of zero, where the vector has no direction left to iterate
         if not size > 0.0 or abs(size - largest) <= 1e-12 * size:
             largest = size
             break

@@ -435,6 +435,7 @@ def compose_maps(matrices: Floats, added: Floats) -> tuple[Floats, Floats]:
         if len(matrices) % 2:
             matrices = np.concatenate([matrices, np.eye(matrices.shape[-1])[None]])
             added = np.concatenate([added, np.zeros_like(added[:1])])
+        # pairwise, so that half of all products are made in one call
         matrices, added = product(matrices[1::2], matrices[::2]), product(matrices[1::2], added[::2]) + added[1::2]
     return matrices[0], added[0]
 
@@ -448,6 +449,7 @@ def gauss(stages: int) -> tuple[Floats, Floats, Floats]:
     from numpy.polynomial import legendre
 
     steepness = legendre.legder([0.0] * stages + [1.0])
+    # close enough to each root for Newton's method to reach that one and no other
     roots = apply_elementary("cos", np.pi * (np.arange(stages, 0, -1) - 0.25) / (stages + 0.5))
     for _ in range(NEWTON):
         roots = roots - legendre.legvander(roots, stages)[:, -1] / legendre.legval(roots, steepness)
@@ -456,6 +458,7 @@ def gauss(stages: int) -> tuple[Floats, Floats, Floats]:
     degrees = np.arange(1, stages)
     integrals = np.empty((stages, stages))  # of Legendre's polynomials from 0 to each node
     integrals[:, 0] = (roots + 1.0) / 2.0
+    # a Legendre polynomial has the difference of its neighbours over 2 n + 1 as integral; [0, 1] is half as long
     integrals[:, 1:] = (at_roots[:, 2:] - at_roots[:, :-2]) / (2.0 * (2.0 * degrees + 1.0))
     return (roots + 1.0) / 2.0, solve_systems(at_roots[:, :-1].T, integrals.T).T, weights / 2.0
 

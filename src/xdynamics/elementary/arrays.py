@@ -52,6 +52,7 @@ def product(left: Floats, right: Floats) -> Floats:
     """
     shape = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
     total: Floats = np.zeros((*shape, left.shape[-2], right.shape[-1]))
+    # outermost, so that every entry is summed in this order whichever way numpy goes over its arrays
     for k in range(left.shape[-1]):
         total += left[..., :, k : k + 1] * right[..., k : k + 1, :]
     return total

@@ -47,11 +47,13 @@ class Interval(NamedTuple):
 
 def below(x: Number, margin: Number) -> Number:
     """Return a number below x; -inf where x is."""
+    # |x| eps is a spacing of x or more, and rounding to nearest errs by half of one at most
     return choose(x == inf, MOST, x - (absolute(x) + margin) * EPS)
 
 
 def above(x: Number, margin: Number) -> Number:
     """Return a number above x; inf where x is."""
+    # where x has overflowed, the formula would give -inf + inf, which is nan
     return choose(x == -inf, -MOST, x + (absolute(x) + margin) * EPS)
 
 
@@ -75,6 +77,7 @@ def maximum(x: Number, *further_numbers: Number) -> Number:
 
 def sound_interval(low: Number, high: Number, flaw: Integer) -> Interval:
     """Return an interval; what is none may be anything."""
+    # false for nan, too: both bounds are then infinite
     sound = low <= high
     return Interval(choose(sound, low, -inf), choose(sound, high, inf), choose(sound, flaw, UNBOUNDED))
 
@@ -211,6 +214,8 @@ def bound_on_piece(coefficients: Sequence[Number], ends: Sequence[Number], piece
     the polynomial grows as a power of s from the start of the step, of at most `STEEPEST`.
     """
     degree, share, (start, end) = len(coefficients) - 1, piece.last - piece.first, ends
+    # Chebyshev's polynomials: c s**n is as far as |c| 2**(1 - 2 n) from those of lower degree on [0, 1]; here for the
+    # slope, of degree n - 1
     slope_top = (degree * 2.0 ** (3 - 2 * degree)) * absolute(coefficients[-1])
     for _ in range(degree - 1):
         slope_top = slope_top * share

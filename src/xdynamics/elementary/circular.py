@@ -71,6 +71,7 @@ def reduce_far(x: Number) -> Any:
 def less_turns(x: Number) -> tuple[Number, Number, Integer, Number]:
     """Return the remainder of an angle by pi/2 in three parts, its tail, n, and |n|."""
     turns, n = round_to_integer(x * TWO_OVER_PI)
+    # up to 19 bits of turns both products are exact by their bits, and the difference from x by Sterbenz's lemma
     remainder, lost = ordered_sum(x - turns * PART1, -(turns * PART2))
     return remainder, lost - turns * PART3, n, absolute(turns)
 
@@ -78,6 +79,7 @@ def less_turns(x: Number) -> tuple[Number, Number, Integer, Number]:
 def reduce_exactly(x: Number) -> tuple[Number, Number, Integer]:
     """Reduce any angle by the bits of 2/pi that matter to it (Payne, Hanek 1983, doi:10.1145/1057600.1057602)."""
     word = bits(absolute(x))
+    # the angle is a whole mantissa times 2**exponent: a bias of 1023, and 52 places
     exponent = (word >> 52) - 1075
     exponent = choose(exponent > -53, exponent, -53)  # no smaller angle needs this
     mantissa = (word & FRACTION) | (1 << 52)
@@ -93,6 +95,7 @@ def reduce_exactly(x: Number) -> tuple[Number, Number, Integer]:
         total = carry
         for b, part in enumerate(parts):
             if 0 <= b + 9 - q <= 9:
+                # factors of 28 bits: three products and a carry stay far below 2**63
                 total = part * window[b + 9 - q] + total
         limbs.append(total & MASK)
         carry = total >> LIMB
@@ -126,6 +129,7 @@ def cosine_of(x: Number, tail: Number, p: Number) -> Number:
     u = x * x
     half = 0.5 * u
     near = 1.0 - half
+    # (1 - near) - half is exactly what rounding 1 - half has lost
     return near + (((1.0 - near) - half) + ((u * u) * p - x * tail))
 
 
@@ -178,6 +182,7 @@ def tan(x: Number) -> Number:
     numerator, numerator_tail = choose(even, above, -below), choose(even, above_tail, -below_tail)
     denominator, denominator_tail = choose(even, below, above), choose(even, below_tail, above_tail)
     quotient, correction = divide_with_tails(numerator, numerator_tail, denominator, denominator_tail)
+    # a tail of 0.0 added to -0.0 would take its sign
     return choose(high == 0.0, choose(even, high, quotient), quotient + correction)
 
 
@@ -191,6 +196,7 @@ def arc_of_ratio(above: Number, below: Number) -> tuple[Number, Number]:
     remainder = choose(ratio < 2.0**-60, 0.0, (y - product) - lost) / x
     sixteenths, nearest = round_to_integer(choose(ratio > 0.15625, ratio * 16.0, 0.0))
     center = sixteenths * 0.0625
+    # atan(r) - atan(c) = atan((r - c)/(1 + c r))
     t = (ratio - center) / (1.0 + center * ratio)
     u = t * t
     small = remainder / (1.0 + ratio * ratio) + (t * u) * polynomial(u, ARCTANGENT)
@@ -204,10 +210,12 @@ def angle_by(arc: Callable[[Number, Number], tuple[Number, Number]], y: Number, 
     steep = up > right
     above, below = choose(steep, right, up), choose(steep, up, right)
     endless = below == INF
+    # as IEEE 754 has it: pi/4 where both are infinite, 0 where both are zero
     above, below = choose(endless, choose(above == INF, 1.0, 0.0), above), choose(endless | (below == 0.0), 1.0, below)
     high, low = arc(above, below)
     base, base_tail = choose(steep, HALF_PI, 0.0), choose(steep, HALF_PI_TAIL, 0.0)
     high, low = choose(steep, -high, high), choose(steep, -low, low)
+    # by the sign bit: the angle of (-0.0, 0.0) is pi
     behind = bits(x) < 0
     base, base_tail = choose(behind, PI - base, base), choose(behind, PI_TAIL - base_tail, base_tail)
     high, low = choose(behind, -high, high), choose(behind, -low, low)
@@ -225,6 +233,7 @@ def atan(x: Number) -> Number:
     """Angle with this tangent, in radians from -pi/2 to pi/2."""
     size = absolute(x)
     steep = size > 1.0
+    # from 2**60 on the arc of 1/size no longer changes pi/2, and infinity needs no case of its own
     high, low = arc_of_ratio(choose(steep, 1.0, size), choose(steep, choose(size < 2.0**60, size, 2.0**60), 1.0))
     total, lost = ordered_sum(HALF_PI, -high)
     angle = choose(steep, total + (lost + (HALF_PI_TAIL - low)), high + low)
@@ -234,6 +243,7 @@ def atan(x: Number) -> Number:
 def from_one(size: Number) -> tuple[Number, Number, Number]:
     """Return x, tail and more, where x + tail + x*more is asin(size) below 1/2, else asin(sqrt((1 - size)/2))."""
     inner = size < 0.5
+    # 1 - size is exact from 1/2 on (Sterbenz), so that no digits are lost near 1
     square = choose(inner, size * size, (1.0 - size) * 0.5)
     root = sqrt(square)
     product, lost = exact_product(root, root)

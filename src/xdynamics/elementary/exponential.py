@@ -47,6 +47,7 @@ TANH = (-0.3333333333333333, 0.13333333333333333, -0.05396825396825387, 0.021869
 
 def scaled_exponential(x: Number, tail: Number) -> tuple[Number, Number, Integer]:
     """Return exp(x + tail)/2**k, between 1 and 2, as a number and a small one to be added, and k; |x| < 800."""
+    # exp(x) is 2**k 2**(i/128) exp(r), where n = 128 k + i and r is at most log(2)/256 (Tang 1989)
     steps, n = round_to_integer(x * LOG2_128)
     r = ((x - steps * STEP) - steps * STEP_TAIL) + tail
     higher = (r * r) * (0.5 + r * (0.16666666666666666 + r * (0.041666666666666664 + r * 0.008333333333333333)))
@@ -68,6 +69,7 @@ def clipped(x: Number, limit: float) -> Number:
 
 def exp(x: Number) -> Number:
     """Exponential function."""
+    # bits of positive numbers are in the order of the numbers, with infinity and nan above all
     is_normal = (bits(x) & ~SIGN) < LARGE_EXPONENT
     return usually(is_normal, lambda: normal_exp(x, 0.0), lambda: exp_anywhere(x))
 
@@ -105,6 +107,7 @@ def log_of_split(k: Number, table_index: Integer, part: Number, offset: Number) 
     """Natural logarithm of a split number."""
     r = part + offset
     base = k * LOG2 + table_entry("log", table_index)
+    # base is 0 or larger than r, as Dekker's sum needs them
     high, lost = ordered_sum(base, r)
     tail = k * LOG2_TAIL + table_entry("log_tail", table_index)
     return high + (lost + (tail + (r * r) * polynomial(r, LOG[:6])))
@@ -112,6 +115,7 @@ def log_of_split(k: Number, table_index: Integer, part: Number, offset: Number) 
 
 def log_anywhere(x: Number) -> Number:
     """Natural logarithm of anything but a positive normal number."""
+    # of numbers that are not normal, those in between are the subnormal ones
     small = (x > 0.0) & (x < 1.0)
     k, *mantissa_parts = split_mantissa(choose(small, x * 2.0**54, 1.0))
     return choose(small, log_of_split(k - 54.0, *mantissa_parts), choose(x == 0.0, -INF, choose(x > 0.0, x, NAN)))
@@ -156,8 +160,10 @@ def power_anywhere(x: Number, y: Number) -> Number:
     result = choose(nothing | endless, choose((y > 0.0) == nothing, 0.0, INF), result)
     is_whole, odd = wholeness(y)
     result = choose((bits(x) < 0) & odd, -result, result)
+    # powers of -inf that are not whole are those of inf, by IEEE 754
     result = choose((x < 0.0) & (size < INF), choose(is_whole, result, NAN), result)
     result = choose((x == x) & (y == y), result, NAN)
+    # last, as IEEE 754 gives 1 even where the other number is nan
     return choose((y == 0.0) | (x == 1.0), 1.0, result)
 
 
@@ -169,6 +175,7 @@ def wholeness(y: Number) -> tuple[Truth, Truth]:
     shift = choose(has_fraction_bits, places, 0)
     mantissa = (word & FRACTION) | (1 << 52)
     is_whole = (((mantissa >> shift) << shift) == mantissa) & (places <= 52)
+    # from 2**53 on, where places are negative, all numbers are even
     return is_whole, is_whole & (((mantissa >> shift) & 1) == 1) & (places >= 0)
 
 
@@ -177,6 +184,7 @@ def half_exponentials(size: Number) -> tuple[Number, Number, Number, Number]:
     root, more, k = scaled_exponential(choose(size < 800.0, size, 800.0), 0.0)
     high, low = ordered_sum(root, more)
     high, low = scale_by_power(high, k - 1), scale_by_power(low, k - 1)
+    # 1/(4 (high + low)) to first order in low, which is enough for a tail
     inverse = 0.25 / high
     return high, low, inverse, -4.0 * (inverse * inverse) * low
 
@@ -184,6 +192,7 @@ def half_exponentials(size: Number) -> tuple[Number, Number, Number, Number]:
 def cosh(x: Number) -> Number:
     """Hyperbolic cosine."""
     high, low, inverse, inverse_tail = half_exponentials(absolute(x))
+    # where the exponential overflows, the rounding error of the sum is inf - inf
     total, lost = ordered_sum(high, inverse)
     return choose(x == x, choose(total < INF, total + (lost + (low + inverse_tail)), INF), NAN)
 
@@ -204,6 +213,7 @@ def tanh(x: Number) -> Number:
     size = absolute(x)
     u = x * x
     near = x + x * (u * polynomial(u, TANH))
+    # from exp(50) on the quotient rounds to 1
     root, more, k = scaled_exponential(clipped(2.0 * size, 50.0), 0.0)
     high, low = ordered_sum(root, more)
     high, low = scale_by_power(high, k), scale_by_power(low, k)
@@ -218,6 +228,7 @@ def hypot(x: Number, y: Number) -> Number:
     """Distance of the point (x, y) from the origin, without overflow of the squares."""
     width, height = absolute(x), absolute(y)
     larger, smaller = choose(width > height, width, height), choose(width > height, height, width)
+    # there the squares and their rounding errors are normal numbers
     in_range = (larger < 2.0**500) & (smaller > 2.0**-450)
     return usually(in_range, lambda: length(larger, smaller), lambda: hypot_anywhere(x, y))
 
@@ -229,6 +240,7 @@ def length(a: Number, b: Number) -> Number:
     total, sum_error = ordered_sum(square, added)
     root = sqrt(total)
     product, square_error = exact_product(root, root)
+    # one step of Newton's method, with the remainder of the square to twice the digits
     return root + (((total - product) - square_error) + (sum_error + (lost + more))) / (root + root)
 
 
@@ -240,5 +252,6 @@ def hypot_anywhere(x: Number, y: Number) -> Number:
     larger, smaller = choose(usable, larger, 1.0), choose(usable, smaller, 0.0)
     k = exponent_of(larger)
     scale = power_of_two(0 - k)
+    # infinite even where the other number is nan, by IEEE 754
     unusual = choose((width == INF) | (height == INF), INF, choose((x == x) & (y == y), 0.0, NAN))
     return choose(usable, scale_by_power(length(larger * scale, smaller * scale), k), unusual)

@@ -27,12 +27,14 @@ def fma(x: Number, y: Number, z: Number) -> Number:
     for operand in (x, y, z):
         if not isinstance(operand, float | int):
             return operand.as_operand(x).fma(y, z)
+    # here the product is exact or not finite, so the addition rounds alone
     if not (math.isfinite(x) and math.isfinite(y)) or x == 0.0 or y == 0.0:
         return x * y + z
     if not math.isfinite(z):  # whatever the product, which may be too large for a float
         return z
     exact = Fraction(x) * Fraction(y) + Fraction(z)
     try:
+        # Python divides whole numbers with one rounding, to nearest, halves to even
         size = float(abs(exact))
     except OverflowError:
         size = math.inf

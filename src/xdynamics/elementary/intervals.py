@@ -84,6 +84,7 @@ class Intervals:
 
 def _interval_product(arithmetic: Intervals, a: Interval, low: Number, high: Number, flaw: Integer) -> Interval:
     w, x, y, z = a.low * low, a.low * high, a.high * low, a.high * high
+    # zero times an infinite bound is nan: nothing is known of such a product
     sound = ((w == w) & (x == x)) & ((y == y) & (z == z))
     return arithmetic.outward(choose(sound, minimum(w, x, y, z), -inf), choose(sound, maximum(w, x, y, z), inf), flaw)
 
@@ -96,6 +97,7 @@ def _interval_square(arithmetic: Intervals, a: Interval) -> Interval:
 def _interval_quotient(arithmetic: Intervals, a: Interval, b: Interval) -> Interval:
     """Divide; a divisor that may be zero leaves nothing known."""
     spans = (b.low <= 0.0) & (b.high >= 0.0)
+    # 1 in place of any divisor: the dividend is the whole line then
     low = choose(spans, 1.0, below(quotient(1.0, b.high), arithmetic.margin))
     high = choose(spans, 1.0, above(quotient(1.0, b.low), arithmetic.margin))
     dividend = Interval(choose(spans, -inf, a.low), choose(spans, inf, a.high))
@@ -196,6 +198,7 @@ def _enclose_wave(name: str, shift: float, arithmetic: Intervals, a: Interval) -
     narrow = (high - low < 2.0 * pi) & ((absolute(low) < LARGEST_ANGLE) & (absolute(high) < LARGEST_ANGLE))
     finite = (absolute(low) < inf) & (absolute(high) < inf)
     if arithmetic.rough:
+        # no sine changes by more than its argument does
         middle, half = function((low + high) / 2.0), (high - low) / 2.0 + slack
         bottom, top = middle - half, middle + half
     else:

@@ -22,6 +22,7 @@ _INSTRUCTIONS = {
     "+": ("fadd", "add"), "-": ("fsub", "sub"), "*": ("fmul", "mul"), "/": ("fdiv", ""), "&": ("", "and"),
     "|": ("", "or"), "^": ("", "xor"), "<<": ("", "shl"), ">>": ("", "ashr"),
 }  # fmt: skip
+# nan is unequal to all numbers: `une` is the one comparison that holds for it
 _COMPARED = {
     "<": ("fcmp olt", "icmp slt"), "<=": ("fcmp ole", "icmp sle"), ">": ("fcmp ogt", "icmp sgt"),
     ">=": ("fcmp oge", "icmp sge"), "==": ("fcmp oeq", "icmp eq"), "!=": ("fcmp une", "icmp ne"),
@@ -50,6 +51,7 @@ class FunctionLines:
 
     def constant(self, value: float | int) -> LaneValue:
         """Write a constant as an operand: a truth, a whole number in digits, any other with all its bits."""
+        # first, as a bool of Python is an int too
         if isinstance(value, bool):
             return self._splat_constant("t", "i1", str(value).lower())
         if isinstance(value, int):
@@ -271,6 +273,7 @@ class LaneValue:
         like = yes if isinstance(yes, LaneValue) else no
         first, second = like.as_operand(yes), like.as_operand(no)
         kind = self._lines.kind(like.letter)
+        # `!unpredictable` keeps LLVM from making a branch of the choice
         return self._lines.line(
             like.letter,
             f"select {self._lines.kind('t')} {self.text}, {kind} {first.text}, {kind} {second.text}, !unpredictable !0",
@@ -429,6 +432,7 @@ def floor(x: Number) -> Number:
     """Return the greatest whole number that is at most x."""
     if isinstance(x, LaneValue):
         return x.floor()
+    # math.floor makes whole numbers of Python, of which none is infinite or nan
     return np.floor(x) if isinstance(x, np.ndarray) else float(np.floor(x))
 
 
@@ -439,6 +443,7 @@ def ceiling(x: Number) -> Number:
 
 def round_half_even(x: Number) -> Number:
     """Return the whole number nearest to x; of two equally near ones the even one, as Python's `round`."""
+    # the sum with MAGIC has no place for a fraction; the sign is put back so that -0.4 becomes -0.0
     return choose(absolute(x) < LARGEST_FRACTION, signed((absolute(x) + MAGIC) - MAGIC, x), x)
 
 
@@ -461,6 +466,7 @@ def modulo(x: Number, y: Number) -> Number:
     """Return x - y*floor(x/y), exactly rounded, with the sign of y, as Python's %; nan from 2**53 turns on."""
     turns = floor(quotient(x, y))
     product, lost = exact_product(turns, y)
+    # x itself without turns, also for an infinite y, whose product with 0 is nan
     remainder = choose(turns == 0.0, x, (x - product) - lost)
     beyond = ((remainder < 0.0) & (y > 0.0)) | ((remainder > 0.0) & (y < 0.0))  # a quotient that was rounded up
     remainder = choose(beyond, remainder + y, remainder)
@@ -549,6 +555,7 @@ def polynomial(u: Number, powers: tuple[float, ...]) -> Number:
 
 def divide_with_tails(x: Number, x_tail: Number, y: Number, y_tail: Number) -> tuple[Number, Number]:
     """Return the rounded quotient of two numbers with tails, and its tail."""
+    # both sides of a later choice are computed, and a float of Python divided by zero would raise
     quotient = x / choose(y == 0.0, 1.0, y)
     product, lost = exact_product(quotient, y)
     return quotient, (((x - product) - lost) + (x_tail - quotient * y_tail)) / choose(y == 0.0, 1.0, y)

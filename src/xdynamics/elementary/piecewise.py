@@ -26,6 +26,7 @@ def last_piece_begun(read: Read, count: Integer, x: Number) -> Integer:
         begins_before = read(0, middle) <= x
         return usually(begins_before, lambda: (middle, high), lambda: (low, middle - 1))  # type: ignore[no-any-return]
 
+    # last - last is a zero of the kind that `last` is: a whole number, an array, a line of text
     last = count - 1
     return repeat_while(lambda low, high: low < high, halve_range, last - last, last)[0]
 

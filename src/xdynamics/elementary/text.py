@@ -45,6 +45,7 @@ def definition(name: str, lanes: int, math_functions: str = NAME) -> tuple[str, 
         result = LaneValue(lines, "n", aggregate)
     signature = ", ".join(f"{kind} {item.text}" for item in arguments)
     body = "\n".join(item if item.endswith(":") else f"  {item}" for item in lines.lines)
+    # ATTRIBUTES is filled in by `definitions`: to inline depends on the text, and this function is kept for all
     text = (
         f"define internal {returned} @elementary_{name}({signature}) ATTRIBUTES {{\nentry:\n{body}\n  ret {returned}"
         f" {result.text}\n}}"

@@ -145,6 +145,7 @@ def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
     second = unit_suffix(str(run["time"].attrs["units"]))
     rates = [model.rate_of(tree) for tree in trees.values()]
     columns = _tree_columns(run, model, [*trees.values(), *rates])
+    # the columns of rates stand behind those of values: the zip ends with the trees
     for name, values, slopes in zip(trees, columns, columns[len(trees) :], strict=False):
         direction = _DIRECTIONS.get(model.events[name].direction, 0.0)
         row = next(_left_unmet(run, values, slopes, direction, met.get(name, np.zeros(0))), None)

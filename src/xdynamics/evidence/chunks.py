@@ -93,6 +93,7 @@ class StoredColumns:
             values = {name: column.row_stretch(low, high) for name, column in zip(names, columns, strict=True)}
             yield RowRange(begin, end - begin, begin - low, values)
             for column in columns:
+                # the last row is read once more, as the row before the next part
                 self._forget_chunks(column, end - 1)
         for column in columns:
             self._forget_chunks(column, self.size)
@@ -181,6 +182,7 @@ def _source(variable: xr.Variable) -> str | None:
     return next(iter(sources)) if len(sources) == 1 else None
 
 
+# equal by identity: fields hold arrays, and columns are looked for in lists
 @dataclass(eq=False)
 class _Column:
     """A variable along `step`, and which of its chunks have been read."""
@@ -192,6 +194,7 @@ class _Column:
 
     def __post_init__(self) -> None:
         sizes = self.variable.chunks[0] if self.variable.chunks else self.variable.shape[:1]
+        # a chunk without rows would give two equal borders, and searches one of the wrong number
         self.borders = np.concatenate([[0], np.cumsum([size for size in sizes if size])]).astype(np.int64)
         self._places = [k for k, size in enumerate(sizes) if size]
         if not self.variable.chunks:
@@ -320,6 +323,7 @@ class Chunks(StoredColumns):
         """Add the rows before and after, and all at the same times: which of them a time belongs to is then decided alike."""
         needed_rows = np.unique(np.clip(np.concatenate([rows - 1, rows, rows + 1]), 0, self.size - 1))
         while True:
+            # rows at one time may go on for long: added until there are no more
             edges = np.unique(
                 np.clip(np.concatenate([needed_rows - 1, needed_rows, needed_rows + 1]), 0, self.size - 1)
             )

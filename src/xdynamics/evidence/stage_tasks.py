@@ -37,6 +37,7 @@ class Memory:
 
     def __init__(self) -> None:
         self._results: OrderedDict[str, tuple[Any, int]] = OrderedDict()
+        # re-entrant: it is held when shrink takes it again
         self._lock = waited_for(threading.RLock())
         self._under_way: dict[str, threading.Lock] = {}
 

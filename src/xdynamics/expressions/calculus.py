@@ -131,6 +131,7 @@ def _derivatives_of_link(node: Binary, left: dict[str, Node], right: dict[str, N
     """Return the derivatives of a binary node from those of its operands."""
     if node.operator not in "+-":
         return _differentiate_operands([left, right], lambda operand_rates: operation_derivative(node, operand_rates))
+    # in place: copied at every term, the gradient of a long sum would take the square of its length
     for variable, rate in right.items():  # derivatives of the preceding terms stay as they are
         total = add(left.get(variable, ZERO), rate if node.operator == "+" else negative(rate))
         if total == ZERO:
@@ -282,6 +283,7 @@ def _call_derivative(node: Call, inner_rates: Sequence[Node]) -> Node:
         return divide(above, Binary("+", Binary("**", x, TWO), Binary("**", y, TWO)))
     if node.function == "mod":
         a, b = node.arguments
+        # mod(a, b) is a - b*floor(a/b), and between jumps floor stands still
         return add(inner_rates[0], negative(multiply(Call("floor", (Binary("/", a, b),)), inner_rates[1])))
     if node.function == "hypot":
         terms = [multiply(argument, rate) for argument, rate in zip(node.arguments, inner_rates, strict=True)]

@@ -91,6 +91,7 @@ def _call_dimension(node: Call, names: Mapping[str, Dimension]) -> Dimension | N
     label = f"'{node.function}'"
     if node.function == DELAYED:
         delayed_value, delay_node = node.arguments
+        # models without units have a time that is a pure number
         if (delay := _checked_dimension(delay_node, names)) != names.get("t", TIME):
             raise InputError(
                 f"the delay '{shortened_text(delay_node)}' is in '{delay}', needs '{names.get('t', TIME)}' (column {delay_node.column})"
@@ -155,6 +156,7 @@ MOST_COMPARED = 1_000  # names compared to find the one that was meant
 
 
 def _near_names(name: str, names: Mapping[str, Dimension]) -> str:
+    # imported for a message alone
     from difflib import get_close_matches
 
     near = get_close_matches(name, [*names][:MOST_COMPARED], n=1)

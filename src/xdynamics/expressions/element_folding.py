@@ -55,6 +55,7 @@ class _ValueTable:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", np.asarray(self.values))
+        # arrays compare element by element and have no hash; bytes have one answer for both
         content = (self.values.tobytes(), self.values.shape, self.dims, self.name, self.positions)
         object.__setattr__(self, "key", content)
 
@@ -83,6 +84,7 @@ def folded_terms(function: str, terms: Sequence[Node]) -> Node | None:
 
 
 def _tables(node: Any) -> list[_ValueTable]:
+    # by identity: trees share their parts, and to hash one is to descend it
     tables, seen, waiting = [], set[int](), [node]
     while waiting:
         part = waiting.pop()
@@ -139,9 +141,9 @@ def _merge_trees(nodes: Sequence[Any], dim: str, positions: tuple[int, ...], mer
     if all(node is first for node in nodes):
         return first
     key = tuple(map(id, nodes))
-    if key not in merged_by_id:
-        merged_by_id[key] = _merge_different(nodes, dim, positions, merged_by_id)
-    return merged_by_id[key]
+    if key not in merged_by_id:  # with the nodes, which live as long: an id is free for another one afterwards
+        merged_by_id[key] = nodes, _merge_different(nodes, dim, positions, merged_by_id)
+    return merged_by_id[key][1]
 
 
 def _merge_different(nodes: Sequence[Any], dim: str, positions: tuple[int, ...], merged_by_id: Known) -> Any:
@@ -438,6 +440,7 @@ class Unfolding:
                 values, dims = values.take(0, axis), dims[:axis] + dims[axis + 1 :]
         if not dims:
             number = float(values)
+            # a literal has no sign, as in parsed text: a minus is a node of its own
             return Negative(Number(-number)) if number < 0 else Number(number)
         content = (self._dims(dims, same), values)
         for word, (parameter_dims, parameter_values) in self.parameters.items():

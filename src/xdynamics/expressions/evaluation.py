@@ -181,6 +181,7 @@ def _repeated_product(base: Any, times: int) -> Any:
 def _ieee_quotient(numerator: float, denominator: float) -> float:
     if denominator != 0.0:
         return numerator / denominator
+    # 0*inf is nan, as 0/0 is
     return math.copysign(1.0, denominator) * numerator * math.inf
 
 
@@ -233,6 +234,7 @@ def _array_arithmetic(math_functions: str) -> Arithmetic:
             "floor": np.floor,
             "ceil": np.ceil,
             "round": np.rint,
+            # [()] makes a float of an array without dimensions, as functions of any kind of number expect
             "mod": lambda *values: modulo(*(np.asarray(value, float)[()] for value in values)),
             **{name: partial(apply_elementary, name, math_functions=math_functions) for name in FUNCTIONS},
         },

@@ -119,6 +119,7 @@ class _Product:
         if isinstance(node, Negative):
             self.coefficient = -self.coefficient
             self.multiply_by(node.operand, inverse=inverse)
+        # a division by zero stays to be seen; repr gives the decimal that was written, not the binary number beside it
         elif isinstance(node, Number) and not (inverse and node.value == 0.0):
             self._scale_coefficient(Fraction(repr(node.value)), node, inverse=inverse)
         elif isinstance(node, Binary) and node.operator in "*/":

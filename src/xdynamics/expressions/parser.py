@@ -315,6 +315,7 @@ class _Reader(Tokens):
         column, tree = self.next.column, self._read_signed()
         while (strength := _STRENGTH.get(self.next.text, 0)) >= weakest:
             operator = self.take_token().text
+            # one more, so that operators of one strength join from the left
             right = self._read_operands(strength + 1)
             tree = Binary(operator, self._number_tree(tree), self._number_tree(right), column)
         return tree
@@ -371,6 +372,7 @@ class _Reader(Tokens):
     def _read_word(self, token: Token) -> Node:
         if len(token.text) > LONGEST_WORD:
             raise self.fault(token.column, f"a word has {len(token.text)} characters, {LONGEST_WORD} at most")
+        # names stand in printed Python as they are
         if keyword.iskeyword(token.text):
             raise self.fault(token.column, f"'{token.text}' is a word of Python and no part of the language")
         if self.next.text == "[":

@@ -123,6 +123,7 @@ def check_numbers(
     with np.errstate(all="ignore"):
         try:
             result = function()
+            # made floats here, complex numbers would lose their imaginary parts with a warning; `real` refuses them
             direct = np.asarray(result, None if np.iscomplexobj(result) else float).ravel()
             expected = np.array([evaluate(node, values) for node in nodes])
         except WrittenArgumentError:

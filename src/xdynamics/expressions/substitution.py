@@ -52,16 +52,19 @@ class Substitution:
                 return _Module(self, value)
         if hasattr(value, "py_func"):  # compiled by numba
             return self.substitute(value.py_func)
+        # told by its method, without an import of scipy.sparse
         if hasattr(value, "toarray"):
             return _Sparse(value)
         return self._of_library(value)
 
     def _function(self, function: FunctionType) -> FunctionType:
         """Return a function with its globals and closure substituted, and those that it calls too."""
+        # a function takes its builtins from `__builtins__` of its globals as it is made
         scope: dict[str, Any] = {**function.__globals__, "__builtins__": self._builtins}
         cells = tuple(CellType() for _ in function.__closure__ or ())
         new = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, cells or None)
         new.__kwdefaults__ = function.__kwdefaults__
+        # noted before its names are looked at: a function that calls itself finds this one
         self._known[id(function)] = function, new
         for word in _names(function.__code__):
             if word in function.__globals__:
@@ -174,6 +177,7 @@ class _Sparse:
         return getattr(self._matrix, word)
 
 
+# isinstance(x, float), asked by a traced function, means Python's float all the same
 class _OfFloat(type):
     def __instancecheck__(cls, value: Any) -> bool:
         return isinstance(value, float)
@@ -202,6 +206,7 @@ def _array_maker(value: float) -> Callable[..., Any]:
     return made
 
 
+# by identity: what is looked up may be anything, also without a hash
 _MAKERS: dict[int, Callable[..., Any]] = {
     **{id(function): _array_maker(0.0) for function in (np.zeros, np.empty)},
     id(np.ones): _array_maker(1.0),

@@ -37,11 +37,13 @@ class TracedArray(np.ndarray[Any, Any]):
 
     def __array_ufunc__(self, ufunc: Any, how: str, *inputs: Any, **options: Any) -> Any:  # type: ignore[override]
         """Apply a function of numpy: by elements, along an axis, or as a product of matrices."""
+        # as arrays of numpy's own class, whose functions do not come back to this method
         plain = [np.asarray(value) if isinstance(value, np.ndarray) else value for value in inputs]
         if ufunc is np.matmul and how == "__call__":
             return array_of(_matrix_product(*plain))
         out = options.pop("out", None)
         if how == "reduce" and ufunc in _JOINED:
+            # unlike np.sum, the method `reduce` goes along the first axis by default
             result = _reduced(ufunc, plain[0], options.get("axis", 0), keepdims=options.get("keepdims", False))
         elif how != "__call__":
             result = array_of(getattr(ufunc, how)(*plain, **options))
@@ -183,6 +185,7 @@ def _interpolated(x: Any, xp: Any, fp: Any, tables: dict[str, Points]) -> Any:
         return _by_kinks(x, xp, fp)
     scale, offset = line
     table_times = (xp - offset) / scale
+    # a table has to ascend in time, also where its argument falls
     order = slice(None, None, 1 if scale > 0 else -1)
     points: Points = tuple(table_times[order].tolist()), tuple(fp[order].tolist())
     label = next(

@@ -353,6 +353,7 @@ def _junction(word: str, left: Any, right: Any) -> Any:
 
 
 def _trace_operation(operator: str, left: Any, right: Any) -> Any:
+    # left to numpy, which goes through the elements
     if isinstance(left, _ARRAYS) or isinstance(right, _ARRAYS):
         return NotImplemented
     first, second = _traced_number(left), _traced_number(right)

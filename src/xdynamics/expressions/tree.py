@@ -94,6 +94,7 @@ class Negative:
     column: int = field(default=0, compare=False)
 
 
+# the methods that dataclass makes would descend a chain by recursion
 @dataclass(frozen=True, eq=False, repr=False)
 class Binary:
     """One of ``+ - * / **``."""
@@ -183,6 +184,7 @@ class Along:
 Node = Number | Name | Negative | Binary | Compare | Call | Element | Along
 
 _LONGEST_SHOWN = 400
+# 3 is that of a unary minus
 _STRENGTH = {"+": 1, "-": 1, "*": 2, "/": 2, "**": 4}
 
 
@@ -334,6 +336,7 @@ def _text_of_chain(node: Binary) -> str:
     parts, opened, strength = [text_of(first)], 0, _strength(first)
     for link in links:
         strength_of_link = _STRENGTH[link.operator]
+        # 5, as powers join from the right: (a**b)**c needs its parentheses
         if strength < (5 if link.operator == "**" else strength_of_link):
             parts.append(")")
             opened += 1

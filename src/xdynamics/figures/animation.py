@@ -102,6 +102,7 @@ def drawn_frames(figure: Figure, draw_frame: Callable[[int], list[Any]], count: 
     canvas: Any = FigureCanvasAgg(figure)
     moving_artists = draw_frame(0)
     for artist in moving_artists:
+        # what is animated is left out by draw, so that the background has none of it
         artist.set_animated(True)
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)

@@ -418,6 +418,7 @@ class Solid:
         origin = _vectors_at_time(times, self.places, time)
         q0, *vector = _vectors_at_time(times, self.attitudes, time)
         q = np.array(vector)
+        # between rows a quaternion is interpolated, and no longer of unit length
         length = float(np.hypot(q0, np.linalg.norm(q)))
         q0, q = q0 / length, q / length
 

@@ -106,6 +106,7 @@ class Boundary:
             self._line = axes.add_collection(LineCollection([], colors=GROUND, linewidths=2.0), autolim=False)
             return
         gaps = self._wall_distances(self._grid, 0.0)
+        # matplotlib warns of contours that are nowhere in the picture
         if gaps.min() < 0.0 < gaps.max():
             axes.contourf(*self._grid, gaps, levels=[-np.inf, 0.0], colors=[GROUND], alpha=0.25)
             axes.contour(*self._grid, gaps, levels=[0.0], colors=[GROUND], linewidths=2.0)

@@ -386,6 +386,7 @@ def refined_line(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     if values is None:
         return None
     if not inner.merged_orders:
+        # a half puts a state inside a step between its two rows, also where events repeat a time
         order = np.argsort(np.concatenate([np.arange(run.sizes[STEPS]), inner.rows + 0.5]), kind="stable")
         inner.merged_orders.append((order, np.concatenate([run.variables["time"].values, inner.times])[order]))
     ((order, times),) = inner.merged_orders
@@ -408,6 +409,7 @@ _KNOWN: dict[int, tuple[weakref.ref[xr.Dataset], InnerStates | None]] = {}  # of
 def inner_states(run: xr.Dataset) -> InnerStates | None:
     """Return the states inside steps, computed once per record; None if rows are many, or some were left out."""
     cached_states = _KNOWN.get(id(run))
+    # another record may have got the id of one that is gone, which the weak reference tells
     if cached_states is None or cached_states[0]() is not run:
         key = id(run)
         cached_states = _KNOWN[key] = weakref.ref(run, partial(_KNOWN.pop, key)), _inner_points(run)
@@ -487,6 +489,7 @@ def _repeat_steps(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Float
     if len(model.units) > (LARGEST_ENERGETIC if "total_energy" in run.variables else LARGEST):
         return None
     time, starts = run.variables["time"].values, np.unique(rows)
+    # just before the next row: at its own time the recorded state is returned, which would test nothing
     ends = np.nextafter(time[starts + 1], time[starts])
     try:
         samples = sample_in_steps(

@@ -50,6 +50,7 @@ def draw_map(run: xr.Dataset, names: list[str], subject: str, axes: Axes) -> Non
         rows, label, note, centre = changes, f"{label} - {label}(0)", " less its start", 0.0
     row_names, row_unit = _row_names(run, [names[group[0]] for group in groups])
     frame = _colour_frame(rows, grid, is_of_bodies=bool(shared_axis(names)))
+    # a mesh needs one edge more than it has cells: the last cell has no width
     edges = np.append(grid, grid[-1])
     mesh = axes.pcolormesh(
         edges,

@@ -115,6 +115,7 @@ def _leaving_time(path: Floats, times: Floats, limits: Floats) -> float | None:
     if overshoot[-1] <= 0.0 or overshoot[-1] < FARTHEST * overshoot.max():
         return None
     last = int(np.flatnonzero(overshoot <= 0.0)[-1])
+    # a row follows, as the body is outside at the end
     part = overshoot[last] / (overshoot[last] - overshoot[last + 1]) if overshoot[last] < overshoot[last + 1] else 0.0
     return float(times[last] + part * (times[last + 1] - times[last]))
 

@@ -114,6 +114,7 @@ def _add_flat_panel(page: Any, axes: Axes, n: str) -> None:
             "domain": [max(0.0, across[0]), min(1.0, across[1])],
             "anchor": f"{'y' if letter == 'x' else 'x'}{n}",
             "type": "log" if logarithmic else "linear",
+            # plotly takes the ends of a logarithmic axis as powers of ten
             "range": [float(end) for end in (np.log10([low, high]) if logarithmic else (low, high))],
             "title": {"text": _html_text(without_power(axis.get_label_text())), "standoff": 4},
             "zeroline": False,
@@ -196,6 +197,7 @@ def _line_traces(axes: Axes, line: Any) -> Iterator[dict[str, Any]]:
             "line": {
                 "color": colour,
                 "width": line.get_linewidth() * 1.2,
+                # plotly would leave out points that lie nearly on a line
                 "simplify": False,
                 "dash": DASHES.get(style, "solid"),
             },
@@ -309,6 +311,7 @@ def _add_annotation(page: Any, axes: Axes, text: Any, n: str) -> None:
     if -LOOSE <= across <= 1 + LOOSE and -LOOSE <= up <= 1 + LOOSE:
         x, y = axes.transData.inverted().transform(axes.transAxes.transform((across, up)))
         x, y = (
+            # plotly places annotations on a logarithmic axis by powers of ten, but traces by values
             np.log10(coordinate) if axis.get_scale() == "log" else coordinate
             for coordinate, axis in ((x, axes.xaxis), (y, axes.yaxis))
         )

@@ -193,6 +193,7 @@ class _OccupiedCells:
         rows, columns = int(np.ceil(height / CELL)) + 1, int(np.ceil(width / CELL)) + 1
         if rows > self.occupied.shape[0] or columns > self.occupied.shape[1]:
             return np.zeros((0, 0), np.int64)
+        # a summed-area table: four numbers of it give the count in a box of any size
         sums = np.pad(self.occupied.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
         box_counts: Counts = (
             sums[rows:, columns:] - sums[:-rows, columns:] - sums[rows:, :-columns] + sums[:-rows, :-columns]

@@ -38,6 +38,7 @@ def states_as_csv(states: xr.Dataset) -> str:
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(columns)
+    # repr of a float is the shortest text that reads back to the same bits
     rows.writerows(map(repr, row) for row in zip(*(values.tolist() for values in columns.values()), strict=True))
     return text.getvalue()
 

@@ -23,6 +23,7 @@ LONGEST = 500  # of a line of the summary
 MOST_LINES = 40  # of the summary
 MOST_NAMED = 600  # characters of the names of a role, where the page is too small for a table of them
 
+# taken before `show_pages` puts another method in its place
 _pages_of_xarray = xr.Dataset._repr_html_
 
 
@@ -106,6 +107,7 @@ def show_time_notes() -> None:
     for kind in (xr.Dataset, xr.DataArray):
         for verb in (*NOTED, *REFUSED):
             method = getattr(kind, verb)
+            # a second call must not wrap what is wrapped
             if not hasattr(method, "notes_times"):
                 setattr(kind, verb, _noting(method) if verb in NOTED else _refusing(method))
 
@@ -119,6 +121,7 @@ def _noting(method: Callable[..., Any]) -> Callable[..., Any]:
             return method(self, *arguments, **keywords)
         except Exception as error:
             requested_times = _requested_times(arguments, keywords)
+            # xarray's verbs call one another: the inner one has added the note already
             if requested_times is not None and _is_of_steps(self) and not getattr(error, "__notes__", None):
                 error.add_note(REMEDY.format(_times_text(requested_times)))
             raise

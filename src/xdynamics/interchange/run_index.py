@@ -229,6 +229,7 @@ def _describe_parameters(runs: Sequence[xr.Dataset], described_names: set[str]) 
     described_variables: dict[str, Any] = {}
     parameters = {
         str(name): variable
+        # reversed, because the last entry stays: the first run that has a parameter gives its unit
         for run in reversed(runs)
         for name, variable in run.variables.items()
         if variable.attrs.get("role") == "parameter" and not variable.dims
@@ -261,6 +262,7 @@ def _unit_factor(name: str, attributes: Mapping[Any, Any], units: str) -> float:
     given_unit, common_unit = parse_unit(str(attributes["units"])), parse_unit(units)
     if given_unit.dimension != common_unit.dimension:
         raise InputError(f"'{name}' is in '{units}' in one run and in '{given_unit.text}' in another; open them apart")
+    # factors are fractions: the quotient is exact, and rounded once
     return float(given_unit.factor / common_unit.factor)
 
 

@@ -332,6 +332,7 @@ def _parameter_columns(data: xr.Dataset) -> Iterator[TableColumn]:
     }
     for word, take in about_each.items():
         values = [take(name, variable) for name, variable in parameters]
+        # entry == entry: not a nan, which stands for an uncertainty that is not given
         if word in ("parameter", "value", "units", "description") or any(entry == entry and entry for entry in values):
             yield TableColumn(word, np.array(values, float if word in ("value", "uncertainty") else object), "", word)
 

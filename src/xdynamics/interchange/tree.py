@@ -112,6 +112,7 @@ def states_on_side(
     states, missing = {}, places < 0
     for name, variable in run.variables.items():
         if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in roles:
+            # a copy, as nan is written into it; 0 in the place of -1, which would be the last row
             values = np.array(variable.isel({STEPS: np.maximum(places, 0)}).values)
             values[missing] = np.nan
             described = attrs_of(str(variable.attrs["units"]), f"{name} {side} the event", str(variable.attrs["role"]))

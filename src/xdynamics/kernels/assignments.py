@@ -86,6 +86,7 @@ class Assignments:
             case Negative():
                 return self.compute("negative", self.value(tree.operand))
             case Binary():
+                # a sum may have thousands of terms, more than Python allows calls inside one another
                 first, links = chain(tree)
                 result = self.value(first)
                 for link in links:
@@ -106,6 +107,7 @@ class Assignments:
         """Give a value a name, which appears in the text unless the value already had one."""
         self._named[name] = value
         last = self.lines[-1] if self.lines else None
+        # no line has read the last one yet, so its target may still be renamed
         if isinstance(last, Compute) and last.target == value and value in self._unnamed:
             self._unnamed.discard(value)
             self.lines[-1] = Compute(name, last.operation, last.arguments)
@@ -124,6 +126,7 @@ class Assignments:
         if operation in _FOLDED and all(isinstance(argument, float) for argument in arguments):
             folded = _FOLDED[operation](*arguments)
             if math.isfinite(folded):  # so 1/(2 - 2) becomes a visible division by a literal zero
+                # the exact value goes along: programs of 31 digits are printed from it
                 exact = [exact_value(argument) for argument in arguments if isinstance(argument, float)]
                 return Rounded.from_exact(_FOLDED[operation](*exact), folded)
         key = _computation_key(operation, arguments)
@@ -233,4 +236,5 @@ def _nested_coefficients(product: Binary) -> list[Node]:
 
 def _computation_key(operation: str, arguments: tuple[Operand, ...]) -> tuple[str, ...]:
     """Return the key of a computation, with numbers as printed: 0.0 equals -0.0, but atan2 tells them apart."""
+    # by exact values, too: two of them may round to one float, and differ in programs of 31 digits
     return (operation, *(str(entry.exact) if isinstance(entry, Rounded) else repr(entry) for entry in arguments))

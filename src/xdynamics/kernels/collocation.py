@@ -148,6 +148,7 @@ class RadauMemory:
 def lengths(layout: Layout) -> dict[str, int]:
     """Return the length of each part of a lane's memory after `KEPT`; row exchanges follow the matrices."""
     used, size = layout.used.size, layout.used.size - layout.coordinates.size
+    # the real matrix, both parts of the complex one, and the row exchanges of each
     matrix = 3 * size * size + 2 * size
     lasting = {
         "slopes": len(layout.couplings),
@@ -178,6 +179,7 @@ def factorise_columns(lines: Assignments, m: Columns) -> tuple[list[Operand], Op
     sound: Operand = 1.0
     for k in range(n):
         pivot, size = _pivot_of_column(lines, m[k], k)
+        # zeros from here to the end of the column: there `linear.factorise` stops, by its `last`
         filled = _nonzero_prefixes(lines, m[k][::-1])[::-1]
         sound = _is_regular(lines, sound, size)
         pivots.append(pivot)
@@ -256,6 +258,7 @@ def _less_product(lines: Assignments, number: Entry, x: Entry, y: Entry) -> Entr
 
 def _is_regular(lines: Assignments, sound: Operand, size: Operand) -> Operand:
     """Return whether the matrix was regular so far, and the pivot is positive and finite."""
+    # infinity less itself is nan, as nan less itself is, and nan equals nothing
     finite = lines.compute("equal", lines.compute("subtract", size, size), 0.0)
     regular = lines.compute("choose", lines.compute("more", size, 0.0), sound, 0.0)
     return lines.compute("choose", finite, regular, 0.0)
@@ -315,6 +318,7 @@ def factorisation(memory: RadauMemory) -> Program:
         slope, j = f.load(memory.vector_location("slopes", k)), column if column < n else column - n
         (m,), (re, im) = real[j][row], both[j][row]
         if column < n:
+            # a coordinate is eliminated by its velocity: its derivative goes to that column, over gamma
             real[j][row] = (f.formula("m - slope/gamma", m=m, slope=slope),)
             re = f.formula("m - slope*(alpha/square)", m=re, slope=slope)
             both[j][row] = re, f.formula("m + slope*(beta/square)", m=im, slope=slope)
@@ -342,6 +346,7 @@ def _diagonal(memory: RadauMemory, *parts: Operand) -> Columns:
 
 def solve_real_lanes(f: Formulas, memory: RadauMemory, vector: list[Operand]) -> list[Operand]:
     """Solve (gamma/h - J) d = r: `transformed.solve_real_system`."""
+    # by the step that the factors were made for, which this one may differ from by `SAME_STEP`
     n, gamma, (matrix, pivots) = memory.n, f.formula("g/factored", g=GAMMA), _load_factors(f, memory, 0)
     right = vector[n:]
     for k, (row, column) in enumerate(memory.layout.couplings):
@@ -389,6 +394,8 @@ def _load_factors(f: Formulas, memory: RadauMemory, *planes: int) -> tuple[Colum
 
 LINEARISE, CORRECT, ESTIMATE = "linearise", "correct", "estimate"
 
+# damped_eta is eta to the power 3/4 by square roots, which have the same bits everywhere; Hairer and Wanner, IV.8, take
+# the power 0.8
 _RECALL = """
 moved = where(since == 2, 1, 0)
 starts = where(since == 0, 1, 0)
@@ -597,6 +604,7 @@ class CollocationStep:
             for k in range(3):
                 change = f.formula("abs(d)", d=changes[k][i])
                 operands = {"change": change, "scale": scale, "largest": largest}
+                # a component that stays zero may have a scale of zero, and 0/0 would be nan
                 largest = f.formula("where(change != 0, max(largest, change/scale), largest)", **operands)
         return largest
 
@@ -604,6 +612,8 @@ class CollocationStep:
         """Judge the iterations by their corrections: `radau.judge_iteration`."""
         f.write("turn_now = turn + 1")
         f.write(f"{CONVERGENCE}lacking = eta_now*size")
+        # lacking is what would be missing after the last turn allowed, if corrections go on to shrink by theta (Hairer
+        # and Wanner, IV.8)
         for remaining in range(1, int(implicit.MOST_TURNS) - 1):  # one for each remaining iteration
             f.write(f"lacking = where(turn_now <= {int(implicit.MOST_TURNS) - remaining}, lacking*theta_now, lacking)")
         f.write(

@@ -23,6 +23,7 @@ IntArray = NDArray[np.int64]
 
 def concatenated_tables(tables: Iterable[tuple[Floats, Floats]]) -> tuple[Floats, IntArray]:
     """Concatenate tables; return them and where each begins."""
+    # an empty one first, as np.concatenate refuses a list of none
     arrays, places, first = [np.empty(0)], [], 0
     for origin, powers in tables:
         arrays += [origin, powers.ravel()]
@@ -37,6 +38,7 @@ def find_piece_of_table(x: float, tables: Floats, first: int, pieces: int) -> in
     low, high = 0, pieces - 1
     if x == tables[first + high]:
         return high - 1
+    # negated, so that nan is in the first piece, as `piecewise.last_piece_begun` has it
     if not x >= tables[first + 1]:
         return 0
     while low < high:

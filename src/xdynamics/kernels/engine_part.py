@@ -27,6 +27,7 @@ from xdynamics.runtime.fork_safety import waited_for
 PACKAGE = Path(__file__).parents[1]
 FOLDER = PACKAGE / "kernels" / "text"  # of a wheel's texts
 WHEEL, NUMBA = "of the wheel", "compiled by numba"  # where a text is from
+# reentrant, as making a part may need another one
 _LOCK = waited_for(threading.RLock())
 _MAKERS: list[int] = []  # threads that make a part: the one that holds the lock, once for each part
 waited_for(getattr(ffi.lib._lock, "_lock"))  # noqa: B009, SLF001 - LLVM's own, which a child needs to compile
@@ -118,6 +119,7 @@ class EnginePart:
         logging.getLogger("xdynamics").warning(message, self._words, often, self.seconds, reason)
         if obstacle:
             machine.advise(obstacle)
+        # imports numba, which takes most of a second that only a process without kept code has to pay
         from xdynamics.kernels.numba_text import text_of
 
         text = f"; {toolchain_versions()}\n; {source_digest()}\n{text_of(self.functions)}"
@@ -161,5 +163,6 @@ def source_digest() -> str:
         PACKAGE / "methods" / "implicit.py",
         *(PACKAGE / "model" / f"{name}.py" for name in ("parts", "detectors", "reactions")),
     ]
+    # sorted, as the order of rglob is that of the file system
     files = sorted([*rooms, PACKAGE / "schema.py", *constants])
     return machine.text_digest(*(path.read_text(encoding="utf-8") for path in files))

@@ -123,6 +123,7 @@ def _argument_words(kind: Kind, argument: Any) -> Iterator[int]:
         for part_kind, part in zip(kind.kinds, argument, strict=True):
             yield from _argument_words(part_kind, part)
     elif kind is FLOAT:
+        # the word holds the bits of a float, not its value
         yield struct.unpack("=q", struct.pack("=d", argument))[0]
     else:
         yield int(argument)

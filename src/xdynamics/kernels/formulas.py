@@ -114,6 +114,8 @@ ratio = where(error != 0, where(least > scale, beyond, abs(error)/scale), 0)
 """
 FLOORED_NORM = f"{FLOORED_RATIO}norm = max(norm, ratio)"
 
+# a proportional-integral controller (Hairer and Wanner, Solving ODEs II, 2nd ed., section IV.2); after a rejection the
+# integral part alone
 EXPONENT = """
 beta = 0.2/k
 exponent = where(norm > 1, -logarithm/k, (0.75*beta - 1/k)*logarithm + beta*step_log)
@@ -126,6 +128,8 @@ next_log = max(where(norm > 0, logarithm, least_logarithm), least_logarithm)
 shrink = max(least, min(0.9, allowed))
 """
 # of the work of the iterations too; a small growth is left out where it would cost the factors that are kept
+# Gustafsson's predictive controller (Hairer and Wanner, Solving ODEs II, 2nd ed., section IV.8), fourth roots as two
+# square roots
 PREDICTIVE = """
 bounded = max(norm, smallest)
 own = safety*min(1, least_work/(turn + work))/sqrt(sqrt(bounded))

@@ -179,6 +179,7 @@ class _IntervalPrinter:
         self._constant: set[int] = set()  # the places of their values
         self._rows: list[tuple[int, ...]] = []
         self._constants = constant_names(layout.model)
+        # modes and inputs of switches stand last among the constants, and change during a march
         self._fixed = len(self._constants) - len(mode_names(layout.model)) - len(switch_inputs(layout.model))
         variables = self._moving_variables() if layout.watched else {}
         self._moving = {name: slot for slot, name in enumerate(variables)}
@@ -274,6 +275,7 @@ class _IntervalPrinter:
             self._add_row(line.target, OPERATIONS.index(name), self._slot_of(argument), int(drive), int(of_time))
             return
         places = [self._slot_of(argument) for argument in line.arguments]
+        # a product of intervals takes its factors for independent, and would make [-1, 1] of the square of [-1, 1]
         if name == "multiply" and places[0] == places[1]:
             name = "square"
         self._add_row(line.target, OPERATIONS.index(name), *places, constant=self._constant.issuperset(places))
@@ -286,6 +288,7 @@ class _IntervalPrinter:
 
     def _slot_of(self, value: Operand) -> int:
         """Return the place of a value; a number gets one when it first occurs."""
+        # as text, since 0.0 and -0.0 would be one key
         key = value if isinstance(value, str) else repr(float(value))
         if key not in self._places:
             self._add_row(key, NUMBER, len(self._numbers), constant=True)

@@ -230,6 +230,7 @@ class LaneWriter:
 
 STRIDE, DERIVED, WEIGH = "stride", "derived", "weigh"
 
+# the width is the difference of the rounded ends, not the step that led to them
 _AIM_FREELY = """
 rest_of = node - t
 proposed = t + step
@@ -238,6 +239,7 @@ reach = where(lands > 0, node, proposed)
 width = where(lands > 0, rest_of, proposed - t)
 counts = 1 - lands
 """
+# products, never accumulated sums: runs refined on nested grids meet at times that are equal to the bit
 _AIM_AT_GRID = """
 proposed = start + (grid + 1)*step_size
 lands = where(node > proposed + snap, 0, 1)
@@ -250,10 +252,12 @@ _SIDE = (
     " 0, 1, 0), 0)))"
 )
 _ASLEEP = "silent{0} = silent*where(side > 1.5, 1, 0)"
+# a step below half a spacing of t would not advance: such a step is left to the single march
 _READY = """
 advances = where(t + width > t, where(reach > t, 1, 0), 0)
 ready = lives*advances*fits*where(done <= most, 1, 0)
 """
+# a norm that is nan or infinite lets a lane neither move nor repeat: the single march judges that trial
 _JUDGE = """
 shorter = width*shrink
 bound = max(min_step, max(1e-14*abs(t), 1e-300))
@@ -310,6 +314,8 @@ first_step = where(first_step > 0, first_step, foreseen*moves)
 """
 
 
+# in the first step, and after a rejection, an estimate above 1 is made again at the state that it leads to (Hairer and
+# Wanner, Solving ODEs II, section IV.8)
 _AGAIN = "again = solved*where(rejected > 0, 1, where(before > 0, 0, 1))*where(judged_first <= 1, 0, 1)"
 _SOLVED = """
 eta = where(moves + turns_back > 0, eta_tried, eta)

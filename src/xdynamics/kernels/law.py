@@ -87,6 +87,7 @@ def read(key: str) -> tuple[Printed, bytes] | None:
     content = machine.read(_file_name(key))
     if content is None:
         return None
+    # JSON has no bare line feed, so the first one ends the head, whatever bytes the code has
     head, _, code = content.partition(b"\n")
     fields: dict[str, Any] = json.loads(head)
     return (
@@ -128,6 +129,7 @@ def _printers() -> str:
         *(path for room in _ROOMS for path in (package / room).rglob("*.py")),
         *(package / module for module in _MODULES),
     ]
+    # sorted, as the order of rglob is that of the file system
     return machine.text_digest(*(path.read_text(encoding="utf-8") for path in sorted(files)))
 
 
@@ -265,6 +267,7 @@ class Law:
             callee_storage = (
                 storage_by_program.get(line.program, 0) for line in program.body if isinstance(line, ProgramCall)
             )
+            # calls follow one another, so of all callees only the largest counts
             storage_by_program[program.name] = sum(program.local.values()) + max(callee_storage, default=0)
         return max(storage_by_program.values())
 
@@ -284,6 +287,7 @@ class Law:
 
     @property
     def _can_be_kept(self) -> bool:
+        # code that calls Python functions holds their addresses in this process
         return not (PLAINLY or self.layout.model.python_functions)
 
     @cached_property
@@ -405,6 +409,7 @@ class Law:
 
     def _llvm_text(self, programs: Sequence[Program], lanes: int = 1) -> str:
         functions = [(entry.name, len(entry.arguments)) for entry in self.layout.model.python_functions]
+        # `vector_lanes` counts two vectors of the processor: elements go side by side in one
         abreast = machine.vector_lanes() // 2 if self._is_thinned else 1
         return llvm_of(programs, lanes, functions, math_functions=self.scheme.math_functions, abreast=abreast)
 

@@ -260,6 +260,8 @@ class LineWriter(Walker):
         if last:
             added = lines.compute("add", added, carried)
         total = lines.compute("add", old_value, added)
+        # Kahan's compensated sum: exactly what the rounded sum lost of `added`, if the old value is the larger of the
+        # two
         lost = lines.compute("subtract", added, lines.compute("subtract", total, old_value))
         self._carry[letter] = self._allocate_array(f"{target}_carried", self._component_count(target))
         lines.store(loop_element(target), total)

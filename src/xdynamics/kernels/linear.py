@@ -39,6 +39,7 @@ def solve_linear(matrix: NDArray[np.float64], right: NDArray[np.float64], n: int
         for i in range(k + 1, n):
             if abs(matrix[i * n + k]) > abs(matrix[pivot * n + k]):
                 pivot = i
+        # negated, so that a nan is refused too
         if not abs(matrix[pivot * n + k]) > 0.0 or not np.isfinite(matrix[pivot * n + k]):
             return False
         if pivot != k:
@@ -97,6 +98,7 @@ def factorise(matrix: NDArray[np.float64], pivots: NDArray[np.int64], n: int) ->
         pivot, column, last = k, k * n, k
         for i in range(k + 1, n):
             size = abs(matrix[column + i])
+            # below the last nonzero row all factors are zero: matrices of chains have few rows above it
             last = i if size != 0.0 else last
             pivot = i if size > abs(matrix[column + pivot]) else pivot
         size = abs(matrix[column + pivot])
@@ -242,6 +244,7 @@ def factorise_band(matrix: Floats, pivots: IntArray, n: int, lower: int, upper: 
         if not size > 0.0 or not np.isfinite(size):
             return False
         pivots[k] = k + pivot
+        # the last column that row exchanges have filled so far, `ju` of LAPACK's dgbtf2
         reach = max(reach, min(k + upper + pivot, n - 1))
         if pivot != 0:
             for j in range(k, reach + 1):

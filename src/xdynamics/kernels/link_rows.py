@@ -151,6 +151,7 @@ def _split_additions(links: Reduction) -> tuple[tuple[tuple[Location, Operand, s
             and loaded.location == store.location
             and links.index in (indices := dict(store.location.strides))
             and links.below not in indices
+            # nothing else may read the two: they are taken out of the row
             and uses[loaded.target] == uses[total.target] == 1
         ):
             term = defined.get(str(total.arguments[1]))

@@ -87,6 +87,7 @@ class Places:
         """Write a number of every lane."""
         lines, kind, steps = self._lines, self._lines.kind("n"), self._lane_offsets(location)
         if steps is not None:
+            # LLVM scatters by a mask only, here one that lets all lanes through
             pointers = self._pointers("double", self.pointer(location), steps)
             every = f"{lines.kind('t')} {lines.constant(value=True).text}"
             scatter_operands = f"{kind} {value.text}, {lines.kind('p')} {pointers}, i32 8, {every}"
@@ -147,6 +148,7 @@ class Places:
         origin, steps = self.pointer(location), self._lane_offsets(location)
         if steps is not None:
             return lines.read(letter, origin, LaneValue(lines, "w", steps))
+        # align 8: neighbours may begin at any element, and a vector's natural alignment would promise more
         if self._differs(location) or (letter == "n" and self._runs == lines.lanes):
             return lines.line(letter, f"load {lines.kind(letter)}, ptr {origin}, align 8")
         element_value = lines.line(letter, f"load {scalar}, ptr {origin}, align 8")
@@ -287,6 +289,7 @@ class LoopText(ABC):
     def _pass_scope(self, line: Loop | Reduction, index: Index, totals: list[Value]) -> Iterator[None]:
         """Print the lines of one pass; what they compute is forgotten after it."""
         places = self._places
+        # LLVM refuses a value of a pass where that need not have been executed, as after the loop
         outside = dict(self._values), self._joint, dict(self._pairs), dict(places.indices), dict(places.addresses)
         places.indices[line.index] = index
         if isinstance(line, Reduction):
@@ -434,6 +437,7 @@ class LoopText(ABC):
         carried = self._phis(label, totals, "t")
         new = one_pass(Index(index), carried)
         phis = [f"{index} = phi i64 [ {first}, %{entry_block} ], [ {index}n, %{lines.block} ]"]
+        # LLVM wants phis first in their block, and what they join is known after the pass is written
         lines.lines[head:head] = phis + self._merged(carried, totals, entry_block, new)
         self._append_text(f"{index}n = add i64 {index}, {step}")
         self._append_text(f"{index}c = icmp ult i64 {index}n, {last}")

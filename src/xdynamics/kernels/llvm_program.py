@@ -85,6 +85,7 @@ class RowText(LoopText):
         """Print as many rows at once as there are lanes: blocks that end at the last row, of which the first may be short."""
         wide, first = self._abreast, line.count % self._abreast
         self._kept = f"{self._lines.label()}kept"
+        # at the beginning of the function: inside a loop every pass would take more stack until the function returns
         self._stack.append(f"%{self._kept} = alloca double, i64 {len(rows.added) * wide * wide}, align 64")
         self._dynamic_passes(partial(self._print_block, line, rows), str(first or wide), str(line.count + 1), [], wide)
 
@@ -98,6 +99,7 @@ class RowText(LoopText):
         with self._side_by_side(wide), self._pass_scope(replace(line, body=rows.lines_before), Index(begin, 1), []):
             row_numbers, beyond = (lines.broadcast("w", text) for text in (begin, f"{end.value}"))
             row_numbers = row_numbers + self._lanes()
+            # row 0 has no element before it: as such a row, a lane beyond the end adds nothing
             row_numbers = choose(row_numbers < beyond, row_numbers, 0)
             last = lines.line("p", f"add i64 {end.value}, 1").text
             starts = [self._operand_value(start) for start in rows.links.starts]

@@ -130,6 +130,7 @@ def caching_obstacle() -> str:
     try:
         _secret(create=True)
         with _open_folder(folder(), create=True), tempfile.NamedTemporaryFile(dir=folder(), suffix=_PART) as probe:
+            # a full disk still takes an empty file: only bytes tell
             probe.write(bytes(ROOM))
             probe.flush()
     except OSError as error:
@@ -214,6 +215,7 @@ def _replace_file(directory: int, part: str, name: str) -> None:
     with suppress(FileNotFoundError):
         if stat.S_ISDIR(os.stat(name, dir_fd=directory, follow_symlinks=False).st_mode):
             shutil.rmtree(name, dir_fd=directory)  # os.replace does not put a file over a folder
+    # no fsync before: what a crash leaves torn fails its digest and is compiled again
     os.replace(part, name, src_dir_fd=directory, dst_dir_fd=directory)
 
 
@@ -256,6 +258,7 @@ def _found_secret(path: Path) -> None:
         with os.fdopen(handle, "wb") as file:
             file.write(secrets.token_bytes(_SEAL))
         try:
+            # a link fails where a file stands already; a rename would replace another process's secret
             os.link(part, path, follow_symlinks=False)
         except FileExistsError:
             pass
@@ -282,6 +285,7 @@ def _looks_through(size: int) -> bool:
 def _prune(directory: int, written_name: str) -> None:
     """Remove old files, the least recently used beyond the limit, and parts of processes that died while writing."""
     now, kept_files, limit = time.time(), [], 1e6 * max_megabytes()
+    # all entries before any is removed: what a scan yields of a folder that changes is left open by POSIX
     with os.scandir(directory if _POSIX else folder()) as scan:
         entries = list(scan)
     for entry in entries:
@@ -373,6 +377,7 @@ class Code:
         provide_refusal()
         module = llvm.parse_assembly("")
         module.triple = llvm.get_process_triple()
+        # kept as long as the addresses: an engine that is collected frees its code
         self._engine = llvm.create_mcjit_compiler(module, _target_machine())
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(content))
         self._engine.finalize_object()

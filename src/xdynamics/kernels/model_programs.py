@@ -257,6 +257,7 @@ def _write_derived(nests: Nests, layout: Layout, first: int, left_out: Container
                 results.append((name, dims, tree, Location("z", column)))
             column += math.prod(layout.model.shapes.shape(dims))
         with suppress(UnprintedError):
+            # tried elsewhere first: a failure halfway would leave its lines in `nests`
             _state_nests(layout).results(results)  # of lines that are thrown away
             nests.results(results)
             return
@@ -459,6 +460,7 @@ def row(layout: Layout, memory: int, *, energies: bool = True) -> Program:
         body.append(Loop("i", layout.used.size, left))
     if layout.smooth:
         _write_passages(lines, layout, memory, lines.compute("more", step, 0.0))
+    # before the loops, which read `reached`
     body[0:0] = lines.lines
     return Program(
         "row", "A row of the log.", tuple(body), local=nests.local, tables=nests.tables, sound=sound, spread=True

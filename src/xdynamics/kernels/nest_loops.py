@@ -205,6 +205,7 @@ class NestedLoops:
                         raise
                     if unsplit:
                         raise UnprintedError from None
+                    # the lines of this attempt are dropped with their scope; both parts are written anew
                     waiting[:0] = [(first, first + split.count), (first + split.count, last)]
                     continue
                 body = tuple(self._scopes[-1].lines)
@@ -297,6 +298,7 @@ class Reductions(NestedLoops):
     def _along_all(self, number: int, node: Along, env: Env) -> Operand:
         """Write a reduction in loops."""
         operation = CALLED.get(node.function, "add")
+        # -0.0, not 0.0: it is the one number that changes no other in a sum, -0.0 among them
         start = {"least": math.inf, "greatest": -math.inf}.get(operation, -0.0)
         total = self._running_total(
             node.dims, env, operation, lambda inner: self._reduction_term(number, node, inner), start

@@ -52,6 +52,7 @@ def patterns(relation: Relation, acting: tuple[bool, bool], size: int) -> dict[i
     for meeting in acts:
         changes[1:] |= meeting.differs(stride)
     stretch_patterns: dict[int, Pattern] = {}
+    # one more than is allowed tells the caller that there are too many
     for element in np.flatnonzero(changes)[: PIECES + 1].tolist():
         links = sorted(
             (link, end)
@@ -89,6 +90,7 @@ class _Meeting(NamedTuple):
         elements = np.repeat(np.arange(counts.size), counts)
         later = elements > 0
         previous_links = (self.starts[elements - 1] + link_ranks)[later]
+        # the place before lies beyond the end only where the numbers of links differ, which is noted above
         is_other = self.links[np.minimum(previous_links, self.links.size - 1)] + stride != self.links[later]
         np.logical_or.at(differs, elements[later][is_other] - 1, True)  # noqa: FBT003 - a number of numpy's
         return differs
@@ -268,6 +270,7 @@ class LinkSums(Reductions):
                     self._staged(value)
             self._nest(dims, lambda env: self._store_line(self._element_location(array, dims, env), -0.0))
             self._nest((relation.name,), lambda env: self._add_links(number, array, other_dims, env), unsplit=True)
+            # a sum of no links is 0.0, and not the -0.0 that all begin with
             if lonely:
                 self._nest_lonely(self._add_table(f"{relation.name}_lonely_{number}", lonely), dim, array, dims)
         self._arrays[number] = array
@@ -406,6 +409,7 @@ class TakenNumbers(LinkSums):
             if (numbers != np.floor(numbers)).any():  # halves, which may make whole ones together, and else are told
                 raise UnprintedError
             terms[dim] = numbers.astype(np.int64) - first
+        # for its refusal: at the corners stand the least and the greatest of all numbers
         taken_numbers(node, _corners(terms), self.shapes)
         return first, terms
 

@@ -220,6 +220,7 @@ def pattern_of(layout: Layout) -> Pattern:
     every_row, every_column = (np.concatenate(parts) for parts in zip(*entry_parts, strict=True))
     del dependence, entry_parts
     band, group = _group_columns(layout, every_row, every_column)
+    # group, column and row as one number: sorted in place, without the index arrays of a lexsort
     keys = group.astype(np.int64)
     for part, count in ((every_column, used.size), (every_row, band.order.size)):
         keys *= count
@@ -241,6 +242,7 @@ def _group_columns(layout: Layout, rows: IntArray, columns: IntArray) -> tuple[B
     unknown = np.where(columns < n, columns, columns - SHORT(n)) if n else columns  # q is eliminated by v
     shapes = motion_shapes(model)
     band = best_band(shapes, [shapes.dims.get(name, ()) for name in moving_quantities(model)], rows, unknown)
+    # a coordinate stands beside its velocity, which has the same place in the band
     places = band.order[unknown]
     places *= 2
     places += columns >= n
@@ -260,6 +262,7 @@ def column_groups(rows: IntArray, places: IntArray) -> IntArray:
     present = np.bincount(places) > 0
     columns = int(np.count_nonzero(present))
     ranks = (np.cumsum(present, dtype=SHORT) - SHORT(1))[places]
+    # a lower bound: the entries of one row are all in different groups
     fullest = int(np.bincount(rows).max(initial=1))
     for count in range(fullest, min(fullest + TRIED, columns)):
         dealt = ranks % SHORT(count)
@@ -282,6 +285,7 @@ def _greedy_groups(rows: IntArray, ranks: IntArray, count: int) -> list[int]:
     groups = []
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
         *_, bits = accumulate((occupied_groups[row] for row in by_column[begin:end]), int.__or__)
+        # the lowest bit that is not set
         free = ~bits & (bits + 1)
         groups.append(free.bit_length() - 1)
         for row in by_column[begin:end]:

@@ -158,6 +158,7 @@ class Loop:
         return all(
             self.index in dict(places[0].strides)
             and are_distinct(places, counts)
+            # a load from any other place may find what another pass stores
             and all(load in places for load in loads if load.array == array)
             for array, places in stored_locations.items()
             if array not in self.exclusive_arrays
@@ -177,6 +178,8 @@ def are_distinct(places: list[Location], counts: Mapping[str, int]) -> bool:
         strides.append((stride, counts[index]))
     reach = 0
     for stride, count in sorted(strides):
+        # as digits of a number: a stride longer than all smaller ones reach together gives every choice of indices
+        # another sum
         if stride <= reach:
             return False
         reach += stride * (count - 1)

@@ -245,9 +245,11 @@ class _PythonPrinter:
             return f"_{line.kind}.of({', '.join([repr(name), *map(self.text, arguments)])})", _ATOM
         if name in INFIX:
             sign, strength = INFIX[name]
+            # a literal is a float of Python, whose division by zero raises; `_zero` is NumPy's
             if name == "divide" and arguments[1] == 0.0:
                 return f"{self._parenthesised(arguments[0], _PRODUCT)}/_zero", _PRODUCT
             return (
+                # strength + 1 keeps the parentheses of a + (b + c), which round otherwise than (a + b) + c
                 f"{self._parenthesised(arguments[0], strength)}{sign}{self._parenthesised(arguments[1], strength + 1)}",
                 strength,
             )

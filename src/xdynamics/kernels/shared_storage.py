@@ -77,6 +77,7 @@ def effects_of(
     for line in body:
         if isinstance(line, ProgramCall):
             callee = callees.get(line.program)
+            # with names, the line is one of a called program, whose own calls are not followed
             if callee is None or names:
                 return None
             passed_arrays: dict[str, Part | None] = {
@@ -181,6 +182,7 @@ def coalesce_copies(program: Program, callees: Mapping[str, Program], lengths: M
             continue
         spans = spans_of(current, sizes)
         (source, first), (target, begin) = (part_root(part, spans) for part in (*effect.reads, *effect.writes))
+        # `y` is the caller's, and is not written to
         if source not in current.local or target not in sizes or target in (source, "y"):
             continue
         distance, size = begin - first, current.local[source]
@@ -261,6 +263,7 @@ def _contents_read(
         if effect.copies and len(written_values) == len(values):
             written_values = [(atom, value) for (atom, _), value in zip(written_values, values, strict=True)]
         elif not effect.is_complete:
+            # elements between may have kept what they held, so that is part of what is found there
             written_values = [(atom, (value, contents.get(atom, atom))) for atom, value in written_values]
         contents.update(written_values)
     results = [name for name in sizes if spans.get(name) == (name, 0) and name in ("z", "e")]
@@ -301,6 +304,7 @@ def _cuts(
             (source, begin), (target, end) = (part_root(part, spans) for part in known_parts)
             links.append((source, begin, target, end, known_parts[0][2] - known_parts[0][1]))
     changed = True
+    # a cut may go on through copies of copies
     while changed:
         changed = False
         for source, begin, target, end, count in links:
@@ -577,9 +581,11 @@ def refusal_lines(arrays: Sequence[str], unsound: str, lanes: int) -> list[str]:
         lines.append(f"%lack{k} = or i1 {any_lacks}, %lacks{k}")
         any_lacks = f"%lack{k}"
     lines += [f"br i1 {any_lacks}, label %lacking, label %given", "lacking:"]
+    # free takes the null pointers among them, too
     lines += [f"call void @free(ptr %{name})" for name in arrays]
     lines.append(f"call void @{LACKING}()")
     for lane in range(lanes):
         lines.append(f"%lane{lane}.at = getelementptr double, ptr {unsound}, i64 {lane}")
+        # nan, which LLVM's text spells in hexadecimal only
         lines.append(f"store double 0x7FF8000000000000, ptr %lane{lane}.at, align 8")
     return [*lines, "ret void"]

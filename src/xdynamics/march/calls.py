@@ -14,6 +14,7 @@ from xdynamics.kernels.compiling import UNCOMPILED, in_code
 
 
 def _instruction_named(name: str) -> Any:
+    # late: only a process that compiles the engine needs numba
     from xdynamics.march.run_in_code import instruction_named
 
     return instruction_named(name)

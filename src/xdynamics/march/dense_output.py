@@ -128,6 +128,7 @@ def states_within(
     if past is not None:
         past.lend(run)
     selection = slice(None) if all_inside else moving  # which copies nothing
+    # entries of the engine read arrays in C order
     inputs = [np.ascontiguousarray(array[:, selection]) for array in inputs]
     run_parameters = np.zeros((0, 0)) if parameters is None else np.ascontiguousarray(parameters)
     engine().states_inside(run, run_parameters, *inputs, link_columns, inner, reintegrated, with_distances)

@@ -96,6 +96,7 @@ def work_of(layout: Layout, impulses: Floats, speeds: Floats) -> Floats:
     if layout.model.assemblies:
         slots, width = slots_of(layout.model, layout.coordinates)
         fastest = np.zeros((width, speeds.shape[1]))
+        # unbuffered: coordinates share slots, and of equal indices an assignment would keep the last alone
         np.maximum.at(fastest, slots, speeds)
         speeds = np.concatenate([fastest, fastest])
     return np.asarray(np.sum(np.abs(impulses) * speeds, axis=0) / 2.0)

@@ -90,6 +90,7 @@ def steps_over_links(run: Run) -> bool:
 def part_with_impulses(run: Run, steps: Columns, k: int, s: float) -> bool:
     """Make the part `s` of a step, of which `steps` has start, end, size, time and run; whether its impulses were found."""
     run.trial[0].rest, run.kept[0].since = 0.0, BEGUN
+    # times inside one step stand side by side: its impulses are found once, and kept in `whole`
     if k == 0 or s == 1.0 or steps[0, k] != steps[0, k - 1] or steps[4, k] != steps[4, k - 1]:
         run.spans[SPREAD] = 0.0
         propose_step_apart(run, steps[1, k], steps[2, k])
@@ -321,6 +322,7 @@ def keep_smooth_passages(run: Run, passed: Floats, k: int) -> None:
 def begin_run(run: Run, plans: Records, starts: Floats, parameters: Floats, atols: Floats, k: int) -> None:
     """Set a run to its start; the log continues after the previous run."""
     now, base = run.now[0], run.base[0]
+    # a place in the log is now.rows less base.rows, and now.rows goes back to 0: the log continues where it was
     base.rows, base.trials, base.events, base.samples = (
         base.rows - now.rows,
         base.trials - now.trials,

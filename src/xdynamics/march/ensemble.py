@@ -223,6 +223,7 @@ def march_many(
             if side_by_side > 1:
                 return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
             log = log_of_many(law.layout, settings)
+            # written by repr, which loses no bit of a number
             slice_parameters = {
                 name: f"{float(values[part.start])!r} {_si(model, name)}" for name, values in timed.items()
             }

@@ -100,6 +100,7 @@ def pose_run(model: Model, settings: Settings, law: Law, log: Log, addresses: ND
         law=np.append(addresses, [law.sizing_address if plan["rounding"][0] > 0.0 else 0, solver.address()]),
         **log.arrays_by_name(),
     )
+    # compiled code has only the addresses of patterns, which keep nothing alive
     run.keepalive = tuple(patterns)
     if model.assemblies:
         run.p[-2:] = _address_words(run)
@@ -115,6 +116,7 @@ def _address_words(run: Run) -> Floats:
     """Return the addresses of a run, and of the code that finds forces of closed links, as a law reads them."""
     if PLAINLY:
         return np.array([keys_of([run])[0], pressing_address()], float)
+    # the bits of whole numbers in places of floats, as all of `p` are
     return np.array([run.address, pressing_address()], np.int64).view(float)
 
 
@@ -299,6 +301,7 @@ def _ticks_at(instants: Floats, actions_there: NDArray[np.int64], times: Floats)
     if not instants.size:
         return np.empty(0, np.int64)
     places = np.minimum(np.searchsorted(instants, times), instants.size - 1)
+    # equal to the bit, as nodes were made of these very instants
     return np.where(instants[places] == times, actions_there[places], 0)
 
 

@@ -463,6 +463,7 @@ def cross_lane_node(run: Run, y: Floats, states_before: Floats, pieces: IntArray
     evaluate_forces(run, t, run.z)
     now.node += 1
     if not finite_state(run):  # the single march is to find out
+        # which evaluates these forces again, and counts them
         now.evaluations -= 1
         w[L.most, lane] = -1.0
         return

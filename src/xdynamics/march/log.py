@@ -76,6 +76,7 @@ class Log(NamedTuple):
             if memory is None or not count:
                 continue
             for column in range(array.shape[0]):
+                # madvise takes addresses of whole pages only
                 begin = (column * array.shape[1] + first) * array.itemsize // mmap.PAGESIZE * mmap.PAGESIZE
                 size = min(count * array.itemsize, len(memory) - begin)
                 try:
@@ -316,6 +317,7 @@ def allocate(
     rows = rows + 1 if layout.row.size > _WIDEST else (rows + 4) | 1
     samples = (sampled * rows + rows // 4 + 4) | 1 if sampled else 3
     samples = samples if samples_kept else 0
+    # as plain Python: a call of the other would have numba compile it for this alone
     plain: Any = getattr(most_trials, "py_func", most_trials)
     trials = min(rows, 20_000) + int(plain(events * int(one_by_one)))
     links = max_simultaneous(layout.model) if layout.model.assemblies else 0

@@ -113,6 +113,7 @@ def march(address: Any, rows: int) -> None:
             break
         propose_step(run, run.trial[0].t, run.trial[0].h)
         reason = judge_trial(run)
+        # before events, which are then looked for in the trial as shortened to where links meet
         links_met = reason == SOUND and links_meet(run)
         if run.detectors.shape[0] > 0 and (reason == REASON_DOMAIN or (reason == SOUND and not is_event_free(run))):
             run.piece[0].verdict = reason
@@ -240,6 +241,7 @@ def aim_at_grid(run: Run, node: float) -> None:
     """Aim at the next grid time or an earlier node; from a grid time the step is that of the grid, to the bit."""
     now, plan, trial, snap = run.now[0], run.plan[0], run.trial[0], run.snaps[run.now[0].node]
     if plan.step_size > 0.0:
+        # never an accumulated sum: grids of refined runs share their times to the bit
         time, step = plan.start + (now.grid + 1) * plan.step_size, plan.step_size
     elif now.grid < run.grid.shape[0]:
         time, step = run.grid[now.grid], run.steps[now.grid]

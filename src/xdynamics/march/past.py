@@ -145,6 +145,7 @@ def enter_past(run: Run, until: float) -> None:
         if not is_before_start:
             piece = max(0, last_within(run, BEGIN, x))
             stretch = run.past_steps[piece * book.width + STRETCH]
+            # numbers are whole: half of one less finds the last piece of an earlier stretch
             low = last_within(run, STRETCH, stretch - 0.5) + 1
             read_last = last_within(run, BEGIN, until - run.delays[k].time - close)
             high = max(last_within(run, STRETCH, stretch), read_last)
@@ -285,6 +286,7 @@ def fit_past_room(run: Run, past: int, breaks: int) -> None:
 
 def lend_past(run: Run, past: Floats, size: int) -> None:
     """Have a run write its past to new memory, and begin it with another."""
+    # pieces are the end of `tables`, as programs find them by places in that array
     first = int(run.book[0].first)
     tables = np.append(run.tables[:first], np.zeros(size))
     tables[first : first + past.size] = past

@@ -446,6 +446,7 @@ class Run:
         self.keepalive: tuple[Any, ...] = ()  # what has to live as long as the run
         self._table = np.zeros((len(ARRAYS), WORDS), np.int64)  # addresses for compiled code; see `handle`
         vars(self).update(vars(like) if like else {})
+        # until here it may be that of `like`, which must not be written to
         self._table = self._table.copy()
         self.address = address_of(self._table)
         self.put(**arrays)
@@ -462,6 +463,7 @@ class Run:
         begins = memory.ctypes.data + memory.shape[1] * np.arange(count)[:, None] + offsets[:-1]
         tables[:, [_PLACES[name] for name in names], 0] = begins
         for name, array in ARRAYS.items():
+            # a part lies as far behind where its owner begins as in the original
             if array.owner:
                 array_index, owner = _PLACES[name], _PLACES[array.owner]
                 tables[:, array_index, 0] += tables[:, owner, 0] - self._table[owner, 0]

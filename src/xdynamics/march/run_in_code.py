@@ -94,6 +94,7 @@ def marked(builder: Any, line: Any, kind: str) -> Any:
     add = builder.module.add_metadata
     root = add([ir.MetaDataString(builder.module, "xdynamics")])
     zero = ir.Constant(WORD, 0)
+    # a tag may alias its ancestors: a call of a law so all kinds that programs read or write, and no other
     laws = add([ir.MetaDataString(builder.module, LAWS), root, zero])
     parent = laws if kind in SEEN_BY_LAWS else root
     tag = laws if kind == LAWS else add([ir.MetaDataString(builder.module, kind), parent, zero])

@@ -56,6 +56,7 @@ from xdynamics.units import TIME, unit_suffix
 @contextmanager
 def ending_at_interrupt(end: Callable[[], None]) -> Iterator[None]:
     """Let the first Ctrl-C end the run as an outcome; a second one raises, and one while the engine is being made."""
+    # Python sets signal handlers in the main thread alone
     if not _is_main_thread():
         yield
         return
@@ -99,6 +100,7 @@ def recurs(model: Model, settings: Settings, layout: Layout) -> bool:
 def copy_template_run(model: Model, settings: Settings, law: Law) -> Run:
     """Return a run that has not begun, as `pose_run` makes it, with arrays of its own."""
     first, filled = _template_run(model, settings, law)
+    # "K" keeps Fortran's order, which rows of wide logs have
     arrays = {name: getattr(first, name).copy("K") for name in filled}
     return Run(first, **arrays | {"w": aligned_zeros(first.w.size)})
 
@@ -428,6 +430,7 @@ class March:
         """Compile the law, or load it."""
         if not self.model.functions:
             return addresses_of(self.law)
+        # late, as numba takes most of a second to import, and most models have no functions in Python
         from numba.core.errors import NumbaError
 
         try:

@@ -95,6 +95,7 @@ def foreseen_step(run: Run, size: float, time: float, lower: float) -> float:
     factor, doublings = _foreseen(
         first, second, logarithms[0], logarithms[1], logarithms[2], 1.0 / (order - 1), 1.0 / order, plan.safety, time
     )
+    # 2**doublings, put together from its exponent's bits: exact, without the C library
     step = factor * np.int64((np.int64(doublings) + 1023) << 52).view(np.float64)
     return float(min(max(step, shortest_step(run)), plan.max_step, remaining))
 

@@ -182,6 +182,7 @@ def parts_of_steps(
             strode_by(propose_at, table.ctypes.data, y.ctypes.data, z.ctypes.data, z.ctypes.data)
             for lane in range(filled):
                 for i in range(n):
+                    # `engine_entries.judge_inside` adds 0.0 where there is no mismatch, by which -0.0 becomes 0.0
                     interior_states[i, time_indices[lane]] = (z[i, lane] + 0.0) * factors[1 + i]
             filled = 0
 
@@ -190,6 +191,7 @@ def parts_of_steps(
 def stand_at_row(run: Run, t: float, log: Floats, row: int, factors: Floats) -> None:
     """Set the run to a row of the log, between steps; no rounding is carried along."""
     for i in range(run.y.shape[0]):
+        # to units of the record and back, for the same bits
         run.y[i] = log[2 + i, row] * factors[1 + i] / factors[1 + i] if 1 + i < factors.shape[0] else 0.0
     set_sides_at_time(run, t)
 

@@ -92,6 +92,7 @@ def natural_sizes(run: Run, y: State) -> float:
         run.tops[k] = 0.0
     for i in range(used):
         run.tops[kinds + run.kinds[i]] = max(run.tops[kinds + run.kinds[i]], abs(variable_size(run, y, i)))
+        # no zero is written over a zero: memory that was never written is not taken from the system
         if turning[i] != 0.0:
             turning[i] = 0.0
     for k in range(kinds):
@@ -199,6 +200,7 @@ def direction_after(run: Run, y: State, i: int, k: int) -> float:
         return run.turning[2 * used - n + i]
     if k == 0:
         return first_direction(run, y, i)
+    # not `turning` itself, but as the difference of slopes at `probe` rounds it
     return (y[n + i] + DIFFERENCE * run.turning[used + n + i] - y[n + i]) / DIFFERENCE
 
 
@@ -231,6 +233,7 @@ def fill_derivatives(run: Run, t: float, y: State, derivative_rows: Floats) -> N
             run.probe[i] = y[i]
         width = variable_size(run, y, column)
         run.probe[column] = y[column] + DIFFERENCE * width
+        # the shift as it was rounded
         change = run.probe[column] - y[column]
         evaluate_forces(run, t, run.probe)
         for i in range(used):

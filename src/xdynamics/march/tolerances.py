@@ -99,6 +99,7 @@ class Tolerances:
     def of_blocks(self, blocks: Blocks) -> dict[str, float]:
         """Return the absolute tolerances by block, SI, then those of elements with their own."""
         block_by_name = {block.name: block for block in blocks.blocks}
+        # nan, of one that follows, is unequal to itself
         atol_by_block = {name: atol for name, block in block_by_name.items() if (atol := self._of_block(block)) == atol}
         return atol_by_block | {name: atol for name, atol in self.atol.items() if name not in block_by_name}
 

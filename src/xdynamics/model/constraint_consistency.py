@@ -577,6 +577,7 @@ def _implied(matrix: Floats) -> tuple[int, ...]:
     left, diagonal = matrix.copy(), matrix.diagonal()
     implied_rows = []
     for p in range(len(left)):
+        # negated, so that a pivot of nan is left out too
         if not left[p, p] > DEPENDENT * diagonal[p]:
             implied_rows.append(p)
             continue

@@ -268,8 +268,10 @@ def ticks(timed_actions: tuple[Action, ...], start: Fraction, end: Fraction) -> 
     bits = [np.full(count, 1 << number, np.int64) for number, count in enumerate(counts)]
     instants, where = np.unique(np.concatenate(times), return_inverse=True)
     masks = np.zeros(len(instants), np.int64)
+    # actions may share an instant: indexed assignment in place would keep the bit of the last alone
     np.bitwise_or.at(masks, where, np.concatenate(bits))
     for array in (instants, masks):
+        # cached, so that all callers share the arrays
         array.flags.writeable = False
     return instants, masks
 
@@ -285,6 +287,7 @@ def _multiples(first: Fraction, every: Fraction, count: int) -> Floats:
     """Return first + k*every for k from 0 on, each correctly rounded."""
     divisor = lcm(first.denominator, every.denominator)
     begin, step = int(first * divisor), int(every * divisor)
+    # of whole numbers that floats hold exactly only the quotient is rounded; so it is by Python where they are larger
     if max(abs(begin), abs(begin + step * count), divisor) < EXACT:
         return np.array((begin + step * np.arange(count)) / divisor)
     return np.array([(begin + step * k) / divisor for k in range(count)])

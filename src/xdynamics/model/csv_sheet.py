@@ -74,6 +74,7 @@ class PlainTable:
             table_columns = np.loadtxt(lines, kind, comments=None, delimiter=self.separator, usecols=places, ndmin=2)
         except ValueError:
             return None
+        # loadtxt passes over lines that are blank, and rows would be of other lines
         return table_columns if len(table_columns) == self.rows else None
 
     def elements(self, column: int, extent: Extent) -> NDArray[np.int64] | None:
@@ -466,6 +467,7 @@ def csv_text(columns: dict[str, Any], labels: Collection[str] = ()) -> str:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(values)
     rows.writerows(
+        # repr is the shortest text that reads back as the same float; nan, not equal to itself, is an empty cell
         tuple(value if isinstance(value, str) else "" if value != value else repr(value) for value in row)
         for row in zip(*(value.tolist() for value in values.values()), strict=True)
     )

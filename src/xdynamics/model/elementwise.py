@@ -71,6 +71,7 @@ class Diagonal(Sequence[tuple[Node, ...]]):
     def __getitem__(self, i: Any) -> Any:
         if isinstance(i, slice):
             return tuple(self[k] for k in range(*i.indices(len(self))))
+        # a range resolves negative numbers, and raises IndexError beyond its ends, by which iteration stops
         i = range(len(self))[i]
         return (ZERO,) * i + (self._entries[self.names[i]],) + (ZERO,) * (len(self) - i - 1)
 
@@ -331,14 +332,17 @@ class Elementwise(dict[str, Part]):
     def __eq__(self, other: object) -> bool:
         return self is other or dict(self) == other
 
+    # a dictionary has a comparison of its own for this, which would see only what was made so far
     def __ne__(self, other: object) -> bool:
         return not self == other
 
     __hash__ = None
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # makers may be local functions, which cannot be pickled: elsewhere it is a plain dictionary
         return dict, (dict(self),)
 
     def _made_values(self) -> dict[str, Part]:
         """Return what was made so far."""
+        # by the methods of the base class: those of this one would make all elements
         return dict(zip(dict.keys(self), dict.values(self), strict=True))

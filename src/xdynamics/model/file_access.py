@@ -38,6 +38,7 @@ def text_of_workbook(content: bytes) -> str:
     except ImportError:
         raise InputError("it is a workbook, and openpyxl is not installed: pip install 'xdynamics[excel]'") from None
     try:
+        # data_only gives what formulas came to, not their text
         book = load_workbook(io.BytesIO(content), read_only=True, data_only=True)
     except Exception:  # noqa: BLE001 - whatever openpyxl and zipfile say of a file that is no workbook
         raise InputError("it is no workbook of Excel (.xlsx)") from None
@@ -138,6 +139,7 @@ class FileAccess:
         remedy = (
             f"move it there, or allow every file with tables='{ANYWHERE}' (on the command line: --tables {ANYWHERE})"
         )
+        # checked as on Windows too, wherever it is read: a backslash is part of a name elsewhere
         spellings = (Path(name), PureWindowsPath(name))
         if any(spelling.is_absolute() or spelling.drive or ".." in spelling.parts for spelling in spellings):
             raise InputError(

@@ -164,6 +164,7 @@ def _timed_cells(kind: str, titles: Sequence[str], rows: Sequence[Sequence[str]]
     """Return rows with their times: from a start on, a step apart."""
     if start is None or not step:
         raise InputError(f'is {kind} without its start and increment; give header = ["t [s]", …] and skip')
+    # as decimals are written, so that each time is rounded once
     begin, width = Fraction(repr(start)), Fraction(repr(step))
     times = [repr(float(begin + k * width)) for k in range(len(rows))]
     return Cells(kind, (TIME, *titles), tuple((time, *row) for time, row in zip(times, rows, strict=True)))

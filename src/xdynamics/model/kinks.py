@@ -268,6 +268,7 @@ class _Sides:
             if function in self.names:
                 inner_sides, decided = self.with_decider(function), Name(self.names[function])
                 arms = map(inner_sides.substitute, node.arguments[1:])
+                # a side is 1 or -1 and never zero, so that <= says the same as <
                 return Call("where", (Compare(condition.operator[0], decided, ZERO), *arms), node.column)
         inner = tuple(map(self.substitute, node.arguments))
         if node.function in ("abs", "sign") and condition in self.names:

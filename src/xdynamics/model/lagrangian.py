@@ -76,6 +76,7 @@ def motion_of(
             " make it a first-order state"
         )
     n = len(coordinates)
+    # one tree for both sides of the diagonal: mixed derivatives may be written in another order, and round differently
     matrix = tuple(tuple(mass[min(i, j)][max(i, j)] for j in range(n)) for i in range(n))
     forces = {}
     terms = {

@@ -338,6 +338,7 @@ def _matrix_rank(matrix: Floats) -> int:
 
 def _null_space(matrix: Floats, size: int) -> Floats:
     """Return the orthonormal directions, as columns, in which a matrix has its smallest singular values."""
+    # singular values descend, so that the directions of the smallest come last
     return np.linalg.svd(matrix)[2][matrix.shape[1] - size :].T
 
 
@@ -472,6 +473,7 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
             matrix[row_column] = evaluate(entry, values)
         slopes = np.diagonal(matrix)[:, np.newaxis] * derivatives[:n] if slopes is None else slopes
         full_jacobian = np.vstack([np.eye(n, len(names), n), derivatives])
+        # subtracted from 0.0, so that a slope of zero gives 0.0 and not -0.0
         stiffness = 0.0 - slopes[:, :n] - slopes[:, attitudes] @ full_jacobian[attitudes, n : 2 * n]
         spaces = displacements(model, values), tangent_space(model, values), displacement_turning(model, values, matrix)
         yield Linearisation(names, matrix, stiffness, a, full_jacobian, *spaces)

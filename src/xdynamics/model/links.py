@@ -186,6 +186,7 @@ class Links:
                 f"table '{self.table}', line {sheet.lines[k][0]}: links '{source.label(first[k])}' with itself; leave it out"
             )
         low, high = (np.minimum(first, second), np.maximum(first, second)) if self.of else (first, second)
+        # each pair as one whole number, so that numbers are sorted and not rows
         _, earliest, number = np.unique(low * target.size + high, return_index=True, return_inverse=True)
         if len(earliest) < len(first):
             k = int((earliest[number] < np.arange(len(first))).argmax())

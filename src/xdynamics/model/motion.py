@@ -179,6 +179,7 @@ def constant_values(model: Model, scales: Scales = UNSCALED) -> NDArray[np.float
         *[0.0] * len([*mode_names(model), *switch_inputs(model)]),
     ]
     values = np.append(values, further_values)
+    # cached, so that all callers share one array
     values.flags.writeable = False
     return values
 
@@ -338,6 +339,7 @@ def evaluate_over_states(
         raise InputError(f"the model '{model.name}' {ALONG_A_MARCH}")
     for item in read:
         if isinstance(item.value, Function):
+            # without otypes vectorize calls once more to learn the type, and fails where there are no states
             call = np.vectorize(model.functions[item.value.name], otypes=[float])
             values[item.name] = call(*(values[name] for name in item.value.arguments))
         else:

@@ -44,6 +44,7 @@ class RegimeModel(Model):
     """
 
     def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str) -> None:
+        # what the plain model has cached under these names would hide the properties of this class
         replaced_names = ("digest", "form", "force_components")
         self.__dict__.update(
             {name: value for name, value in vars(plain).items() if name not in replaced_names}, shaped=plain.shaped

@@ -281,6 +281,7 @@ _FAR = (
 
 def normal_quantile(points: Floats) -> Floats:
     """Return the quantiles of the standard normal distribution for probabilities between 0 and 1, to 16 digits."""
+    # all limits and shifts below are those of routine PPND16 of AS 241
     off = points - 0.5
     far: Floats = np.sqrt(-FUNCTIONS["log"](np.minimum(points, 1.0 - points)))
     tail = np.where(far <= 5.0, _rational_value(_TAIL, far - 1.6), _rational_value(_FAR, far - 5.0))

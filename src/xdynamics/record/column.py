@@ -246,11 +246,13 @@ def rest_column(about: About, number_quantity: Quantity, rest_quantity: Quantity
         [about.layout.row.offset_of(quantity.name) for quantity in (number_quantity, rest_quantity)],
     )
     factor = about.units.factor(unit)
+    # a sum of two floats: one float would lose what the rest is there to hold
     exact = nearest(1 / Fraction(unit.factor))
 
     def take_rest(block: LogBlock) -> Array:
         numbers = [take_row(row, 1.0, number_quantity.shape)(block) for row in rows]
         product = multiply(DoubleDouble(*numbers), exact)
+        # less the very float that is recorded, rounded the same way, so that column and rest add up to the number
         rests: Array = add(product, DoubleDouble(-multiply_values(numbers[0], factor), 0.0 * numbers[0])).high
         return rests
 
@@ -345,6 +347,7 @@ def shapes_with_switches(model: Model) -> Shapes:
 
 def side_columns(about: About) -> list[Column]:
     """Return the side of each located switch for every row; for the points of a table, the piece between them."""
+    # before them in a row's flags stand its kind, its regime and the state of each reaction
     collected, places, flag_row = [], {}, 2 + about.layout.reactions.size
     switches = watched_by(about.model)
     for switch in switches:
@@ -373,6 +376,8 @@ def side_columns(about: About) -> list[Column]:
 
 def _piece_taker(first: int) -> Callable[[LogBlock], Array]:
     def take_piece(block: LogBlock) -> Array:
+        # a flag is one byte, and a table may have more pieces: their number
+        # is kept as three digits to the base `PIECES`
         digits = block.log.flags[first : first + 3, : block.rows].astype(np.int32)
         pieces: Array = digits[0] + PIECES * (digits[1] + PIECES * digits[2])
         return pieces
@@ -387,6 +392,7 @@ def _side_taker(about: About, switch: Switch, flag_row: int, places: Mapping[Nod
     values = dict(constants(about.model, about.scales))
 
     def condition_holds(condition: Compare, block: LogBlock) -> Array:
+        # the switch of a comparison is left minus right, so the sign of its side says whether it holds
         flag_index = places.get(Binary("-", condition.left, condition.right))
         if flag_index is None:  # it compares constants
             return np.full(block.rows, bool(evaluate(condition, values)))

@@ -224,6 +224,7 @@ def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
                 yield f"attribute '{name}' is {_short_text(value)}, needs a text without null characters"
         elif not (
             (isinstance(value, float) and kind is None)
+            # Python's whole numbers have any size, those of a file 64 bits
             or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63)
             or (kind is not None and kind.str[1:] in STORED and np.ndim(value) < 2 and np.size(value))
         ):
@@ -260,6 +261,7 @@ def _time_departures(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
     time, kind = np.asarray(sound["time"].values), np.asarray(sound["row_kind"].values)
     gaps = np.diff(time)
     met_at_once = (kind[1:] == EVENT_BEFORE) & np.isin(kind[:-1], (INITIAL, EVENT_AFTER))  # at the start, or by another
+    # isnan: comparisons with nan are false, so a time that is none would pass them
     wrong = (gaps < 0) | ((gaps == 0) & (kind[1:] != EVENT_AFTER) & ~met_at_once) | np.isnan(gaps)
     sizes = _rows_by_run(sound, sound["time"].dims)
     if sizes is not None:
@@ -292,6 +294,7 @@ def _is_finite_number(value: Any) -> bool:
 
 
 def _is_name(name: str) -> bool:
+    # the rules of netCDF for names: also no slash, and no blank at the end
     first = name[:1].isalnum() or name[:1] == "_" or not name[:1].isascii()
     return first and name.isprintable() and "/" not in name and not name.endswith(" ")
 

@@ -182,6 +182,7 @@ def _residual_taker(about: About) -> Callable[[LogBlock], Array]:
         residual, slope, kind = events["residual"], events["slope"], events["kind"]
         # a vanishing slope makes this part infinite, as it should be for a tangent crossing
         with np.errstate(divide="ignore", invalid="ignore"):
+            # 0/0 would be nan, and a zero that was met exactly leaves nothing
             left = np.where(residual == 0.0, 0.0, np.abs(residual / slope))
         # where a function jumps its value is no measure; where it is indistinguishable from zero, the duration of that is
         left = np.where(np.isin(kind, [schema.JUMP, schema.POLE]), 0.0, left)
@@ -360,6 +361,7 @@ def _observable_columns(about: About, uncertainty: Callable[[LogBlock], Array]) 
 
     def value_taker(line_index: int, factor: float) -> Callable[[LogBlock], Array]:
         def take_values(block: LogBlock) -> Array:
+            # events name rows of the whole march, and the block begins at its base
             rows = block.log.events["row_before"][: block.events] - int(block.log.base[0]["rows"])
             return multiply_values(block.log.rows[line_index, rows], factor)
 

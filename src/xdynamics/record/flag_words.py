@@ -71,8 +71,10 @@ def places_among(available_numbers: Any, numbers: Any) -> NDArray[np.int64]:
     available_numbers, requested_numbers = np.atleast_1d(np.asarray(available_numbers)), np.asarray(numbers, np.int64)
     if not available_numbers.size:
         return np.full(requested_numbers.shape, -1, np.int64)
+    # the rows of a selection may stand in any order
     order = np.argsort(available_numbers, kind="stable")
     places: NDArray[np.int64] = order[
+        # one beyond the last is found behind the end; the comparison below refuses it
         np.minimum(np.searchsorted(available_numbers, requested_numbers, sorter=order), available_numbers.size - 1)
     ]
     return np.where(available_numbers[places] == requested_numbers, places, -1)

@@ -263,6 +263,7 @@ def _end_columns(column: Column, shapes: Shapes, dim: str, links: Array, *, sing
         ("first", relation.source, relation.first),
         ("second", relation.target, relation.second),
     ):
+        # a relation without links has nothing to index, and every place is NOWHERE already
         places = np.where(links == NOWHERE, NOWHERE, numbers[links]) if len(numbers) else links
         name = end if single else f"{dim}_{end}"
         end_variable = place_variable(name, dim, target_dim, shapes.extent(target_dim))

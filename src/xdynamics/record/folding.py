@@ -186,6 +186,7 @@ class QuantityElements:
     def stacked(self, parts: Mapping[int, Array]) -> Array:
         """Return the values of elements as one array, its dimensions last."""
         first = next(iter(parts.values()))
+        # elements first, so that each is written to contiguous memory; what is returned is a view of it
         stack = np.empty((self.size, *first.shape), first.dtype)
         if len(parts) < self.size:
             # where an element has no switch, its side is elsewhere
@@ -251,6 +252,7 @@ class Names:
         """Part the last label from what follows it, as in ``event_height·Jupiter_uncertainty``."""
         if self._has(dim, label):
             return label, ""
+        # the longest label first: labels may have underscores of their own
         ends = (i for i in range(len(label) - 1, 0, -1) if label[i] == "_" and self._has(dim, label[:i]))
         end = next(ends, len(label))
         return label[:end], label[end:]

@@ -281,6 +281,7 @@ def _link_values(row: int, factor: float, begin: int, shape: tuple[int, ...]) ->
     def take_links(block: LogBlock) -> Array:
         closed, values = block.log.closed_rows, np.zeros((block.rows, count))
         of_contact = (closed[1] >= begin) & (closed[1] < begin + count)
+        # the table holds whole numbers as floats, rows among them, counted over the whole march
         steps = closed[0, of_contact].astype(np.int64) - int(block.log.base[0]["rows"])
         values[steps, closed[1, of_contact].astype(np.int64) - begin] = multiply_values(closed[row, of_contact], factor)
         return values.reshape(block.rows, *shape)
@@ -496,6 +497,7 @@ def _closed_link_taker(about: About, every: Sequence[Assembly]) -> Callable[[Log
     def take_links(block: LogBlock) -> Array:
         rows, closed = block.log.rows, block.log.flags[flags, : block.rows].T != OPEN
         steps, link_indices = np.nonzero(closed)
+        # a link without friction has -1, which reads some other row, discarded here
         drags = np.where(np.array(pulls)[link_indices] < 0, 0.0, rows[np.array(pulls)[link_indices], steps])
         first = int(block.log.base[0]["rows"])
         return np.stack(
@@ -527,6 +529,7 @@ def _body_impulse_taker(about: About, every: Sequence[Assembly], impulse: Impuls
             return on_all
         body = bodies[block.log.events["detector"][: block.events]]
         of_body = np.moveaxis(on_all, axis, 1)[np.arange(block.events), body]
+        # -1, of a detector of no link, took the last body, which is put right here
         return np.where((body >= 0).reshape(-1, *(1 for _ in impulse.shape)), of_body, 0.0)
 
     return take_impulse

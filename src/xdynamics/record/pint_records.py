@@ -21,6 +21,7 @@ AS_RECORDED = "recorded_units"  # how a unit was spelled: pint puts its parts in
 
 def is_quantified(record: Any) -> bool:
     """Whether a Dataset has arrays of pint."""
+    # not imported for this question: without pint in memory no array is one of its
     if "pint" not in sys.modules or not hasattr(record, "variables"):
         return False
     return any(_has_pint_unit(variable) for variable in record.variables.values())
@@ -86,6 +87,7 @@ def without_pint_units(run: xr.Dataset) -> xr.Dataset:
     for name, variable in run.variables.items():
         if not _has_pint_unit(variable):
             continue
+        # a pure number is spelled as an empty text
         spelled = f"{variable.data.units:cf}" or "1"
         try:
             text = parse_unit(spelled).text

@@ -492,6 +492,7 @@ def identity(march: March) -> dict[str, str]:
         "math_functions": march.settings.math_functions,
         "law": force_digest(march),
     }
+    # how an archive is packed changes no bit of the march
     words = dict(_words_of_value("", replace(march.settings, compress=False)))
     return {name: _abbreviated(value) for name, value in (words | program).items()} | model_words(march.model)
 

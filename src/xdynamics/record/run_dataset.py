@@ -266,6 +266,7 @@ def _has_states(march: March, spec: Sequence[Column]) -> bool:
         return False
     takes = {column.variable.name: column.take for column in spec}
     used = [takes.get(block.name) for block in chain(*_judged_by(march))]
+    # a factor other than 1 would have rounded the states
     return all(isinstance(take, LineOf) and take.factor == 1.0 for take in used)
 
 
@@ -454,12 +455,14 @@ class GatheredColumn:
     def add(self, values: Array, *, is_lent: bool) -> None:
         """Add the values of some rows, whose memory is filled again if it is lent."""
         if not is_lent or (self.expected is None and values[:1].size < WIDE):
+            # lent memory is filled again by the next block; zeros without memory of their own stay what they are
             self.pieces.append(values.copy() if is_lent and values.flags.writeable else values)
             return
         room = self._make_room(values) if self.room is None else self.room
         rows = self.filled + len(values)
         if more := self._more_rows(room, len(values)):
             rows_made = len(room) + more
+            # this reference, too, would keep the pages from moving; see `_enlarged`
             del room
             room = self._enlarged(rows_made, values)
         room[self.filled : rows] = values
@@ -489,6 +492,7 @@ class GatheredColumn:
         """Make room for all rows that are expected, behind those that were there before."""
         earlier = sum(map(len, self.pieces))
         rows = earlier + (self.expected or len(values))
+        # only Linux has mremap, by which pages grow without being copied
         if values[:1].size >= WIDEST and sys.platform == "linux":
             self._pages = map_pages(rows * values[:1].nbytes)
         self.room = np.empty((rows, *values.shape[1:]), values.dtype) if self._pages is None else self._on_pages(values)

@@ -212,6 +212,7 @@ def modern(run: xr.Dataset) -> xr.Dataset:
     ) in modern_run.variables.values():  # xarray would write the names of coordinates that were dropped since
         variable.encoding.pop("coordinates", None)
     if EVENT_BOUNDS in modern_run.variables:
+        # None: xarray would write nan as _FillValue of floats, and bounds of times have no missing values
         modern_run.variables[EVENT_BOUNDS].encoding["_FillValue"] = None
     modern_run.set_close(run._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
     return modern_run

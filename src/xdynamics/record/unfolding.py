@@ -222,6 +222,7 @@ class SharedElements:
         if values is None:
             values = np.asarray(self.variable[key].values)
             for oldest in [*self._read][: len(self._read) + 1 - MOST_READ]:
+                # None: another thread may have dropped it meanwhile
                 self._read.pop(oldest, None)
             self._read[word] = values
         return values
@@ -361,6 +362,7 @@ def _element_detectors(
     for dim in dims:
         if (name := at_event(dim)) in variables:
             dim_numbers = np.asarray(variables[name].values)
+            # Horner's scheme over the dimensions that the event's own detector has, the last one fastest
             number_in_detector = np.where(
                 dim_numbers == NOWHERE, number_in_detector, number_in_detector * len(labels.get(dim, ())) + dim_numbers
             )

@@ -130,6 +130,7 @@ def read_bounded(path: Path, max_bytes: int, remedy: str = "") -> bytes:
     """
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe would wait for its writer
     with os.fdopen(handle, "rb") as file:
+        # of the open file: the path may lead to another one by now
         status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
             raise InputError(f"it is {KINDS.get(stat.S_IFMT(status.st_mode), 'no regular file')}")
@@ -220,6 +221,7 @@ def write_new(path: Path, content: bytes, mode: int = 0o666) -> None:
     OSError
         If it cannot be written.
     """
+    # the folder is synchronised as the block ends: before that the name is not on the disk
     with synced(path.parent) as folder:
         if os.path.lexists(path):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))

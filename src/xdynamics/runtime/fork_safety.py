@@ -60,6 +60,7 @@ PREFIXES, SUFFIXES = ("scipy_openblas", "openblas"), ("64_", "")
 LOCK = waited_for(RLock())
 
 
+# eq=False: compared and hashed by identity, as a key of `previous_counts`
 @dataclass(frozen=True, eq=False)
 class ThreadCount:
     """The two functions of an OpenBLAS by which its number of threads is read and set."""

@@ -46,6 +46,7 @@ class cached_property(Generic[Value]):  # noqa: N801 - as in functools
     def __get__(self, instance: object | None, owner: type) -> cached_property[Value] | Value:
         if instance is None:
             return self
+        # without __set__ this is no data descriptor: from now on the instance's own entry is found first
         value: Value = instance.__dict__.setdefault(self.name, self.function(instance))
         return value
 
@@ -64,6 +65,7 @@ class _Following:
 
     def find_spec(self, name: str, _path: Any = None, _target: Any = None) -> ModuleSpec | None:
         """Return what other finders find, followed by the function."""
+        # removed first: `find_spec` below asks all finders again, this one among them
         follower = self.waiting.pop(name, None)
         if follower is None:
             return None
@@ -88,6 +90,7 @@ class _Loader:
 
     def exec_module(self, module: Any) -> None:
         """Load the module, then call the function."""
+        # the module shows its real loader, which whoever asks for its source or data needs
         module.__spec__.loader = module.__loader__ = self._loader
         self._loader.exec_module(module)
         _call_follower(*self._follower)
@@ -173,6 +176,7 @@ def entrance(
             import_module(f"{package}.{companion_module}")
         elif companion_module and isfunction(value):
             value = _importing_after(value, f"{package}.{companion_module}")
+        # the next access finds the name itself, and comes here no more
         setattr(sys.modules[package], name, value)
         return value
 

@@ -60,6 +60,7 @@ class Additions:
         existing_mask = self.existing_members(block)
         if existing_mask.any():
             indices = {
+                # a member that is not there reads that of index 0, which the mask leaves out below
                 dim: np.maximum(places[part], 0)
                 for dim, places, part in zip(self.dims, self.old_indices, block, strict=True)
             }

@@ -199,6 +199,7 @@ class Draws:
         faults = []
         if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             faults.append(f"count is {self.count!r}, needs a positive whole number")
+        # n & (n - 1) drops the lowest bit: only a power of two leaves nothing
         elif self.design == SOBOL and self.count & (self.count - 1):
             next_power = 1 << self.count.bit_length()
             faults.append(f"count is {self.count}, and Sobol points need a power of two, like {next_power}")
@@ -228,6 +229,7 @@ class Draws:
         """Return numbers from 0 to 1, one row per draw, one column per name; the declared design never gives 0 or 1."""
         rng, dimensions = np.random.default_rng(self.seed), len(self.ranges)
         if self.design == DECLARED:
+            # random gives multiples of 2**-53, 0 among them, where an unbounded distribution has no finite value
             return np.maximum(rng.random((self.count, dimensions)), MIN_PROBABILITY)
         from scipy.stats import qmc
 

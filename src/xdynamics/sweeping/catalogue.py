@@ -278,6 +278,7 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
         if SEAL in arrays and existing is None:
             _remember_seals(np.asarray(arrays[SEAL]), new)
         archive.save(sweep_dataset(plan, arrays), folder / CATALOGUE)
+        # only now: blocks are all there is of the sweep until its catalogue has its name
         _remove_blocks(folder, plan.digest)
     return open_sweep(folder)
 
@@ -377,6 +378,7 @@ def _join_blocks(plan: Plan, blocks: list[Block], parts: list[Place]) -> dict[st
         for name, array in arrays.items():
             array[tuple(block)] = values[name]
     lazy = {name: _Texts(arrays[name], entry) for name, entry in texts.items()}
+    # name=False: dask would read and hash all bytes to make a name of them
     return arrays | {name: da.from_array(entry, chunks=entry.shape, name=False) for name, entry in lazy.items()}
 
 

@@ -370,7 +370,9 @@ def _pareto_mask(errors: Floats, works: NDArray[np.int64], *, is_exact: bool, di
     front = np.zeros((int(np.prod(shape)), int(np.prod(errors.shape[errors.ndim - dim_count :]))), np.int8)
     for row, error, work in zip(front, errors.reshape(front.shape), works.reshape(front.shape), strict=True):
         smallest_error = np.inf
+        # the last key counts most: by work, and by error among runs of equal work
         for i in np.lexsort((error, work)).tolist():
+            # all before took no more work: a run that is more exact than any of them is on the front
             if np.isfinite(error[i]) and error[i] < smallest_error and (is_exact or error[i] > 0.0):
                 row[i], smallest_error = 1, error[i]
     return front.reshape(errors.shape)

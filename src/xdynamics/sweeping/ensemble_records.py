@@ -128,6 +128,7 @@ class MemberRuns:
         """Return what is told of whole runs: nan where a member's failed before its end."""
         if values.dtype.kind != "f" or not self._failed.any():
             return values
+        # the values may be a cached column, which others still read
         masked_values = values.copy()
         masked_values[self._failed] = np.nan
         return masked_values
@@ -142,6 +143,7 @@ class MemberRuns:
         first = self.runs.first_event
         places = np.flatnonzero(self["event_detector"] == names.index(detector))
         members = np.repeat(np.arange(self.size), np.diff(first))[places]
+        # members ascend, so searchsorted gives the place of each one's first event, from which its others are counted
         return places, members, np.arange(len(places)) - np.searchsorted(members, members)
 
     @cached_property
@@ -306,6 +308,7 @@ class MemberRuns:
     ) -> list[Floats]:
         plan = _evaluation_plan(self.model, name, kinds)
         unit = float(parse_unit(self.columns[name].variable.units).factor)
+        # what follows a member's last row is the first one of another member
         following = np.minimum(rows + 1, self.runs.first_row[members + 1] - 1)
         columns = evaluate_inside_steps(
             self.model,

@@ -259,12 +259,14 @@ class SweepGrid:
     def indices_in(self, block: Sequence[slice]) -> Places:
         """Return the indices of a block's members along the axes, shape (n, axes)."""
         ranges = [np.arange(*part.indices(size)) for part, size in zip(block, self.shape, strict=True)]
+        # ij: the last axis fastest, as members are counted
         return np.stack([part.ravel() for part in np.meshgrid(*ranges, indexing="ij")], axis=1)
 
     def groups(self, block: Sequence[slice]) -> Iterator[Group]:
         """Split a block of the grid into groups of members that differ in numbers alone."""
         axis_indices = self.indices_in(block)
         keys = axis_indices[:, list(self.word_axes)]
+        # without axes of words one empty key, which all members have: they are one group
         for key in np.unique(keys, axis=0) if self.word_axes else np.zeros((1, 0), np.int64):
             block_indices = np.flatnonzero((keys == key).all(axis=1))
             members = axis_indices[block_indices]

@@ -150,6 +150,7 @@ def _compute_indices(request: IndicesRequest, numbers: NDArray[Any], outcomes: N
     f = np.ascontiguousarray(np.moveaxis(f.reshape(2 + len(request.spans), request.draws, -1), -1, 0))
     f[(f == f[:, :1, :1]).all(axis=(1, 2))] = np.nan  # elements without a variance, which rounding would give them
     resampled = np.random.default_rng(request.seed).integers(request.draws, size=(request.resamples, request.draws))
+    # an entry takes the same draw of every design, which the estimators compare with one another
     resampled_shares = [_variance_shares(f[..., entry]) for entry in resampled]
     low, high = np.quantile(resampled_shares, [0.025, 0.975], axis=0)
     shape = (len(SHARES), len(request.spans), *request.elements.values())
@@ -219,6 +220,7 @@ def _sweep_designs(
 ) -> xr.Dataset:
     """Return the sweep of two designs, and of the first with each column of the second, one after the other."""
     names = list(spans)
+    # one sequence of twice the dimensions: two of the same sequence would be the same points
     points = Draws(draws, {f"{name}{k}": (0, 1) for k in "ab" for name in names}, seed=seed).points()
     a, b = points[:, : len(names)], points[:, len(names) :]
     mixed_designs = [np.where(np.arange(len(names)) == i, b, a) for i in range(len(names))]
@@ -250,9 +252,11 @@ def _checked_member_numbers(
 def _variance_shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return first and total orders of each parameter from the numbers of both designs and each mixed one, by element."""
     designs = f[:, :2]
+    # centred: estimator (b) of Saltelli et al. 2010, table 2, would multiply its differences by a mean far from zero
     f = f - designs.mean(axis=(1, 2), keepdims=True)
     variance = designs.var(axis=(1, 2))[:, np.newaxis]
     first = (f[:, 1:2] * (f[:, 2:] - f[:, :1])).mean(axis=-1) / variance
+    # estimator (f) there, Jansen's
     total = 0.5 * ((f[:, :1] - f[:, 2:]) ** 2).mean(axis=-1) / variance
     return np.stack([first, total])
 
@@ -376,6 +380,7 @@ def _influences_in_memory(sweep: xr.Dataset) -> xr.Dataset:
         number = sweep[name].astype(float)
         member_dims = [dim for dim in number.dims if dim in axes]
         variance = number.var(member_dims)
+        # rounding alone gives equal numbers a variance, shares of which would mean nothing
         varies = variance > (ROUNDING * EPS * abs(number).max(member_dims)) ** 2
         effects = [
             (
@@ -395,5 +400,6 @@ def _influences_in_memory(sweep: xr.Dataset) -> xr.Dataset:
 def _share_of_changes(values: NDArray[Any], axis: int) -> float:
     """Return the share of neighbours along an axis that differ, among those that both exist."""
     axis_first = np.moveaxis(values, axis, 0)
+    # nan differs from itself, so pairs with a missing number are left out
     both_known = (axis_first[1:] == axis_first[1:]) & (axis_first[:-1] == axis_first[:-1])
     return float(np.mean(axis_first[1:][both_known] != axis_first[:-1][both_known])) if both_known.any() else 0.0

@@ -109,6 +109,7 @@ def _search_extremes(runs: MemberRuns, name: str, sign: float) -> Extremes:
         return extremes
     search = _begin_search(runs, name, sign, extremes, humps(sign * values, time, first, rows, members))
     if solves_anew:
+        # fmax, not maximum: a nan on one side gives way to the number on the other
         return extremes._replace(uncertainty=np.fmax(extremes.uncertainty, search.open_heights))
     while (places := search.places()).size:
         times = search.place_members
@@ -154,7 +155,9 @@ def _begin_search(
 def _highest_rows(values: Floats, rows: Rows, members: Rows, size: int) -> Rows:
     """Return the first row of each member that holds its largest value, a crest; -1 where there is no finite value."""
     largest = np.full(size, -np.inf)
+    # `at` takes every row of a member; indexed assignment would keep one of them
     np.maximum.at(largest, members, values[rows])
+    # backwards, so that of equal rows the first is assigned last, and stays
     highest = np.flatnonzero(values[rows] == largest[members])[::-1]
     tops = np.full(size, -1)
     tops[members[highest]] = rows[highest]
@@ -564,6 +567,7 @@ class _WordReader:
         column, side = self.columns[name].variable, "event_row_after" if head == AFTER else "event_row_before"
 
         def values_at_event(runs: MemberRuns, places: Values) -> Values:
+            # events name rows of their own member, and the columns have those of all, one after the other
             first = np.repeat(runs.runs.first_row[:-1], np.diff(runs.runs.first_event))
             values: Values = runs[name][(first + runs[side])[places]]
             return values

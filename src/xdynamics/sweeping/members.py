@@ -66,6 +66,7 @@ FIRST_BATCH, MAX_BATCH, BATCH_GROWTH = (
 FEW_ROWS = 32  # of a member's log, with which the first ones are held
 REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # whose cause is found by repeating the step
 LONGEST_WORD = max(map(len, WORDS))
+# 2**64 over the golden ratio: its multiples modulo 2**64 spread evenly (Knuth, The Art of Computer Programming 3, 6.4)
 _GOLDEN = 0x9E3779B97F4A7C15
 
 FILE, SEAL, CONTENT_DIGEST = "run_file", RUN_SEAL, "content digest of the run's archive"
@@ -189,6 +190,7 @@ def march_block(plan: Plan, block: Block, copy_existing: CopyExisting | None = N
     arrays = {variable.name: np.empty((size, *variable.sizes), variable.dtype) for variable in plan.variables}
     existing_members = np.zeros(size, bool)
     if copy_existing is not None:
+        # reshaped views: what is copied into them stands in the arrays
         existing_members = copy_existing(
             plan, block, {name: variable.reshape(*shape, *variable.shape[1:]) for name, variable in arrays.items()}
         ).ravel()
@@ -250,6 +252,7 @@ def _stopped_by(runs: MemberRuns) -> Values:
     ]
     places = np.flatnonzero(np.isin(runs["event_detector"], stops))
     is_stopped = runs.runs.status == STOPPED
+    # where the next member's events begin, the stop just before is this member's last event
     last = places[np.searchsorted(places, runs.runs.first_event[1:][is_stopped]) - 1]
     events = np.full(runs.size, "", dtype=words.dtype)
     events[is_stopped] = words[runs["event_detector"][last]]
@@ -306,6 +309,7 @@ def _end_digests(runs: MemberRuns) -> Values:
 
 def _little_endian_bytes(ends: Values, counts: Values) -> bytes:
     """Return rows of floats and integers as bytes, little-endian."""
+    # viewed, not converted: the bits of floats in one array with whole numbers
     return np.concatenate([ends.astype("<f8").view("<i8"), counts.astype("<i8")], axis=-1).tobytes()
 
 
@@ -368,6 +372,7 @@ def march_of(grid: SweepGrid, axis_indices: AxisIndices) -> March | None:
 
 def is_chosen(numbers: Values, part: float) -> Values:
     """Choose a fraction of the members by their numbers, evenly spread and independent of the blocks."""
+    # one is added because 0 times anything is 0, and the first member would always be chosen
     spread = (numbers.astype(np.uint64) + np.uint64(1)) * np.uint64(_GOLDEN)  # wraps around on purpose
     return spread.astype(float) / 2.0**64 < part
 

@@ -182,6 +182,7 @@ def _cost(plan: Plan) -> float:
     march_block(plan, first)
     cpu_time = time.thread_time() - started
     if cpu_time * PROBE_MEMBERS > SECOND or grid.size == 1:
+        # not zero, which a coarse clock may tell: the cost is divided by
         return max(1e-7, cpu_time)
     k = max((i for i in range(len(grid.shape)) if i not in grid.word_axes), key=lambda i: grid.shape[i], default=0)
     probe_count = PROBE_MEMBERS

@@ -153,12 +153,14 @@ def values_digest(values: Values) -> str:
     """Return the digest of values in memory."""
     values = np.ascontiguousarray(values)
     content = json.dumps(values.tolist()).encode() if values.dtype.kind in "OTU" else values.tobytes()
+    # the shape is hashed, too: the same bytes in another shape are other values
     return sha256(f"{values.shape}".encode() + content).hexdigest()
 
 
 def digest_of_array(folder: Place, name: str, members: int, metadata: Place | None = None) -> str:
     """Return the digest of an array along members, whose first dimensions, so many, are the axes of the sweep."""
     array = arrays_in(folder, metadata=metadata)[name]
+    # little-endian, so that every machine comes to the same digest
     dtype = np.dtype(array.dtype).newbyteorder("<")
     digest = sha256(f"{dtype.str}{tuple(array.shape)}".encode())
     for chunk_block in chunk_blocks(array.shape[:members], array.chunks[:members]):
@@ -284,6 +286,7 @@ def verify_arrays(folder: Place) -> str:
 
 
 def _is_intact(folder: Place, name: str, facts: Mapping[str, Any], digest: str) -> bool:
+    # a block is named by its range along each axis, so its parts count the axes
     members = len(next(iter(facts["blocks"])).split("_"))
     try:
         return digest_of_array(folder, name, members) == digest

@@ -233,6 +233,7 @@ def _write_grown_metadata(plan: Plan, template: xr.Dataset, target: ZarrTarget) 
     for name, entry in axes.items():
         size, width = old_shapes[name][0], arrays[name].chunks[0]
         arrays[name][size:] = np.asarray(entry.values)[size:]
+        # from the last old chunk on, which may have been filled in part
         for begin in range(size - size % width, entry.size, width):
             synchronise(folder, [name], (slice(begin, begin + width),))
 
@@ -253,6 +254,7 @@ def _exchange_metadata(plan: Plan, folder: Place, work: Place) -> None:
             if json.loads(store.content(folder / name / METADATA, MAX_BYTES)) != array:
                 _replace_file(folder / name / METADATA, json.dumps(array, indent=2).encode())
         _replace_file(folder / NOTES / CUT, json.dumps(_grown_chunks(plan, folder)).encode())
+        # from here on `facts_of` finds the new digests in the growth folder, until they replace the old ones below
         _replace_file(folder / METADATA, metadata)
         _replace_file(digests, store.content(work / DIGESTS, MAX_BYTES))
     store.remove_folder(work)

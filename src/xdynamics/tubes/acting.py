@@ -81,6 +81,7 @@ class ActingEvent:
     def trial_step(self, proof: Proof) -> tuple[Crossings, Crossing | None, float]:
         """Return zeros after a further step, the first at which it acts, and from when on zeros are not told from none."""
         trial = copy(self.crossings)
+        # a shallow copy shares its lists: zeros are appended in place, open pieces are always a new list
         trial.zeros, zeros_before, zero_count = list(trial.zeros), len(trial.zeros), self.zero_count
         trial.follow(proof)
         first = None
@@ -105,6 +106,7 @@ def first_passage(acting: Sequence[ActingEvent], flow: Flow, proof: Proof) -> tu
     passages = [
         (float(first.time[1]), event, first) for event, (_, first, _) in zip(acting, trials, strict=True) if first
     ]
+    # first is by when all motions have passed it; that no other acts meanwhile is checked below
     end, event, crossing = min(passages, key=lambda candidate: candidate[0]) if passages else (np.inf, None, None)
     if event is None or crossing is None or unknown <= end:
         if unknown == np.inf:

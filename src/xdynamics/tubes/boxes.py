@@ -87,6 +87,7 @@ def multiply(a: Box, b: Box) -> Box:
 def _outermost(ends: Box) -> Box:
     """Return the interval of four numbers, rounded outward."""
     outer_ends = np.empty(ends.shape[1:])
+    # minimum and maximum hand on nan, as of 0 times infinity: an unknown end stays unknown
     np.minimum.reduce(ends, axis=(0, 1), out=outer_ends[0, ...])
     np.maximum.reduce(ends, axis=(0, 1), out=outer_ends[1, ...])
     return np.asarray(np.nextafter(outer_ends, _TOWARDS[outer_ends.ndim - 1], out=outer_ends))
@@ -97,6 +98,7 @@ def square(a: Box) -> Box:
     sizes = np.abs(a)
     sizes.sort(axis=0)
     ends = round_outward(sizes * sizes)
+    # the float beneath a square that underflows is negative, though no square is
     ends[0] = np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.maximum(ends[0], 0.0))
     return ends
 
@@ -309,9 +311,11 @@ def _unit_remainder(direction: Floats, axes: Floats) -> Floats | None:
     size = float(np.abs(direction).max())
     if not 0.0 < size < np.inf:
         return None
+    # scaled first, so that no square overflows or vanishes
     left = direction / size
     length = sqrt(_sequential_dot(left, left))
     left = left / length
+    # the second pass removes what rounding left of the first; twice is enough (Kahan, in Parlett 1980, section 6.9)
     for _ in range(2):
         for axis in axes.T:
             left = left - _sequential_dot(left, axis) * axis
@@ -335,6 +339,7 @@ def solve_in_frame(frame: Floats, off: float, right: Box) -> Box:
     right : ndarray, shape (2, n, m)
     """
     near = matrix_product(point_box(frame.T), right)
+    # s/(1 - s) is at most 2 s, as s is below a half; doubling is exact, so one product alone is rounded
     error_bound = np.nextafter(2.0 * off * magnitude(near).max(axis=0), np.inf)
     return round_outward(near + np.array([-error_bound, error_bound])[:, None])
 
@@ -449,6 +454,7 @@ def doubleton_of(seen: AffineImage, scales: Floats) -> Doubleton:
     directions = midpoint(basis)
     lengths = magnitude(basis).max(axis=0) * width(remainder)  # an order of columns, which proves nothing
     frame = orthogonal(directions[:, np.argsort(-lengths, kind="stable")])
+    # any frame is proven right by what follows; the unit matrix is orthogonal without a bound
     if (off := off_orthogonal(frame)) >= FAR:
         frame, off = np.eye(len(frame)), 0.0
     both = solve_in_frame(frame, off, np.concatenate([basis, lost[:, :, None]], axis=2))

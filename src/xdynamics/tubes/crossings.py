@@ -160,6 +160,7 @@ class Crossings:
         """Yield parts of a step in turn: with the sign of the function, or 0 where it may be zero."""
         value, rate = _steady(self.functions.bounds_in_step(proof, time)).T
         middle = boxes.point_box(float(boxes.midpoint(time)))
+        # the mean value form, sharper than bounds over the whole piece where the rate is bounded
         slope_term = boxes.multiply(rate, boxes.subtract(time, middle)) if np.isfinite(rate).all() else rate
         value = boxes.intersection(value, boxes.add(self.functions.bounds_in_step(proof, middle)[:, 0], slope_term))
         is_monotone = sign_of(rate) and depth < DEEPEST and not self.fine
@@ -323,6 +324,7 @@ def passage(
             states, boxes.multiply(_lasting(crossing), flow.rates(crossing.time, candidate, step_values))
         )
         reached[:, moving:] = states[:, moving:]
+        # strictly inside: by Picard's theorem no motion leaves the candidate while others still pass
         if ((reached[0] > candidate[0]) & (reached[1] < candidate[1]))[:moving].all():
             return Passage(tuple(names), crossing, proof, reached, step_values, reset, stops)
         slack = boxes.width(reached) * (WIDER * 2.0**trial) + boxes.magnitude(reached) * boxes.EPS + LEAST_SLACK

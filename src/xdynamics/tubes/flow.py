@@ -68,6 +68,7 @@ class Proof:
 
     def mapped(self, time: Box) -> tuple[Box, Box]:
         """Return the image of the point of the set at a time within the step, and its derivatives for all of the set."""
+        # the outward rounding of a difference may reach below zero, where the step proves nothing
         since = np.maximum(boxes.subtract(time, self.begin), 0.0)
         n = self.set.point.size
         values = self.polynomials.values_at(since, self.coefficients)
@@ -192,6 +193,7 @@ class Flow:
         # around a point at rest the terms are rounding alone, and tell of no step
         step = first = min(self._proposed(centre), float(end[1] - self.time[0]))
         while True:
+            # a step that would leave next to nothing goes all the way to the end
             landing = end if self.time[0] + step * (1.0 + 1e-3) >= end[0] else boxes.point_box(self.time[1] + step)
             span = boxes.subtract(landing, self.time)
             if not 0.0 < span[0] <= span[1] < inf or step < LEAST * first:
@@ -259,6 +261,7 @@ class Flow:
         grown = boxes.magnitude(beyond)
         for trial in range(TRIALS):
             slack = boxes.width(reached) * (WIDER * 4.0**trial) + grown * 2.0**trial
+            # strict inclusion needs slack even of a set that is a point at rest
             slack = (
                 slack + (boxes.magnitude(reached) + self._largest * self.tolerance) * (8.0 * boxes.EPS) + LEAST_SLACK
             )
@@ -300,6 +303,7 @@ def _nth_root(x: float, n: int) -> float:
     mantissa, exponent = frexp(max(x, 5e-324))
     quotient, left = divmod(exponent, n)
     radicand = ldexp(mantissa, left)
+    # never below the root, by Bernoulli's inequality; from there Newton's method falls until rounding stops it
     root = min(2.0, 1.0 + (radicand - 1.0) / n) if radicand >= 1.0 else 1.0
     while True:
         lower = root - (root - radicand / _integer_power(root, n - 1)) / n

@@ -149,6 +149,7 @@ def subtract(a: Value, b: Value) -> Value:
 
 def multiply(a: Value, b: Value) -> Value:
     """Multiply."""
+    # interval products know of no dependence: of one value with itself they would reach below zero
     if a is b:
         return square(as_number(a))
     if isinstance(a, float):
@@ -166,6 +167,7 @@ def square(a: Box) -> Box:
     value = boxes.square(a[:, :1])
     if a.shape[1] == 1:
         return value
+    # doubling is exact, and needs no rounding outward
     return np.concatenate([value, 2.0 * boxes.multiply(a[:, :1], a[:, 1:])], axis=1)
 
 

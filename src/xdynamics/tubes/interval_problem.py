@@ -24,6 +24,7 @@ from xdynamics.tubes.series import Motions
 from xdynamics.units import CONSTANTS, Quantity, constant
 from xdynamics.units.unit import exact_value
 
+# cut off after 50 digits: no float lies between this and pi, so the floats on either side hold both
 PI = enclosed(Fraction("3.14159265358979323846264338327950288419716939937510"))
 
 
@@ -97,6 +98,7 @@ def interval_problem_of(model: Model) -> IntervalProblem:
 
 def literals_of(lines: Iterable[Instruction]) -> dict[int, Value]:
     """Return intervals of the numbers in a program that no float is, by their identity."""
+    # the lines that are kept hold these numbers alive, so that no identity is taken twice
     return {
         id(number): enclosed(exact_value(number)).reshape(2, 1)
         for line in lines

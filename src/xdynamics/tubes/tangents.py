@@ -58,6 +58,7 @@ class EnclosedProgram:
 
     def __init__(self, program: Program, sizes: Mapping[str, int]) -> None:
         text = llvm_of([_enclosed_program(program)])
+        # kept: the entry is a bare address within it
         self._code = machine.compiled(text, [program.name])
         self._entry = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)(self._code.addresses[program.name])
         self.arrays = {name: np.zeros((count, len(PARTS))) for name, count in sizes.items()}

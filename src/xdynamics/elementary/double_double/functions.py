@@ -99,10 +99,12 @@ def _scaled_exponential(x: DoubleDouble) -> tuple[DoubleDouble, Integer]:
 
 def log(x: DoubleDouble) -> DoubleDouble:
     """Natural logarithm; -inf at 0, nan below."""
+    # below, the rest is a subnormal number, which lacks digits
     usual = (x.high >= 2.0**-969) & (x.high < INF)
     usual_argument = DoubleDouble(choose(usual, x.high, 1.0), choose(usual, x.low, 0.0))
     k = exponent_of(usual_argument.high)
     fraction = scaled_by_power(usual_argument, power_of_two(0 - k))
+    # between sqrt(1/2) and sqrt(2) z is at most 0.172, and the 22 terms reach beyond 106 bits
     above = fraction.high > 2.0 * ROOT_HALF
     fraction = scaled_by_power(fraction, choose(above, 0.5, 1.0))
     k = choose(above, k + 1, k)
@@ -145,6 +147,7 @@ def sinh(x: DoubleDouble) -> DoubleDouble:
     """Hyperbolic sine."""
     usual = absolute(x.high) < EXP_RANGE
     usual_argument = _replace_unusual(usual, x)
+    # near zero the difference of exponentials cancels
     near = multiply(
         usual_argument, polynomial_of_sums(multiply(usual_argument, usual_argument), INVERSE_FACTORIALS[1:27:2])
     )
@@ -155,6 +158,7 @@ def sinh(x: DoubleDouble) -> DoubleDouble:
 
 def tanh(x: DoubleDouble) -> DoubleDouble:
     """Hyperbolic tangent."""
+    # from 40 on it is 1 to 34 digits
     usual = absolute(x.high) < 40.0
     usual_argument = _replace_unusual(usual, x)
     return _precise_or_float(usual, divide(sinh(usual_argument), cosh(usual_argument)), exponential.tanh(x.high))
@@ -246,6 +250,7 @@ def atan(x: DoubleDouble) -> DoubleDouble:
 
 def _leg(x: DoubleDouble) -> DoubleDouble:
     """Return sqrt(1 - x**2)."""
+    # keeps the digits that 1 - x**2 loses near 1
     return sqrt(multiply(subtract(ONE, x), add(ONE, x)))
 
 

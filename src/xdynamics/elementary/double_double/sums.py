@@ -57,6 +57,7 @@ def split_fraction(value: Fraction, *places: int) -> tuple[float, ...]:
 
 def exact(x: Number) -> DoubleDouble:
     """Return a float as a sum."""
+    # a zero of the kind that x is: a float, an array, a line of text
     return DoubleDouble(x, x * 0.0)
 
 
@@ -81,6 +82,7 @@ def add(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     high, lost = exact_sum(x.high, y.high)
     low, left = exact_sum(x.low, y.low)
     total, rounding_error = ordered_sum(high, lost + low)
+    # the errors of an infinite sum are nan, and would make the sum nan
     return renormalised(total, choose(total - total == 0.0, left + rounding_error, 0.0))
 
 

@@ -345,6 +345,7 @@ def _differing_bits(left: NDArray[Any], right: NDArray[Any]) -> NDArray[np.bool_
 
 
 def _as_words(values: NDArray[Any]) -> NDArray[Any]:
+    # as whole numbers nan is equal to itself, and 0.0 is not -0.0
     return np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
 
 

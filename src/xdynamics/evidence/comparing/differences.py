@@ -130,6 +130,7 @@ def common_times(*runs: xr.Dataset) -> Floats:
     grids, unit = [np.asarray(run["time"]) for run in runs], unit_suffix(time_unit_of(runs[0]))
     words = ("first", "second") if len(runs) == 2 else [f"{number}." for number in range(1, len(runs) + 1)]
     for which, grid in zip(words, grids, strict=True):
+        # negated, so that a time that is nan is refused too
         if (wrong := np.flatnonzero(~(np.diff(grid) >= 0.0))).size:
             raise InputError(
                 f"the times of the {which} run do not increase after t = {float(grid[wrong[0]])!r}{unit}, as a run's do"
@@ -212,6 +213,7 @@ def difference_of(
     factor = float(units[1].factor / units[0].factor)
     text = str(first.attrs["units"])
     dims = (AT, *map(str, first.dims[1:]))
+    # floats cancel first, so that rests are added to a small number and are not rounded away
     difference = (second_sample[0] * factor - first_sample[0]) + (second_sample[2] * factor - first_sample[2])
     scale_text = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
     return scaled_variables(

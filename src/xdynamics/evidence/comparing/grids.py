@@ -197,6 +197,7 @@ def _common_places(
     further = [dim for dim in (AT, OCCURRENCE) if dim in first.dims and dim in second.dims]
     for dim in [*dims, *further]:
         first_labels, second_labels = _place_labels(first, dim), _place_labels(second, dim)
+        # reversed, so that of equal labels the first one counts
         where = {label: k for k, label in reversed([*enumerate(second_labels)])}
         pairs = [(k, where[label]) for k, label in enumerate(first_labels) if label in where]
         if not pairs:
@@ -267,6 +268,7 @@ def _by_levels(sweep: xr.Dataset, name: str, dim: str) -> xr.DataArray:
     level_uncertainties = xr.concat(
         [level_differences * ratio / (ratio - 1.0), (level_differences / (ratio - 1.0)).isel({dim: [-1]})], dim
     )
+    # argsort of a permutation is its inverse, which restores the order of the axis
     return SAFETY[len(sizes) > 2] * level_uncertainties.isel({dim: np.argsort(order)})
 
 

@@ -332,6 +332,7 @@ def _read_dataset(source: Any, requested_names: Sequence[str] | None, reading: R
             if "units" not in variable.attrs:
                 raise InputError("has no units; set its attribute 'units'")
             scale = parse_scale(str(variable.attrs["units"]))
+            # an uncertainty in degC is a difference, which the zero of the scale does not shift
             to_unit = scale.difference if key != label else scale.value
             columns[key] = np.array([*map(to_unit, _finite_numbers(variable.values).tolist())]), scale.unit
     sizes = {name: len(numbers) for name, (numbers, _) in columns.items()}

@@ -262,6 +262,7 @@ class _Cycle:
             numbers = self._states_between.variables["row"].values
             between = watched.at_states(run, model, states, times, numbers)
         inner = self._inner
+        # at equal times a state inside a step stands behind the row that its step starts from
         order = np.lexsort((np.concatenate([numbers + 0.5, inner]), np.concatenate([times, time[inner]])))
         values = watched.on(run, model, inner)
         t = np.concatenate([times, time[inner]])[order]

@@ -68,6 +68,7 @@ class Worst:
         ratios = _defect_ratios(defects, bounds)
         worst_index = np.argmax(ratios, axis=0)[np.newaxis]  # the first nan, if there is one
         ratio, further = np.take_along_axis(ratios, worst_index, 0)[0], self.ratios
+        # negated, so that a ratio of nan is worse than any number; once it is there it stays
         worse = ~(ratio <= further) & ~np.isnan(further) | np.isnan(self.times)
         for worst_values, step_values in (
             (self.defects, defects),

@@ -193,7 +193,9 @@ def _turning_points(rows: Chunks, name: str) -> Turns:
         part_values, moving = part.own_rows(name), np.flatnonzero(part.own_rows(speed))
         up = np.concatenate([np.array(rising, bool), part.own_rows(speed)[moving] > 0.0])
         places = np.flatnonzero(up[:-1] != up[1:])
+        # the direction of the part before stands first in `up`, and is no row of this part
         part_turns = moving[places + 1 - len(rising)]
+        # a sign can mark minima: row 0 has none before it, and is never a turn
         turn_rows.append(np.where(up[places], part.first + part_turns, -part.first - part_turns))
         values.append(part_values[part_turns])
         rising = up[-1:].tolist()

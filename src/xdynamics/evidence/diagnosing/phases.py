@@ -87,6 +87,7 @@ def _bisect_turns(low: Floats, high: Floats, not_yet: Callable[[Floats], NDArray
             lows, highs = (np.stack(half, axis=1).reshape(-1, low.size) for half in halves)
         later, half_index = not_yet(np.concatenate(middles)), np.zeros(low.size, np.int64)
         for level in range(depth):
+            # the middles of a level stand behind those of all levels above, one less than its own number
             half_index = 2 * half_index + later[2**level - 1 + half_index, columns]
         low, high = lows[half_index, columns], highs[half_index, columns]
     return high

@@ -180,6 +180,7 @@ def crests(values: Floats, first: Rows) -> tuple[Rows, Rows]:
     not_lower, higher = np.ones((2, values.size), bool), np.zeros(values.size, bool)
     np.greater_equal(values[1:], values[:-1], out=not_lower[0, 1:])
     np.greater_equal(values[:-1], values[1:], out=not_lower[1, :-1])
+    # the negation of not lower is higher only because no nan is left
     higher[1:] = ~not_lower[1, :-1]
     higher[:-1] |= ~not_lower[0, 1:]
     begin, end = first[:-1], first[1:] - 1
@@ -351,6 +352,7 @@ class Heights:
         tops = np.argmax(np.where(unknown, -np.inf, signed_part), axis=1)
         heights = signed_part[elements, tops]
         tops += part.rows_before
+        # negated: before the first row the best is nan
         for i in np.flatnonzero(~unknown.all(axis=1) & ~(heights <= self.best)).tolist():
             self.above[i] = parabola_excess(values[i], time, int(tops[i]))
             self.best[i], self.when[i] = heights[i], time[tops[i]]
@@ -521,6 +523,7 @@ class QuantitiesInside:
         if not present_trees:
             return results
         places, selected_trees, parts = zip(*present_trees, strict=True)
+        # an identity suffices: both lists of trees are cached, and live as long as this object
         key = (id(trees), *places)
         if key not in self._read:
             self._read[key] = assignments_read(self.model, selected_trees)

@@ -120,6 +120,7 @@ def prove_tube(
     until, steps, reached = flow.problem.time_of(end), 0, start
     for proof in march.steps(until):
         steps += 1
+        # the interval of the end is handed on as an object, and recognised by identity
         reached = end if proof.end is until else float(proof.end[0])
         if progress is not None:
             progress((reached - start) / (end - start), reached, steps)

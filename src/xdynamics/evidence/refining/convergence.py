@@ -88,6 +88,7 @@ def _bisect_orders(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             upper = expm1(p * coarse) + np.where(sign > 0, 0.0, 2.0)
             lower = np.where(sign > 0, -1.0, 1.0) * expm1(-p * fine) + np.where(sign > 0, 0.0, 2.0)
+            # at order 0 the quotient tends to that of the logarithms; with alternating signs it is 2/2
             value = np.where(p == 0.0, np.where(sign > 0, coarse / fine, 1.0), upper / lower)
         above = value > size
         low, high = np.where(above, low, p), np.where(above, p, high)
@@ -185,6 +186,7 @@ def _fit_free_order(values: Floats, h: Floats, formal: float, weights: Floats) -
 
     tried = np.linspace(LEAST_SHARE * formal / 8.0, 4.0 * formal, GRID)
     best = int(np.argmin(fit_spread(tried)))
+    # a bounded search may end in any local minimum: the grid has found the neighbourhood of the lowest
     bounds = tried[max(best - 1, 0)], tried[min(best + 1, GRID - 1)]
     optimum = minimize_scalar(fit_spread, bounds=bounds, method="bounded", options={"xatol": 1e-12})
     return _fit_fixed_orders(values, h, (float(optimum.x),), weights, free=True)

@@ -158,6 +158,7 @@ def _switch_times_passed(run: xr.Dataset) -> dict[str, float]:
     times, rows = run.variables["time"].values, {}
     names = internal_text(str(run[PASSED.name].attrs["names"])).split()
     for name, first in zip(names, run[FIRST_PASSED.name].values.tolist(), strict=True):
+        # nan, which is not equal to itself, stands for a switch that was never passed
         rows[name] = int(np.searchsorted(times, first)) if first == first else 0
     return {name: float(times[row - 1]) for name, row in rows.items() if row}
 
@@ -311,6 +312,7 @@ def _event_time_errors(run: xr.Dataset, name: str, times: Floats) -> Floats:
         return np.zeros((len(times), *observable.shape[1:]))
     counts = [int((run.variables["event_time"].values < time).sum()) for time in times]
     rates = _step_rates(run, observable, rows_named(run, "event_row_before")[: max(counts, default=0)])
+    # contiguous along events, so that sums of an element have the bits that they have alone
     shifts = np.ascontiguousarray(np.abs(rates).T) * run.variables["event_time_uncertainty"].values[: rates.shape[0]]
     return np.array([np.sum(shifts[..., :count], axis=-1).T for count in counts])
 

@@ -116,6 +116,7 @@ def family(number: TrackedValue, levels: Levels, accepted: int, estimated: float
 
     # the finest level has no difference of its own: its gate uses the last one
     last = np.abs(np.concatenate([changes[..., :-1], changes[..., -2:-1]], axis=-1))
+    # negated, so that nothing passes with nan
     gate = (~(number.errors <= last)).astype(np.int8)
     size = scale_name("difference", name)
     variables: dict[str, Any] = {

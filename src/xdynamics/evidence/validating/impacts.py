@@ -113,6 +113,7 @@ class Impacts:
     def conditions(self) -> Floats:
         """Condition of each mass matrix with ones on its diagonal."""
         size = np.sqrt(np.diagonal(self.masses, axis1=1, axis2=2))
+        # scaled so, it does not depend on the units of coordinates
         condition: Floats = np.linalg.cond(self.masses / (size[:, :, None] * size[:, None, :]))
         return condition
 
@@ -170,6 +171,7 @@ def _of_impulses(impacts: Impacts) -> Iterator[Check]:
     jump = (impacts.masses @ (speeds_after - speeds_before)[:, :, None])[first, :, 0]
     size = (np.abs(impacts.masses) @ (np.abs(speeds_after) + np.abs(speeds_before))[:, :, None])[first, :, 0]
     total = np.zeros((len(first), speeds_before.shape[1]))
+    # several impacts belong to one instant: indexed addition in place would keep the last of them alone
     np.add.at(total, impacts.group, impacts.impulses)
     impulse_tolerances, rounding = _impulse_tolerances(impacts)[first], impacts.rounding[first, None]
     for i, name in enumerate(impacts.model.statement.coordinates):

@@ -146,6 +146,7 @@ def _expression_text(model: Model, name: str, tree: Node) -> str:
     for dim in model.shapes.dims[name]:
         number = add(multiply(number, Along("size", (), (dim,))), Along("index", (), (dim,)))
 
+    # halved, so that choices nest as deep as the logarithm of the number of elements, not as deep as they are many
     def select_element(first: int, last: int) -> Node:
         if last - first == 1:
             return parts[first]

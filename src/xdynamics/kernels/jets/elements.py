@@ -554,6 +554,7 @@ class InElements(InLoops):
 
 def _row_stride(number: int) -> int:
     """Return how far rows of elements are apart: where vectors pay, an odd number of lines of the cache."""
+    # rows a power of two apart would share few sets of the cache, and push one another out
     lines = -(-number // LINE)
     return number if lines < 2 else LINE * (lines + (lines + 1) % 2)
 

@@ -164,6 +164,7 @@ class Looped:
     def sum_up(self) -> None:
         """Write all inner sums, which read earlier orders alone, before the other lines: some at once wait less."""
         lines = self.lines.lines
+        # gathered indices come first: the sums that are moved to the front read places by them
         new_lines: list[Line] = [line for line in lines if isinstance(line, Gather)]
         group_starts = range(0, len(self._sums), AT_ONCE)
         # without fma operations take longer than reading: sums stay as archives of 31 digits have them
@@ -503,10 +504,12 @@ def expanded_by(write: InLoops, body: Sequence[Line], motion: Motion, degree: in
     assert write.time.location is not None  # noqa: S101 - it has one from the start
     where = write.time.location
     begin.keep(write.time, lines.load(Location("at", AT.index("t"))))
+    # the series of time: t, 1, 0, 0, …
     zero_store = (StoreTo(loop_element(where.array, where.offset + 1), 0.0),)
     lines.lines += [Loop("i", degree, zero_store), StoreTo(replace(where, offset=where.offset + 1), 1.0)]
     prologue_end = len(lines.lines)
     write.body(begin, body, env, ())
+    # only the body tells which copies of the state there are
     lines.lines[prologue_end:prologue_end] = write.prologue_lines(started=False)
     write.raise_state(begin)
     inner = write.assignments()
@@ -514,6 +517,7 @@ def expanded_by(write: InLoops, body: Sequence[Line], motion: Motion, degree: in
     write.body(order, body, env, ())
     order.sum_up()
     write.raise_state(order)
+    # one pass less than the degree: each raises the state to the order after its own
     write.finish([*lines.lines, Loop(ORDER, degree - 1, (*write.prologue_lines(started=True), *inner.lines))])
     return write
 

@@ -92,6 +92,7 @@ def needed_lines(body: Iterable[Instruction], motion: Motion) -> tuple[Line, ...
 def _lines_leading_to(body: Sequence[Line], motion: Motion, names: set[str], arrays: set[str]) -> tuple[Line, ...]:
     """Return the lines that some names, and some arrays, follow from; both are added to."""
     kept_lines: list[Line] = []
+    # from the end, so that what a line gives is known to be needed before the line is met
     for line in reversed(body):
         kept_line: Line = line
         match line:

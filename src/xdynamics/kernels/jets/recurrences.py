@@ -156,6 +156,7 @@ def begin_quotient(order: Order, target: Series, divisor: Operand) -> None:
     nearest, low_part = (order.part(target, name) for name in ("reciprocal", "rest"))
     nearest.constant = low_part.constant = True
     order.keep(nearest, order.compute("divide", 1.0, divisor))
+    # the remainder of a division is a float, and one fma finds it without an error
     left = order.compute("fma", order.compute("negative", divisor), order.now(nearest), 1.0)
     order.keep(low_part, order.compute("divide", left, divisor))
 
@@ -192,6 +193,7 @@ def multiple_of(order: Order, name: str, target: Series, operands: Sequence[Seri
 
 def _is_literal(divisor: Operand) -> bool:
     """Whether it is a literal, of which the reciprocal is known when the program is written."""
+    # within these neither the reciprocal nor its rest over- or underflows
     return not isinstance(divisor, str) and 1e-150 < abs(divisor) < 1e150
 
 

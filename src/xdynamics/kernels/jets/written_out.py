@@ -68,6 +68,7 @@ class LinearForms:
 
     def can_multiply(self, first: Operand, second: Operand) -> bool:
         """Whether factors may be multiplied."""
+        # with these a product is exact, so that it rounds where the written order has it
         return not self.exact or not {1.0, -1.0, 2.0, 0.5}.isdisjoint((first, second))
 
     def multiply_factors(self, first: Operand, second: Operand) -> Operand:
@@ -124,6 +125,7 @@ class LinearForms:
 
     def _add_forms(self, first: Operand, second: Operand, sign: float) -> Operand:
         terms = *self._form_of(first), *self._form_of(second)
+        # factors of one value would be added first, with a rounding that the written order has not
         if len({*terms}) > MOST_TERMS or (self.exact and len({*terms}) < len(terms)):
             first, second = self.write_value(first), self.write_value(second)
         form = dict(self._form_of(first))
@@ -274,6 +276,7 @@ class Written:
         total: Operand = 0.0
         if k % 2 == 0 and k // 2 >= first:
             middle = self._coefficient_at(a, k // 2)
+            # halved here and doubled at the end, both exactly
             half = middle if self.fused else self.compute("multiply", 0.5, middle)
             total = self.compute("multiply", half, middle)
         for j in range((k - 1) // 2, first - 1, -1):

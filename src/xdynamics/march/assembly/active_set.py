@@ -92,6 +92,7 @@ def close_resting_links(run: Run, t: float) -> bool:
     for _ in range(ROUNDS):
         if not find_forces(run):
             return False
+        # all three act: an `or` of the calls would leave out the later ones
         restored, skips, ends = restore_contacts(run), skip_bounces(run), end_slips(run)
         if not (restored or skips or ends):
             break
@@ -203,6 +204,7 @@ def record_closed_links(run: Run) -> None:
             k = int(run.touching[a, CANDIDATE])
             if run.counters[ROWS] == 2:
                 run.touching[a, GRIPS] = grip_of(run, a)
+                # a halted slip sticks while rates are removed; `let_slide` then gives it what its forces say
                 run.grips[count] = int(run.touching[a, GRIPS]) if run.touching[a, HALTED] == 0.0 else STICKS
                 run.shares[2 * count], run.shares[2 * count + 1] = run.touching[a, FORCE], run.touching[a, DRAGS]
             count += 1

@@ -114,9 +114,11 @@ def arrays_of_assemblies(
         "candidates": np.zeros((room, 5), np.int64),
         **{name: np.zeros(room, np.int64) for name in ("close", "meets")},
         "touching": np.zeros((max_touching, NUMBERS)),
+        # twice the rows: links that touch have the first half, closed ones the second, see `closed_links`
         "normals": np.zeros((2 * rows_each * max_touching, widest)),
         "unit_responses": np.zeros((2 * rows_each * max_touching, widest)),
         "coordinate_indices": np.zeros((2 * rows_each * max_touching, widest), np.int64),
+        # the first number is how many
         "closed": np.zeros(1 + max_touching, np.int64),
         "greatest": np.zeros(1 + len(all_assemblies)),
         "closed_link_ends": np.zeros((max_touching, 4), np.int64),

@@ -127,6 +127,7 @@ def pose_masses(run: Run, first: int, rows: int, n: int) -> None:
     for row in range(first, first + rows):
         for i in range(run.coordinate_indices.shape[1] if run.vectors[SCALE, row] > 0.0 else 0):
             if run.normals[row, i] != 0.0:
+                # masses are diagonal here: a response is the direction over the mass
                 mass = run.normals[row, i] / run.unit_responses[row, i]
                 run.stiffened[run.ordering[PLACE, run.coordinate_indices[row, i]], middle] = mass
 
@@ -175,6 +176,7 @@ def change_factors(
     solve_factors(run, n, changes)
     run.changes[changes, CHANGED_LINK] = row
     run.changes[changes, ALONG_NORMAL], run.changes[changes, ALONG_SLIP] = right, right_slip
+    # Sherman and Morrison's divisor 1 + b^T A**-1 a: near zero the changed matrix is nearly singular
     left_over = 1.0 + along_change(run, changes)
     if not abs(left_over) > LEAST_SHARE:
         return MOST_CHANGES

@@ -79,6 +79,7 @@ def enclose_motion(run: Run, pattern: Run, y: State, z: State, k: int, slope: bo
 @jit_separate
 def is_apart(pattern: Run) -> bool:
     """Whether the gap is positive wherever the leaves, whose bounds have been given, may be."""
+    # 2 keeps the bounds that were given: `enclose_functions` does not enclose variables anew
     pattern.piece[0].rough = 2
     y = pattern.y
     enclosed_by(pattern.functions[ENCLOSE], pattern, y, y, pattern.parts[0], pattern.parts[1], ALL)
@@ -199,6 +200,7 @@ def keep_boxes(run: Run) -> bool:
 def fit_boxes(run: Run) -> bool:
     """Make new boxes of coordinates that leave theirs in the trial; whether any left its wide one."""
     n, any_renewed = run.plan[0].coordinates, False
+    # one rule encloses any coordinate between two states, so that the first pattern's serves for all
     pattern, first = pattern_at(run.patterns[0]), run.assemblies[0]
     pattern_piece, piece = pattern.piece[0], run.piece[0]
     (
@@ -417,6 +419,7 @@ def list_members(run: Run, c: int, e: int, g: int, element_end: int) -> bool:
                 bound_leaf(run, pattern, leaf, run.members[run.pattern_inputs[leaf, BASE] + partner], WIDE)
         if not is_apart(pattern):
             i, j = min(e, partner), max(e, partner)
+            # a pair's place in the upper triangle, row by row, which `list_ends` inverts
             if not append_candidate(run, c, i * size - i * (i + 1) // 2 + j - i - 1, i, j):
                 return False
     return True

@@ -297,6 +297,7 @@ def find_closed(run: Run) -> None:
 @jit_separate
 def list_near(run: Run) -> bool:
     """List the links that may touch in the state in `y`; whether there is room for them."""
+    # margins of no time: `part_with_release` looks anew at forces where the next step starts
     run.closed[0], run.release_functions[SINCE, 0] = 0, -inf
     copy_numbers(run.y, run.z)
     evaluate_forces(run, run.now[0].t, run.z)
@@ -361,6 +362,7 @@ def find_meeting(run: Run) -> None:
     landing, target = run.trial[0].landing, run.trial[0].t
     meets = find_first(run)
     remember_fastest(run)
+    # the call stands first: in the trial just shortened a closed link may let go earlier still
     meets = find_release(run) or meets
     if meets:
         run.release_functions[SINCE, 0] = -inf
@@ -370,6 +372,7 @@ def find_meeting(run: Run) -> None:
         give_up(run, HASTY, REASON_CONTACT)
     elif meets and run.counters[IDLE] > MOST_IDLE:
         give_up(run, UNDECIDED, REASON_CONTACT)
+    # the call stands first, as it ends the march where no links meet, too
     elif closed_links_hold(run) and meets:
         run.counters[MEETS], run.counters[LANDING] = FREELY if landing == AT_GRID else CUT, landing
         run.spans[AIM] = target
@@ -388,6 +391,7 @@ def judge_impulses(run: Run) -> None:
 @jit_separate
 def closed_links_hold(run: Run) -> bool:
     """Whether forces of closed links were found, and their gaps are closed; else the march has ended."""
+    # negated, so that nan counts as not found
     if not run.spans[STRAIN] <= ALLOWED:
         give_up(run, STRAINED, REASON_CONTACT)
     elif not run.spans[ASTRAY] <= 0.0:
@@ -399,6 +403,7 @@ def closed_links_hold(run: Run) -> bool:
 def give_up(run: Run, fault: int, why: int) -> None:
     """End the march where it stands, with the first closed link that seems to let go, if any does."""
     blame(run, fault, 0, 0)
+    # backwards, so that the first of them is the one that stays blamed
     for a in range(run.closed[0] - 1, -1, -1):
         if run.lifted[a] > 0:
             blame(run, fault, run.closed_link_ends[a, 0], run.closed_link_ends[a, 1])
@@ -419,6 +424,7 @@ def land_on_meeting(run: Run) -> None:
     if reason != SOUND:
         run.piece[0].verdict = reason
         return
+    # an event within a spacing of t still moves the march on
     trial.t = max(trial.t, np.nextafter(now.t, np.inf))
     reached = trial.h == run.spans[WHOLE_STEP] or trial.t >= run.spans[AIM]
     trial.t = run.spans[AIM] if reached else trial.t

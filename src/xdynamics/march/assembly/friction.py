@@ -333,6 +333,7 @@ def sweep_all(run: Run, first: int, rows: int) -> float:
             attempt = 2 * turn
             bound_all(run, first, rows)
             if try_contact_sets(run, first, rows):
+                # turns count from 1, so that no other attempt is made
                 attempt = 0
             elif turn == SWEEPS_BEFORE_PIVOTS and pivots_settle(run, first, rows):
                 break
@@ -416,6 +417,7 @@ def renew_bounds(run: Run, first: int, rows: int) -> float:
         at_least, at_most = old == run.vectors[LEAST, row], old == run.vectors[MOST, row]
         bound_row(run, row)
         new = min(max(run.vectors[LEAST, row], old), run.vectors[MOST, row])
+        # friction at its bound goes with it, also where the bound widens
         new = run.vectors[MOST, row] if at_most else (run.vectors[LEAST, row] if at_least else new)
         run.vectors[X, row] = new
         largest_change = max(largest_change, abs(new - old))

@@ -111,6 +111,7 @@ def shares_hold(run: Run, first: int, rows: int) -> bool:
         bound_row(run, row)
         low, x, high = run.vectors[LEAST, row], run.vectors[X, row], run.vectors[MOST, row]
         near = RESTLESS * (high - low)
+        # exactly at a bound, or `choose_sets` would let it hold
         run.vectors[X, row] = low if x <= low + near else (high if x >= high - near else x)
     return try_contact_sets(run, first, rows) and all_held(run, first, rows)
 
@@ -162,12 +163,14 @@ def press_closed(run: Run, t: float, state: State) -> None:
         prepare_patterns(run)
     look_at_closed(run, t, state)
     left = solve_closed(run)
+    # negated, so that a nan residual stays
     run.spans[STRAIN] = left if not left <= run.spans[STRAIN] else run.spans[STRAIN]
     for a in range(run.closed[0]):
         row = closed_link_row(run, a)
         run.loads[a] = run.vectors[X, row] * run.vectors[SCALE, row]
         run.remains[a] = -run.vectors[RESIDUE, row] / run.vectors[SCALE, row]
         run.pulls[a] = run.vectors[X, row + 1] * run.vectors[SCALE, row + 1] if grip_at(run, a) != FRICTIONLESS else 0.0
+    # before forces are shared, which changes who holds how much but not the motion
     add_answers(run, state, run.plan[0].used)
     if run.counters[ROWS] == 2:
         share_forces(run)
@@ -196,6 +199,7 @@ def project_on_links(run: Run, t: float) -> None:
             worst = max(worst, abs(run.vectors[GAPS, row]))
             run.vectors[RIGHT, row] = -run.vectors[GAPS, row] * run.vectors[SCALE, row]
             if run.counters[ROWS] == 2:
+                # slips have no positions to be put back to
                 run.vectors[RIGHT, row + 1], run.vectors[SCALE, row + 1] = 0.0, 0.0
         if worst == 0.0 or not worst < worst_before / 2.0:
             break

@@ -163,6 +163,7 @@ def enlist(run: Run, k: int, gap: float, slack: float) -> int:
         blame(run, BOUNCED, c, link)
         run.spans[DEPTH] = pattern.links[0].coefficient
         return -1
+    # kept in the order of numbers: closed links are listed from these, and `closed_index` halves that list
     while list_index > 0 and is_listed_after(run, list_index - 1, c, link):
         move_listed_link(run, list_index - 1, list_index)
         list_index -= 1
@@ -581,6 +582,7 @@ def impulse_residual(run: Run) -> float:
     for a in range(run.counters[TOGETHER]):
         if run.touching[a, ACTS] == 1.0:
             above = gap_rate(run, a) + run.touching[a, TARGET_RATE]
+            # min(w, x) vanishes only where both are non-negative and one of them is zero
             worst = max(worst, abs(min(above, run.touching[a, IMPULSE] * run.touching[a, OWN])))
             if run.counters[ROWS] == 2 and run.touching[a, RUBS] == 1.0:
                 self_response, load = run.touching[a, SLIP_OWN], run.touching[a, IMPULSE] + run.touching[a, GIVES_BACK]

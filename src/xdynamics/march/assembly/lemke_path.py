@@ -94,6 +94,7 @@ def take_up(run: Run, row: int, n: int, changes: int, piece: int) -> int:
     """Let a link go on to a piece next to its own; return how many products are beside the factors then."""
     scale, slip_scale = run.vectors[SCALE, row], run.vectors[SCALE, row + 1]
     piece_before, holds = int(run.vectors[PIECE, row]), HOLDS in (int(run.vectors[PIECE, row]), piece)
+    # of the two pieces the one that may slide, for `slip_sign`
     run.vectors[PIECE, row] = piece_before if piece in (OPENS, HOLDS) else piece
     drag = slip_sign(run, row) * ratio_of(run, row)
     run.vectors[PIECE, row] = piece
@@ -379,6 +380,7 @@ def place_within(run: Run, row: int, room: float) -> None:
 @jit_separate
 def follow_crossings(run: Run, first: int, rows: int, n: int, t: float, max_crossings: int, astray: float) -> bool:
     """Follow the path from a t on to zero; whether it leads there. `FORCE` has its impulses."""
+    # changes begin as if used up, so that the first turn factors
     t_direction, changes, crossed_row, crossed_end = -1.0, MOST_CHANGES, -1, 0
     for _ in range(max_crossings):
         if changes >= MOST_CHANGES:
@@ -415,6 +417,7 @@ def next_crossing(
         for end in range(count_piece_ends(run, row)):
             slope = room_to_piece_end(run, row, end, FORCE_SLOPE, RATE_SLOPE)
             if slope * t_direction < 0.0 and not (row == crossed_row and end == crossed_end):
+                # rounding may have put a link slightly beyond its end
                 length = max(0.0, (-room_to_piece_end(run, row, end, FORCE, RATE) / slope - t) * t_direction)
                 if length < shortest:
                     nearest_row, nearest_end, shortest = row, end, length

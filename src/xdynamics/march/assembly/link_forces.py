@@ -125,6 +125,7 @@ def is_short(run: Run, a: int, rate: float, fall: float) -> bool:
     """Whether a motion that begins with a rate is as low as a bounce of a link that may be skipped."""
     c = run.candidates[int(run.touching[a, CANDIDATE]), ASSEMBLY]
     height = run.assemblies[c].rest_height
+    # heights of bounces are as the squares of their speeds
     return rate * rate <= (2.0 * fall * height if height >= 0.0 else LOW * run.greatest[1 + c] * run.greatest[1 + c])
 
 
@@ -141,6 +142,7 @@ def bounce_time(run: Run, a: int) -> float:
 def passes_soon(run: Run, a: int, slip: float, brake: float) -> bool:
     """Whether a slip that is braked goes no farther, and lasts no longer, than a bounce of its link that may be skipped."""
     fall = falling(run, a)
+    # with this speed `is_short` compares how far it slides, slip**2/(2 brake), with the height of a bounce
     return slip <= brake * bounce_time(run, a) and is_short(run, a, slip * sqrt(fall / brake), fall)
 
 

@@ -255,6 +255,7 @@ def close_in(run: Run, start: float, end: float, of_gaps: bool) -> None:
         # two zeros have no secant: halve, in plain Python as in machine code, where 0/0 is nan
         s = low + at_low / (at_low - at_high) * width if at_low != at_high else nan
         s = s + INSIDE * tolerance if low_is_nearer else s - INSIDE * tolerance
+        # secants may creep: bisect while the bracket is over half of what it was at the last third turn
         if not low < s < high or width > earlier / 2.0:
             s = (low + high) / 2.0
         earlier = width if turns % 3 == 0 else earlier
@@ -366,6 +367,7 @@ def any_release(run: Run) -> bool:
 @jit_separate
 def part_with_release(run: Run, h: float) -> float:
     """A part of a step by whose end something seems to happen to a closed link; 0 where nothing does."""
+    # forces looked at on the way are no part of the march: what their equations leave must not end it
     strain, share = run.spans[STRAIN], 0.0
     note_margins(run, LAST)
     if run.release_functions[SINCE, 0] != run.now[0].t:

@@ -91,6 +91,7 @@ def pose_equations(run: Run, first: int, rows: int, n: int, drags: bool) -> floa
                 run.problem[i, j] = response_along(run, run.basis[i]) * run.vectors[SCALE, run.basis[i]]
                 largest = max(largest, abs(run.problem[i, j]))
                 entry_index = run.chains[entry_index]
+        # one row is enough, as both rows of a link read the same coordinates
         clear_responses(run, row, 1)
     return largest
 
@@ -132,6 +133,7 @@ def factor_rows(run: Run, n: int, smallest_pivot: float) -> int:
 @jit_separate
 def exchange_rows(run: Run, n: int, k: int, second_row: int) -> None:
     """Exchange two equations."""
+    # one column more, which has the order of equations
     for j in range(n + 1 if second_row != k else 0):
         run.problem[k, j], run.problem[second_row, j] = run.problem[second_row, j], run.problem[k, j]
 
@@ -322,6 +324,7 @@ def reduce_residual(run: Run, enough: float, first: int, count: int) -> None:
     energy = scalar_product(run, RESIDUE, IMAGE, first, count)
     for _ in range(2 * count + LEAST_TURNS):
         bent = scalar_product(run, WAY_IMAGE, WAY_IMAGE, first, count)
+        # negated, so that nan ends it
         if not (energy > 0.0 and bent > 0.0):
             return
         length = energy / bent
@@ -352,11 +355,13 @@ def solve_unilateral(run: Run, first: int, count: int) -> float:
 @jit_separate
 def solve_bounded(run: Run, first: int, count: int) -> float:
     """Solve W x = b where bounds do not hinder it, from an x within bounds on; return the residual, as above."""
+    # row sums bound the spectral norm of the symmetric W; projected steps below 2 over that always descend
     right_size, step, restarts = largest_entry(run, RIGHT, first, count), 1.0 / greatest_answer(run, first, count), 0
     renew_gradient(run, first, count)
     for _ in range(MOST_TURNS * (count + LEAST_TURNS)):
         share = gradient_violation(run, first, count)
         if share <= ENOUGH * max(right_size, largest_entry(run, X, first, count)):
+            # the gradient carried along has gathered rounding: the true one decides
             renew_gradient(run, first, count)
             share = gradient_violation(run, first, count)
             restarts += 1

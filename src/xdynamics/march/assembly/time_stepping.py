@@ -71,10 +71,12 @@ def step_links(run: Run, t1: float) -> None:
         fastest = max(fastest, abs(run.y[i]), abs(run.z[i]))
     run.spans[FASTEST], run.spans[RESIDUAL] = fastest, 0.0
     solved = list_pressed(run, h)
+    # `list_pressed` left the middle of the step there
     for i in range(2 * n):
         run.z[i] = run.half[i]
     if run.counters[TOGETHER] == 0 or not (solved and push_listed_links(run)):
         return
+    # impulses act at the middle, so that they move positions for half the step only
     for i in range(n):
         run.z[i] += h / 2.0 * (run.z[n + i] - run.half[n + i])
     evaluate_forces(run, t1, run.z)
@@ -98,6 +100,7 @@ def list_pressed(run: Run, h: float) -> bool:
     n, accelerations, piece = run.plan[0].coordinates, run.plan[0].used, run.piece[0]
     for i in range(n):
         run.z[i], run.z[n + i] = run.y[i] + h / 2.0 * run.y[n + i], run.y[n + i]
+        # boxes are bounds of Hermite's quintic, which reads accelerations at both ends
         run.z[accelerations + i] = run.y[accelerations + i]
     if run.counters[READY] == 0:
         prepare_patterns(run)

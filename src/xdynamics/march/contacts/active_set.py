@@ -70,6 +70,7 @@ def assign_part(run: Run, k: int) -> None:
         return
     touch.way = 1 if rate > 0.0 else -1
     if touch.hit == GRIP and (still or touch.state == STICKING):
+        # what begins to slip moves against the force that held it; its rate is still rounding
         touch.way, still = (-1 if number_of_force(run, k) > 0.0 else 1), False
     elif touch.hit == SLIP:
         still = True
@@ -173,6 +174,7 @@ def release_redundant(run: Run) -> None:
             for k in range(j):
                 total -= run.square[i * count + k] * run.square[j * count + k] * run.column[k]
             if i != j:
+                # a pivot of zero marks a released reaction, which takes no part in later rows
                 run.square[i * count + j] = total / run.column[j] if run.column[j] > 0.0 else 0.0
             elif total > ALIKE * run.delassus[run.chosen[i], run.chosen[i]]:
                 run.column[i] = total
@@ -240,6 +242,7 @@ def bounce(run: Run, t: float) -> bool:
             leaves = run.reactions[k].role == NORMAL and touch.near == 1 and touch.state == OPEN and touch.hit != PULL
             if leaves and touch.way == 0 and ((impact and ends_soon(run, k, t)) or unseen(run, k, t)):
                 touch.state, changed = SETTLING, True
+                # kinetic energy of this rate, whose effective mass is the inverse of its own effect
                 touch.lost = run.links[k].rate * run.links[k].rate / (2.0 * run.delassus[k, k])
             touch.way = 1 if leaves else touch.way
         if not changed:
@@ -291,6 +294,7 @@ def ends_soon(run: Run, k: int, t: float) -> bool:
     duration = 2.0 * rate / fall if touch.hit == GAP else last_duration * q
     time_left, size = duration / (1.0 - q), size_of_gap(run, k)
     limit = t + time_left
+    # before any prediction the limit is -inf, and the distance from it inf
     touch.doubt = min(time_left, abs(limit - touch.limit))
     touch.limit = limit
     # what rounding of the gap and of t leaves uncertain of a time that every bounce passes on to the next

@@ -73,6 +73,7 @@ def solve_complementarity(run: Run, n: int) -> bool:
         worst = i if run.problem[i, 2 * n + 1] < run.problem[worst, 2 * n + 1] else worst
     if n == 0 or run.problem[worst, 2 * n + 1] >= 0.0:
         return True
+    # entering where q is most negative, the artificial unknown leaves no entry of q below zero
     entering = 2 * n
     row = worst
     for _ in range(MOST_TURNS * n):
@@ -81,6 +82,7 @@ def solve_complementarity(run: Run, n: int) -> bool:
         if leaving == 2 * n:
             take_solution(run, n)
             return True
+        # the complement of what left enters: of every pair but one an unknown stays zero
         entering = leaving + n if leaving < n else leaving - n
         row = least_ratio(run, n, entering)
         if row < 0:
@@ -146,6 +148,7 @@ def take_solution(run: Run, n: int) -> None:
     """Read the unknowns z that are in the basis."""
     for i in range(n):
         if n <= run.basis[i] < 2 * n:
+            # rounding may have put it a little below zero
             run.solution[run.basis[i] - n] = max(0.0, run.problem[i, 2 * n + 1])
 
 
@@ -211,6 +214,7 @@ def place_unknowns(run: Run) -> int:
     for k in range(m):
         touch = run.touches[k]
         # a power of two, by which scaling is exact
+        # scaled twice, a diagonal entry is from 1/2 up to 2, whatever the units of gaps and masses
         touch.scale = ldexp(1.0, -(frexp(run.delassus[k, k])[1] // 2))
         touch.place = n
         n += 1 if touch.part == PRESSING else (3 if touch.part == GRIPPING else 0)
@@ -222,6 +226,7 @@ def place_unknowns(run: Run) -> int:
         if touch.part == PRESSING:
             run.effects[k, touch.place] = 1.0
         elif touch.part == GRIPPING:
+            # friction is the difference of two non-negative unknowns; a third is how much the grip slips
             run.effects[k, touch.place], run.effects[k, touch.place + 1] = 1.0, -1.0
         elif touch.part == SLIDING:
             normal = run.touches[run.reactions[k].normal]

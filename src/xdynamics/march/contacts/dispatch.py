@@ -178,6 +178,8 @@ def step_in_time(run: Run, t1: float) -> None:
     for i in range(2 * n):
         run.half[i] = run.z[i]
     for i in range(n):
+        # the middle with velocities from before the step: restitution multiplies those rates, not the ones of the
+        # free motion
         run.z[i], run.z[n + i] = run.y[i] + h / 2.0 * run.y[n + i], run.y[n + i]
     look_at_links(run, middle)
     find_closed_contacts(run)
@@ -189,6 +191,7 @@ def step_in_time(run: Run, t1: float) -> None:
         change = 0.0
         for k in range(run.touches.shape[0]):
             change += run.responses[k, i] * run.touches[k].found
+        # impulses act at the middle, so that they move positions for half the step only
         run.z[i], run.z[n + i] = run.half[i] + h / 2.0 * change, run.half[n + i] + change
     evaluate_forces(run, t1, run.z)
     for k in range(run.touches.shape[0]):

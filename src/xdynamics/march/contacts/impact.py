@@ -58,6 +58,7 @@ def phase_slopes(
     ratio = min(max(holding, -friction_ratio), friction_ratio)
     if slip != 0.0:
         ratio = -friction_ratio if slip > 0.0 else friction_ratio
+    # exact: clamping returns `holding` itself where friction can hold
     sticks = slip == 0.0 and ratio == holding
     return ratio, self_response + across * ratio, 0.0 if sticks else across + slip_response * ratio
 
@@ -73,6 +74,7 @@ def end_of_phase(
     reached, step = 0.0, -speed / opening if opening > 0.0 else inf
     if phase == RESTITUTION:
         reached = sqrt(max(0.0, speed * speed + 2.0 * opening * work))
+        # (reached - speed)/opening without its cancellation, and also where opening is zero
         step = 2.0 * work / (reached + speed) if reached + speed > 0.0 else 0.0
     until = -slip / sliding if slip * sliding < 0.0 else inf
     halts = until < step
@@ -222,6 +224,7 @@ def strike_at_once(run: Run, law: int) -> bool:
             return False
         if not any_contact_approaches(run):
             return True
+    # what still approaches after so many rounds is stopped without restitution
     return press_contacts(run, ALL, 0.0)
 
 

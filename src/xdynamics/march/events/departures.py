@@ -161,6 +161,7 @@ def find_sides(run: Run) -> None:
 @jit_separate
 def find_sides_from_rest(run: Run) -> None:
     """Do so for functions whose rates are zero, or not known, a moment later."""
+    # `take_departure` still reads the slopes at the state itself; `arguments` is scratch space here
     copy_numbers(run.slopes, run.arguments)
     step_ahead(run, run.y, moment(run))
     call_law(run.law[DETECT], run, run.z, run.far_g, 0)
@@ -303,6 +304,7 @@ def judge_actions(run: Run) -> None:
             instant.resets = max(instant.resets, int(run.detectors[i].action == _RESET))
             note_pause(run, i)
     met_number = place_met(run)
+    # the last state met is the one before this action: an action that changes nothing leads nowhere back
     leads_back = 0 <= met_number < instant.states - 1
     full = met_number < 0 and instant.states >= run.met_states.shape[0]
     if now.status == RUNNING and (leads_back or full):
@@ -329,6 +331,7 @@ def note_pause(run: Run, i: int) -> None:
     """
     departure, t, tolerance = run.departures[i], run.trial[0].t, event_resolution(run, i, 0.0)
     pause = t - departure.last
+    # two actions at one instant are judged by the states that are met there, see `judge_actions`
     if pause == 0.0:
         return
     ratio = max(pause / departure.pause, departure.pause / departure.earlier) if departure.pause < inf else inf
@@ -339,6 +342,7 @@ def note_pause(run: Run, i: int) -> None:
         departure.longest = pause if departure.short == 0 else max(departure.longest, pause)
         departure.short += 1
     halved = departure.short >= FEWEST and pause <= departure.longest / 2.0
+    # `earlier` becomes finite with the third pause: one ratio alone says nothing of a series
     if (time_left <= tolerance and departure.earlier < inf) or halved:
         if halved:  # of a geometric series, from how much its last terms have shrunk together
             time_left = departure.short * pause * pause / (departure.longest - pause)

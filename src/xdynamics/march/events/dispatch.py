@@ -94,6 +94,7 @@ def begin_events(run: Run) -> None:
 def search_trial(run: Run) -> int:
     """Look for events in the trial: REASON_EVENT if it holds one, SOUND if it holds none and stays as it is."""
     now, trial = run.now[0], run.trial[0]
+    # a zero in the run's last trial cannot be left to a later step
     growth, final = run.kept[0].growth, trial.landing in (AT_NODE, AT_BOTH) and now.node >= run.nodes.shape[0]
     set_time(run, T, now.t)
     call_law(run.law[DETECT], run, run.y, run.g, 0)
@@ -104,6 +105,7 @@ def search_trial(run: Run) -> int:
     if isolate(run, final):
         return REASON_EVENT
     restore_trial(run)
+    # substeps of a stepper that proposes its next step leave proposals of their own
     run.kept[0].growth, run.piece[0].cut = growth, int(run.piece[0].substeps > 0)
     check_contact_row(run, trial.t)
     return SOUND
@@ -117,6 +119,7 @@ def shrink_to_domain(run: Run, reason: int) -> int:
     tolerance = 2.0 * EPS * max(abs(now.t), abs(now.t + high))
     for _ in range(MOST_SUBSTEPS // 2):
         s = (low + high) / 2.0
+        # between adjacent floats the rounded middle is one of them
         if high - low <= tolerance or not low < s < high:
             break
         substep(run, s)
@@ -129,6 +132,7 @@ def shrink_to_domain(run: Run, reason: int) -> int:
         trial.landing = AT_BORDER
         store_trial(run)
         is_event_free(run)
+        # True: beyond the border there is no later step that might find a zero left to it
         if isolate(run, True) or ends_near_event(run):
             return REASON_EVENT
         if not run.plan[0].adaptive and low > max(tolerance, event_resolution(run, 0, low)):

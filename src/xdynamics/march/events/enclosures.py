@@ -182,6 +182,7 @@ class _Lines(FunctionLines):
     def array(self, name: str) -> str:
         """Write where an array begins."""
         entry_address = self.word_address("%run", WORDS * list(ARRAYS).index(name))
+        # a run's arrays stay where they are; without the mark LLVM would load their addresses again after every store
         return self.line("p", f"load ptr, ptr {entry_address}, align 8, !invariant.load !0").text
 
     def field(self, record: Any, array: str, name: str) -> LaneValue:
@@ -265,6 +266,7 @@ def enclose_table(run: Run, row: int, target: int, a: int, drive: int, of_time: 
     """Enclose a drive or its slope over the pieces of the table that the argument passes through."""
     low, high, flaw = run.under[a], run.over[a], run.flaws[a]
     first, count = run.places[3 * drive], run.places[3 * drive + 1]
+    # negated, so that a nan bound is unbounded too
     if not (low > -inf and high < inf):
         store_bounds(run, target, -inf, inf, UNBOUNDED)
         return
@@ -281,6 +283,7 @@ def enclose_table(run: Run, row: int, target: int, a: int, drive: int, of_time: 
             c3, c2, c1, c0 = 0.0, 3.0 * c3, 2.0 * c2, c1
         # Bernstein coefficients of the cubic between the two
         u, w = from_, to - from_
+        # of which the least and the greatest bound the cubic
         b0 = ((c3 * u + c2) * u + c1) * u + c0
         b1 = b0 + w * (((3.0 * c3 * u) + 2.0 * c2) * u + c1) / 3.0
         z0 = ((c3 * to + c2) * to + c1) * to + c0
@@ -341,6 +344,7 @@ def stays_in_region(run: Run) -> bool:
         elif sort == OTHER:
             enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, k, k + 1, ALL)
             low, high = run.under[run.rows[k, 1]], run.over[run.rows[k, 1]]
+        # negated, so that nan counts as outside the box
         if not (run.region[BOX + j] <= low and high <= run.region[BOX + n + j]):
             return False
     return True
@@ -351,7 +355,11 @@ def coordinate_bounds(run: Run, i: int) -> tuple[float, float]:
     """Bounds of a coordinate between the states y and z, in few operations: they contain `enclosures.coordinate`'s."""
     n, used, w = run.plan[0].coordinates, run.plan[0].used, run.trial[0].h
     q0, v0, a0, q1, v1, a1 = run.y[i], run.y[n + i], run.y[used + i], run.z[i], run.z[n + i], run.z[used + i]
+    # inner Bernstein coefficients of Hermite's quintic are q + h v/5 and q + 2 h v/5 + h**2 a/20: the sums below
+    # reach beyond both
     slant0, slant1, bend0, bend1 = 0.4 * w * v0, -0.4 * w * v1, 0.05 * w * w * a0, 0.05 * w * w * a1
+    # `odd` vanishes for every quartic and `even` for every cubic: they shrink faster with the step than the motion
+    # does
     odd = abs((q1 - q0) - 0.5 * w * (v0 + v1) + (w * w * (1.0 / 12.0)) * (a1 - a0))
     even = abs(w * (v1 - v0) - 0.5 * w * w * (a0 + a1))
     size = max(abs(q0), abs(q1)) + abs(slant0) + abs(slant1) + abs(bend0) + abs(bend1)

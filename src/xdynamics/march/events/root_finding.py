@@ -186,6 +186,7 @@ def narrow_bracket(run: Run, i: int, left: float) -> None:
     low, high, at_low = left, run.located[0].h, watch.before
     if run.detectors[i].interpolant:
         substep(run, run.piece[0].full)  # the interpolant is that of the whole step's stages
+    # nan where the left end is not the start of the piece: see `note_event_in_piece`
     if run.plan[0].apart or not is_plain(run, i) or isnan(at_low):
         at_low = start_of(run, i, low)
     if run.detectors[i].interpolant and low > 0.0 and sign_of(at_low) != watch.armed:
@@ -202,12 +203,14 @@ def narrow_bracket(run: Run, i: int, left: float) -> None:
     if not run.plan[0].apart and believed and is_plain(run, i):
         narrow_by_rates(run, i, low, at_low, time_tolerance, position)
         low, at_low, high, at_high = watch.left, watch.before, run.located[0].h, run.located_g[i]
+    # kappa_1 of ITP, over the first width: truncation then does not depend on the unit of time
     slack, scale = bisection_reach(high - low, tolerance), 0.2 / (high - low)
     for _ in range(MOST_SUBSTEPS - 1):
         if high - low <= tolerance or (high - low <= time_tolerance and abs(at_high) <= position):
             break
         if sign_of(at_low) != watch.armed:  # too small to be trusted, unlike the side
             at_low = -at_high if at_high != 0.0 else float(watch.armed)
+        # ITP's radius eps*2**(n - j) - (b - a)/2 allows one substep beyond bisection's (Oliveira, Takahashi, 2021)
         s = point_inside(itp(low, high, at_low, at_high, scale, slack - (high - low) / 2.0), low, high, tolerance)
         slack = slack / 2.0
         if not low < s < high:
@@ -301,6 +304,7 @@ def polish(run: Run, i: int, at_high: float) -> None:
     watch, t = run.watches[i], run.now[0].t
     low, high, at_low = watch.left, watch.right, watch.before
     root = low if at_high == 0.0 else (at_high * low - at_low * high) / (at_high - at_low)
+    # two spacings of t beyond the root, or rounding might leave it on the near side
     s = root + 2.0 * EPS * max(abs(t), abs(t + high))
     if not low < s < high:
         return
@@ -371,6 +375,7 @@ def event_kind(run: Run, i: int) -> int:
 def bisection_reach(width: float, tolerance: float) -> float:
     """(tolerance/2) * 2**(n + 1), with n the halvings that bisection needs: the slack of ITP's first step."""
     slack = tolerance
+    # doubling is exact and needs no logarithm
     while slack < width:
         slack = 2.0 * slack
     return slack

@@ -45,6 +45,7 @@ def take_sides(run: Run) -> None:
             if detector.role in (SWITCH, KINK):
                 zero = zero or run.g[i] == 0.0
                 if detector.drive < 0:
+                    # the call stands first: `or` would skip it once anything has changed
                     changed = take_side(run, i, sign_of(run.g[i]) if run.g[i] != 0.0 else detector.at_zero) or changed
         if not changed:
             break
@@ -250,6 +251,7 @@ def passed_into(run: Run, i: int) -> int:
         run.places[3 * detector.drive + 2],
         find_table_piece(run, i, run.z, argument_motion(run, i, run.z)),
     )
+    # distances to the piece's two ends, as `enter_piece` scales them: the passed end has the lesser
     upwards = (
         run.modes[mode_index + 3] - run.modes[mode_index + 2] * x
         < run.modes[mode_index] * x + run.modes[mode_index + 1]
@@ -278,6 +280,7 @@ def enter_piece(run: Run, i: int, piece: int) -> None:
     right = piece < count - 1 and not isnan(run.tables[constant + 1])
     if piece == count - 3 and isnan(run.tables[first + 5 * count - 1]):  # a last value that holds at one point only
         right = not last_piece_is_point(run, i)
+    # an end with nothing beyond keeps the distance 1, so that it is never reached
     run.modes[mode_index] = inverse if left else 0.0
     run.modes[mode_index + 1] = -(inverse * low) if left else 1.0
     run.modes[mode_index + 2] = inverse if right else 0.0

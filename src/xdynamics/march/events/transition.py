@@ -343,6 +343,7 @@ def shorten_to_event(run: Run) -> bool:
     trial.t = max(trial.t, np.nextafter(run.now[0].t, np.inf))
     reached = landing != AT_BORDER and (trial.h == whole_step or trial.t >= target)
     trial.t = target if reached else trial.t
+    # what the float moved by goes into the rest, so that their sum stays at the root
     if run.plan[0].doubled > 0:
         trial.rest = trial.rest + (located - trial.t)
     return bool(reached)
@@ -371,6 +372,7 @@ def land_on_roots(run: Run) -> None:
         t = trial.t + (trial.rest + latest)
         if not t > run.now[0].t:
             return
+        # what the float t could not take up of the move
         trial.rest = trial.rest + latest - (t - trial.t)
         propose_step_apart(run, t, t - run.now[0].t)
         evaluate_events(run)
@@ -484,6 +486,7 @@ def go_on_after_events(run: Run, reached: bool) -> None:
     if reached:
         status = now.status
         count_landing_apart(run)
+        # a stop or fault that the events brought about outweighs the landing's own
         now.status = now.status if status == RUNNING else status
     elif run.trial[0].h > 0.0:
         now.on_grid = 0

@@ -98,6 +98,7 @@ def tighten_slopes(run: Run) -> None:
     for i in range(run.detectors.shape[0]):
         watch, detector = run.watches[i], run.detectors[i]
         if watch.alive and detector.bend >= 0 and watch.flaw == SMOOTH:
+            # slopes on the piece differ from that at its start by at most the bend times the width
             at_start, to = run.under[detector.slope], run.over[detector.slope]
             watch.down = max(watch.down, at_start + min(0.0, below(watch.least_bend * w, run.plan[0].margin)))
             watch.up = min(watch.up, to + max(0.0, above(watch.most_bend * w, run.plan[0].margin)))
@@ -125,6 +126,7 @@ def classify_by_samples(run: Run, i: int) -> int:
     """Classify a function on a piece by its values at the ends alone; `up` becomes its mean slope."""
     watch, w, value_before, value_after = run.watches[i], run.piece[0].width, run.near_g[i], run.far_g[i]
     watch.down = watch.up = abs(value_after - value_before) / w
+    # rounding of the cuts may leave an eighth of the step a little longer than that
     if w * LOOKS > run.located[0].h * (1.0 + EPS):
         return OPEN
     if sign_of(value_before) != sign_of(value_after):
@@ -152,6 +154,7 @@ def cannot_reach_zero(value_before: float, value_after: float, down: float, up: 
     """Whether a function with these values at both ends and slopes between cannot reach zero (Piyavskii's tent)."""
     if value_before > 0.0 and value_after > 0.0:
         low = value_before + down * ((value_before - value_after + up * w) / (up - down))
+        # a tent that clears zero by its own rounding alone proves nothing
         return low > 8.0 * EPS * max(value_before, value_after)
     if value_before < 0.0 and value_after < 0.0:
         high = value_before + up * ((value_after - value_before - down * w) / (up - down))

@@ -85,6 +85,7 @@ def find_by_groups(run: Run, t: float, h: float, y: State, shifted: State, direc
     """
     used, w, differences = run.plan[0].used, run.w, run.plan[0].differences
     direction = first + run.entries.shape[0]
+    # columns of a group have no row in common: one evaluation gives all of them (Curtis, Powell, Reid, 1974)
     for group in range(run.groups.shape[0] - 1):
         begin, end = run.groups[group], run.groups[group + 1]
         if differences:
@@ -92,6 +93,7 @@ def find_by_groups(run: Run, t: float, h: float, y: State, shifted: State, direc
                 shifted[i] = y[i]
         for k in range(begin, end):
             column = run.entries[k, 1]
+            # zero marks a column that is not shifted yet: one with several entries is shifted once
             if w[direction + column] == 0.0:
                 w[direction + column] = shift_variable(run, h, y, shifted, column) if differences else 1.0
         if differences:
@@ -241,6 +243,7 @@ def corrected_by_groups(run: Run, k: int) -> bool:
         if not factorise(run.matrix, run.pivots, n):
             return False
         substitute(run.matrix, run.pivots, right, n)
+    # within one array the permutation would overwrite what is still to be read
     for i in range(n):
         corrections[i] = right[order[i]]
     for i in range(n):

@@ -82,6 +82,7 @@ def largest_correction(run: Run, h: float, y: State, weighed: bool) -> float:
             run.right[i] = larger(run.right[i], change)
             if change <= rounding_floor and scale < rounding_floor:
                 continue
+            # without a change the scale may be zero, too
             if change != 0.0:
                 largest = larger(largest, change / scale)
     return largest
@@ -184,6 +185,7 @@ def factorise_both(run: Run, h: float) -> bool:
             entry_index = matrix_index(run, row, column - n)
             matrix[entry_index] -= slope
             matrix[re + entry_index] -= slope
+    # before trying: factors that could not be made are of no step
     run.kept[0].factored = 0.0
     if not (factorised_in_band(run, size) if run.band.shape[0] > 0 else factorised_whole(run, size)):
         return False
@@ -305,6 +307,7 @@ def radau_step(run: Run, t: float, t1: float, h: float, y: State, z: State, samp
     recall_last_step(run)
     done = solve_stages(run, t, h, y, sample)
     leave_stages(run, y)
+    # the last node is 1: the third stage is the end of the step
     for i in range(used):
         z[i] = y[i] + run.stages[2 * used + i]
     evaluate_held(run, t1, z, h)
@@ -376,6 +379,7 @@ def begin_iteration(run: Run, h: float, attempt: int) -> None:
     step_memory = run.kept[0]
     guess_stages(run, h, 0.0 if attempt == AT_ITERATES else step_memory.step)
     step_memory.eta = max(step_memory.eta, EPS)
+    # RADAU5 takes the power 0.8; three quarters need square roots alone
     step_memory.eta = math.sqrt(step_memory.eta) * math.sqrt(math.sqrt(step_memory.eta))
     step_memory.theta = 0.0
     if attempt == AT_START:
@@ -444,10 +448,12 @@ def judge_iteration(run: Run, size: float, turn: int) -> int:
             return IN_VAIN
         step_memory.eta = eta
         remaining = step_memory.eta * size
+        # a power would be the C library's, whose bits differ between machines
         for _ in range(max_turns - turn):
             remaining *= step_memory.theta
         if remaining > max(tolerance, rounding):
             return IN_VAIN
+    # the next size is divided by it
     step_memory.change, step_memory.turns = max(size, EPS), turn
     if step_memory.eta * size <= tolerance or (turn == max_turns and size <= rounding):
         return DONE
