@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -9,6 +12,7 @@ import pytest
 import xdynamics as xd
 from cases.smooth_models import oscillator
 from xdynamics import Model
+from xdynamics.tubes.crossings import Crossings
 
 
 def watched(model: Model, **functions: str) -> Model:
@@ -86,3 +90,17 @@ def test_energies_and_observables() -> None:
     # two bounds of 1/2 k x**2 + 1/2 m v**2, each by its derivatives: as wide as the energies of the starts, to second order
     assert (tube.upper_total_energy - tube.lower_total_energy).max() < 0.0805
     assert tube.lower_load.attrs["units"] == "N"
+
+
+@pytest.mark.parametrize("rate", [(5.0, np.inf), (-np.inf, -5.0), (-np.inf, np.inf)])
+def test_a_rate_without_a_bound_bounds_no_value(rate: tuple[float, float]) -> None:
+    """Assert that a function that is positive in the middle of a step, and may change as fast as it likes, may be zero in it."""
+
+    def bounds(_proof: Any, time: np.ndarray) -> np.ndarray:
+        value = (1.0, 1.0) if time[0] == time[1] else (-1e300, 1e300)
+        return np.array([value, rate]).T
+
+    functions: Any = SimpleNamespace(bounds_in_step=bounds)
+    proof: Any = None
+    parts = [*Crossings(functions)._pieces_of_step(proof, np.array([0.0, 1.0]), 0)]
+    assert [sign for _, sign in parts] == [0]

@@ -161,7 +161,9 @@ class Crossings:
         value, rate = _steady(self.functions.bounds_in_step(proof, time)).T
         middle = boxes.point_box(float(boxes.midpoint(time)))
         # the mean value form, sharper than bounds over the whole piece where the rate is bounded
-        slope_term = boxes.multiply(rate, boxes.subtract(time, middle)) if np.isfinite(rate).all() else rate
+        # where one end of the rate is infinite, its other end bounds nothing: the time goes to both sides of the middle
+        is_bounded = np.isfinite(rate).all()
+        slope_term = boxes.multiply(rate, boxes.subtract(time, middle)) if is_bounded else np.array([-np.inf, np.inf])
         value = boxes.intersection(value, boxes.add(self.functions.bounds_in_step(proof, middle)[:, 0], slope_term))
         is_monotone = sign_of(rate) and depth < DEEPEST and not self.fine
         if (sign := sign_of(value)) or is_monotone or depth == 0:
