@@ -18,7 +18,7 @@ from cases.problems import oscillator
 from cases.verdicts import verified
 from xdynamics.archive import sandbox
 from xdynamics.archive.file_structure import size_faults, unused_dimensions
-from xdynamics.archive.sandbox import _Examiner
+from xdynamics.archive.sandboxed_reading import _Examiner
 from xdynamics.archive.seals import seal_file, tail_of
 
 

@@ -11,8 +11,9 @@ import pytest
 import xarray as xr
 
 from xdynamics.archive import seals
+from xdynamics.archive.content import content_digest
 from xdynamics.archive.integrity import variable_digest
-from xdynamics.archive.seals import content_digest, utf8_letters
+from xdynamics.archive.seals import utf8_letters
 from xdynamics.schema import EVENTS, SAMPLES, STEPS, TRIALS, Variable
 
 NUMBERS = np.arange(6.0).reshape(2, 3)

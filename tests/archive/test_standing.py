@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from xdynamics.archive.content import content_digest
 from xdynamics.archive.integrity import (
     check_unchanged,
     marched,
@@ -17,7 +18,6 @@ from xdynamics.archive.integrity import (
     selected_like,
     variable_digest,
 )
-from xdynamics.archive.seals import content_digest
 from xdynamics.faults import InputError
 from xdynamics.schema import LEFT_OUT_ATOL, SELECTION, SELECTION_OF
 

@@ -119,7 +119,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(segments, "BLOCK_ROWS", 50)
     monkeypatch.setattr(segments.Segments, "due", property(lambda self: not self.failed))
-    monkeypatch.setattr(segments.segment, "write_segment", full)
+    monkeypatch.setattr(segments, "write_segment", full)
     monkeypatch.setattr(Writer, "finish", full)
     with (
         pytest.warns(xd.ResumeWarning, match="no more segments of .*: No space left on device; the run goes on"),

@@ -16,7 +16,7 @@ from cases.stages import without_dates
 from cases.verdicts import verified
 from xdynamics.archive import writing
 from xdynamics.archive.seals import seal_file, utf8_letters
-from xdynamics.archive.stored_values import encoded_texts, text_form
+from xdynamics.archive.text_encoding import encoded_texts, text_form
 
 ASKED: dict[str, Any] = {"method": "heun", "rtol": 1e-6, "members_per_task": 2}
 AXES = {"vt": "20:40:5 m s-1", "y": [0.0, 1.0]}

@@ -14,7 +14,7 @@ import xdynamics as xd
 from cases.problems import oscillator
 from xdynamics.archive import writing
 from xdynamics.archive.integrity_checks import Examination
-from xdynamics.archive.sandbox import is_known
+from xdynamics.archive.sandboxed_reading import is_known
 from xdynamics.archive.seals import tail_of
 
 

@@ -10,7 +10,7 @@ import netCDF4
 import xarray as xr
 
 from xdynamics.archive.seals import seal_file, stored_digest
-from xdynamics.archive.stored_values import text_form
+from xdynamics.archive.text_encoding import text_form
 from xdynamics.archive.writing import Writer
 from xdynamics.record.flag_words import own_attributes
 

@@ -12,7 +12,7 @@ import xdynamics as xd
 from cases.chunked import chunked, ragged
 from cases.problems import MODELS
 from xdynamics.figures import excerpt
-from xdynamics.record.flag_words import rows_named
+from xdynamics.record.named_rows import rows_named
 
 LONG: dict[str, dict[str, Any]] = {
     "bouncing_ball": {"until": 10.0, "step": 5e-4},

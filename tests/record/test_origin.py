@@ -11,8 +11,8 @@ import pytest
 import xarray as xr
 
 from xdynamics.archive import integrity
+from xdynamics.archive.content import content_digest
 from xdynamics.archive.integrity import Origin, OriginalVariable, marched, remember_archive, variable_digest
-from xdynamics.archive.seals import content_digest
 
 
 def record() -> xr.Dataset:

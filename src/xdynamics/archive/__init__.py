@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from xdynamics.runtime.lazy_imports import entrance
 
 if TYPE_CHECKING:
+    from xdynamics.archive.content import content_digest
     from xdynamics.archive.folder_store import check_archive, check_target
     from xdynamics.archive.integrity import (
         check_states,
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
         without_stale_units,
     )
     from xdynamics.archive.reading import open_run, verify
-    from xdynamics.archive.seals import content_digest
     from xdynamics.archive.segments import clear_rest, discard, has_segments, stream
     from xdynamics.archive.store import check_source
     from xdynamics.archive.writing import save, save_many
@@ -31,7 +31,7 @@ _ROOMS = {
     "check_states": "integrity",
     "check_target": "folder_store",
     "check_unchanged": "integrity",
-    "content_digest": "seals",
+    "content_digest": "content",
     "digest_of_run": "integrity",
     "discard": "segments",
     "evaluated": "integrity",

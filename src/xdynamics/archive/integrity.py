@@ -14,16 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.seals import (
-    Seal,
-    content_digest,
-    digest_lines,
-    digests_in,
-    root_digest,
-    slabs,
-    stored_slabs,
-    utf8_letters,
-)
+from xdynamics.archive.content import content_digest
+from xdynamics.archive.seals import Seal, digest_lines, digests_in, root_digest, slabs, stored_slabs, utf8_letters
 from xdynamics.faults import InputError, numbered_lines
 from xdynamics.record import check_elements, own_attributes, plain
 from xdynamics.record.folding import is_chunked, labelled, unlabelled

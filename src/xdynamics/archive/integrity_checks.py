@@ -15,7 +15,7 @@ from xdynamics.archive.netcdf_library import DAMAGE, error_text, opened_file, re
 from xdynamics.archive.netcdf_library import stored_attributes as attributes_of
 from xdynamics.archive.seals import Seal, Tail, digests_in, letters_of, root_digest, stored_digest, volatile_digest
 from xdynamics.archive.store import Place
-from xdynamics.archive.stored_values import bytes_dim, text_form
+from xdynamics.archive.text_encoding import bytes_dim, text_form
 from xdynamics.faults import ArchiveError, numbered_lines
 from xdynamics.record.flag_words import own_attributes
 from xdynamics.schema import (

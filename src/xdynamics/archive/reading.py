@@ -15,11 +15,11 @@ from xdynamics.archive.folder_store import store_of
 from xdynamics.archive.integrity import remember_archive
 from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination, harmed
 from xdynamics.archive.netcdf_library import DAMAGE, error_text, opened_file, stored_attributes, with_library_lock
-from xdynamics.archive.sandbox import examine_sandboxed, is_known, is_seen, see
+from xdynamics.archive.sandboxed_reading import examine_sandboxed, is_known, is_seen, see
 from xdynamics.archive.seals import Tail, tail_of
 from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_of, open_shared
 from xdynamics.archive.store import Given, LocalFile, Place, location_of
-from xdynamics.archive.stored_values import text_form
+from xdynamics.archive.text_encoding import text_form
 from xdynamics.faults import ArchiveError, EditedWarning, InputError, KindWarning, first_names, numbered_lines, warn
 from xdynamics.record import faults_of
 from xdynamics.record.pint_records import quantified

@@ -20,10 +20,8 @@ from numpy.typing import NDArray
 
 from xdynamics.archive.netcdf_library import read_stored, with_library_lock
 from xdynamics.archive.netcdf_library import stored_attributes as attributes_of
-from xdynamics.archive.stored_values import text_form
-from xdynamics.record.flag_words import own_attributes, plain
-from xdynamics.record.run_dataset import check_dataset
-from xdynamics.record.unfolding import as_recorded
+from xdynamics.archive.text_encoding import text_form
+from xdynamics.record.flag_words import plain
 from xdynamics.schema import (
     BOUNDS,
     CIRCUMSTANCE,
@@ -41,7 +39,7 @@ from xdynamics.schema import (
 )
 
 if TYPE_CHECKING:
-    import xarray as xr
+    pass
 
 Array = NDArray[Any]
 
@@ -304,22 +302,3 @@ def volatile_digest(
 def _is_circumstance(name: str, attributes: Mapping[str, Any]) -> bool:
     """Whether a variable depends on circumstances; catalogues of 0.2 had theirs in the content digest."""
     return name == RUN_SEAL and attributes.get("role") == CIRCUMSTANCE
-
-
-def content_digest(run: xr.Dataset) -> str:
-    """Return the content digest that an archive of a Dataset would have.
-
-    Raises
-    ------
-    InputError
-        If it is no Dataset.
-    """
-    check_dataset(run)
-    run, digests = as_recorded(run), {}
-    for name, variable in run.variables.items():
-        seal = Seal(str(name), tuple(map(str, variable.dims)), variable.dtype)
-        for slab in stored_slabs(variable):
-            seal.update(slab)
-        digests[str(name)] = seal.hexdigest()
-    attributes = {str(name): own_attributes(array.attrs) for name, array in run.variables.items()}
-    return root_digest(digests, attributes, run.attrs)

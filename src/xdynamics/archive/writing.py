@@ -22,7 +22,7 @@ from xdynamics.archive.folder_store import check_suffix, made_folder, store_of
 from xdynamics.archive.integrity import Standing, check_cut, record_standing
 from xdynamics.archive.integrity_checks import compare_file
 from xdynamics.archive.netcdf_library import opened_file, with_library_lock
-from xdynamics.archive.sandbox import examine_sandboxed, know, see
+from xdynamics.archive.sandboxed_reading import examine_sandboxed, know, see
 from xdynamics.archive.seals import (
     CHUNKS,
     OTHER_CHUNK,
@@ -39,8 +39,8 @@ from xdynamics.archive.seals import (
 )
 from xdynamics.archive.shared_handles import identity_of
 from xdynamics.archive.store import GIVEN, FileBatch, Given, Place, check_file_name, location_of, resolve_links
-from xdynamics.archive.stored_values import EncodedTexts, encoded_texts
 from xdynamics.archive.target import LONGEST
+from xdynamics.archive.text_encoding import EncodedTexts, encoded_texts
 from xdynamics.faults import InputError, PartialRunWarning, numbered_lines, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.file_access import parse_model_text

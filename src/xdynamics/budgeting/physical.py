@@ -41,7 +41,8 @@ from xdynamics.model.motion import variables
 from xdynamics.model.parts import Parameter
 from xdynamics.model.uncertainty import Discrepancy, cholesky_factor, correlation_matrix, normal_quantile
 from xdynamics.record import unfold
-from xdynamics.record.flag_words import rows_named, words_of_flag
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.record.named_rows import rows_named
 from xdynamics.sweeping.axes import INITIAL_PREFIX
 from xdynamics.units import NUMBERS, Unit, coherent
 

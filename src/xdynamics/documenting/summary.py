@@ -27,8 +27,9 @@ from xdynamics.methods.scheme import DOUBLE_DOUBLE
 from xdynamics.model import Function, Model
 from xdynamics.record import of_elements
 from xdynamics.record.arguments import precision_of
-from xdynamics.record.flag_words import row_places, time_unit_of, words_of_flag
+from xdynamics.record.flag_words import time_unit_of, words_of_flag
 from xdynamics.record.folding import model_dimensions
+from xdynamics.record.named_rows import row_places
 from xdynamics.record.schemas import (
     ending_words,
     has_its_rows,

@@ -43,7 +43,8 @@ from xdynamics.model.motion import (
 from xdynamics.model.regime_model import switch_inputs, watched_by
 from xdynamics.model.switches import STEPPED_OVER, jumping_switches
 from xdynamics.reaction_names import contact_state, friction_state
-from xdynamics.record.flag_words import rows_named, words_of_flag
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.record.named_rows import rows_named
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import acceleration, rate, velocity
 

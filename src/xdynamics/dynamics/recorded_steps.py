@@ -37,8 +37,8 @@ from xdynamics.methods.scheme import DOUBLE_DOUBLE
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
 from xdynamics.model.reactions import reactions
-from xdynamics.record.flag_words import places_among
 from xdynamics.record.link_columns import FRICTION_STATE, link_names
+from xdynamics.record.named_rows import places_among
 from xdynamics.record.run_columns import state_name
 from xdynamics.record.schemas import RARE
 from xdynamics.schema import STEPS, at_closed

@@ -26,7 +26,7 @@ from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evalu
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
-from xdynamics.record.flag_words import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.unfolding import column_in_si, event_words
 from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import unit_suffix

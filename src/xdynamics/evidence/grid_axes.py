@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xdynamics.archive.stored_values import with_texts
+from xdynamics.archive.text_encoding import with_texts
 from xdynamics.elementary.bounds import EPS
 from xdynamics.faults import InputError
 from xdynamics.schema import EVIDENCE, SWEEP

@@ -15,7 +15,8 @@ from xdynamics.figures.element_maps import model_shapes
 from xdynamics.figures.marks import INK, escaped_text
 from xdynamics.figures.sheet import EVENT
 from xdynamics.reaction_names import contact_force, friction_force
-from xdynamics.record.flag_words import rows_named, words_of_flag
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.schemas import is_run
 from xdynamics.schema import at_event
 from xdynamics.shapes import split_element_name

@@ -17,7 +17,8 @@ from xdynamics.interchange.solution import Solution, solution
 from xdynamics.interchange.tables import frame, table
 from xdynamics.interchange.tree import states_on_side, tree
 from xdynamics.record import check_kind
-from xdynamics.record.flag_words import rows_of_events, time_unit_of, without_bounds, words_of_flag
+from xdynamics.record.flag_words import time_unit_of, without_bounds, words_of_flag
+from xdynamics.record.named_rows import rows_of_events
 from xdynamics.record.pint_records import is_quantified, quantified, teach, without_pint_units
 from xdynamics.schema import AT, AT_TIME, EVENTS, KINEMATIC, STEPS
 from xdynamics.simulation.single_run import model_of_run

@@ -14,7 +14,8 @@ from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
-from xdynamics.record.flag_words import rows_of_events, words_of_flag
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.record.named_rows import rows_of_events
 from xdynamics.schema import AT, EVENTS, STEPS
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,8 @@ import numpy as np
 from xdynamics.archive import without_stale_units
 from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.faults import InputError
-from xdynamics.record.flag_words import rows_named, without_bounds
+from xdynamics.record.flag_words import without_bounds
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import check_single
 from xdynamics.schema import BOUNDS, CLOSED_LINKS, EVENT_BOUNDS, EVENTS, KINEMATIC, SAMPLES, STEPS, TRIALS
 

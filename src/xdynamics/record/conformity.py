@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.reaction_names import JOINT
-from xdynamics.record.flag_words import plain, rows_named
+from xdynamics.record.flag_words import plain
 from xdynamics.record.folding import model_dimensions
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.schemas import are_rows_places, in_words_of, is_run, is_whole
 from xdynamics.schema import (
     ATOL_EFFECT,

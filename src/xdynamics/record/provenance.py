@@ -57,9 +57,6 @@ from xdynamics.units.unit import decimal_text
 if TYPE_CHECKING:
     import xarray as xr
 
-if TYPE_CHECKING:
-    pass
-
 
 @lru_cache
 def _versions_and_processor() -> dict[str, str]:
@@ -121,9 +118,6 @@ def delay_attributes(march: March) -> dict[str, Any]:
         "solver_breaking_points": BREAKING_POINTS.format(most=scheme.order + 1),
     }
 
-
-if TYPE_CHECKING:
-    pass
 
 PRECISION_WORDS = {
     FLOAT64: "float64, IEEE 754 binary64, round to nearest",

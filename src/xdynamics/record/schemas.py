@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from xdynamics.faults import InputError
-from xdynamics.record.flag_words import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.schema import (
     CHOSEN,
     CONVENTIONS,

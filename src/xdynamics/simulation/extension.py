@@ -25,7 +25,7 @@ from xdynamics.model.assemblies import assemblies, impulse_quantities
 from xdynamics.model.motion import REGIME_NUMBER, constants, decides, drive_pieces, evaluate_over_states
 from xdynamics.model.parts import Authorship
 from xdynamics.record.arguments import recorded_arguments
-from xdynamics.record.flag_words import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.schemas import log_description
 from xdynamics.schema import (
     END_MEMORY,

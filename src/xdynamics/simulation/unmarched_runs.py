@@ -31,8 +31,9 @@ from xdynamics.march import March, Settings
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.whole import is_read_by_quantity
-from xdynamics.record.flag_words import rows_named, without_bounds
+from xdynamics.record.flag_words import without_bounds
 from xdynamics.record.folding import fold, labelled
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import KNOWN_BEFORE
 from xdynamics.record.schemas import kind_description
 from xdynamics.schema import (

@@ -15,7 +15,7 @@ from xdynamics import archive
 from xdynamics.archive.folder_store import is_folder, made_folder, store_of
 from xdynamics.archive.integrity_checks import DAMAGED, Examination
 from xdynamics.archive.reading import read_values
-from xdynamics.archive.sandbox import know
+from xdynamics.archive.sandboxed_reading import know
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.shared_handles import keep_open
 from xdynamics.archive.store import Given, Place, TakenError, location_of

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.reading import read_columns
-from xdynamics.archive.sandbox import is_known, know
+from xdynamics.archive.sandboxed_reading import is_known, know
 from xdynamics.archive.seals import Tail
 from xdynamics.archive.store import GIVEN, Given, Place
 from xdynamics.dynamics.recorded_steps import step_columns, wanted_times

@@ -74,8 +74,7 @@ def run_of_elements(name: str, monkeypatch: pytest.MonkeyPatch, **asked: Any) ->
     """March a model with derivatives of single elements and matrices that are kept whole."""
     for module in (equation_solvers, newton_matrix):
         monkeypatch.setattr(module, "is_compressed", lambda _: False)
-    for module in ("line_writing", "step_programs"):
-        monkeypatch.setattr(f"xdynamics.kernels.{module}.is_compressed", lambda _: False)
+    monkeypatch.setattr("xdynamics.kernels.line_writing.is_compressed", lambda _: False)
     another = text_of(name).replace("[dimensions]", "[dimensions]\nanother = 2")  # a law of its own
     return xd.simulate(Model.from_text(another), **asked)
 

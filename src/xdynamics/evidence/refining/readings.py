@@ -24,7 +24,7 @@ from xdynamics.evidence.observables import observe
 from xdynamics.evidence.refining.subjects import ENERGY_RANGE, StudyQuantities
 from xdynamics.faults import InputError, internal_text
 from xdynamics.methods.scheme import REINTEGRATE
-from xdynamics.record.flag_words import rows_named
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.unfolding import get_column, whole_of
 from xdynamics.schema import FIRST_PASSED, PASSED, acceleration, rate, velocity
 

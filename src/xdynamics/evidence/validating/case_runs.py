@@ -33,7 +33,8 @@ from xdynamics.model.motion import constants, evaluate_over_states
 from xdynamics.model.parts import Validation
 from xdynamics.model.statement import BAND, ORDER, UNSCALED, exact_from
 from xdynamics.model.whole import expanded_tree
-from xdynamics.record.flag_words import rows_named, time_unit_of
+from xdynamics.record.flag_words import time_unit_of
+from xdynamics.record.named_rows import rows_named
 from xdynamics.record.unfolding import find_column, get_column, whole_of
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import AT, STEPS, acceleration, velocity

@@ -21,7 +21,8 @@ from xdynamics.model.linearisation import mass_matrices
 from xdynamics.model.motion import constants, drive_pieces, evaluate_over_states
 from xdynamics.model.reactions import DRY, Reaction, rate_dimension, reactions
 from xdynamics.reaction_names import contact_gap
-from xdynamics.record.flag_words import rows_named, time_unit_of
+from xdynamics.record.flag_words import time_unit_of
+from xdynamics.record.named_rows import rows_named
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import IMPACT, RESET_KIND, acceleration, velocity
 from xdynamics.units import parse_unit, spell, unit_suffix
