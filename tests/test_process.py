@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from xdynamics.archive import sandbox
+from xdynamics.archive import sandboxed_reading
 from xdynamics.kernels import Law, machine
 from xdynamics.march.configuration import settings_for
 from xdynamics.sweeping import tasks
@@ -90,17 +90,17 @@ def test_a_computed_sweep_is_saved_as_it_came(tmp_path: Path) -> None:
 
 def test_files_used_longest_ago_are_forgotten(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Assert that so many files are known, those used last, and that one that was forgotten is read all the same."""
-    monkeypatch.setattr(sandbox, "MOST_KNOWN", 2)
-    monkeypatch.setattr(sandbox, "_known_seals", type(sandbox._known_seals)())
+    monkeypatch.setattr(sandboxed_reading, "MOST_KNOWN", 2)
+    monkeypatch.setattr(sandboxed_reading, "_known_seals", type(sandboxed_reading._known_seals)())
     run = xd.simulate(xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"), method="rk4", step=0.1, until=0.3)
     paths = [xd.save(run.assign_attrs(title=str(i)), tmp_path / f"{i}.nc", derived="titles") for i in range(2)]
-    assert len(sandbox._known_seals) == 2
+    assert len(sandboxed_reading._known_seals) == 2
     with xd.open_run(paths[0]):
         pass
-    first = list(sandbox._known_seals)[-1]  # used last
+    first = list(sandboxed_reading._known_seals)[-1]  # used last
     paths.append(xd.save(run.assign_attrs(title="2"), tmp_path / "2.nc", derived="titles"))
-    assert len(sandbox._known_seals) == 2
-    assert first in sandbox._known_seals
+    assert len(sandboxed_reading._known_seals) == 2
+    assert first in sandboxed_reading._known_seals
     with xd.open_run(paths[1]) as forgotten:
         assert isinstance(forgotten, xr.Dataset)
         assert forgotten.attrs["title"] == "1"

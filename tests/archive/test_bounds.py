@@ -16,7 +16,7 @@ import pytest
 import xdynamics as xd
 from cases.problems import oscillator
 from cases.verdicts import verified
-from xdynamics.archive import sandbox
+from xdynamics.archive import sandboxed_reading
 from xdynamics.archive.file_structure import size_faults, unused_dimensions
 from xdynamics.archive.sandboxed_reading import _Examiner
 from xdynamics.archive.seals import seal_file, tail_of
@@ -215,7 +215,7 @@ def other() -> Any:
 def test_what_takes_too_long_is_ended(tmp_path: Path, other: _Examiner, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that the time that a file may take is bounded, and that the process then takes the next."""
     path = xd.save(xd.simulate(oscillator().model, step=1e-4, until=5.0), tmp_path / "run.nc")
-    monkeypatch.setattr(sandbox, "BYTES_PER_SECOND", 1e15)
+    monkeypatch.setattr(sandboxed_reading, "BYTES_PER_SECOND", 1e15)
     slow = other.examine(path, tail_of(path), seconds=1e-3)
     assert slow.faults == ("it takes more than 0.001 s to read, which no archive of its size does",)
     assert other.examine(path, tail_of(path)).faults == ()
@@ -269,7 +269,7 @@ def test_one_reader_reads_what_has_no_fault(tmp_path: Path, other: _Examiner, mo
 def test_where_no_process_can_be_had(tmp_path: Path, other: _Examiner, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that without an interpreter to start files are examined in this process."""
     path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
-    monkeypatch.setattr(sandbox.sys, "executable", None)
+    monkeypatch.setattr(sandboxed_reading.sys, "executable", None)
     assert other.examine(path, tail_of(path)).digest == verified(path)
     assert other._process is None
 
@@ -277,7 +277,7 @@ def test_where_no_process_can_be_had(tmp_path: Path, other: _Examiner, monkeypat
 def test_bytes_that_are_known_are_read_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that what this process wrote, or examined whole, needs no other process; one changed byte does."""
     path = xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), tmp_path / "run.nc")
-    monkeypatch.setattr(sandbox._EXAMINER, "_ask_reader", lambda *_: {"code": 1})
+    monkeypatch.setattr(sandboxed_reading._EXAMINER, "_ask_reader", lambda *_: {"code": 1})
     assert verified(path) == xd.content_digest(xd.open_run(path))
     content = bytearray(path.read_bytes())
     content[5000] ^= 1
@@ -291,4 +291,4 @@ def test_a_long_run_takes_no_more_memory_to_read(tmp_path: Path) -> None:
     run = xd.simulate(oscillator().model, step=1e-5, until=4.0, force_samples="none")
     path = xd.save(run, tmp_path / "long.nc")
     assert path.stat().st_size > 40_000_000
-    assert sandbox._EXAMINER.examine(path, tail_of(path), memory=20_000_000).faults == ()
+    assert sandboxed_reading._EXAMINER.examine(path, tail_of(path), memory=20_000_000).faults == ()

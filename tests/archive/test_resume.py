@@ -217,8 +217,8 @@ def test_no_segment_follows_one_that_failed(often: None, tmp_path: Path, monkeyp
             raise OSError(28, "No space left on device")
         return write(*given)
 
-    write, path = segments.segment.write_segment, tmp_path / "run.nc"
-    monkeypatch.setattr(segments.segment, "write_segment", written)
+    write, path = segments.write_segment, tmp_path / "run.nc"
+    monkeypatch.setattr(segments, "write_segment", written)
     stop = [False] * 7 + [True]
     with pytest.warns(xd.ResumeWarning, match="No space left on device; the run goes on"):
         run = xd.simulate(

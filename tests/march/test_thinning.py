@@ -459,17 +459,17 @@ def test_compressed_archive_has_the_same_digest_in_fewer_bytes(tmp_path: Path) -
         assert xd.save(run, tmp_path / "again.nc").stat().st_size < 0.7 * plain.stat().st_size
         xd.save(run, tmp_path / "loose.nc", compress=False)
     assert small.stat().st_size < 0.6 * plain.stat().st_size < 0.7 * (tmp_path / "loose.nc").stat().st_size
-    from xdynamics.archive import sandbox
+    from xdynamics.archive import sandboxed_reading
     from xdynamics.archive.seals import tail_of
 
-    found = sandbox._EXAMINER.examine(small, tail_of(small))
+    found = sandboxed_reading._EXAMINER.examine(small, tail_of(small))
     assert (found.faults, found.digest) == ((), verified(plain))
 
 
 @pytest.mark.dear
 def test_compressed_zeros_are_read_however_many(tmp_path: Path) -> None:
     """Assert that what compresses best, a body at rest in many columns, stays within what a reader takes for sound."""
-    from xdynamics.archive import sandbox
+    from xdynamics.archive import sandboxed_reading
     from xdynamics.archive.seals import tail_of
 
     names = [f"q{i}" for i in range(12)]
@@ -483,7 +483,7 @@ def test_compressed_zeros_are_read_however_many(tmp_path: Path) -> None:
     )
     path = tmp_path / "still.nc"
     xd.simulate(still, method="rk4", step=0.5, until=100_000.0, force_samples="none", path=path, compress=True).close()
-    found = sandbox._EXAMINER.examine(path, tail_of(path))
+    found = sandboxed_reading._EXAMINER.examine(path, tail_of(path))
     assert found.faults == ()
 
 

@@ -13,7 +13,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import oscillator
 from cases.verdicts import verified
-from xdynamics.archive import sandbox
+from xdynamics.archive import sandboxed_reading
 from xdynamics.evidence.stages import compute_datasets
 from xdynamics.sweeping import logs
 
@@ -72,10 +72,12 @@ def test_saving_logs_reads_each_file_once(grid: xr.Dataset, tmp_path: Path, monk
 def test_logs_of_files_of_others_are_those_of_own(grid: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the same bits where the files' bytes are not known to the process, and that all of them are examined then."""
     own = xd.open_logs(grid, "0:2:5 s").compute()
-    monkeypatch.setattr(sandbox, "_known_seals", OrderedDict())
+    monkeypatch.setattr(sandboxed_reading, "_known_seals", OrderedDict())
     asked: list[Path] = []
-    examine = sandbox._EXAMINER.examine
-    monkeypatch.setattr(sandbox._EXAMINER, "examine", lambda *given: asked.append(given[0]) or examine(*given))
+    examine = sandboxed_reading._EXAMINER.examine
+    monkeypatch.setattr(
+        sandboxed_reading._EXAMINER, "examine", lambda *given: asked.append(given[0]) or examine(*given)
+    )
     assert xd.open_logs(grid, "0:2:5 s").compute().identical(own)
     assert len({*asked}) == 4
 
@@ -83,8 +85,8 @@ def test_logs_of_files_of_others_are_those_of_own(grid: xr.Dataset, monkeypatch:
 def test_who_reads_for_another_need_not_examine_again(grid: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that tasks carry what is known of the files where they are described, for workers that know nothing."""
     lazy = xd.open_logs(grid, [0.5])
-    monkeypatch.setattr(sandbox, "_known_seals", OrderedDict())
-    monkeypatch.setattr(sandbox._EXAMINER, "examine", lambda *_: pytest.fail("examined"))
+    monkeypatch.setattr(sandboxed_reading, "_known_seals", OrderedDict())
+    monkeypatch.setattr(sandboxed_reading._EXAMINER, "examine", lambda *_: pytest.fail("examined"))
     assert np.isfinite(lazy.compute().x.values).all()
 
 
