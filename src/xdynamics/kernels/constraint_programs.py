@@ -102,7 +102,6 @@ def _projection_turn(layout: Layout) -> Program:
         new = lines.compute("add", old, lines.operand_of(change))
         selected_value = lines.compute("choose", lines.compute("more", is_applied, 0.0), new, old)
         lines.store(Location("z", layout.record.offset_of(owner)), selected_value)
-    # only the first turn sees what the step itself left; later ones see the projection's own
     first_share = lines.compute("choose", first, greatest_share, farthest)
     # a program cannot raise: nan goes to PROJECTION in `z`, which `sound` of the calling program covers
     lost = lines.compute("choose", lines.compute("more", failed, 0.0), float("nan"), first_share)

@@ -100,8 +100,7 @@ def pose_run(model: Model, settings: Settings, law: Law, log: Log, addresses: ND
         law=np.append(addresses, [law.sizing_address if plan["rounding"][0] > 0.0 else 0, solver.address()]),
         **log.arrays_by_name(),
     )
-    # compiled code has only the addresses of patterns, which keep nothing alive
-    run.keepalive = tuple(patterns)
+    run.keepalive = tuple(patterns)  # compiled code has their addresses alone
     if model.assemblies:
         run.p[-2:] = _address_words(run)
     return run

@@ -217,10 +217,8 @@ def _step_columns(about: About) -> list[Column]:
         add_column(
             entry, _long_name(about, reaction), units.known[reaction.name], _declared_attributes(model, reaction)
         )
-        # the first two flags of a row are its kind and its regime
         collected.append(Column(_state_of(about, reaction), _flag_taker(2 + k)))
-    collected += of_constraints(about)
-    collected += side_columns(about)
+    collected += [*of_constraints(about), *side_columns(about)]
     if layout.estimates and about.tolerances is not None:
         collected.append(Column(schema.ERROR_NORM, take_row(layout.row.offset_of("error_norm"), 1.0)))
     # the first block of errors is their norm; without an estimate there is none to pair
@@ -228,7 +226,6 @@ def _step_columns(about: About) -> list[Column]:
         add_column(error, f"estimated local error of {entry.name} in the step to this state", units.known[entry.name])
     if layout.low_parts:
         collected.append(Column(schema.REST_TIME, take_row(layout.row.offset_of(schema.REST_TIME.name), units.time)))
-        # the first block is what is left of the time
         rests = zip(layout.used.blocks, layout.low_parts.blocks[1:], strict=True)
         collected += [rest_column(about, entry, rest_block) for entry, rest_block in rests]
     return collected + effort_columns(layout)

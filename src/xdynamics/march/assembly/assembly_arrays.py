@@ -118,7 +118,6 @@ def arrays_of_assemblies(
         "normals": np.zeros((2 * rows_each * max_touching, widest)),
         "unit_responses": np.zeros((2 * rows_each * max_touching, widest)),
         "coordinate_indices": np.zeros((2 * rows_each * max_touching, widest), np.int64),
-        # the first number is how many
         "closed": np.zeros(1 + max_touching, np.int64),
         "greatest": np.zeros(1 + len(all_assemblies)),
         "closed_link_ends": np.zeros((max_touching, 4), np.int64),
