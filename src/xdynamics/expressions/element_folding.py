@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.expressions.tree import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number
+from xdynamics.expressions.tree import Along, Binary, Call, Compare, Element, Name, Negative, Node, Number, children
 from xdynamics.faults import InputError
 
 FEWEST_TERMS = 4  # of a sum that is folded; fewer are written one after the other
@@ -83,42 +83,25 @@ def folded_terms(function: str, terms: Sequence[Node]) -> Node | None:
     return Along(function, (term,), (dim,)) if reads_elements else None
 
 
-def _tables(node: Any) -> list[_ValueTable]:
+def _distinct_parts(node: Any) -> Iterator[Any]:
     # by identity: trees share their parts, and to hash one is to descend it
-    tables, seen, waiting = [], set[int](), [node]
-    while waiting:
-        part = waiting.pop()
-        if id(part) in seen:
-            continue
-        seen.add(id(part))
-        if isinstance(part, _ValueTable):
-            tables.append(part)
-        waiting += _operands(part)
-    return tables
-
-
-def _operands(node: Any) -> tuple[Any, ...]:
-    match node:
-        case Negative():
-            return (node.operand,)
-        case Binary() | Compare():
-            return (node.left, node.right)
-        case Call() | Along():
-            return node.arguments
-    return ()
-
-
-def _sum_depth(node: Node) -> int:
-    """Return the greatest depth among the sums of a tree; -1 without one."""
-    depth, seen, waiting = -1, set[int](), [node]
+    seen, waiting = set[int](), [node]
     while waiting:
         part = waiting.pop()
         if id(part) not in seen:
             seen.add(id(part))
-            if isinstance(part, Along) and part.dims and part.dims[0].startswith(f"{_TERMS}_"):
-                depth = max(depth, int(part.dims[0].rpartition("_")[2]))
-            waiting += _operands(part)
-    return depth
+            yield part
+            waiting += children(part)
+
+
+def _tables(node: Any) -> list[_ValueTable]:
+    return [part for part in _distinct_parts(node) if isinstance(part, _ValueTable)]
+
+
+def _sum_depth(node: Node) -> int:
+    """Return the greatest depth among the sums of a tree; -1 without one."""
+    sums = (part for part in _distinct_parts(node) if isinstance(part, Along) and part.dims)
+    return max((int(part.dims[0].rpartition("_")[2]) for part in sums if term_count(part.dims[0])), default=-1)
 
 
 def term_count(dim: str) -> int:
@@ -187,7 +170,7 @@ def _table_of_row(values: list[Any], dtype: Any, dim: str, name: str, positions:
 
 def _rank(node: Any) -> int:
     """Return which of several trees others can be written like: a sum before a product, a product before one factor."""
-    return (isinstance(node, Binary) and {"+": 3, "*": 2}.get(node.operator, 1)) or int(bool(_operands(node)))
+    return (isinstance(node, Binary) and {"+": 3, "*": 2}.get(node.operator, 1)) or int(bool(children(node)))
 
 
 def _is_numeric(node: Any) -> bool:
@@ -289,7 +272,7 @@ def _families(nodes: Sequence[Node]) -> list[list[int]]:
                 content = ("element", node.name)
             else:
                 words = [getattr(node, word, None) for word in ("operator", "function", "dims", "name")]
-                content = (type(node).__name__, *words, *map(tree_shape, _operands(node)))
+                content = (type(node).__name__, *words, *map(tree_shape, children(node)))
             shape_numbers[id(node)] = shapes.setdefault(content, len(shapes))
         return shape_numbers[id(node)]
 
