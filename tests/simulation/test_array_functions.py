@@ -106,6 +106,7 @@ CASES: dict[str, tuple[Any, Any, tuple[Any, ...]]] = {
         np.linspace(-1, 1, 14),
         (),
     ),
+    "turned round": (lambda t, y: -y * np.sum(np.arange(1.0, 15.0) * y[::-1]) / 99, bump(14) + 1, ()),
     "three bodies": (
         scripts.three_bodies_broadcast,
         [0.97, -0.243, -0.97, 0.243, 0, 0, 0.466, 0.432, 0.466, 0.432, -0.932, -0.865],
