@@ -236,15 +236,8 @@ def is_lazy(stage: xr.Dataset) -> bool:
 
 def blank_run(prepared: March) -> xr.Dataset:
     """Return a run without rows: names, units and words of its variables, before it is marched."""
-    import xarray as xr
-
-    variables = [column.variable for column in record.element_columns(prepared)]
-    run = xr.Dataset(
-        {
-            variable.name: xr.Variable(variable.dims, np.zeros([0] * len(variable.dims)), variable.attributes)
-            for variable in variables
-        }
-    )
+    sizes = dict.fromkeys((dim for column in record.columns(prepared) for dim in column.variable.dims), 0)
+    run = record.unfold(record.described(prepared, sizes))
     return run.assign_attrs(solver_method=prepared.settings.method.name, run_outcome="")
 
 

@@ -5,7 +5,7 @@ The polynomial that a step leaves, for the search for events or for delayed valu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -18,7 +18,7 @@ from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.methods.steppers import DIFFERENCES
-from xdynamics.model import Function, Model, linearisation
+from xdynamics.model import Model, linearisation
 from xdynamics.model.body_sections import unit_quaternions
 from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import TickChange, tick_changes
@@ -27,18 +27,16 @@ from xdynamics.model.elementwise import Lazy, own_mass
 from xdynamics.model.joints import joint_reactions
 from xdynamics.model.motion import energy_trees
 from xdynamics.model.reactions import NORMAL, reactions
-from xdynamics.model.statement import Statement
 from xdynamics.model.switches import Switch, smooth_switches
 from xdynamics.model.whole import (
     energies_of_quantities,
     expanded_tree,
     forces_by_coordinate,
-    motion_shapes,
     prints_quantities,
 )
 from xdynamics.reaction_names import PROJECTION, RANK
 from xdynamics.runtime.lazy_imports import cached_property
-from xdynamics.shapes import Shapes, at_element
+from xdynamics.shapes import at_element
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import Dimension, Scales
 
@@ -73,18 +71,12 @@ class Layout:
         return self.scheme is not None and self.scheme.estimates
 
     @cached_property
-    def declared(self) -> Statement:
-        """What the blocks are the quantities of: the statement with dimensions, or the one of their elements."""
-        return self.model.shaped if prints_quantities(self.model) else self.model.statement
-
-    @cached_property
-    def _shapes(self) -> Shapes | None:
-        return motion_shapes(self.model) if prints_quantities(self.model) else None
-
-    @cached_property
     def coordinates(self) -> Blocks:
         """The coordinates."""
-        return Blocks.from_names("coordinate", self.declared.coordinates, self._shapes)
+        return self._blocks("coordinate", self.model.shaped.coordinates)
+
+    def _blocks(self, role: str, names: Iterable[str]) -> Blocks:
+        return Blocks.from_names(role, names, self.model.shapes)
 
     @cached_property
     def velocities(self) -> Blocks:
@@ -94,7 +86,7 @@ class Layout:
     @cached_property
     def states(self) -> Blocks:
         """The first-order states."""
-        return Blocks.from_names("state", self.declared.states, self._shapes)
+        return self._blocks("state", self.model.shaped.states)
 
     @cached_property
     def accelerations(self) -> Blocks:
@@ -107,20 +99,22 @@ class Layout:
         return self.states.renamed("rate", schema.rate)
 
     @cached_property
-    def terms(self) -> Mapping[str, Mapping[str, Node | Function]]:
-        """What every force term is for every coordinate, as `declared` has them."""
-        return self.model.force_components if self._shapes is None else forces_by_coordinate(self.model)
+    def terms(self) -> Mapping[str, Blocks]:
+        """The coordinates that every force term acts on."""
+        derived = self.model.shaped.lagrangian is not None  # its forces are found element by element
+        terms = self.model.force_components if derived else forces_by_coordinate(self.model)
+        return {term: self._blocks("force", parts) for term, parts in terms.items()}
 
     @cached_property
     def forces(self) -> Blocks:
         """The force components, term by term."""
-        names = (schema.force(term, name) for term, parts in self.terms.items() for name in parts)
-        return Blocks.from_names("force", names, self._shapes)
+        renamed = (parts.renamed("force", partial(schema.force, term)) for term, parts in self.terms.items())
+        return Blocks(block for parts in renamed for block in parts.blocks)
 
     @cached_property
     def reactions(self) -> Blocks:
-        """Names of the forces of contacts and friction elements."""
-        return Blocks.from_names("reaction", (reaction.name for reaction in reactions(self.model)))
+        """The forces of contacts and friction elements."""
+        return self._blocks("reaction", (reaction.name for reaction in reactions(self.model)))
 
     @cached_property
     def constraint_diagnostics(self) -> Blocks:
@@ -130,7 +124,7 @@ class Layout:
     @cached_property
     def multipliers(self) -> Blocks:
         """The multipliers of constraints."""
-        return Blocks.from_names("multiplier", map(reaction_names.constraint_force, self.model.constraints))
+        return self._blocks("multiplier", map(reaction_names.constraint_force, self.model.constraints))
 
     @cached_property
     def applied_forces(self) -> Blocks:
@@ -139,8 +133,8 @@ class Layout:
 
     @cached_property
     def drives(self) -> Blocks:
-        """Names of the drives."""
-        return Blocks.from_names("drive", self.model.drives)
+        """The drives."""
+        return self._blocks("drive", self.model.drives)
 
     @cached_property
     def used(self) -> Blocks:
@@ -212,10 +206,8 @@ class Layout:
     @cached_property
     def computed(self) -> Blocks:
         """The blocks of `derived`."""
-        if self._shapes is None:
-            return Blocks.from_names("derived", self.derived)
-        return Blocks.from_names("derived", self.derived_quantities, self._shapes) + Blocks.from_names(
-            "derived", (*self.gaps, *self.constraint_outputs)
+        return self._blocks(
+            "derived", (*self._energies(), *self.model.shaped.observables, *self.gaps, *self.constraint_outputs)
         )
 
     @cached_property
@@ -286,14 +278,10 @@ class Layout:
         """The observables whose time derivatives events need; of those that depend on accelerations they are unknown."""
         if not self.watched:
             return Blocks(())
-        if self._shapes is None:
-            unknown, model = {*self.accelerations}, self.model
-            followed_names = [name for name in model.observables if not free_names(self._observed(name)) & unknown]
-            return Blocks.from_names("followed", followed_names)
-        unknown = {*map(schema.acceleration, self.model.shaped.coordinates)}
-        observed = {name: self.derived_quantities[name][1] for name in self.model.shaped.observables}
-        followed_names = [name for name, tree in observed.items() if not free_names(tree) & unknown]
-        return Blocks.from_names("followed", followed_names, self._shapes)
+        model = self.model
+        unknown = {*map(schema.acceleration, model.shaped.coordinates)}
+        trees = {name: expanded_tree(model, tree) for name, tree in model.shaped.observables.items()}
+        return self._blocks("followed", [name for name, tree in trees.items() if not free_names(tree) & unknown])
 
     @cached_property
     def row(self) -> Blocks:

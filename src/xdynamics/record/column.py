@@ -32,7 +32,6 @@ from xdynamics.march import LogBlock, March, Tolerances
 from xdynamics.march.log import PIECES
 from xdynamics.march.settings import Settings
 from xdynamics.model import Model
-from xdynamics.model.body_sections import AXES
 from xdynamics.model.constraints import conditions, multiplier_dimensions
 from xdynamics.model.controllers import controller_states
 from xdynamics.model.elementwise import element_blocks, own_mass
@@ -47,7 +46,6 @@ from xdynamics.reaction_names import (
     JOINT,
     PROJECTION,
     RANK,
-    constraint_force,
     constraint_rate,
     constraint_residual,
     joint_force,
@@ -58,7 +56,7 @@ from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import HELD, STEPS, Variable
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block as Quantity
-from xdynamics.shapes.naming import join_element_name, split_element_name
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import NONE, TIME, Dimension, Scales, Unit, parse_unit, spell
 
 Array = NDArray[Any]
@@ -122,7 +120,7 @@ class Units:
         self.scales = about.scales
         self.time = self.scales.si_factor(TIME)
         model, layout = about.model, about.layout
-        declared, dimensions, time = layout.declared, model.dimensions, model.time_unit
+        declared, dimensions, time = model.shaped, model.dimensions, model.time_unit
         self.known = {name: state.unit for name, state in declared.states.items()}
         for block in layout.coordinates.blocks:
             name, unit = block.name, declared.coordinates[block.name].unit
@@ -131,15 +129,17 @@ class Units:
             mass = dimension_of(own_mass(model.mass, layout.coordinates.offset_of(name)), dimensions)
             coordinate_dimension = dimensions[block.first]
             force_unit = spell(mass * coordinate_dimension / time.dimension**2, angle=coordinate_dimension == NONE)
-            for term, components in layout.terms.items():
-                if name in components:
-                    self.known[schema.force(term, name)] = force_unit
+            forces = [(term, part.name) for term, parts in layout.terms.items() for part in parts.blocks]
+            self.known |= {
+                schema.force(term, part): force_unit for term, part in forces if name in (part, quantity_of(part))
+            }
         reacting = reaction_dimensions(model) | multiplier_dimensions(model)
         self.known |= {
-            name: spell(dimension, angle=True) for name, dimension in reacting.items()
-        }  # J would be a torque
+            block.name: spell(reacting[block.first], angle=True)  # J would be a torque
+            for block in (layout.multipliers + layout.reactions).blocks
+        }
         self.known |= {schema.rate(name): state.unit.per(time) for name, state in declared.states.items()}
-        self.known |= {name: drive.table.value_unit for name, drive in model.drives.items()}
+        self.known |= {name: drive.table.value_unit for name, drive in declared.drives.items()}
 
     def factor(self, unit: Unit) -> float:
         """Return the factor from internal numbers to a unit."""
@@ -150,9 +150,9 @@ class Units:
         layout, name = self.about.layout, block.name
         if name in schema.ENERGIES:
             return spell(layout.energy_dimension or NONE)
-        if name in layout.gaps:
-            return spell(dimension_of(layout.gaps[name], self.about.model.dimensions))
-        observable = layout.declared.observed.get(name)
+        if block.first in layout.gaps:
+            return spell(dimension_of(layout.gaps[block.first], self.about.model.dimensions))
+        observable = self.about.model.shaped.observed.get(name)
         if observable is not None and observable.unit is not None:
             return observable.unit
         if prints_quantities(self.about.model):  # not element by element: a sum may have a million terms
@@ -279,7 +279,7 @@ def of_first_order(about: About) -> Iterator[tuple[Quantity, str]]:
     layout, model = about.layout, about.model
     held_states = controller_states(model.controllers, model.time_unit)
     for state, rate in zip(layout.states.blocks, layout.rates.blocks, strict=True):
-        long_name = layout.declared.states[state.name].description or f"state {state.name}"
+        long_name = model.shaped.states[state.name].description or f"state {state.name}"
         if state.name in held_states:
             yield state._replace(role=HELD), long_name
         else:
@@ -289,31 +289,31 @@ def of_first_order(about: About) -> Iterator[tuple[Quantity, str]]:
 
 def of_constraints(about: About) -> Iterator[Column]:
     """Yield the columns of constraints along the steps."""
-    layout, units = about.layout, about.units
-    for condition in conditions(about.model):
-        name = condition.name
-        constraint = about.model.shaped.constraints[quantity_of(name)]
-        noun = constraint.description or f"constraint {name}"
-        made = constraint_force(name)
+    layout, units, model = about.layout, about.units, about.model
+    computed, first = {block.name: block for block in layout.computed.blocks}, 0
+    for multiplier in layout.multipliers.blocks:
+        owner = quantity_of(conditions(model)[first].name)
+        constraint = model.shaped.constraints[owner]
+        noun = constraint.description or f"constraint {owner}"
         words = f"multiplier of {noun}: the force on a coordinate is it times the derivative"
-        yield _constraint_column(
-            about, made, units.known[made], words, "multiplier", _constraint_attributes(constraint)
-        )
-        for made, words in (
-            (constraint_residual(name), f"how far positions are from {noun}"),
-            (constraint_rate(name), f"how fast velocities leave {noun}"),
+        attributes = _constraint_attributes(constraint)
+        yield row_column(about, multiplier, units.known[multiplier.name], words, "multiplier", attributes)
+        for name, words in (
+            (constraint_residual, f"how far positions are from {noun}"),
+            (constraint_rate, f"how fast velocities leave {noun}"),
         ):
-            if made in layout.constraint_outputs:
-                unit = spell(dimension_of(layout.constraint_outputs[made], about.model.dimensions))
-                yield _constraint_column(about, made, unit, words, "residual", {})
-    yield from _of_joints(about)
+            if (block := computed.get(name(owner))) is not None:
+                unit = spell(dimension_of(layout.constraint_outputs[block.first], model.dimensions))
+                yield row_column(about, block, unit, words, "residual", {})
+        first += multiplier.size
+    yield from _of_joints(about, computed)
     if layout.constraint_diagnostics:
         index = layout.row.offset_of(RANK.name)
         yield Column(RANK, lambda block: block.log.rows[index, : block.rows].astype("i4"))
         yield Column(PROJECTION, take_row(layout.row.offset_of(PROJECTION.name), 1.0))
 
 
-def _of_joints(about: About) -> Iterator[Column]:
+def _of_joints(about: About, computed: Mapping[str, Quantity]) -> Iterator[Column]:
     """Yield the columns of the force and the torque in each joint, along the axes of space."""
     for name, joint in about.model.joints.items():
         first, second = joint.bodies
@@ -322,14 +322,18 @@ def _of_joints(about: About) -> Iterator[Column]:
         )
         more = {"acts_on": first, "acts_from": second}
         for noun, made, unit in (("force", joint_force(name), "N"), ("torque", joint_torque(name), "N m")):
-            for axis in AXES:
-                if (owner := join_element_name(made, [axis])) in about.layout.constraint_outputs:
-                    yield _constraint_column(about, owner, parse_unit(unit), f"{noun} {where}", JOINT, more)
+            if made in computed:
+                yield row_column(about, computed[made], parse_unit(unit), f"{noun} {where}", JOINT, more)
 
 
-def _constraint_column(about: About, name: str, unit: Unit, long_name: str, role: str, more: dict[str, str]) -> Column:
-    variable = Variable(name, (STEPS,), "f8", unit.text, long_name, role, more)
-    return Column(variable, take_row(about.layout.row.offset_of(name), about.units.factor(unit)))
+def row_column(
+    about: About, quantity: Quantity, unit: Unit, long_name: str, role: str, more: Mapping[str, Any]
+) -> Column:
+    """Return the column of a quantity of the logged rows."""
+    variable = Variable(quantity.name, (STEPS, *quantity.dims), "f8", unit.text, long_name, role, dict(more))
+    return Column(
+        variable, take_row(about.layout.row.offset_of(quantity.name), about.units.factor(unit), quantity.shape)
+    )
 
 
 def _constraint_attributes(constraint: Constraint) -> dict[str, str]:

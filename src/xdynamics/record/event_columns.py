@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,10 +32,18 @@ from xdynamics.model.detectors import (
 )
 from xdynamics.model.elementwise import own_mass
 from xdynamics.model.parts import Contact, Event, Friction
-from xdynamics.record.column import About, Column, multiply_values, take_event_field, take_row_numbers
+from xdynamics.record.column import (
+    About,
+    Column,
+    multiply_values,
+    shapes_with_switches,
+    take_event_field,
+    take_row_numbers,
+)
+from xdynamics.record.folded_columns import detector_columns
 from xdynamics.record.folding import quantity_of
 from xdynamics.record.link_columns import assembly_columns, impact_laws
-from xdynamics.schema import EVENTS, Variable
+from xdynamics.schema import ELEMENT_NAME, EVENTS, Variable
 from xdynamics.shapes.blocks import Block as Quantity
 from xdynamics.units import Dimension, Unit, spell
 
@@ -75,11 +84,30 @@ def event_columns(about: About) -> list[Column]:
     collected += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
     if about.layout.is_doubled:
         collected.append(Column(schema.REST_EVENT_TIME, take_event_field("rest", "f8", time)))
-    collected.append(_detector_column(about))
+    collected += detector_columns(_detector_column(about), shapes_with_switches(about.model))
     collected += _function_columns(about)
     collected += _position_columns(about)
     collected += _observable_columns(about, take_uncertainty)
-    return [*collected, *_impact_columns(about), *assembly_columns(about)]
+    return _without_repeats([*collected, *_impact_columns(about), *assembly_columns(about)])
+
+
+def _without_repeats(columns: list[Column]) -> list[Column]:
+    """Return columns each once: of elements at which an event was, be it located by a detector or by links of many."""
+    collected: dict[str, Column] = {}
+    for column in columns:
+        name = column.variable.name
+        collected[name] = _combined_places(collected[name], column) if name in collected else column
+    return [*collected.values()]
+
+
+def _combined_places(first_column: Column, second_column: Column) -> Column:
+    """Return a column of places that has those of two columns, each of which has none where the other has one."""
+
+    def take_places(block: LogBlock) -> Array:
+        places = first_column.take(block)
+        return np.where(places == schema.NOWHERE, second_column.take(block), places)
+
+    return Column(first_column.variable, take_places)
 
 
 def _detector_column(about: About) -> Column:
@@ -357,37 +385,36 @@ def _position_columns(about: About) -> list[Column]:
 def _observable_columns(about: About, uncertainty: Callable[[LogBlock], Array]) -> list[Column]:
     """Return the observables at the accepted states, and their uncertainty due to that of the event's time."""
     units, layout, collected = about.units, about.layout, []
-    rates = list(layout.followed)
+    rates = {block.name for block in layout.followed.blocks}
 
-    def value_taker(line_index: int, factor: float) -> Callable[[LogBlock], Array]:
-        def take_values(block: LogBlock) -> Array:
-            # events name rows of the whole march, and the block begins at its base
-            rows = block.log.events["row_before"][: block.events] - int(block.log.base[0]["rows"])
-            return multiply_values(block.log.rows[line_index, rows], factor)
+    def take_values(lines: slice, shape: tuple[int, ...], factor: float, block: LogBlock) -> Array:
+        # events name rows of the whole march, and the block begins at its base
+        rows = block.log.events["row_before"][: block.events] - int(block.log.base[0]["rows"])
+        return multiply_values(block.log.rows[lines, rows].T.reshape(-1, *shape), factor)
 
-        return take_values
-
-    def doubt_taker(line_index: int, factor: float) -> Callable[[LogBlock], Array]:
-        return lambda block: (
-            multiply_values(np.abs(block.log.rates[line_index, : block.events]), factor) * uncertainty(block)
-        )
+    def take_doubts(lines: slice, shape: tuple[int, ...], factor: float, block: LogBlock) -> Array:
+        slopes = np.abs(block.log.rates[lines, : block.events]).T.reshape(-1, *shape)
+        return multiply_values(slopes, factor) * uncertainty(block).reshape(-1, *[1] * len(shape))
 
     other_columns = {*schema.ENERGIES, *layout.gaps, *layout.constraint_outputs}
     observed = (
-        [quantity for quantity in layout.computed.blocks if quantity.name not in other_columns]
+        [quantity for quantity in layout.computed.blocks if quantity.first not in other_columns]
         if layout.watched
         else []
     )
-    units_by_name = [(name, units.derived(quantity)) for quantity in observed for name in quantity.elements()]
-    for name, unit in units_by_name:
-        variable = Variable(
-            f"event_{name}", (EVENTS,), "f8", unit.text, f"{name} at the state before the event", "event"
-        )
-        collected.append(Column(variable, value_taker(layout.row.offset_of(name), units.factor(unit))))
+    for quantity in observed:
+        name, shape, unit, dims = quantity.name, quantity.shape, units.derived(quantity), (EVENTS, *quantity.dims)
+        long_name = f"{name} at the state before the event"
+        first = layout.row.offset_of(name)
+        take = partial(take_values, slice(first, first + quantity.size), shape, units.factor(unit))
+        collected.append(Column(Variable(f"event_{name}", dims, "f8", unit.text, long_name, "event"), take))
         if name in rates:
             long_name = f"uncertainty of {name} at the event by event_time_uncertainty"
-            variable = Variable(f"event_{name}_uncertainty", (EVENTS,), "f8", unit.text, long_name, "event")
-            collected.append(Column(variable, doubt_taker(rates.index(name), units.factor(unit) / units.time)))
+            more = {ELEMENT_NAME: f"event_{name}{{}}_uncertainty"} if quantity.dims else {}
+            variable = Variable(f"event_{name}_uncertainty", dims, "f8", unit.text, long_name, "event", more)
+            first = layout.followed.offset_of(name)
+            lines = slice(first, first + quantity.size)
+            collected.append(Column(variable, partial(take_doubts, lines, shape, units.factor(unit) / units.time)))
     return collected
 
 

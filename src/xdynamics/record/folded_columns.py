@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,12 +34,12 @@ from xdynamics.record.folding import (
     about_dimensions,
     attributes_of_element,
     attributes_of_quantity,
-    expand_quantities,
-    quantity_names,
+    names_as_words,
 )
 from xdynamics.schema import (
     CLOSED_LINKS,
     DETECTOR_DIMENSIONS,
+    ELEMENTS,
     EVENTS,
     NOWHERE,
     SAMPLES,
@@ -56,30 +57,22 @@ from xdynamics.units import NUMBERS
 
 Array = NDArray[Any]
 
-DETECTOR = "event_detector"
 
-
-def fold_columns(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
-    """Make one column of the elements of each quantity."""
-    if not shapes.dims:
-        return [*columns]
+def stacked_columns(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
+    """Make one column of those of the elements of each quantity, of which there may be some alone."""
     by_name = {column.variable.name: column for column in columns}
     quantities = Names(shapes).by_quantity(by_name)
-    of_name = {name: quantity for quantity in quantities.values() for name in quantity.members.values()}
-    collected: dict[str, Column] = {}
-    for name, column in by_name.items():
-        quantity = of_name.get(name)
-        if quantity is not None and quantity.name not in collected:
-            members = {number: by_name[member] for number, member in quantity.members.items()}
-            variables = {number: member.variable for number, member in members.items()}
-            collected[quantity.name] = Column(
-                _quantity_variable(quantity, variables), _quantity_taker(quantity, members)
-            )
-        elif name == DETECTOR:
-            collected |= {column.variable.name: column for column in _detector_columns(column, shapes)}
-        elif quantity is None:
-            collected[name] = _combined_places(collected[name], column) if name in collected else column
-    return [*collected.values()]
+    stacked = {member for quantity in quantities.values() for member in quantity.members.values()}
+    collected = [column for name, column in by_name.items() if name not in stacked]
+    for quantity in quantities.values():
+        members = {number: by_name[member] for number, member in quantity.members.items()}
+        variable = _quantity_variable(quantity, {number: member.variable for number, member in members.items()})
+        collected.append(Column(variable, partial(_take_stacked, quantity, members)))
+    return collected
+
+
+def _take_stacked(quantity: QuantityElements, members: Mapping[int, Column], block: LogBlock) -> Array:
+    return quantity.stacked({number: member.take(block) for number, member in members.items()})
 
 
 def split_columns(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
@@ -211,24 +204,7 @@ def _quantity_variable(quantity: QuantityElements, elements: Mapping[int, Variab
     )
 
 
-def _quantity_taker(quantity: QuantityElements, members: Mapping[int, Column]) -> Callable[[LogBlock], Array]:
-    """Take all elements: a view of the log, where they are there one after the other in the record's unit."""
-    lines = [members[number].take for number in range(quantity.size)] if len(members) == quantity.size else []
-    first = lines[0] if lines else None
-    if isinstance(first, LineOf) and all(
-        line == replace(first, index=first.index + number) for number, line in enumerate(lines)
-    ):
-        count = quantity.size
-
-        def view(block: LogBlock) -> Array:
-            table = first.lines_in_unit(block, slice(first.index, first.index + count))
-            return table.T.reshape(-1, *quantity.shape)
-
-        return view
-    return lambda block: quantity.stacked({number: member.take(block) for number, member in members.items()})
-
-
-def _detector_columns(column: Column, shapes: Shapes) -> list[Column]:
+def detector_columns(column: Column, shapes: Shapes) -> list[Column]:
     """Return which detector an event is of, and along each dimension of which element."""
     words = str(column.variable.more["flag_meanings"]).split()
     quantities = Names(shapes).by_quantity(words)
@@ -269,16 +245,6 @@ def _end_columns(column: Column, shapes: Shapes, dim: str, links: Array, *, sing
         end_variable = place_variable(name, dim, target_dim, shapes.extent(target_dim))
         collected.append(_table_column(column, end_variable, places.astype(np.int32)))
     return collected
-
-
-def _combined_places(first_column: Column, second_column: Column) -> Column:
-    """Return a column of places that has those of two columns, each of which has none where the other has one."""
-
-    def take_places(block: LogBlock) -> Array:
-        places = first_column.take(block)
-        return np.where(places == NOWHERE, second_column.take(block), places)
-
-    return Column(first_column.variable, take_places)
 
 
 def element_at(name: str, dim: str, target_dim: str) -> str:
@@ -372,64 +338,67 @@ def logged_numbers(name: str, size: int, march: March) -> NDArray[np.int64]:
     return np.ravel_multi_index(np.ix_(*places), shapes.shape(tuple(dims))).ravel()
 
 
-def logged_quantities(names: Sequence[str], march: March) -> dict[str, QuantityElements]:
-    """Gather elements by their quantities as a record has them, without those that its log leaves out."""
-    shapes, logged = march_shapes(march)
-    quantities = Names(shapes).by_quantity(name for name in names if split_element_name(name)[0] not in logged.dims)
-    return quantities | Names(logged).by_quantity(name for name in names if name in march.settings.log)
+def logged_column(column: Column, log: Sequence[str], model_shapes: Shapes, logged: Shapes) -> Column:
+    """Return a column with those elements alone that a log names, where it does not name the quantity.
+
+    Along each dimension they are all that any of its names has; what no name says is missing.
+    """
+    variable, name = column.variable, column.variable.name
+    if name not in logged.dims:
+        return column
+    dims, shape = logged.dims[name], logged.shape(logged.dims[name])
+    quantity = Names(logged).by_quantity(entry for entry in log if split_element_name(entry)[0] == name)[name]
+    model_dims = [dim.removeprefix(logged_of("")) for dim in dims]
+    extents = tuple(map(model_shapes.extent, model_dims))
+    numbers = {
+        number: number_of_element(member, extents)  # among all elements of the model
+        for number, member in quantity.members.items()
+    }
+    size = math.prod(extent.size for extent in extents)
+    attributes = attributes_of_quantity(
+        {
+            number: (quantity.members[number], attributes_of_element(variable.more, whole_number, size))
+            for number, whole_number in numbers.items()
+        },
+        quantity.size,
+    )
+    outer_dims = tuple(dim for dim in variable.dims if dim not in model_dims)
+
+    def take_logged(block: LogBlock) -> Array:
+        values = column.take(block).reshape(-1, size)
+        return quantity.stacked({number: values[:, whole_number] for number, whole_number in numbers.items()})
+
+    assert math.prod(shape) == quantity.size  # noqa: S101 - both are the union of the names
+    return Column(replace(variable, dims=(*outer_dims, *dims), more=attributes | quantity.more), take_logged)
 
 
-def fold_logged_columns(columns: Sequence[Column], log: Log, shapes: Shapes) -> list[Column]:
-    """Make one column of each quantity, of which some elements are logged of these alone."""
-    logged = shapes_of_log(log, shapes)
-    if not logged.dims:
-        return fold_columns(columns, shapes)
-    single = {column.variable.name for column in columns if split_element_name(column.variable.name)[0] in logged.dims}
-    fully_logged = fold_columns([column for column in columns if column.variable.name not in single], shapes)
-    return [*fully_logged, *fold_columns([column for column in columns if column.variable.name in single], logged)]
-
-
-def with_elements(available: Iterable[Column], log: Sequence[str], shapes: Shapes) -> list[Column]:
-    """Return columns with the elements that a log names in the place of their quantity, unless it names that too."""
-    elements_by_quantity: dict[str, list[str]] = {}
-    for name in dict.fromkeys(log):
-        if DOT in name:
-            elements_by_quantity.setdefault(split_element_name(name)[0], []).append(name)
-    collected: list[Column] = []
-    for column in available:
-        if (quantity := column.variable.name) in elements_by_quantity.keys() - {*log}:
-            element_columns = NamedColumns([column], shapes)
-            collected += [
-                element_columns[name] for name in elements_by_quantity[quantity] if name in element_columns
-            ] or [column]
-        else:
-            collected.append(column)
-    return collected
-
-
-def check_logged(log: Sequence[str], available: Sequence[Column], shapes: Shapes) -> tuple[str, ...]:
-    """Return the names of a log, those of all elements in the place of quantities that have a column for each.
+def check_logged(log: Sequence[str], available: Sequence[Column], shapes: Shapes) -> None:
+    """Check that a log names what it can have.
 
     Raises
     ------
     InputError
         If a name is no column of the log.
     """
-    by_rows = [name for column in available if (name := column.variable.name) and is_by_rows(column)]
-    names, known_names, quantities = expand_quantities(log, by_rows, shapes), {*by_rows}, quantity_names(by_rows)
-    for name in names:
+    by_rows = {name: column for column in available if (name := column.variable.name) and is_by_rows(column)}
+    for name in log:
         quantity, labels = split_element_name(name)
-        if name in known_names or (quantity in log and Names(shapes).by_quantity([name])):
+        if name in by_rows or (quantity in by_rows and _has_element(by_rows[quantity], name, shapes)):
             continue
-        dims = next((column.variable.dims[1:] for column in available if column.variable.name == quantity), ())
-        if labels and dims:
+        if labels and any(c.variable.name == quantity and c.variable.dims[1:] for c in available):
             shapes.internal_name(display_text(name), "log names")  # refuses what the model has not
             raise InputError(f"log names '{display_text(name)}': '{quantity}' is not recorded of it")
-        meant = suggestion(display_text(name), quantities).partition("; there are")[0]
+        meant = suggestion(display_text(name), tuple(by_rows)).partition("; there are")[0]
         raise InputError(
-            f"log names '{display_text(name)}', which is no column of this run's log{meant}; there are {first_names(quantities)}"
+            f"log names '{display_text(name)}', which is no column of this run's log{meant}; there are {first_names(by_rows)}"
         )
-    return names
+
+
+def _has_element(column: Column, name: str, shapes: Shapes) -> bool:
+    """Whether a column has an element: of a quantity that some elements lack those are listed."""
+    listed = str(column.variable.more.get(ELEMENTS, "")).split()
+    known = Names(shapes).by_quantity([name]).keys() == {column.variable.name}
+    return known and (not listed or names_as_words([name]) in listed)
 
 
 def is_by_rows(column: Column) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -26,6 +27,7 @@ from xdynamics.record.column import (
     of_constraints,
     of_first_order,
     rest_column,
+    row_column,
     shapes_with_switches,
     side_columns,
     smooth_switch_passes,
@@ -39,16 +41,16 @@ from xdynamics.record.folded_columns import (
     NamedColumns,
     check_logged,
     dimension_variables,
-    fold_logged_columns,
     is_by_rows,
+    logged_column,
     logged_numbers,
-    logged_quantities,
     march_shapes,
     parameter_variables,
+    shapes_of_log,
     split_columns,
-    with_elements,
+    stacked_columns,
 )
-from xdynamics.record.folding import attributes_of_quantity, quantity_of
+from xdynamics.record.folding import quantity_of
 from xdynamics.record.link_columns import any_rubs, link_names, written_link_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
@@ -65,24 +67,18 @@ OF_STATES = (*schema.OF_MOTION, "error")
 
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
-    return fold_logged_columns(_selected_columns(march), march.settings.log, shapes_with_switches(march.layout.model))
+    settings, model = march.settings, march.layout.model
+    about = About.for_settings(march.layout, settings, samples=settings.samples)
+    available = [*_all_columns(about), *written_link_columns(about)]
+    if settings.log == FULL:
+        return available
+    rubbing = link_names(model) if any_rubs(assemblies(model)) else []
+    return _logged(available, settings.log, shapes_with_switches(model), rubbing)
 
 
 def element_columns(march: March) -> list[Column]:
     """Return the same, where quantities with dimensions have a variable for each of their elements."""
-    return split_columns(_selected_columns(march), march.model.shapes)
-
-
-def _selected_columns(march: March) -> list[Column]:
-    """Return the columns of a log; those of quantities that are not blocks are of elements."""
-    settings = march.settings
-    about = About.for_settings(march.layout, settings, samples=settings.samples)
-    selected = [*_all_columns(about), *written_link_columns(about)]
-    if settings.log != FULL:
-        model = march.layout.model
-        rubbing = link_names(model) if any_rubs(assemblies(model)) else []
-        selected = _logged(selected, settings.log, shapes_with_switches(model), rubbing)
-    return selected
+    return split_columns(columns(march), march.model.shapes)
 
 
 def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes, links: Sequence[str]) -> list[Column]:
@@ -93,17 +89,18 @@ def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes,
     InputError
         If a name is no column of the log.
     """
-    if not isinstance(log, str):
-        available = with_elements(available, log, shapes)
-        log = check_logged(log, available, shapes)
     roles = (*ALWAYS, *OF_STATES, schema.LEFT_OVER) if log == STATES else ALWAYS
     if not isinstance(log, str):
+        check_logged(log, available, shapes)
         log = (
             *log,
             schema.REST_TIME.name,
             *map(schema.rest_name, log),
         )  # a number goes with its rest, a link with its time
         log = (*log, *(schema.CLOSED_TIME for name in log if name.startswith(schema.at_closed(""))))
+        logged = shapes_of_log(log, shapes)
+        available = [logged_column(column, log, shapes, logged) for column in available]
+        log = (*log, *logged.dims)
     return [
         column
         for column in available
@@ -186,39 +183,36 @@ def _step_columns(about: About) -> list[Column]:
     collected.append(_regime_column(about))
 
     def add_column(quantity: Quantity, long_name: str, unit: Unit, more: Mapping[str, Any] | None = None) -> None:
-        name = quantity.name
         if quantity.role in OF_STATES[:-1]:
             more = _tolerance_attributes(about, quantity, unit)
-        variable = Variable(name, (STEPS, *quantity.dims), "f8", unit.text, long_name, quantity.role, more or {})
-        take = take_row(layout.row.offset_of(name), units.factor(unit), quantity.shape)
-        collected.append(Column(variable, take))
+        collected.append(row_column(about, quantity, unit, long_name, quantity.role, more or {}))
 
     owners = zip(layout.coordinates.blocks, layout.velocities.blocks, layout.accelerations.blocks, strict=True)
     for entry, velocity, acceleration in owners:
         name = entry.name
-        add_column(entry, layout.declared.coordinates[name].description or f"coordinate {name}", units.known[name])
+        add_column(entry, model.shaped.coordinates[name].description or f"coordinate {name}", units.known[name])
         add_column(velocity, f"velocity of {name}", units.known[velocity.name])
         add_column(acceleration, f"acceleration of {name}", units.known[acceleration.name])
     for entry, long_name in of_first_order(about):
         add_column(entry, long_name, units.known[entry.name])
-    term_components = [(term, name) for term, components in layout.terms.items() for name in components]
+    term_components = [(term, block.name) for term, parts in layout.terms.items() for block in parts.blocks]
     for (term, name), force in zip(term_components, layout.forces.blocks, strict=True):
         label = model.forces[term].description or term
         add_column(force, f"component of force {label} along {name}", units.known[force.name])
-    for entry in (block for block in layout.computed.blocks if block.name not in layout.constraint_outputs):
+    for entry in (block for block in layout.computed.blocks if block.first not in layout.constraint_outputs):
         name = entry.name
-        role = "energy" if name in schema.ENERGIES else "gap" if name in layout.gaps else "observable"
+        role = "energy" if name in schema.ENERGIES else "gap" if entry.first in layout.gaps else "observable"
         noun = "gap of contact" if role == "gap" else "observable"
         owner = name.removeprefix(reaction_names.contact_gap("")) if role == "gap" else name
-        observed = layout.declared.observed.get(name)
+        observed = model.shaped.observed.get(name)
         description = observed.description if observed else schema.ENERGIES.get(name)
         add_column(entry._replace(role=role), description or f"{noun} {owner}", units.derived(entry))
-    for k, (reaction, entry) in enumerate(zip(reactions(model), layout.reactions.blocks, strict=True)):
-        add_column(
-            entry, _long_name(about, reaction), units.known[reaction.name], _declared_attributes(model, reaction)
-        )
-        collected.append(Column(_state_of(about, reaction), _flag_taker(2 + k)))
-    collected += [*of_constraints(about), *side_columns(about)]
+    for entry in layout.reactions.blocks:
+        first = layout.reactions.offset_of(entry.name)
+        reaction = reactions(model)[first]
+        add_column(entry, _long_name(about, reaction), units.known[entry.name], _declared_attributes(model, reaction))
+        collected.append(Column(_state_of(about, reaction, entry.dims), _flag_taker(2 + first, entry.shape)))
+    collected += [*of_constraints(about), *stacked_columns(side_columns(about), shapes_with_switches(model))]
     if layout.estimates and about.tolerances is not None:
         collected.append(Column(schema.ERROR_NORM, take_row(layout.row.offset_of("error_norm"), 1.0)))
     # the first block of errors is their norm; without an estimate there is none to pair
@@ -248,7 +242,7 @@ def _regime_column(about: About) -> Column:
 
 def _long_name(about: About, reaction: Reaction) -> str:
     """Describe a reaction: its positive direction, when it acts, and where it is 0."""
-    owner, when = reaction.owner, about.when_forces_act
+    owner, when = quantity_of(reaction.owner), about.when_forces_act
     if reaction.sort == NORMAL:
         return f"normal force of contact {owner}{when}, positive where it pushes; 0 where it is open"
     where = "" if reaction.sort == DRY else "; 0 where it is open"
@@ -283,32 +277,32 @@ def state_name(reaction: Reaction) -> str:
     )
 
 
-def _state_of(about: About, reaction: Reaction) -> Variable:
+def _state_of(about: About, reaction: Reaction, dims: tuple[str, ...]) -> Variable:
     """Return the variable for the state of a contact or friction."""
     words: tuple[str, ...] = schema.FRICTION_STATES
-    name = state_name(reaction)
+    name, owner = quantity_of(state_name(reaction)), quantity_of(reaction.owner)
     does = "does" if about.located else "did over the step before the row"
-    long_name = f"what the friction of {reaction.owner} {does}; forward is along positive slip"
+    long_name = f"what the friction of {owner} {does}; forward is along positive slip"
     if reaction.sort == NORMAL:
         words = schema.CONTACT_STATES
         skipped = "; bounces are skipped while it is settling" if about.located else ""
-        long_name = f"what contact {reaction.owner} {does}{skipped}"
+        long_name = f"what contact {owner} {does}{skipped}"
     elif reaction.sort == DRY:
         words = ("", *words[1:])  # a friction element is never open
     meanings = {i: word for i, word in enumerate(words) if word}
-    return Variable(name, (STEPS,), "i1", "1", long_name, "flag", schema.flag_attributes(meanings))
+    return Variable(name, (STEPS, *dims), "i1", "1", long_name, "flag", schema.flag_attributes(meanings))
 
 
 def _drive_attributes(model: Model, name: str) -> dict[str, str]:
     """Return how the value of a drive is found between the points of its table, and beyond them."""
-    drive = model.drives.get(name)
+    drive = model.shaped.drives.get(name)
     if drive is None:
         return {}
     return {"interpolation": drive.interpolation, "outside": drive.outside, "argument": text_of(drive.argument)}
 
 
-def _flag_taker(index: int) -> Callable[[LogBlock], Array]:
-    return lambda block: block.log.flags[index, : block.rows]
+def _flag_taker(first: int, shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
+    return lambda block: block.log.flags[first : first + math.prod(shape), : block.rows].T.reshape(-1, *shape)
 
 
 def _tolerance_attributes(about: About, quantity: Quantity, unit: Unit) -> dict[str, Any]:
@@ -347,25 +341,6 @@ def followed_tolerances(march: March) -> dict[str, dict[str, Any]]:
                 final[quantity.name][schema.ATOL_RULE] = schema.ATOL_FOLLOWS
             else:
                 final[quantity.name][schema.ATOL_FOLLOWING] = follows.astype(np.int8)
-    return _quantity_tolerances(march, final)
-
-
-def _quantity_tolerances(march: March, followed: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the final tolerances of quantities from those of their elements, beside those that were given."""
-    elements = [block.name for block in march.layout.used.blocks if not block.dims]
-    if not march.model.shapes.dims or not elements:
-        return followed
-    about = About.for_settings(march.layout, march.settings)
-    final, blocks = dict(followed), {block.name: block for block in march.layout.used.blocks}
-    for quantity in logged_quantities(elements, march).values():
-        members = {}
-        for number, name in quantity.members.items():
-            members[number] = (
-                name,
-                final.pop(name, {}) or _tolerance_attributes(about, blocks[name], about.units.known[name]),
-            )
-        if any(schema.ATOL_RULE in attributes for _, attributes in members.values()):
-            final[quantity.name] = attributes_of_quantity(members, quantity.size)
     return final
 
 

@@ -41,7 +41,11 @@ class Block(NamedTuple):
     @classmethod
     def from_shapes(cls, name: str, role: str, shapes: Shapes) -> Block:
         """Return the block of a quantity with the dimensions that its name has."""
-        dims = shapes.dims.get(name, ())
+        return cls.of_dims(name, role, shapes.dims.get(name, ()), shapes)
+
+    @classmethod
+    def of_dims(cls, name: str, role: str, dims: tuple[str, ...], shapes: Shapes) -> Block:
+        """Return the block of a quantity with some dimensions."""
         extents = tuple(map(shapes.extent, dims))
         return cls(name, role, dims, tuple(extent.size for extent in extents), extents)
 
@@ -91,8 +95,13 @@ class Blocks(Sequence[str]):
 
     @classmethod
     def from_names(cls, role: str, names: Iterable[str], shapes: Shapes | None = None) -> Blocks:
-        """Return quantities of one role, with the dimensions that they have in `shapes`."""
-        return cls([Block(name, role) if shapes is None else Block.from_shapes(name, role, shapes) for name in names])
+        """Return quantities of one role, with the dimensions that they have in `shapes`.
+
+        Names of elements become their quantity where all of them stand one after the other: numbers are where they were.
+        """
+        if shapes is None or not shapes.dims:
+            return cls([Block(name, role) for name in names])
+        return cls(_gathered([*names], role, shapes))
 
     def __add__(self, right: Blocks) -> Blocks:
         """Return the blocks of one array followed by those of another."""
@@ -213,3 +222,17 @@ class Blocks(Sequence[str]):
     @cached_property
     def _block_offsets(self) -> dict[str, int]:
         return dict(zip((block.name for block in reversed(self.blocks)), reversed(self._starts), strict=True))
+
+
+def _gathered(names: Sequence[str], role: str, shapes: Shapes) -> Iterator[Block]:
+    """Yield quantities, and in the place of all elements of one that follow each other the quantity."""
+    number = 0
+    while number < len(names):
+        block = Block.from_shapes(names[number], role, shapes)
+        if DOT in block.name:
+            stem, labels = split_element_name(block.name)
+            quantity = Block.of_dims(stem, role, shapes.dims_at_end(stem, len(labels)), shapes)
+            if tuple(names[number : number + quantity.size]) == tuple(quantity.elements()):
+                number, block = number + quantity.size - 1, quantity
+        yield block
+        number += 1

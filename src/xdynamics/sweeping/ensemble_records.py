@@ -24,6 +24,7 @@ from xdynamics.march.simd_ensemble import lanes_for
 from xdynamics.methods.steppers import SERIES
 from xdynamics.model import Model
 from xdynamics.model.constraints import Assignment
+from xdynamics.model.detectors import labels
 from xdynamics.model.motion import assignments_read, constants
 from xdynamics.model.parts import Function
 from xdynamics.model.reactions import reactions
@@ -135,16 +136,26 @@ class MemberRuns:
 
     def detector_events(self, detector: str) -> tuple[Rows, Rows, Rows]:
         """Return the events of one detector: index among all events, member, and which occurrence it is, from 0."""
-        attributes = self.columns["event_detector"].variable.more
-        names = str(attributes["flag_meanings"]).split()
-        if detector not in names:
+        if detector not in self.detectors:
             empty = np.zeros(0, np.int64)
             return empty, empty, empty
         first = self.runs.first_event
-        places = np.flatnonzero(self["event_detector"] == names.index(detector))
+        places = np.flatnonzero(self.event_detectors == self.detectors.index(detector))
         members = np.repeat(np.arange(self.size), np.diff(first))[places]
         # members ascend, so searchsorted gives the place of each one's first event, from which its others are counted
         return places, members, np.arange(len(places)) - np.searchsorted(members, members)
+
+    @cached_property
+    def detectors(self) -> tuple[str, ...]:
+        """What events are located by, of detectors with dimensions each element."""
+        return tuple(labels(self.layout.watched))
+
+    @cached_property
+    def event_detectors(self) -> Rows:
+        """The number among `detectors` of what located each event of all members."""
+        numbers = np.array([self.detectors.index(detector.name) for detector in self.layout.watched], np.int64)
+        block = self.runs.log_block
+        return numbers[block.log.events["detector"][: block.events]]
 
     @cached_property
     def extremes_cache(self) -> dict[tuple[str, float], tuple[NDArray[Any], ...]]:

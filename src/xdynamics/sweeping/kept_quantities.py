@@ -36,6 +36,7 @@ from xdynamics.faults import InputError
 from xdynamics.march import March, Settings
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
+from xdynamics.model.detectors import labels
 from xdynamics.model.joints import joint_reactions
 from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.record.column import shapes_with_switches
@@ -375,8 +376,7 @@ class _WordReader:
         self.layout = settings.layout(model)
         self.columns = named_columns(self.layout, settings)
         self.shapes = shapes_with_switches(self.layout.model)
-        detectors = str(self.columns["event_detector"].variable.more["flag_meanings"]).split()
-        self.detectors = detectors if self.layout.watched else []
+        self.detectors = labels(self.layout.watched)
         self.motion = (
             "time",
             "step_size",

@@ -245,17 +245,17 @@ def _passed_counts(runs: MemberRuns) -> Values:
 
 def _stopped_by(runs: MemberRuns) -> Values:
     """Name the last event of every run that was stopped by an event."""
-    names = str(runs.columns["event_detector"].variable.more["flag_meanings"]).split()
+    names = runs.detectors or ("",)
     words = np.array([names_as_words([name]) for name in names])
     stops = [
         i for i, name in enumerate(names) if name in runs.model.events and runs.model.events[name].action == "stop"
     ]
-    places = np.flatnonzero(np.isin(runs["event_detector"], stops))
+    places = np.flatnonzero(np.isin(runs.event_detectors, stops))
     is_stopped = runs.runs.status == STOPPED
     # where the next member's events begin, the stop just before is this member's last event
     last = places[np.searchsorted(places, runs.runs.first_event[1:][is_stopped]) - 1]
     events = np.full(runs.size, "", dtype=words.dtype)
-    events[is_stopped] = words[runs["event_detector"][last]]
+    events[is_stopped] = words[runs.event_detectors[last]]
     return events
 
 
