@@ -18,7 +18,7 @@ The times that somebody asks for, in any of the ways to say them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -36,10 +36,9 @@ from xdynamics.march.dense_output import ListedLinks
 from xdynamics.methods.scheme import DOUBLE_DOUBLE
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
-from xdynamics.model.reactions import reactions
 from xdynamics.record.link_columns import FRICTION_STATE, link_names
 from xdynamics.record.named_rows import places_among
-from xdynamics.record.run_columns import state_name
+from xdynamics.record.run_columns import state_names
 from xdynamics.record.schemas import RARE
 from xdynamics.schema import STEPS, at_closed
 from xdynamics.shapes.blocks import Block
@@ -334,15 +333,18 @@ def step_columns(
     settings: Settings,
     rows: NDArray[np.int64],
     following: NDArray[np.int64],
-    names: Sequence[str] | None = None,
+    *,
+    by_element: bool = False,
 ) -> list[tuple[str, NDArray[np.int64]]]:
     """Return the columns that `states_within` repeats steps from, each with its rows: of the start or of the end.
 
-    `names` are those of the record's variables of the state, if they are not of elements.
+    They are those of quantities, or of their elements where a record has a variable for each.
     """
-    used = tuple(settings.layout(model).used if names is None else names)
+    blocks = settings.layout(model).used
+    used = tuple(blocks) if by_element else tuple(block.name for block in blocks.blocks)
+    contact_states = state_names(model, by_element=by_element)
     columns_with_rows = [("step_size", following)]
-    columns_with_rows += [(name, rows) for name in ("regime", "row_kind", *map(state_name, reactions(model)), *used)]
+    columns_with_rows += [(name, rows) for name in ("regime", "row_kind", *contact_states, *used)]
     if settings.precision == DOUBLE_DOUBLE:
         return columns_with_rows + [(name, rows) for name in (*map(schema.rest_name, used), schema.REST_TIME.name)]
     # iterations that continue from those of the step before do not reproduce its end to the bit

@@ -42,11 +42,10 @@ from xdynamics.methods.steppers import EXACT
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.switches import STEPPED_OVER
-from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.record.arguments import precision_of, recorded_scales
 from xdynamics.record.folding import is_chunked, model_dimensions
 from xdynamics.record.provenance import interpolation_attributes, interpolation_orders
-from xdynamics.record.run_columns import state_name
+from xdynamics.record.run_columns import state_names
 from xdynamics.record.schemas import RARE, log_description, rows_apart
 from xdynamics.record.unfolding import shapes_of
 from xdynamics.runtime.lazy_imports import cached_property, load_dask_whole
@@ -168,15 +167,11 @@ class StepInterpolator:
     @property
     def takes_quantities(self) -> bool:
         """Whether states can be evaluated from quantities with dimensions: all of their elements are there, in order."""
-        model, sizes, labels = self.model, model_dimensions(self.run), shapes_of(self.run).extents
+        sizes, labels = model_dimensions(self.run), shapes_of(self.run).extents
         extents = {extent.name: extent for block in self.layout.used.blocks for extent in block.extents}
-        return (
-            is_read_by_quantity(model)
-            and all(block.name in self.run.variables for block in self.layout.used.blocks)
-            and all(
-                sizes.get(dim) == self.run.sizes.get(dim) == extent.size and labels[dim].labels == extent.labels
-                for dim, extent in extents.items()
-            )
+        return all(block.name in self.run.variables for block in self.layout.used.blocks) and all(
+            sizes.get(dim) == self.run.sizes.get(dim) == extent.size and labels[dim].labels == extent.labels
+            for dim, extent in extents.items()
         )
 
     @cached_property
@@ -297,8 +292,8 @@ class StepInterpolator:
     def _columns(self, rows: NDArray[np.int64]) -> list[Any]:
         """Gather size, regime, contacts and initial state of every step; and its final state if the method needs it."""
         following = np.minimum(rows + 1, self.run.sizes[STEPS] - 1)
-        names = [quantity.name for quantity in self.quantities]
-        columns_with_rows = step_columns(self.model, self.settings, rows, following, names)
+        by_element = not model_dimensions(self.run)
+        columns_with_rows = step_columns(self.model, self.settings, rows, following, by_element=by_element)
         return [self.run.variables[name].isel({STEPS: column_rows}) for name, column_rows in columns_with_rows]
 
     @cached_property
@@ -341,8 +336,10 @@ class StepInterpolator:
     @cached_property
     def _past(self) -> Past:
         """The steps of the whole run, for delayed values."""
-        names = ("time", "step_size", "regime", "row_kind", *map(state_name, reactions(self.model)), *self.layout.used)
-        columns = np.stack([np.asarray(self.run[name], float) for name in names])
+        contact_states = state_names(self.model, by_element=not model_dimensions(self.run))
+        used = (quantity.name for quantity in self.quantities)
+        names = ("time", "step_size", "regime", "row_kind", *contact_states, *used)
+        columns = stack_columns([self.run.variables[name].astype(float) for name in names])
         time, every = columns[0], rows_apart(self.run.attrs)
         unit = unit_suffix(str(self.run.variables["time"].attrs["units"]))
         start = self.model.statement.initial["t"].si

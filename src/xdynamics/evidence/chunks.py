@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.dynamics.recorded_steps import links_of_rows, model_of_record
+from xdynamics.evidence.observables import reaction_columns
 from xdynamics.evidence.stage_tasks import remembered_megabytes
+from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
-from xdynamics.model.reactions import reactions
 from xdynamics.record import unfolding
-from xdynamics.record.run_columns import state_name
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import STEP_NUMBER, STEPS
 
@@ -245,10 +245,9 @@ class Chunks(StoredColumns):
 
     def __init__(self, run: xr.Dataset, model: Model) -> None:
         self.model = model
-        words = {state_name(reaction) for reaction in reactions(model)} | {
-            reaction.name for reaction in reactions(model)
-        }
-        needed = {"time", "step_size", "regime", "row_kind", STEP_NUMBER.name, *words, *model.units}
+        contacts = {name for by_element in (False, True) for name in reaction_columns(model, by_element=by_element)}
+        needed = {"time", "step_size", "regime", "row_kind", STEP_NUMBER.name, *contacts, *model.units}
+        needed |= {block.name for block in layout_of(model).used.blocks}
         cached_names = [
             str(name)
             for name, variable in run.variables.items()

@@ -16,17 +16,17 @@ from xdynamics.elementary import kept_set
 from xdynamics.evidence.observed_quantities import ObservedQuantities, parameters_read_by
 from xdynamics.expressions import Binary, Name, Node, free_names
 from xdynamics.faults import InputError
-from xdynamics.kernels.layout import layout_of
+from xdynamics.kernels.layout import Layout, layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Function, Model
 from xdynamics.model.constraints import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, motion, potentials
 from xdynamics.model.reactions import NORMAL, holding_flag, mode_number, reactions
-from xdynamics.model.whole import expanded_tree, is_read_by_quantity, potentials_of_quantities
+from xdynamics.model.whole import expanded_tree, potentials_of_quantities
 from xdynamics.record.folding import quantity_names
 from xdynamics.record.run_columns import state_name
 from xdynamics.record.schemas import log_description
-from xdynamics.record.unfolding import get_column
+from xdynamics.record.unfolding import find_column, get_column
 from xdynamics.shapes.blocks import Block
 from xdynamics.shapes.naming import DOT
 from xdynamics.units import parse_unit
@@ -48,26 +48,37 @@ def observables_of(model: Model) -> tuple[str, ...]:
 
 
 def quantities_of(model: Model) -> tuple[str, ...]:
-    """Name what can be observed at any time by quantities: of a model that is not read whole by elements."""
-    if not is_read_by_quantity(model):
-        return observables_of(model)
+    """Name what can be observed at any time by quantities."""
     layout = layout_of(model)
-    return (*(block.name for block in layout.used.blocks), *layout.derived_quantities)
+    return tuple(block.name for block in (*layout.used.blocks, *_observed_blocks(layout)))
+
+
+def _observed_blocks(layout: Layout) -> list[Block]:
+    """Return energies and declared observables."""
+    return [
+        block
+        for block in layout.computed.blocks
+        if block.first not in layout.gaps and block.first not in layout.constraint_outputs
+    ]
 
 
 def is_observable(model: Model, name: str) -> bool:
     """Whether a name is one of `observables_of` or of `quantities_of` a model."""
-    if not is_read_by_quantity(model):
-        return name in observables_of(model)
     layout = layout_of(model)
     if DOT not in name:
         return name in quantities_of(model)
-    return name in layout.used or (name in layout.computed and name not in layout.constraint_outputs)
+    return name in layout.used or (
+        name in layout.computed and name not in layout.constraint_outputs and name not in layout.gaps
+    )
 
 
 def is_comparable(model: Model, name: str) -> bool:
     """Whether a quantity, or an element of one, can be observed; see `comparable`."""
-    return name in comparable(model) if reactions(model) else is_observable(model, name)
+    if not reactions(model) or not is_observable(model, name):
+        return is_observable(model, name)
+    layout = layout_of(model)
+    elements = layout.computed.block(name).elements() if name not in layout.used and DOT not in name else ()
+    return {*elements} <= {*comparable(model)} if elements else name in layout.used or name in comparable(model)
 
 
 def comparable(model: Model) -> tuple[str, ...]:
@@ -322,12 +333,14 @@ def evaluate_at_states(
         If the record lacks the columns of contacts or friction elements.
     """
     names = reaction_columns(model)
-    if missing := [name for name in names if name not in run.variables]:
+    if missing := [name for name in names if find_column(run, name) is None]:
         raise InputError(
             f"what is computed between rows needs {', '.join(missing)};"
             f" {log_description(run.attrs) or 'take the whole record'}"
         )
-    columns = {name: run.variables[name].values for name in ("regime", *names) if name in run.variables}
+    columns = {name: get_column(run, name).values for name in names}
+    if "regime" in run.variables:
+        columns["regime"] = run.variables["regime"].values
     following = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
     functions = kept_set(run.attrs.get("math_functions"))
     return evaluate_inside_steps(
@@ -365,9 +378,10 @@ def evaluate_inside_steps(
     return [np.array(np.broadcast_to(value, shape)) for value, shape in zip(values, shapes, strict=True)]
 
 
-def reaction_columns(model: Model) -> list[str]:
-    """Name the columns that the modes of contacts and friction elements follow from."""
-    return [name for element in reactions(model) for name in (state_name(element), element.name)]
+def reaction_columns(model: Model, *, by_element: bool = True) -> list[str]:
+    """Name the columns that the modes of contacts and friction elements follow from: of elements, or of quantities."""
+    names = [name for element in reactions(model) for name in (state_name(element), element.name)]
+    return names if by_element else [*quantity_names(names)]
 
 
 def modes_behind(model: Model, columns: Mapping[str, Any], rows: Rows, led_to: Rows) -> dict[str, Floats]:

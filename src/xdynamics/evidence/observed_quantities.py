@@ -20,7 +20,8 @@ from xdynamics.kernels.newton_matrix import column_groups
 from xdynamics.model import Model
 from xdynamics.model.elementwise import in_si
 from xdynamics.model.motion import REGIME_NUMBER, constants
-from xdynamics.model.whole import QuantityTree, is_read_by_quantity, motion_of_quantities, rates_of_quantities
+from xdynamics.model.reactions import reactions
+from xdynamics.model.whole import QuantityTree, motion_of_quantities, prints_quantities, rates_of_quantities
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import AT, acceleration, rate, velocity
 from xdynamics.shapes import Extent, Shapes
@@ -65,7 +66,7 @@ class ObservedQuantities:
         That is so without dimensions, where expressions read what is not known of the state alone (drives, forces, contacts,
         delayed values), and with elementary functions of older records.
         """
-        if not is_read_by_quantity(model) or math_functions != NAME:
+        if not prints_quantities(model) or not model.shapes.dims or model.delays or math_functions != NAME:
             return None
         wholes = layout_of(model).derived_quantities
         if not all(split_element_name(name)[0] in wholes for name in names):
@@ -149,7 +150,8 @@ class ObservedQuantities:
     @cached_property
     def _motion(self) -> tuple[list[QuantityTree], dict[str, Floats | float]] | None:
         """Forces, accelerations and rates, and the parameters that they read."""
-        if self.model.python_functions:
+        model = self.model
+        if model.python_functions or model.constraints or model.assemblies or reactions(model):
             return None
         motion = motion_of_quantities(self.model)
         parameter_values = parameters_read_by(

@@ -16,7 +16,6 @@ from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.march.outcomes import INTERRUPTED, OUTCOMES
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.run_dataset import check_record_room
 from xdynamics.runtime.lazy_imports import load_dask_whole
@@ -56,8 +55,6 @@ def march_model(
 ) -> xr.Dataset:
     """March a model as `simulate` does, in memory or into a file, without its warnings: outcomes stay in the record.
 
-    Quantities with dimensions are one variable each, but where elements alone tell all; see `prepare_record`.
-
     Raises
     ------
     InputError
@@ -94,12 +91,12 @@ def march_with_settings(
     load_dask_whole()
     prepared = March(model, settings)
     if path is not None and (kept_run := _open_kept_run(prepared, path)) is not None:
-        return prepare_marched_record(kept_run, model)
+        return kept_run
     check_record_room(prepared, memory, path and store_of(path).written_at(path))
     run = record_march(prepared, path, resume=path is not None and archive.has_segments(path), memory=memory)
     if run.attrs["run_outcome"] == OUTCOMES[INTERRUPTED].word:
         raise KeyboardInterrupt
-    return prepare_marched_record(run, model)
+    return run
 
 
 def march_elements(model: Model, **requested_settings: Any) -> xr.Dataset:
@@ -107,16 +104,8 @@ def march_elements(model: Model, **requested_settings: Any) -> xr.Dataset:
     return record.unfold(march_model(model, **requested_settings))
 
 
-def prepare_marched_record(run: xr.Dataset, model: Model) -> xr.Dataset:
-    """Return the whole record of a model's march as verbs read it; see `prepare_record`."""
-    return run if is_read_by_quantity(model) else record.unfold(run)
-
-
 def prepare_record(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
-    """Return a record as verbs read it: with one variable for each quantity, or where that tells too little for each element.
-
-    Elements are told apart where contacts or delays act, masses couple dimensions, or some elements were left out.
-    """
+    """Return a record as verbs read it: with one variable for each quantity, or for each element where some were left out."""
     if not model_dimensions(run) or StepInterpolator(run, functions or {}, REINTEGRATE).takes_quantities:
         return run
     return record.unfold(run)

@@ -40,11 +40,6 @@ def prints_quantities(model: Model) -> bool:
     return bool(model.shapes.extents) and not derived and not model.mass_is_full
 
 
-def is_read_by_quantity(model: Model) -> bool:
-    """Whether states inside a run's steps follow from whole quantities; contacts and delays are told of elements alone."""
-    return prints_quantities(model) and not (reactions(model) or model.delays)
-
-
 @lru_cache(maxsize=64)
 def motion_shapes(model: Model) -> Shapes:
     """Return the shapes of a model with those of its force components, and of the slopes of its tables."""

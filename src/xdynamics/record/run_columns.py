@@ -50,7 +50,7 @@ from xdynamics.record.folded_columns import (
     split_columns,
     stacked_columns,
 )
-from xdynamics.record.folding import quantity_of
+from xdynamics.record.folding import quantity_names, quantity_of
 from xdynamics.record.link_columns import any_rubs, link_names, written_link_columns
 from xdynamics.schema import SAMPLES, STEPS, Variable
 from xdynamics.shapes import Shapes
@@ -275,6 +275,12 @@ def state_name(reaction: Reaction) -> str:
         if reaction.sort == NORMAL
         else reaction_names.friction_state(reaction.owner)
     )
+
+
+def state_names(model: Model, *, by_element: bool = False) -> tuple[str, ...]:
+    """Return the names of the variables for states of contacts and friction, by quantities or by their elements."""
+    names = map(state_name, reactions(model))
+    return tuple(names) if by_element else quantity_names(names)
 
 
 def _state_of(about: About, reaction: Reaction, dims: tuple[str, ...]) -> Variable:

@@ -30,7 +30,6 @@ from xdynamics.keywords import FULL, STATES
 from xdynamics.march import March, Settings
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.record.flag_words import without_bounds
 from xdynamics.record.folding import fold, labelled
 from xdynamics.record.named_rows import rows_named
@@ -219,7 +218,6 @@ def unmarched_run(
             str(name) for name, variable in run.variables.items() if variable.attrs.get("role") in KNOWN_BEFORE
         ]
         foreseen = labelled(record.foreseen(march))
-        foreseen = foreseen if is_read_by_quantity(model) else record.unfold(foreseen)
         return lazy_stage(Stage(_with_outcome(run), task, [*known_names, GIVEN_STEP.name], foreseen))
     if sizes:
         raise InputError(f"sizes are {dict(sizes)}, and times say already how many states there are; leave sizes out")

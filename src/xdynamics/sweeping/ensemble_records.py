@@ -197,8 +197,7 @@ class MemberRuns:
 
     def _repeat_steps(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, with_error: bool) -> Floats:
         """Repeat steps one by one; if `with_error`, return also the distance of each state from a more accurate one."""
-        names = [block.name for block in self.layout.used.blocks]
-        time, column_rows = self["time"], step_columns(self.model, self.settings, rows, following, names)
+        time, column_rows = self["time"], step_columns(self.model, self.settings, rows, following)
         columns = np.concatenate([flattened_rows(self[name][row_indices]).T for name, row_indices in column_rows])
         links = None if self._row_links is None else self._row_links.links_at(rows)
         if self.model.delays:

@@ -38,7 +38,6 @@ from xdynamics.march.outcomes import GOOD
 from xdynamics.model import Model
 from xdynamics.model.detectors import labels
 from xdynamics.model.joints import joint_reactions
-from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.record.column import shapes_with_switches
 from xdynamics.record.folding import Names, QuantityElements, attributes_of_quantity, expand_quantities, quantity_names
 from xdynamics.record.run_columns import named_columns
@@ -423,9 +422,8 @@ class _WordReader:
 
     @property
     def state_words(self) -> list[str]:
-        """Coordinates, velocities and states: quantities where these are read whole, else elements."""
-        used = self.layout.used
-        return [block.name for block in used.blocks] if is_read_by_quantity(self.model) else [*used]
+        """Coordinates, velocities and states."""
+        return [block.name for block in self.layout.used.blocks]
 
     def stands_for_variables(self, word: str) -> bool:
         """Whether a word stands for variables, as it is."""

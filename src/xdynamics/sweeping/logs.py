@@ -209,7 +209,12 @@ class _RunReader:
     def _column_names(self, model: Model) -> set[str]:
         """Name all variables of a run that its states within steps are found from."""
         settings, none = self.plan.grid.settings_of((0,) * len(self.plan.grid.shape)), np.zeros(0, np.int64)
-        return {"time", "model_toml", GIVEN_STEP.name, *(name for name, _ in step_columns(model, settings, none, none))}
+        return {
+            "time",
+            "model_toml",
+            GIVEN_STEP.name,
+            *(name for name, _ in step_columns(model, settings, none, none, by_element=True)),
+        }
 
 
 def _read_run_columns(file: Place, digest: str, names: set[str]) -> xr.Dataset:

@@ -27,7 +27,6 @@ from xdynamics.evidence.stages import requested_count
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
-from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.record.flag_words import time_unit_of, words_of_flag
 from xdynamics.record.folding import expand_quantities, model_dimensions, quantity_names
 from xdynamics.record.run_dataset import memory_asked
@@ -309,12 +308,8 @@ def _changing(study: Study, tolerances: Mapping[str, float]) -> list[str]:
 
 
 def _default_observables(model: Model) -> tuple[str, ...]:
-    """Name coordinates, velocities and states: whole quantities, or elements of a model that is not read whole."""
-    return (
-        tuple(block.name for block in layout_of(model).used.blocks)
-        if is_read_by_quantity(model)
-        else tuple(model.units)
-    )
+    """Name coordinates, velocities and states."""
+    return tuple(block.name for block in layout_of(model).used.blocks)
 
 
 def _known_observables(model: Model, names: Sequence[str]) -> tuple[str, ...]:

@@ -23,7 +23,6 @@ from xdynamics.evidence.refining.levels import RTOLS, TIME_TOLERANCES, Levels
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model.detectors import labels
-from xdynamics.model.whole import is_read_by_quantity
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import AT, LEVEL, OCCURRENCE, Variable, at_event, flag_attributes, scale_name
 from xdynamics.shapes import Extent, Shapes
@@ -359,9 +358,8 @@ class StudyQuantities:
 
     @cached_property
     def variables(self) -> Mapping[str, Variable]:
-        """The variables of a run by name: of quantities, or where the model is not read whole of elements."""
-        columns = record.columns if is_read_by_quantity(self.levels.model) else record.element_columns
-        return {column.variable.name: column.variable for column in columns(self.march)}
+        """The variables of a run by name."""
+        return {column.variable.name: column.variable for column in record.columns(self.march)}
 
     def variable(self, name: str) -> Variable | None:
         """Return the variable of a quantity or of one of its elements, along `step` alone; None if a run has none."""
