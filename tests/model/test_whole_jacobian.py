@@ -34,7 +34,7 @@ def test_derivatives_of_whole_quantities_are_those_of_elements(bodies: int, monk
     assert linearisation.is_densely_linked(model)
     state = linearisation.initial_state(model)
     whole = linearisation.linearise(model, state)
-    monkeypatch.setattr("xdynamics.model.whole.MAX_TOGETHER", 7 * bodies * (bodies - 1) // 2)
+    monkeypatch.setattr("xdynamics.model.linearisation.MAX_TOGETHER", 7 * bodies * (bodies - 1) // 2)
     parted = linearisation.linearise(model, state)
     monkeypatch.setattr(linearisation, "is_densely_linked", lambda _: False)
     elements = linearisation.linearise(model, state)

@@ -14,9 +14,9 @@ from io import BytesIO
 from xdynamics.expressions import Name, Node, latex, text_of
 from xdynamics.model import Model
 from xdynamics.model.given_values import Values
+from xdynamics.model.motion import forces_by_coordinate
 from xdynamics.model.parts import Function, Parameter
 from xdynamics.model.statement import Statement
-from xdynamics.model.whole import forces_by_coordinate
 from xdynamics.schema import velocity
 from xdynamics.shapes.naming import display_text
 
@@ -221,7 +221,7 @@ def model_blocks(model: Model) -> Iterator[Block]:
 def _motion_formulas(model: Model) -> Iterator[Formula]:
     """Yield the equation of motion of each coordinate, along its dimensions."""
     stated = model.shaped
-    components = forces_by_coordinate(model) if model.shapes.dims else model.force_components
+    components = forces_by_coordinate(model)
     for i, name in enumerate(stated.coordinates):
         terms = [
             f"{_inertia_latex(stated, i, j)}{_dotted_latex(coordinate, 2)}"

@@ -27,6 +27,7 @@ from xdynamics.model.controllers import controller_states, limited_value
 from xdynamics.model.entries import COULOMB
 from xdynamics.model.joint_sections import HINGE, SLIDER
 from xdynamics.model.joints import made_by_joints, tables_of_joint
+from xdynamics.model.linearisation import is_densely_linked
 from xdynamics.model.parts import Contact, Function
 from xdynamics.model.switches import (
     MANY_POINTS,
@@ -36,7 +37,6 @@ from xdynamics.model.switches import (
     owners_of_switches,
     switches,
 )
-from xdynamics.model.whole import is_densely_linked
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration
 from xdynamics.shapes.naming import split_element_name

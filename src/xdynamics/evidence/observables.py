@@ -22,7 +22,6 @@ from xdynamics.model import Function, Model
 from xdynamics.model.constraints import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, motion, potentials
 from xdynamics.model.reactions import NORMAL, holding_flag, mode_number, reactions
-from xdynamics.model.whole import expanded_tree, potentials_of_quantities
 from xdynamics.record.folding import quantity_names
 from xdynamics.record.run_columns import state_name
 from xdynamics.record.schemas import log_description
@@ -215,10 +214,8 @@ def potentials_on(
     """Evaluate the potential energy of each force term that has one, in joules, at states as in `evaluate_at_states`."""
     evaluator = _quantity_evaluator(run, model, ["potential_energy"], times, rows)
     if evaluator is not None:
-        return {
-            name: numbers[0] for name, numbers in evaluator.of_trees(potentials_of_quantities(model), states).items()
-        }
-    trees = potentials(model)
+        return {name: numbers[0] for name, numbers in evaluator.of_trees(potentials(model), states).items()}
+    trees = potentials(model.elements)
     return dict(zip(trees, evaluate_at_states(run, model, [*trees.values()], states, times, rows), strict=True))
 
 
@@ -257,7 +254,7 @@ def momenta_on(
     """Evaluate the mass of a coordinate with dimensions times its velocity at states inside steps: (numbers, k), SI."""
     evaluator, speed = _quantity_evaluator(run, model, (), times, rows), schema.velocity(name)
     number = [*model.shaped.coordinates].index(name)
-    mass = expanded_tree(model, model.shaped.mass[number][number])
+    mass = model.expanded_by_quantity(model.shaped.mass[number][number])
     parameter_values = parameters_read_by(model, [mass])
     assert evaluator is not None and parameter_values is not None  # noqa: S101, PT018 - the rates of the state are known
     evaluator = replace(evaluator, values={**evaluator.values, **parameter_values})
@@ -290,7 +287,7 @@ def rate_tree(model: Model, name: str) -> Node | None:
 @lru_cache(maxsize=16)
 def _motion_terms(model: Model) -> Mapping[str, Node | Function]:
     """Return what the motion assigns, by names: of many elements it is looked up in, not put together for each."""
-    return {term.name: term.value for term in motion(model)}
+    return {term.name: term.value for term in motion(model.elements)}
 
 
 def evaluate_at_states(

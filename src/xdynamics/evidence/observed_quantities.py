@@ -18,10 +18,16 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.kernels.newton_matrix import column_groups
 from xdynamics.model import Model
+from xdynamics.model.constraints import Assignment
 from xdynamics.model.elementwise import in_si
-from xdynamics.model.motion import REGIME_NUMBER, constants
-from xdynamics.model.reactions import reactions
-from xdynamics.model.whole import QuantityTree, motion_of_quantities, prints_quantities, rates_of_quantities
+from xdynamics.model.motion import (
+    REGIME_NUMBER,
+    constants,
+    has_diagonal_mass,
+    motion,
+    moves_by_quantities,
+    rates_of_quantities,
+)
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import AT, acceleration, rate, velocity
 from xdynamics.shapes import Extent, Shapes
@@ -66,7 +72,7 @@ class ObservedQuantities:
         That is so without dimensions, where expressions read what is not known of the state alone (drives, forces, contacts,
         delayed values), and with elementary functions of older records.
         """
-        if not prints_quantities(model) or not model.shapes.dims or model.delays or math_functions != NAME:
+        if not has_diagonal_mass(model) or not model.shapes.dims or model.delays or math_functions != NAME:
             return None
         wholes = layout_of(model).derived_quantities
         if not all(split_element_name(name)[0] in wholes for name in names):
@@ -130,10 +136,10 @@ class ObservedQuantities:
         """
         if (known_motion := self._motion) is None:
             return None
-        motion, parameter_values = known_motion
+        assignments, parameter_values = known_motion
         batch_rates = []
         for part, batch in self._state_batches():
-            values, shapes = batch.along_motion(motion, parameter_values, batch.gather_states(states, part))
+            values, shapes = batch.along_motion(assignments, parameter_values, batch.gather_states(states, part))
             trees = {name: quantity_rate_tree(self.model, name) for name in self._quantity_trees}
             rate_dims = {name: (*self.model.shapes.dims.get(name, ()), AT) for name in trees}
             rates = {name: evaluate_elements(tree, rate_dims[name], values, shapes, AT) for name, tree in trees.items()}
@@ -148,16 +154,15 @@ class ObservedQuantities:
         return self._motion is not None
 
     @cached_property
-    def _motion(self) -> tuple[list[QuantityTree], dict[str, Floats | float]] | None:
+    def _motion(self) -> tuple[Sequence[Assignment], dict[str, Floats | float]] | None:
         """Forces, accelerations and rates, and the parameters that they read."""
-        model = self.model
-        if model.python_functions or model.constraints or model.assemblies or reactions(model):
+        if not moves_by_quantities(self.model) or self.model.assemblies:
             return None
-        motion = motion_of_quantities(self.model)
+        assignments = motion(self.model)
         parameter_values = parameters_read_by(
-            self.model, [tree for _, _, tree in motion], [name for name, _, _ in motion]
+            self.model, [item.tree for item in assignments], [item.name for item in assignments]
         )
-        return None if parameter_values is None else (motion, parameter_values)
+        return None if parameter_values is None else (assignments, parameter_values)
 
     def state_rates(self, states: Mapping[str, Floats]) -> dict[str, Floats] | None:
         """Evaluate the rates of the state along the motion, at states in recorded units, by its quantities.
@@ -166,30 +171,30 @@ class ObservedQuantities:
         """
         if (known_motion := self._motion) is None:
             return None
-        motion, parameter_values = known_motion
+        assignments, parameter_values = known_motion
         of_block = {velocity(name): acceleration(name) for name in self.model.shaped.coordinates}
         of_block |= {name: velocity(name) for name in self.model.shaped.coordinates}
         of_block |= {name: rate(name) for name in self.model.shaped.states}
         blocks = layout_of(self.model).used.blocks
         rates_by_block: dict[str, list[Floats]] = {block.name: [] for block in blocks}
         for part, batch in self._state_batches():
-            values, _ = batch.along_motion(motion, parameter_values, batch.gather_states(states, part))
+            values, _ = batch.along_motion(assignments, parameter_values, batch.gather_states(states, part))
             for block in blocks:
                 rates_by_block[block.name].append(np.reshape(values[of_block[block.name]], (-1, batch.count)))
         return {name: np.concatenate(numbers, axis=1) for name, numbers in rates_by_block.items()}
 
     def along_motion(
         self,
-        motion: Sequence[QuantityTree],
+        assignments: Sequence[Assignment],
         parameter_values: Mapping[str, Floats | float],
         states: Mapping[str, Floats],
     ) -> tuple[dict[str, Floats | float], Shapes]:
         """Return forces, accelerations and rates beside what they are of, in SI units, and the shapes of all."""
         values = {**parameter_values, **self.values_in_si(states)}
-        known_dims = {**self.all_shapes.dims, **{name: (*dims, AT) for name, dims, _ in motion}}
+        known_dims = {**self.all_shapes.dims, **{name: (*dims, AT) for name, _, dims in assignments}}
         shapes = replace(self.all_shapes, dims=known_dims)
-        for name, dims, tree in motion:
-            values[name] = evaluate_elements(tree, (*dims, AT), values, shapes, AT)
+        for item in assignments:
+            values[item.name] = evaluate_elements(item.tree, (*item.dims, AT), values, shapes, AT)
         return values, shapes
 
     def _state_batches(self) -> Iterator[tuple[slice, ObservedQuantities]]:
@@ -356,6 +361,7 @@ def quantity_slope(model: Model, name: str, block_name: str) -> Node | None:
 @lru_cache(maxsize=64)
 def quantity_rate_tree(model: Model, name: str) -> Node:
     """Return the derivative of a quantity by the time along the motion, with accelerations and rates as names."""
-    rates = rates_of_quantities(model, [(name, *layout_of(model).derived_quantities[name])])
+    dims, tree = layout_of(model).derived_quantities[name]
+    rates = rates_of_quantities(model, [Assignment(name, tree, dims)])
     assert rates is not None  # noqa: S101 - what reads tables is evaluated by elements
-    return rates[0][2]
+    return rates[0].tree

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +24,9 @@ from xdynamics.model.controllers import TickChange, tick_changes
 from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
 from xdynamics.model.elementwise import Lazy, own_mass
 from xdynamics.model.joints import joint_reactions
-from xdynamics.model.motion import energy_trees
+from xdynamics.model.motion import energies, forces_by_coordinate, has_diagonal_mass
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.model.switches import Switch, smooth_switches
-from xdynamics.model.whole import (
-    energies_of_quantities,
-    expanded_tree,
-    forces_by_coordinate,
-    prints_quantities,
-)
 from xdynamics.reaction_names import PROJECTION, RANK
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes import at_element
@@ -101,9 +94,7 @@ class Layout:
     @cached_property
     def terms(self) -> Mapping[str, Blocks]:
         """The coordinates that every force term acts on."""
-        derived = self.model.shaped.lagrangian is not None  # its forces are found element by element
-        terms = self.model.force_components if derived else forces_by_coordinate(self.model)
-        return {term: self._blocks("force", parts) for term, parts in terms.items()}
+        return {term: self._blocks("force", parts) for term, parts in forces_by_coordinate(self.model).items()}
 
     @cached_property
     def forces(self) -> Blocks:
@@ -198,7 +189,12 @@ class Layout:
     def derived(self) -> Mapping[str, Node]:
         """Energies, observables and gaps, computed when a row is logged."""
         observables = {name: partial(self._observed, name) for name in self.model.observables}
-        return Lazy(self._energies() | observables | self.gaps | self.constraint_outputs)
+        return Lazy(
+            {name: partial(self._energy, name) for name in self._energies}
+            | observables
+            | self.gaps
+            | self.constraint_outputs
+        )
 
     def _observed(self, name: str) -> Node:
         return self.model.expanded(self.model.observables[name])
@@ -207,7 +203,7 @@ class Layout:
     def computed(self) -> Blocks:
         """The blocks of `derived`."""
         return self._blocks(
-            "derived", (*self._energies(), *self.model.shaped.observables, *self.gaps, *self.constraint_outputs)
+            "derived", (*self._energies, *self.model.shaped.observables, *self.gaps, *self.constraint_outputs)
         )
 
     @cached_property
@@ -280,7 +276,7 @@ class Layout:
             return Blocks(())
         model = self.model
         unknown = {*map(schema.acceleration, model.shaped.coordinates)}
-        trees = {name: expanded_tree(model, tree) for name, tree in model.shaped.observables.items()}
+        trees = {name: model.expanded_by_quantity(tree) for name, tree in model.shaped.observables.items()}
         return self._blocks("followed", [name for name, tree in trees.items() if not free_names(tree) & unknown])
 
     @cached_property
@@ -379,19 +375,19 @@ class Layout:
     def derived_quantities(self) -> dict[str, tuple[tuple[str, ...], Node]]:
         """What `derived` has the elements of: the dimensions of each, and what it is, of a model with dimensions."""
         model = self.model
-        energies = energies_of_quantities(model) if self.energy_dimension is not None else {}
-        observables = {name: expanded_tree(model, tree) for name, tree in model.shaped.observables.items()}
+        observables = {name: model.expanded_by_quantity(tree) for name, tree in model.shaped.observables.items()}
         dims = model.shapes.dims
-        return {name: (dims.get(name, ()), tree) for name, tree in (energies | observables).items()}
+        return {name: (dims.get(name, ()), tree) for name, tree in (self._energies | observables).items()}
 
-    def _energies(self) -> dict[str, Any]:
-        """Return kinetic energy and, where a potential is known, potential and total energy, or what makes them."""
-        if self.energy_dimension is None:
-            return {}
-        if prints_quantities(self.model):
-            wholes = energies_of_quantities(self.model)
-            return {name: partial(at_element, tree, {}, self.model.shapes) for name, tree in wholes.items()}
-        return energy_trees(self.model)
+    @cached_property
+    def _energies(self) -> dict[str, Node]:
+        """Kinetic energy and, where a potential is known, potential and total energy."""
+        return {} if self.energy_dimension is None else energies(self.model)
+
+    def _energy(self, name: str) -> Node:
+        """Return an energy with its sums over elements written out."""
+        tree = self._energies[name]
+        return at_element(tree, {}, self.model.shapes) if has_diagonal_mass(self.model) else tree
 
 
 POLYNOMIAL = "polynomial"  # name of the program that writes it

@@ -40,20 +40,22 @@ from xdynamics.model.detectors import argument_motion, differentiated_reactions,
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.kinks import with_whole_numbers
 from xdynamics.model.linearisation import derivative_assignments, jacobian_names
-from xdynamics.model.motion import REGIME_NUMBER, constant_names, decides, drive_slope, motion
-from xdynamics.model.reactions import reaction_table
-from xdynamics.model.regime_model import watched_by
-from xdynamics.model.whole import (
-    QuantityTree,
+from xdynamics.model.motion import (
+    REGIME_NUMBER,
     change_name,
     changes_of_quantities,
+    constant_names,
+    decides,
+    drive_slope,
     events_of_quantities,
-    motion_of_quantities,
+    motion,
     motion_shapes,
-    prints_quantities,
+    moves_by_quantities,
     rates_of_quantities,
     shapes_of_changes,
 )
+from xdynamics.model.reactions import reaction_table
+from xdynamics.model.regime_model import watched_by
 from xdynamics.schema import ENERGIES
 from xdynamics.shapes import at_element
 from xdynamics.shapes.blocks import Blocks
@@ -166,7 +168,7 @@ def forces(layout: Layout, *, arrays: bool = False) -> Program:
 
 def forces_by_elements(layout: Layout) -> Program:
     """Write the forces of a model element by element."""
-    lines = write_assignments(layout, motion(layout.model))
+    lines = write_assignments(layout, motion(layout.model.elements))
     for name in layout.evaluation:
         lines.store(Location("z", layout.record.offset_of(name)), lines.operand_of(name))
     return Program("forces", "", tuple(lines.lines))
@@ -174,8 +176,7 @@ def forces_by_elements(layout: Layout) -> Program:
 
 def has_loops(model: Model) -> bool:
     """Whether the law of a model with dimensions is printed in loops; else its elements are written out."""
-    written_out = model.contacts or model.frictions or model.constraints or model.python_functions or watched_by(model)
-    return prints_quantities(model) and not written_out
+    return bool(model.shapes.dims) and moves_by_quantities(model)
 
 
 def _in_loops(layout: Layout, *, arrays: bool) -> Nests | None:
@@ -192,8 +193,8 @@ def _in_loops(layout: Layout, *, arrays: bool) -> Nests | None:
 def _motion_in_loops(layout: Layout, staged_names: frozenset[str]) -> tuple[Nests, frozenset[str]]:
     """Write the motion in loops, some results to arrays too; return also those that other loops read."""
     names, record, shapes = LawNames(layout, layout.used), layout.record, motion_shapes(layout.model)
-    drives, motion_of, read = layout.model.shaped.drives, [*motion_of_quantities(layout.model)], set[str]()
-    result_names = [*drives, *(name for name, *_ in motion_of)]
+    drives, motion_of, read = layout.model.shaped.drives, motion(layout.model), set[str]()
+    result_names = [*drives, *(item.name for item in motion_of)]
     result_locations = {name: Location("z", record.offset_of(shapes.first(name))) for name in result_names}
 
     def first_location(name: str) -> Location:
@@ -202,11 +203,11 @@ def _motion_in_loops(layout: Layout, staged_names: frozenset[str]) -> tuple[Nest
         return result_locations.get(name) or names.first_location(name)
 
     nests, results = Nests(shapes, names, first_location), []
-    for name, dims, tree in motion_of:
-        results.append((name, dims, tree, result_locations[name]))
-        if name in staged_names:
-            result_locations[name] = _new_array(nests, name, dims)
-            results.append((name, dims, tree, result_locations[name]))
+    for item in motion_of:
+        results.append((item.name, item.dims, item.tree, result_locations[item.name]))
+        if item.name in staged_names:
+            result_locations[item.name] = _new_array(nests, item.name, item.dims)
+            results.append((item.name, item.dims, item.tree, result_locations[item.name]))
     for name in layout.drives:
         nests.outermost.store(Location("z", record.offset_of(name)), nests.outermost.operand_of(name))
     for name in drives:
@@ -279,7 +280,7 @@ def expanded(layout: Layout, degree: int) -> Expansion:
 def linearised(layout: Layout, array: str = "e", first: int = 0) -> Program:
     """Write the forces with their exact derivatives, which go to `e`, or to another array from `first` on."""
     model = layout.model
-    lines = write_assignments(layout, (*motion(model), *derivative_assignments(model)))
+    lines = write_assignments(layout, (*motion(model.elements), *derivative_assignments(model)))
     for name in layout.evaluation:
         lines.store(Location("z", layout.record.offset_of(name)), lines.operand_of(name))
     for i, name in enumerate(jacobian_names(model).values()):
@@ -313,20 +314,23 @@ def changes(layout: Layout, first: int) -> Program:
 
     nests = Nests(shapes, find, first_location)
     try:
-        nests.results((name, dims, tree, first_location(name)) for name, dims, tree in quantities)
+        nests.results((item.name, item.dims, item.tree, first_location(item.name)) for item in quantities)
     except UnprintedError:
         nests = Nests(shapes, find, first_location)
-        for name, dims, tree in quantities:
-            for i, element_numbers in enumerate(shapes.index_combinations(dims)):
-                element_place = replace(first_location(name), offset=first_location(name).offset + i)
-                nests.outermost.store(element_place, nests.outermost.value(at_element(tree, element_numbers, shapes)))
+        for item in quantities:
+            begin = first_location(item.name)
+            for i, element_numbers in enumerate(shapes.index_combinations(item.dims)):
+                value = nests.outermost.value(at_element(item.tree, element_numbers, shapes))
+                nests.outermost.store(replace(begin, offset=begin.offset + i), value)
     return Program("changes", about, tuple(nests.lines), local=nests.local, tables=nests.tables)
 
 
 def events(layout: Layout) -> Program:
     """Write the event functions."""
     about = "The function of every event."
-    if has_loops(layout.model) and (program := _of_wholes("detect", about, layout, events_of_quantities(layout.model))):
+    if has_loops(layout.model) and (
+        program := _in_loops_to_z("detect", about, layout, events_of_quantities(layout.model))
+    ):
         return program
     trees = [detector.looked_at for detector in layout.watched]
     return _program_of_trees("detect", about, layout, trees, python_values(layout.model))
@@ -336,9 +340,13 @@ def event_rates(layout: Layout) -> Program:
     """Write the time derivatives of the event functions along the motion, and those of the observables."""
     model, about = layout.model, "The time derivatives of event functions and observables."
     if has_loops(model):
-        observed = [(block.name, *layout.derived_quantities[block.name]) for block in layout.followed.blocks]
+        observed = [
+            Assignment(block.name, tree, dims)
+            for block in layout.followed.blocks
+            for dims, tree in [layout.derived_quantities[block.name]]
+        ]
         rates = rates_of_quantities(model, [*events_of_quantities(model), *observed])
-        if rates is not None and (program := _of_wholes("slopes", about, layout, rates)):
+        if rates is not None and (program := _in_loops_to_z("slopes", about, layout, rates)):
             return program
     trees = [function_rate(model, entry) for entry in layout.watched]
     trees += (model.rate_of(model.observables[name]) for name in layout.followed)
@@ -349,12 +357,12 @@ def event_rates(layout: Layout) -> Program:
     )
 
 
-def _of_wholes(name: str, about: str, layout: Layout, quantities: Iterable[QuantityTree]) -> Program | None:
+def _in_loops_to_z(name: str, about: str, layout: Layout, quantities: Iterable[Assignment]) -> Program | None:
     """Write quantities to `z`, one after the other, in loops; None where their elements are to be written out."""
     nests, results, count = _state_nests(layout), list[Result](), 0
-    for quantity, dims, tree in quantities:
-        results.append((quantity, dims, tree, Location("z", count)))
-        count += math.prod(layout.model.shapes.shape(dims))
+    for item in quantities:
+        results.append((item.name, item.dims, item.tree, Location("z", count)))
+        count += math.prod(layout.model.shapes.shape(item.dims))
     try:
         nests.results(results)
     except UnprintedError:
@@ -365,14 +373,16 @@ def _of_wholes(name: str, about: str, layout: Layout, quantities: Iterable[Quant
 def touching(layout: Layout) -> Program:
     """Write the numbers of contacts and friction elements at a state, one table after another."""
     trees = [tree for part in reaction_table(layout.model) for tree in part]
-    inner = {assignment.name: assignment.value for assignment in motion(layout.model)} if layout.reactions else {}
+    inner = (
+        {assignment.name: assignment.value for assignment in motion(layout.model.elements)} if layout.reactions else {}
+    )
     about = "Gaps, rates, coefficients and matrices of contacts and friction."
     return _program_of_trees("touching", about, layout, trees, inner, layout.used)
 
 
 def values_of(layout: Layout, trees: Iterable[Node]) -> Program:
     """Write expressions of a state, and of what forces and accelerations are there."""
-    inner = {assignment.name: assignment.value for assignment in motion(layout.model)}
+    inner = {assignment.name: assignment.value for assignment in motion(layout.model.elements)}
     return _program_of_trees("values", "Values of expressions at a state.", layout, trees, inner, layout.used)
 
 

@@ -25,7 +25,7 @@ from xdynamics.kernels.model_programs import has_loops
 from xdynamics.methods.lines import Solve
 from xdynamics.model import Model
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.whole import motion_of_quantities, motion_shapes, state_quantities
+from xdynamics.model.motion import motion, motion_shapes, state_quantities
 from xdynamics.schema import rate
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.dependence import Dependence
@@ -212,11 +212,11 @@ def pattern_of(layout: Layout) -> Pattern:
     first = {name: used.offset_of(shapes.first(name)) for name in state_quantities(layout.model)}
     dependence, entry_parts = Dependence(shapes, first, used.size), []
     begin, rows = 0, {*moving_quantities(layout.model)}
-    for name, dims, tree in motion_of_quantities(layout.model):
-        elements, numbers = dependence.pairs(tree, dims, name)
-        if name in rows:
+    for item in motion(layout.model):
+        elements, numbers = dependence.pairs(item.tree, item.dims, item.name)
+        if item.name in rows:
             entry_parts.append((begin + elements, numbers))
-            begin += math.prod(shapes.shape(dims))
+            begin += math.prod(shapes.shape(item.dims))
     every_row, every_column = (np.concatenate(parts) for parts in zip(*entry_parts, strict=True))
     del dependence, entry_parts
     band, group = _group_columns(layout, every_row, every_column)

@@ -40,11 +40,17 @@ from xdynamics.model.controllers import Action, actions, alarms, exact_ticks, ex
 from xdynamics.model.detectors import KINK, SWITCH
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elementwise import put_in_si
-from xdynamics.model.motion import constant_names, constant_values, drive_pieces, first_regime
+from xdynamics.model.motion import (
+    constant_names,
+    constant_values,
+    drive_pieces,
+    first_regime,
+    forces_by_coordinate,
+    has_diagonal_mass,
+)
 from xdynamics.model.reactions import mode_names
 from xdynamics.model.regime_model import switch_inputs
 from xdynamics.model.switches import LANDED_ON
-from xdynamics.model.whole import expanded_tree, forces_by_coordinate, prints_quantities
 from xdynamics.reaction_names import PROJECTION
 from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, constant
 from xdynamics.units.unit import exact_value
@@ -360,25 +366,14 @@ def _node_rests(model: Model, settings: Settings, nodes: Floats) -> Floats:
 @lru_cache(maxsize=64)
 def _limits_domain(model: Model) -> bool:
     """Whether the model has functions or tables with a limited domain."""
-    limited = any(
-        map(limits_domain, _moving_quantities(model) if prints_quantities(model) else _moving_elements(model))
-    )
+    limited = any(map(limits_domain, _moving_trees(model if has_diagonal_mass(model) else model.elements)))
     return limited or any(drive.outside == "error" for drive in model.drives.values())
 
 
-def _moving_quantities(model: Model) -> Iterator[Node]:
-    """Yield what moves a model with dimensions, without functions in Python."""
-    parts = [part for terms in forces_by_coordinate(model).values() for part in terms.values()]
-    masses = [model.shaped.mass[i][i] for i in range(len(model.shaped.coordinates))]
-    for part in (*parts, *masses, *(state.rate for state in model.shaped.states.values())):
-        if not isinstance(part, Function):
-            yield expanded_tree(model, part)
-
-
-def _moving_elements(model: Model) -> Iterator[Node]:
+def _moving_trees(model: Model) -> Iterator[Node]:
     """Yield what moves a model, without functions in Python."""
-    parts = [part for terms in model.force_components.values() for part in terms.values()]
-    rates = [part.rate for part in model.statement.states.values()]
-    for part in (*parts, *model.statement.mass_entries.values(), *rates):
+    parts = [part for terms in forces_by_coordinate(model).values() for part in terms.values()]
+    rates = [state.rate for state in model.shaped.states.values()]
+    for part in (*parts, *model.shaped.mass_entries.values(), *rates):
         if not isinstance(part, Function):
-            yield model.expanded(part)
+            yield model.expanded_by_quantity(part)

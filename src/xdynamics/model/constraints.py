@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, reduce
+from typing import NamedTuple
 
 from xdynamics.expressions import (
     Binary,
@@ -37,6 +38,7 @@ from xdynamics.expressions import (
 )
 from xdynamics.expressions.calculus import ONE, ZERO, add, multiply, negative, sum_of_terms
 from xdynamics.model.constraint_consistency import DEPENDENT, implied_at_start
+from xdynamics.model.elementwise import own_mass
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Function
 from xdynamics.reaction_names import PROJECTION, RANK, constraint_force
@@ -45,19 +47,23 @@ from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.units import Dimension
 
 
-@dataclass(frozen=True)
-class Assignment:
-    """``name = value``; the value is an expression without definitions, or a function written in Python."""
+class Assignment(NamedTuple):
+    """``name = value``, along dimensions; the value is an expression without definitions, or a function written in Python."""
 
     name: str
     value: Node | Function
+    dims: tuple[str, ...] = ()
+
+    @property
+    def tree(self) -> Node:
+        """The value of one that calls no function."""
+        assert not isinstance(self.value, Function)  # noqa: S101 - asked before, where there may be some
+        return self.value
 
 
 def mass_factors(model: Model) -> Iterator[Assignment]:
-    """Write what solving with the mass needs: its diagonal, or the factors of M = L D L^T."""
+    """Write what solving with the mass needs: the factors of a full one, M = L D L^T; a diagonal one divides."""
     if not model.mass_is_full:
-        for i in range(len(model.statement.coordinates)):
-            yield Assignment(f"_m{i}", Call("positive", (model.expanded(model.mass[i][i]),)))
         return
     mass = [[model.expanded(entry) for entry in row] for row in model.mass]
     for i, row in enumerate(mass):
@@ -72,11 +78,10 @@ def solve_mass(model: Model, rows: Mapping[str, Node], names: Iterable[str] | No
     """Solve M u = right for the unknowns, by division or forward and back through the factors."""
     unknowns, right = list(rows), list(rows.values())
     if not model.mass_is_full:
-        row_of = {name: i for i, name in enumerate(model.statement.coordinates)}
-        for name, unknown, tree in zip(
-            model.statement.coordinates if names is None else names, unknowns, right, strict=True
-        ):
-            yield Assignment(unknown, Binary("/", tree, Name(f"_m{row_of[name]}")))
+        row_of = {name: i for i, name in enumerate(model.shaped.coordinates)}
+        for name, unknown, tree in zip(row_of if names is None else names, unknowns, right, strict=True):
+            mass = own_mass(model.shaped.mass, row_of[name])
+            yield Assignment(unknown, Binary("/", tree, Call("positive", (model.expanded_by_quantity(mass),))))
         return
     n = len(unknowns)
     z = [f"_z{i}_{unknown}" for i, unknown in enumerate(unknowns)]

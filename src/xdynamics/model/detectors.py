@@ -203,11 +203,11 @@ def differentiated_reactions(model: Model) -> tuple[Assignment, ...]:
         return ()
     last = max(
         i
-        for i, assignment in enumerate(motion(model))
+        for i, assignment in enumerate(motion(model.elements))
         if assignment.name in {reaction.name for reaction in reactions(model)}
     )
     rates, assignments = dict(model.rates), []
-    for assignment in motion(model)[: last + 1]:
+    for assignment in motion(model.elements)[: last + 1]:
         assert not isinstance(assignment.value, Function)  # noqa: S101 - a model with both is refused
         assignments.append(assignment)
         if (rate := derivative(assignment.value, rates)) != ZERO:

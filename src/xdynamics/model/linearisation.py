@@ -10,8 +10,9 @@ Conditions g(t, q, x) = 0 leave changes with (dg/dq) dq + (dg/dx) dx = 0, and th
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,26 @@ from xdynamics.model.constraint_consistency import INDEPENDENT, over_mass
 from xdynamics.model.constraints import Assignment, conditions, keep_conditions, solve_mass, subtract_terms
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.model import Model
-from xdynamics.model.motion import constants, drive_pieces, drive_slope, in_regimes, motion, motion_inputs, variables
+from xdynamics.model.motion import (
+    change_name,
+    changes_of_quantities,
+    constants,
+    drive_pieces,
+    drive_slope,
+    in_regimes,
+    motion,
+    motion_inputs,
+    moves_by_quantities,
+    shapes_of_changes,
+    state_quantities,
+    variables,
+)
 from xdynamics.model.parts import Function
-from xdynamics.model.whole import is_densely_linked, quantity_jacobian
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, rate
+from xdynamics.shapes.blocks import Block
+from xdynamics.shapes.evaluation import evaluate_elements
+from xdynamics.shapes.extents import Extent
 
 
 @lru_cache(maxsize=64)
@@ -207,7 +223,7 @@ def tape(model: Model) -> Tape:
     """Return the operations of the motion and its derivatives; there may be many thousands of them."""
     return Tape(
         (assignment.name, assignment.value)
-        for assignment in (*motion(model), *derivative_assignments(model))
+        for assignment in (*motion(model.elements), *derivative_assignments(model))
         if not isinstance(assignment.value, Function)
     )
 
@@ -419,6 +435,77 @@ class Linearisation:
             following = space[n : 2 * n, :free]
             reduced_matrix[free : 2 * free, :free] += following.T @ following
         return reduced_matrix
+
+
+DIRECTIONS = "directions of the state"  # no name of a model's
+LINKS_OF_EACH = 4  # links for each element, from which derivatives are found of whole quantities
+MAX_TOGETHER = 2_000_000  # numbers of a part of an expression for all directions that are taken together
+
+
+def is_densely_linked(model: Model) -> bool:
+    """Whether links far outnumber what they link, and the derivatives of forces are known of whole quantities."""
+    if not moves_by_quantities(model) or model.assemblies or model.drives or model.shaped.bodies:
+        return False
+    sizes = ((links.first.size, model.shapes.extent(links.source).size) for links in model.shapes.relations.values())
+    return any(count > LINKS_OF_EACH * elements for count, elements in sizes)
+
+
+def quantity_jacobian(model: Model, values: Mapping[str, float]) -> tuple[Floats, Floats]:
+    """Return accelerations, and the derivatives of accelerations and rates by the state, of a model that is dense.
+
+    Parameters
+    ----------
+    model : Model
+    values : mapping of str to float
+        SI numbers for all that the motion reads, by the names of elements.
+
+    Returns
+    -------
+    accelerations : ndarray, shape (coordinates,)
+    jacobian : ndarray, shape (coordinates + states, 2*coordinates + states)
+    """
+    shapes, motion_of, changes = shapes_of_changes(model), motion(model), changes_of_quantities(model)
+    derived_names = {change_name(name) for name in state_quantities(model)} | {
+        item.name for item in (*motion_of, *changes)
+    }
+    read = set[str]().union(*(free_names(item.tree) for item in (*motion_of, *changes))) - derived_names
+    known_values: dict[str, Any] = {}
+    for name in read:
+        block = Block.from_shapes(name, "", shapes)
+        known_values[name] = np.array([values[element] for element in block.elements()]).reshape(block.shape)
+    for item in motion_of:
+        known_values[item.name] = evaluate_elements(item.tree, item.dims, known_values, shapes)
+    rows = [*map(acceleration, model.shaped.coordinates), *map(rate, model.shaped.states)]
+    state = [Block.from_shapes(name, "", shapes) for name in state_quantities(model)]
+    count = sum(block.size for block in state)
+    widest = max(links.first.size for links in shapes.relations.values())
+    jacobian, chunk_size = (
+        np.empty((sum(known_values[name].size for name in rows), count)),
+        max(1, MAX_TOGETHER // widest),
+    )
+    for begin in range(0, count, chunk_size):
+        end = min(begin + chunk_size, count)
+        directions, first = np.eye(count, end - begin, -begin), 0
+        dims_with_direction = {
+            name: (*shapes.dims.get(name, ()), DIRECTIONS)
+            for name in map(change_name, [*state_quantities(model), *rows])
+        }
+        dims_with_direction |= {name: (*dims, DIRECTIONS) for name, _, dims in changes}
+        extents = {**shapes.extents, DIRECTIONS: Extent(DIRECTIONS, end - begin)}
+        direction_shapes = replace(shapes, extents=extents, dims={**shapes.dims, **dims_with_direction})
+        moved_values = dict(known_values)
+        for block in state:
+            part = directions[first : first + block.size]
+            moved_values[change_name(block.name)], first = part.reshape(*block.shape, -1), first + block.size
+        for item in changes:
+            moved_values[item.name] = evaluate_elements(
+                item.tree, (*item.dims, DIRECTIONS), moved_values, direction_shapes, DIRECTIONS
+            )
+        jacobian[:, begin:end] = np.concatenate(
+            [moved_values[change_name(name)].reshape(-1, end - begin) for name in rows]
+        )
+    accelerations = [known_values[acceleration(name)].ravel() for name in model.shaped.coordinates]
+    return np.concatenate(accelerations), jacobian
 
 
 def linearise(model: Model, state: Mapping[str, float]) -> Linearisation:

@@ -250,6 +250,16 @@ class Model(ModelTrees):
             self.statement if self._declared is None else gather_elements(self._declared, self.statement, self.shapes)
         )
 
+    @cached_property
+    def elements(self) -> Model:
+        """The model of its elements, each a quantity of its own without dimensions, like ``r·Jupiter·x``."""
+        if self._declared is None:
+            return self
+        model = Model.of_elements(self.statement, self.dimensions)
+        # the text of all elements would be as long as they are many
+        model.__dict__.update(digest=f"elements of {self.digest}", form=f"elements of {self.form}", file=self.file)
+        return model
+
     def written_out(self) -> dict[str, Any]:
         """Return the sections of its file with a number for each element, be they given one by one or by an expression."""
         return toml.section_tables(explicit_values(self.shaped, self.shapes))

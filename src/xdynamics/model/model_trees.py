@@ -51,6 +51,7 @@ from xdynamics.model.uncertainty import Discrepancy
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.schema import acceleration, rate, velocity
 from xdynamics.shapes import Shapes
+from xdynamics.shapes.trees import expand_definitions
 from xdynamics.units import Dimension, Quantity, Unit
 
 Part = TypeVar("Part")
@@ -144,6 +145,7 @@ class ModelTrees:
     """The sections of a statement with what is derived from them; every name that a model says is an attribute."""
 
     statement: Statement
+    shaped: Statement
     name: str
     description: str
     mass: Sequence[tuple[Node, ...]]
@@ -305,6 +307,12 @@ class ModelTrees:
         """Return an expression with every definition substituted, and with names for delayed values."""
         tree = expand(node, self.definitions)
         return with_delayed_names(tree, self.delays, self.moving | {*self.drives}) if self.delays else tree
+
+    def expanded_by_quantity(self, node: Node) -> Node:
+        """Return an expression of quantities, along their dimensions, with every definition substituted."""
+        return (
+            expand_definitions(node, self.shaped.definitions, self.shapes) if self.shapes.dims else self.expanded(node)
+        )
 
     @cached_property
     def delays(self) -> tuple[Node, ...]:

@@ -3,13 +3,15 @@
 Compiled laws are printed from these assignments, and the same assignments are evaluated where a single state is
 examined: in a linearisation, in the search for a failure. No other place states how a force becomes an acceleration.
 
-Kinetic and potential energy of a model without dimensions, as trees.
+Of a model with dimensions they are as many as there are quantities; what they are at each element is what the model of
+its elements says. Kinetic and potential energy are trees too, and derivatives of the motion along a direction.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache, reduce
 from typing import Any
 
@@ -17,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME
-from xdynamics.expressions import Binary, Call, Compare, Name, Node, Number, derivative, free_names
+from xdynamics.expressions import Along, Binary, Call, Compare, Name, Node, Number, derivative, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, ModelError
@@ -32,15 +34,18 @@ from xdynamics.model.constraints import (
 from xdynamics.model.delays import in_history, is_before, value_at_start
 from xdynamics.model.drive_arguments import CLOCK, table_in_time
 from xdynamics.model.drives import piece_coefficients, value_and_slope
+from xdynamics.model.elements import Elements
 from xdynamics.model.elementwise import Elementwise, in_si
 from xdynamics.model.model import Model
 from xdynamics.model.parts import Drive, Function
 from xdynamics.model.reactions import free_acceleration, mode_names, reaction_assignments, reactions, unloaded
-from xdynamics.model.regime_model import switch_inputs
+from xdynamics.model.regime_model import switch_inputs, watched_by
 from xdynamics.model.switches import Switch, where_it_decides
 from xdynamics.reaction_names import constraint_force
 from xdynamics.schema import acceleration, force, rate, velocity
+from xdynamics.shapes import Shapes, dims_of
 from xdynamics.shapes.blocks import Blocks
+from xdynamics.shapes.gradient import derivative as derivative_along
 from xdynamics.units import CONSTANTS, TIME, UNSCALED, Scales, constant
 
 ALONG_A_MARCH = "has delayed values, which are known along a march alone, and not at a state by itself"
@@ -72,14 +77,39 @@ def drive_slope(drive: str) -> str:
     return f"_slope_{drive}"
 
 
+def moves_by_quantities(model: Model) -> bool:
+    """Whether the motion is one of quantities along their dimensions; else it is written for each element.
+
+    Elements alone have full masses, constraints, contacts of few, sides of switches, delays and functions in Python.
+    """
+    by_element = (
+        model.contacts,
+        model.frictions,
+        model.constraints,
+        model.python_functions,
+        model.delays,
+        watched_by(model),
+        not has_diagonal_mass(model),
+    )
+    return not model.shapes.dims or not any(by_element)
+
+
+def has_diagonal_mass(model: Model) -> bool:
+    """Whether each quantity has a mass of its own, as it was written: not derived from a Lagrangian, and not full."""
+    return model.shaped.lagrangian is None and not model.mass_is_full
+
+
 @lru_cache(maxsize=64)
 def motion(model: Model) -> tuple[Assignment, ...]:
-    """Write force terms, accelerations and rates.
+    """Write force terms, accelerations and rates of quantities; of `model.elements` for every element.
 
     A diagonal mass divides; a full one is factored as L D L^T (Golub and Van Loan, Matrix Computations, 4th ed.,
     section 4.1.2). A mass that is not positive gives nan, which ends a run. Contacts and friction elements add their
     forces to the free accelerations.
     """
+    if not moves_by_quantities(model):
+        return motion(model.elements)
+    coordinates = model.shaped.coordinates
     assignments = [*_force_terms(model), *mass_factors(model)]
     tied = conditions(model)
     free_of_reactions = free_acceleration if reactions(model) else acceleration
@@ -91,21 +121,21 @@ def motion(model: Model) -> tuple[Assignment, ...]:
         assignments += multiplier_assignments(model)
         assignments += keep_conditions(
             model,
-            {name: Name(unbound(name)) for name in model.statement.coordinates},
+            {name: Name(unbound(name)) for name in coordinates},
             [condition.bias for condition in tied],
-            {name: free_of_reactions(name) for name in model.statement.coordinates},
+            {name: free_of_reactions(name) for name in coordinates},
             [unloaded(condition) if reactions(model) else constraint_force(condition.name) for condition in tied],
         )
     assignments += reaction_assignments(model)
-    return (
-        *assignments,
-        *(Assignment(rate(name), model.expanded(state.rate)) for name, state in model.statement.states.items()),
-    )
+    rates = {rate(name): model.expanded_by_quantity(state.rate) for name, state in model.shaped.states.items()}
+    assignments += (Assignment(name, tree) for name, tree in rates.items())
+    dims = motion_shapes(model).dims
+    return tuple(item._replace(dims=dims.get(item.name, ())) for item in assignments)
 
 
 def _force_terms(model: Model) -> Iterator[Assignment]:
     """Write every force term; in a regime in which it does not act it is 0, whatever its value would be."""
-    for term, components in model.force_components.items():
+    for term, components in forces_by_coordinate(model).items():
         for name, component in components.items():
             target = force(term, name)
             if isinstance(component, Function) and acts_always(model, term):
@@ -114,7 +144,31 @@ def _force_terms(model: Model) -> Iterator[Assignment]:
                 yield Assignment(f"_any_{target}", component)
                 yield Assignment(target, in_regimes(model, term, Name(f"_any_{target}")))
             else:
-                yield Assignment(target, in_regimes(model, term, model.expanded(component)))
+                yield Assignment(target, in_regimes(model, term, model.expanded_by_quantity(component)))
+
+
+@lru_cache(maxsize=64)
+def forces_by_coordinate(model: Model) -> Mapping[str, Mapping[str, Node | Function]]:
+    """Return what every force term is for every coordinate on which it acts: derived from a Lagrangian, for elements."""
+    if not model.shapes.dims or model.shaped.lagrangian is not None:
+        return model.force_components
+    elements = Elements(model.shaped, model.shapes)
+    return {term: elements.force_by_coordinate(part) for term, part in model.shaped.forces.items()}
+
+
+@lru_cache(maxsize=64)
+def motion_shapes(model: Model) -> Shapes:
+    """Return the shapes of a model with those of its force components, and of the slopes of its tables."""
+    dims_by_name = model.shapes.dims
+    if not dims_by_name:
+        return model.shapes
+    names = {drive_slope(name): dims_by_name.get(name, ()) for name in model.shaped.drives}
+    names |= {
+        force(term, name): dims_by_name.get(name, ())
+        for term, parts in forces_by_coordinate(model).items()
+        for name in parts
+    }
+    return replace(model.shapes, dims={**dims_by_name, **{name: dims for name, dims in names.items() if dims}})
 
 
 def acts_always(model: Model, term: str) -> bool:
@@ -290,7 +344,7 @@ def evaluate_motion(
         All values by name, including drives.
     """
     values = motion_inputs(model, state, constant_numbers, tables)
-    for assignment in motion(model):
+    for assignment in motion(model.elements):
         values[assignment.name] = _assignment_value(model, assignment.value, values)
     return values
 
@@ -379,7 +433,7 @@ def assignments_read(model: Model, trees: Iterable[Node]) -> list[Assignment]:
     assignments: list[Assignment] = []
     if needed <= _unassigned_names(model) or needed.isdisjoint(_assigned(model)):
         return assignments
-    for item in reversed(motion(model)):
+    for item in reversed(motion(model.elements)):
         if item.name in needed:
             assignments.append(item)
             needed |= {*item.value.arguments} if isinstance(item.value, Function) else free_names(item.value)
@@ -395,7 +449,7 @@ def _unassigned_names(model: Model) -> frozenset[str]:
 @lru_cache(maxsize=512)
 def _assigned(model: Model) -> frozenset[str]:
     """Name what the motion assigns."""
-    return frozenset(item.name for item in motion(model))
+    return frozenset(item.name for item in motion(model.elements))
 
 
 def _assignment_value(model: Model, value: Node | Function, values: Mapping[str, float]) -> float:
@@ -407,19 +461,28 @@ def _assignment_value(model: Model, value: Node | Function, values: Mapping[str,
 def _summed_force_terms(model: Model) -> dict[str, Node]:
     """Add the force terms of each coordinate, in their order."""
     totals: dict[str, Node] = {}
-    for term, components in model.force_components.items():
+    for term, components in forces_by_coordinate(model).items():
         for name in components:
             addend = Name(force(term, name))
             totals[name] = Binary("+", totals[name], addend) if name in totals else addend
-    return {name: totals.get(name, ZERO) for name in model.statement.coordinates}
+    return {name: totals.get(name, ZERO) for name in model.shaped.coordinates}
 
 
-def energy_trees(model: Model) -> dict[str, Node]:
+def energies(model: Model) -> dict[str, Node]:
     """Return kinetic energy and, where a force has a potential, potential and total energy."""
-    moving = list(map(velocity, model.statement.coordinates))
+    if not has_diagonal_mass(model):
+        model = model.elements
+    moving = list(map(velocity, model.shaped.coordinates))
     kinetic = _sum_trees(
-        Binary("*", Binary("/", model.expanded(entry), Number(2.0)), Binary("*", Name(moving[i]), Name(moving[j])))
-        for (i, j), entry in model.statement.mass_entries.items()
+        _sum_over_elements(
+            model,
+            Binary(
+                "*",
+                Binary("/", model.expanded_by_quantity(entry), Number(2.0)),
+                Binary("*", Name(moving[i]), Name(moving[j])),
+            ),
+        )
+        for (i, j), entry in model.shaped.mass_entries.items()
     )
     terms = potentials(model)
     if not terms:
@@ -431,12 +494,82 @@ def energy_trees(model: Model) -> dict[str, Node]:
 
 def potentials(model: Model) -> dict[str, Node]:
     """Return the potential energy of each force term that has one: their sum, in this order, is the potential energy."""
+    statement = model.shaped
     return {
-        name: in_regimes(model, name, model.expanded(force.potential))
-        for name, force in model.forces.items()
+        name: in_regimes(model, name, _sum_over_elements(model, model.expanded_by_quantity(force.potential)))
+        for name, force in statement.forces.items()
         if force.potential is not None
     }
 
 
+def _sum_over_elements(model: Model, tree: Node) -> Node:
+    dims = dims_of(tree, model.shapes) if model.shapes.dims else ()
+    return Along("sum", (tree,), dims) if dims else tree
+
+
 def _sum_trees(terms: Iterable[Node]) -> Node:
     return reduce(lambda total, term: Binary("+", total, term), terms)
+
+
+def state_quantities(model: Model) -> list[str]:
+    """Return the quantities of a state, as a force evaluation uses them."""
+    shaped = model.shaped
+    return [*shaped.coordinates, *map(velocity, shaped.coordinates), *shaped.states]
+
+
+def change_name(name: str) -> str:
+    """Name the derivative of a quantity along a direction of the state; of one of the state itself the direction."""
+    return f"_change_{name}"
+
+
+def shapes_of_changes(model: Model) -> Shapes:
+    """Return the shapes of a model with those of its changes."""
+    shapes = motion_shapes(model)
+    names = [*state_quantities(model), *(item.name for item in motion(model))]
+    dims = {change_name(name): shapes.dims[name] for name in names if name in shapes.dims}
+    return replace(shapes, dims={**shapes.dims, **dims})
+
+
+def changes_of_quantities(model: Model) -> list[Assignment]:
+    """Return the derivatives of what `motion` gives along a direction of the state, by the chain rule."""
+    shapes, changes = shapes_of_changes(model), list[Assignment]()
+    rates: dict[str, Node] = {name: Name(change_name(name)) for name in state_quantities(model)}
+    for item in motion(model):
+        rate_tree = derivative_along(item.tree, rates, shapes)
+        changes.append(Assignment(change_name(item.name), rate_tree, item.dims))
+        if rate_tree != ZERO:
+            rates[item.name] = Name(change_name(item.name))
+    return changes
+
+
+def events_of_quantities(model: Model) -> list[Assignment]:
+    """Return the function of each event, and 1 for what is looked for otherwise: ticks, links of contacts."""
+    functions = list[Assignment]()
+    for name, event in model.shaped.events.items():
+        assert not isinstance(event.function, Function)  # noqa: S101 - asked before
+        tree = ONE if event.every is not None else model.expanded_by_quantity(event.function)
+        functions.append(Assignment(name, tree, model.shapes.dims.get(name, ())))
+    return [*functions, *(Assignment(name, ONE) for name in model.assemblies)]
+
+
+def rates_of_quantities(model: Model, quantities: Sequence[Assignment]) -> list[Assignment] | None:
+    """Return the time derivatives of expressions along the motion.
+
+    None where they read a table for each element that is looked up at anything but a time: only elements say at what.
+    """
+    shaped, rates = model.shaped, dict[str, Node](t=ONE)
+    for name in shaped.coordinates:
+        rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
+    rates |= {name: Name(rate(name)) for name in shaped.states}
+    for name in shaped.drives:
+        if model.looked_up_at[model.shapes.first(name)] == CLOCK:
+            rates[name] = Name(drive_slope(name))
+        elif not model.shapes.dims.get(name):
+            rates[name] = model.rates[name]
+        elif any(name in free_names(item.tree) for item in quantities):
+            return None
+    shapes = motion_shapes(model)
+    return [
+        Assignment(f"_rate_of_{item.name}", derivative_along(item.tree, rates, shapes), item.dims)
+        for item in quantities
+    ]

@@ -45,10 +45,8 @@ class RegimeModel(Model):
 
     def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str) -> None:
         # what the plain model has cached under these names would hide the properties of this class
-        replaced_names = ("digest", "form", "force_components")
-        self.__dict__.update(
-            {name: value for name, value in vars(plain).items() if name not in replaced_names}, shaped=plain.shaped
-        )
+        replaced_names = ("digest", "form", "force_components", "elements", "shaped")
+        self.__dict__.update({name: value for name, value in vars(plain).items() if name not in replaced_names})
         self.plain, self.switches, self.located = plain, switches, located
         states = {
             name: replace(part, rate=self._one_sided_tree(name, part.rate))
@@ -56,6 +54,7 @@ class RegimeModel(Model):
         }
         self.statement = replace(plain.statement, states=states, mass=self._one_sided_masses())
         self.mass = self.statement.mass
+        self.shaped = self.statement if plain.elements is plain else plain.shaped
         self.frictions = {
             name: replace(
                 part, kinetic=self._one_sided_tree(name, part.kinetic), static=self._one_sided_tree(name, part.static)
@@ -70,6 +69,12 @@ class RegimeModel(Model):
         if any(switch.owner in checked_owners for switch in switches):
             sides = {switch_side(i): NONE for i, switch in enumerate(switches) if not switch.drive}
             self.dimensions = plain.dimensions | sides
+
+    @cached_property
+    def elements(self) -> Model:
+        """The model of its elements on the sides of their switches."""
+        is_single = self.plain.elements is self.plain
+        return self if is_single else RegimeModel(self.plain.elements, self.switches, self.located)
 
     def replace(self, **sections: Mapping[str, Any] | str) -> Model:
         """Return the plain model with some entries replaced; see `Model.replace`."""

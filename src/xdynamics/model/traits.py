@@ -12,9 +12,9 @@ from xdynamics.expressions.calculus import ONE
 from xdynamics.faults import first_names
 from xdynamics.model.controllers import controller_states
 from xdynamics.model.elementwise import element_blocks
+from xdynamics.model.motion import forces_by_coordinate, has_diagonal_mass
 from xdynamics.model.parts import Contact, Function
 from xdynamics.model.reactions import NORMAL, reactions
-from xdynamics.model.whole import expanded_tree, forces_by_coordinate, prints_quantities
 from xdynamics.schema import velocity
 from xdynamics.shapes.blocks import Blocks
 
@@ -66,11 +66,11 @@ def traits_of(model: Model) -> dict[Trait, str]:
         for (i, j), entry in model.statement.mass_entries.items():
             if fault := model.reads(entry) & set(model.statement.coordinates):
                 traits.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_list_names(fault)}")
-    varying_blocks, shaped = velocities + coordinates + states, bool(model.shapes.dims)
-    for name, state in (model.shaped if shaped else model.statement).states.items():
+    varying_blocks = velocities + coordinates + states
+    for name, state in model.shaped.states.items():
         if Trait.COUPLED_STATES in traits:  # the first is told
             break
-        if fault := _among(_names_read(model, state.rate) if shaped else model.reads(state.rate), varying_blocks):
+        if fault := _among(_names_read(model, state.rate), varying_blocks):
             traits[Trait.COUPLED_STATES] = f"the rate of '{name}' depends on {_list_names(fault)}"
     return traits
 
@@ -78,29 +78,15 @@ def traits_of(model: Model) -> dict[Trait, str]:
 def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
     """Return every force component, mass entry and reaction, with the names that it reads.
 
-    Of a force with dimensions these are the names of whole quantities; one that reads positions alone is left out.
+    Of what has dimensions these are the names of quantities, of reactions and full masses those of elements.
     """
-    wholes = forces_by_coordinate(model) if model.shapes.dims else {}
     forces = [
         (f"force '{term}' of '{coordinate}'", _names_read(model, part))
-        for term, parts in wholes.items()
+        for term, parts in forces_by_coordinate(model).items()
         for coordinate, part in parts.items()
-        if not isinstance(part, Function) and not _is_plain(model, part)
     ]
-    whole_terms = {
-        term for term, parts in wholes.items() if not any(isinstance(part, Function) for part in parts.values())
-    }
-    if not prints_quantities(model) or len(whole_terms) < len(wholes):  # elements of forces are dear
-        forces += [
-            (f"force '{term}' of '{coordinate}'", model.reads(expression))
-            for term, components in model.force_components.items()
-            if term not in whole_terms
-            for coordinate, expression in components.items()
-        ]
-    shaped = model.shaped.mass if prints_quantities(model) else ()
-    plain = bool(shaped) and all(_is_plain(model, row[i]) for i, row in enumerate(shaped))
-    entries = () if plain else model.statement.mass_entries.values()
-    masses = [("the mass", model.reads(entry)) for entry in entries]
+    entries = (model if has_diagonal_mass(model) else model.elements).shaped.mass_entries.values()
+    masses = [("the mass", _names_read(model, entry)) for entry in entries]
     pressed = [
         (
             f"'{reaction.name}'{' along a curved gap' * (reaction.sort == NORMAL and reaction.owner in model.contacts)}",
@@ -139,21 +125,13 @@ def _among(names: set[str], blocks: Blocks) -> set[str]:
     return {name for name in names if blocks.find_offset(name) is not None}
 
 
-def _names_read(model: Model, tree: Node) -> set[str]:
-    """Return the names of whole quantities that a force with dimensions reads, also through drives."""
-    names = free_names(expanded_tree(model, tree))
-    read = [
-        free_names(expanded_tree(model, drive.argument)) for name, drive in model.shaped.drives.items() if name in names
-    ]
-    return names.union(*read)
-
-
-def _is_plain(model: Model, tree: Node | Function) -> bool:
-    """Whether a force with dimensions reads no velocity, state or drive."""
+def _names_read(model: Model, tree: Node | Function) -> set[str]:
+    """Return the names of quantities that an expression or a function reads, also through drives."""
     if isinstance(tree, Function):
-        return False
-    velocities = set(map(velocity, model.shaped.coordinates))
-    return not free_names(expanded_tree(model, tree)) & {*velocities, *model.shaped.states, *model.shaped.drives}
+        return model.reads(tree)
+    names = free_names(model.expanded_by_quantity(tree))
+    arguments = (drive.argument for name, drive in model.shaped.drives.items() if name in names)
+    return names.union(*(free_names(model.expanded_by_quantity(argument)) for argument in arguments))
 
 
 def _list_names(names: set[str]) -> str:

@@ -41,7 +41,6 @@ from xdynamics.model.parts import Constraint
 from xdynamics.model.reactions import reaction_dimensions
 from xdynamics.model.regime_model import watched_by
 from xdynamics.model.switches import Switch
-from xdynamics.model.whole import prints_quantities
 from xdynamics.reaction_names import (
     JOINT,
     PROJECTION,
@@ -155,20 +154,12 @@ class Units:
         observable = self.about.model.shaped.observed.get(name)
         if observable is not None and observable.unit is not None:
             return observable.unit
-        if prints_quantities(self.about.model):  # not element by element: a sum may have a million terms
-            return spell(dimension_of(layout.derived_quantities[name][1], self._quantity_dimensions))
-        return spell(dimension_of(self.about.model.observables[block.first], self._element_dimensions))
-
-    @cached_property
-    def _element_dimensions(self) -> dict[str, Dimension]:
-        """The dimension of every name that an observable may read."""
-        model, coordinates = self.about.model, self.about.layout.coordinates
-        dimensions, square = model.dimensions, model.time_unit.dimension**2
-        return dimensions | {schema.acceleration(name): dimensions[name] / square for name in coordinates}
+        # not element by element: a sum may have a million terms
+        return spell(dimension_of(layout.derived_quantities[name][1], self._quantity_dimensions))
 
     @cached_property
     def _quantity_dimensions(self) -> dict[str, Dimension]:
-        """The same of every quantity with dimensions, by its own name and not those of its elements."""
+        """The dimension of every name that an observable may read."""
         dimensions, square = self.about.model.dimensions, self.about.model.time_unit.dimension**2
         dimensions_by_name = {block.name: dimensions[block.first] for block in element_blocks(dimensions).blocks}
         coordinate_blocks = self.about.layout.coordinates.blocks

@@ -351,7 +351,7 @@ def logged_column(column: Column, log: Sequence[str], model_shapes: Shapes, logg
     model_dims = [dim.removeprefix(logged_of("")) for dim in dims]
     extents = tuple(map(model_shapes.extent, model_dims))
     numbers = {
-        number: number_of_element(member, extents)  # among all elements of the model
+        number: int(number_of_element(member, extents) or 0)  # among all elements of the model
         for number, member in quantity.members.items()
     }
     size = math.prod(extent.size for extent in extents)

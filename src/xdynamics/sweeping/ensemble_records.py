@@ -155,7 +155,8 @@ class MemberRuns:
         """The number among `detectors` of what located each event of all members."""
         numbers = np.array([self.detectors.index(detector.name) for detector in self.layout.watched], np.int64)
         block = self.runs.log_block
-        return numbers[block.log.events["detector"][: block.events]]
+        detectors: Rows = numbers[block.log.events["detector"][: block.events]]
+        return detectors
 
     @cached_property
     def extremes_cache(self) -> dict[tuple[str, float], tuple[NDArray[Any], ...]]:

@@ -30,7 +30,6 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.model.motion import constants, drive_pieces, evaluate_over_states
-from xdynamics.model.whole import expanded_tree
 from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.folding import model_dimensions, quantity_names
 from xdynamics.runtime.lazy_imports import cached_property
@@ -202,7 +201,7 @@ def _dimensional_momenta(model: Model) -> Iterator[tuple[str, Node, _ConservedQu
     for number, name in enumerate(model.shaped.coordinates):
         block = layout_of(model).used.block(name)
         first_index = next(iter(model.shapes.index_combinations(block.dims)))
-        mass = at_element(expanded_tree(model, model.shaped.mass[number][number]), first_index, model.shapes)
+        mass = at_element(model.expanded_by_quantity(model.shaped.mass[number][number]), first_index, model.shapes)
         yield block.first, mass, _ConservedQuantity("", dims=block.dims, shape=block.shape, momentum_of=name)
 
 

@@ -32,7 +32,6 @@ from xdynamics.model.kinks import JUMPING
 from xdynamics.model.motion import constants, evaluate_over_states
 from xdynamics.model.parts import Validation
 from xdynamics.model.statement import BAND, ORDER, UNSCALED, exact_from
-from xdynamics.model.whole import expanded_tree
 from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.unfolding import find_column, get_column, whole_of
@@ -114,7 +113,7 @@ def rounding_of_form(
         The largest value of the quantity along the run.
     """
     if block.dims:
-        tree = expanded_tree(model, case.expression)
+        tree = model.expanded_by_quantity(case.expression)
         input_values = parameters_read_by(model, [tree]) or constants(model)
     else:
         tree, input_values = model.expanded(case.expression), constants(model)
@@ -422,7 +421,7 @@ class CaseRuns:
             return np.broadcast_to(
                 evaluate_over_states(self.model, [tree], {"t": times}, constant_values, ())[0], times.shape
             )
-        tree, shapes = expanded_tree(self.model, case.expression), self.model.shapes
+        tree, shapes = self.model.expanded_by_quantity(case.expression), self.model.shapes
         dims, extents = {**shapes.dims, "t": (AT,)}, {**shapes.extents, AT: Extent(AT, len(times))}
         input_values = {"t": times, **(parameters_read_by(self.model, [tree]) or constant_values)}
         element_values = evaluate_elements(

@@ -9,19 +9,18 @@ from typing import Any
 import numpy as np
 
 from xdynamics.expressions import Along, Binary, Call, Compare, Node, Number, dimension_of, free_names, parse, text_of
-from xdynamics.expressions.calculus import ONE, ZERO, add, derivative, expand, multiply
+from xdynamics.expressions.calculus import ONE, ZERO, add, multiply
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model, check_model
 from xdynamics.model.drive_arguments import CLOCK
-from xdynamics.model.motion import constants
+from xdynamics.model.motion import constants, forces_by_coordinate, has_diagonal_mass, state_quantities
 from xdynamics.model.parts import Function
 from xdynamics.model.statement import ORDER
-from xdynamics.model.whole import expanded_tree, forces_by_coordinate, prints_quantities, state_quantities
 from xdynamics.schema import velocity
 from xdynamics.shapes import at_element, dims_of, display_text, resolve_min_max
-from xdynamics.shapes.gradient import derivative as derivative_of_wholes
+from xdynamics.shapes.gradient import derivative
 from xdynamics.shapes.trees import expand_definitions
 
 TERM = "manufactured"
@@ -99,11 +98,7 @@ def _read_trajectory(model: Model, trajectory: Mapping[str, str]) -> dict[str, N
     trajectory_trees: dict[str, Node] = {}
     for name, text in trajectory.items():
         with ledger.entry(f"'{name}'"):
-            tree = (
-                expanded_tree(model, resolve_min_max(parse(text), shapes))
-                if shapes.dims
-                else model.expanded(parse(text))
-            )
+            tree = model.expanded_by_quantity(resolve_min_max(parse(text), shapes))
             dims, quantity_dims = dims_of(tree, shapes), shapes.dims.get(name, ())
             if {*dims} != {*quantity_dims}:
                 raise InputError(
@@ -172,7 +167,7 @@ def _check_manufacturable(model: Model, trajectory: Mapping[str, str]) -> None:
     """Refuse models and trajectories that no force of time alone can make exact."""
     check_model(model)
     kinds: dict[str, Any] = {
-        "a full mass matrix over dimensions": model.shapes.dims and not prints_quantities(model),
+        "a full mass matrix over dimensions": model.shapes.dims and not has_diagonal_mass(model),
         "contacts": [*model.contacts, *model.assemblies],
         "frictions": model.frictions,
         "controllers": model.controllers,
@@ -206,17 +201,12 @@ def _missing_forces(model: Model, motion_trees: Mapping[str, Node]) -> dict[str,
     """Return M a less all forces, on the trajectory, by coordinate."""
     places = list(model.shaped.coordinates)
     forces: dict[str, Node] = dict.fromkeys(places, ZERO)
-    entries = (
-        {(i, i): model.shaped.mass[i][i] for i in range(len(places))}
-        if model.shapes.dims
-        else model.statement.mass_entries
-    )
-    for (i, j), entry in entries.items():
+    for (i, j), entry in model.shaped.mass_entries.items():
         inertia = multiply(
             _on_trajectory(model, entry, motion_trees), _time_rate(motion_trees[velocity(places[j])], model)
         )
         forces[places[i]] = add(forces[places[i]], inertia)
-    for components in (forces_by_coordinate(model) if model.shapes.dims else model.force_components).values():
+    for components in forces_by_coordinate(model).values():
         for name, component in components.items():
             assert not isinstance(component, Function)  # noqa: S101 - refused above
             forces[name] = _difference_tree(forces[name], _on_trajectory(model, component, motion_trees))
@@ -225,14 +215,11 @@ def _missing_forces(model: Model, motion_trees: Mapping[str, Node]) -> dict[str,
 
 def _on_trajectory(model: Model, tree: Node, motion_trees: Mapping[str, Node]) -> Node:
     """Return an expression on the trajectory."""
-    if model.shapes.dims:
-        return expand_definitions(expanded_tree(model, tree), motion_trees, model.shapes)
-    return expand(model.expanded(tree), motion_trees)
+    return expand_definitions(model.expanded_by_quantity(tree), motion_trees, model.shapes)
 
 
 def _time_rate(tree: Node, model: Model) -> Node:
-    rates = {"t": ONE}
-    return derivative_of_wholes(tree, rates, model.shapes) if model.shapes.dims else derivative(tree, rates)
+    return derivative(tree, {"t": ONE}, model.shapes)
 
 
 def _difference_tree(left: Node, right: Node) -> Node:
