@@ -216,6 +216,8 @@ def conditions(model: Model) -> tuple[Condition, ...]:
     """Return the conditions of a model, in their order."""
     if not model.constraints:
         return ()
+    if model.elements is not model:
+        return conditions(model.elements)
     made_conditions, rates = [], rates_of_states(model)
     for name, constraint in model.constraints.items():
         residual = ZERO if constraint.holds is None else model.expanded(constraint.holds)
@@ -303,6 +305,7 @@ def _factored(entries: dict[tuple[int, int], Node], n: int) -> Iterator[Assignme
 
 def correction_assignments(model: Model) -> Iterator[Assignment]:
     """Write what takes residuals back, to first order, and rates: ``_shift_<coordinate>`` and ``_slow_<coordinate>``."""
+    model = model.elements
     yield from mass_factors(model)
     yield from multiplier_assignments(model)
     for word, lags in (
@@ -317,6 +320,7 @@ def correction_assignments(model: Model) -> Iterator[Assignment]:
 
 def projection_assignments(model: Model) -> Iterator[Assignment]:
     """Write ``_shift_<coordinate>``, by which residuals ``_off0, …`` elsewhere are taken back along these gradients."""
+    model = model.elements
     yield from mass_factors(model)
     yield from multiplier_assignments(model)
     off = [Name(f"_off{k}") for k in range(len(conditions(model)))]

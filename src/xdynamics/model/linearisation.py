@@ -59,6 +59,7 @@ def derivative_assignments(model: Model) -> tuple[Assignment, ...]:
     InputError
         If a force is written in Python.
     """
+    model = model.elements
     forces, masses = force_derivatives(model), mass_derivatives(model)
     assignments = [Assignment(f"_dF_{key}_{variable}", tree) for (key, variable), tree in forces.items()]
     assignments += [Assignment(f"_dM_{i}_{j}_{variable}", tree) for ((i, j), variable), tree in masses.items()]
@@ -145,6 +146,7 @@ def jacobian_names(model: Model) -> dict[tuple[str, str], str]:
     dict of (str, str) to str
         Keyed by a coordinate (for its acceleration) or the rate of a state, and the variable of differentiation.
     """
+    model = model.elements
     columns = _variable_ranks(model)
     rows = {name: i for i, name in enumerate((*model.statement.coordinates, *map(rate, model.statement.states)))}
     names = {

@@ -76,6 +76,10 @@ class Reaction:
 @lru_cache(maxsize=64)
 def reactions(model: Model) -> tuple[Reaction, ...]:
     """Return the forces of contacts and friction elements: normal ones, then tangents, then dry friction."""
+    if not (model.contacts or model.frictions):
+        return ()
+    if model.elements is not model:
+        return reactions(model.elements)
     forces = []
     for i, (name, contact) in enumerate(model.contacts.items()):
         rate = model.rate_of(contact.gap)
