@@ -42,7 +42,7 @@ from xdynamics.evidence.refining.refinement import (
 )
 from xdynamics.evidence.refining.refinement import refinement_lines as refinement_in_words
 from xdynamics.evidence.refining.study import Study
-from xdynamics.evidence.refining.subjects import TrackedValue, family
+from xdynamics.evidence.refining.subjects import StudyQuantities, TrackedValue, family
 from xdynamics.evidence.runs import march_model
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
@@ -703,14 +703,24 @@ def test_what_contacts_do_behind_a_row_is_that_of_the_step_from_it() -> None:
 def studied(model: xd.Model, steps: list[float], until: float, names: tuple[str, ...], at: Any = None) -> Study:
     """A study by rk4 over steps."""
     levels = Levels(model, STEPS, np.array(steps), 4.0, {"method": "rk4", "until": until})
-    return Study(levels, [levels.marched(k) for k in range(len(steps))], names, at)
+    return study_of(levels, runs_of(levels), names, at)
+
+
+def study_of(levels: Levels, runs: list[xr.Dataset], names: tuple[str, ...], at: Any = None, kind: Any = Study) -> Any:
+    """A study of runs."""
+    return kind.of_runs(StudyQuantities(levels, names, at), runs)
+
+
+def runs_of(levels: Levels) -> list[xr.Dataset]:
+    """The runs of all levels."""
+    return [levels.marched(k) for k in range(len(levels.values))]
 
 
 def test_a_study_has_the_energy_range_and_the_mean_period_of_each_level() -> None:
     """Assert largest less least energy, mean periods between located crossings and their errors, and phases in turns."""
     study = studied(OSCILLATOR, [0.2, 0.1], 12.0, ("energy_range", "period_x", "phase_x"), [4.0, 7.0])
     energy, period, phase = study.numbers()
-    for k, run in enumerate(study.runs):
+    for k, run in enumerate(runs_of(study.levels)):
         total = run.total_energy.values
         assert float(energy.values[0, k]) == float(total.max() - total.min()) > 0.0
         counted = xd.diagnose(run, companion=False)
@@ -723,14 +733,14 @@ def test_a_study_has_the_energy_range_and_the_mean_period_of_each_level() -> Non
         speed = 2 * np.pi / float(counted.period.mean())
         assert phase.errors[:, k] == pytest.approx(float(period.errors[0, k]) / 2 * counted.sizes["cycle"] * speed)
     assert (energy.errors == 0.0).all()
-    assert energy.scale == float(study.runs[-1].total_energy.max())
+    assert energy.scale == float(runs_of(study.levels)[-1].total_energy.max())
     assert (energy.dims, period.dims, phase.dims, period.units, phase.units) == ((), (), ("at",), "s", "rad")
 
 
 def test_a_study_compares_at_the_earliest_end_unless_it_is_asked() -> None:
     """Assert the end of the run that is the shortest, times in the order given, and what is outside."""
     study = studied(OSCILLATOR, [0.3, 0.1], 1.0, ("x",))
-    assert study.times.tolist() == [min(float(run.time[-1]) for run in study.runs)]
+    assert study.times.tolist() == [min(float(run.time[-1]) for run in runs_of(study.levels))]
     assert studied(OSCILLATOR, [0.3, 0.1], 1.0, ("x",), "200 ms").times.tolist() == [0.2]
     assert studied(OSCILLATOR, [0.3, 0.1], 1.0, ("x",), [0.0, 1.0]).times.tolist() == [0.0, 1.0]
     for at in (-0.1, 1.1):
@@ -743,7 +753,7 @@ def test_events_before_a_time_move_what_is_compared_there() -> None:
     text = BALL.to_toml().replace("1e-12 s", "1e-5 s")
     study = studied(xd.Model.from_text(text), [0.1, 0.05], 5.0, ("v_y",), [1.0, 3.0])
     (speed, *_) = study.numbers()
-    run = study.runs[-1]
+    run = runs_of(study.levels)[-1]
     row = int(run.event_row_before[0])
     rate = abs(float(run.v_y[row] - run.v_y[row - 1]) / float(run.time[row] - run.time[row - 1]))
     assert float(run.event_time[0]) < 3.0
@@ -752,7 +762,7 @@ def test_events_before_a_time_move_what_is_compared_there() -> None:
     eps = float(np.finfo(float).eps)
     largest = np.abs(speed.values).max(axis=1)
     assert speed.rounding == pytest.approx(4.0 * eps * largest * math.sqrt(run.sizes["step"]), rel=1e-12, abs=0.0)
-    first, last = (float(run.event_time[0]) for run in study.runs)
+    first, last = (float(run.event_time[0]) for run in runs_of(study.levels))
     between = studied(xd.Model.from_text(text), [0.1, 0.05], 5.0, ("v_y",), [(first + last) / 2, last])
     assert np.isinf(next(between.numbers()).event_errors).all()
 
@@ -762,14 +772,14 @@ def test_a_study_of_events_scales_by_the_span_of_the_run() -> None:
     study = studied(BALL, [0.1, 0.05], 5.0, (), [1.0])
     for number in study.numbers():
         name = number.name.removeprefix("event_time_")
-        for k, run in enumerate(study.runs):
+        for k, run in enumerate(runs_of(study.levels)):
             row = study.event_rows()[name][k]
             assert number.values[0, k] == float(run.event_time[row][0])
             assert number.errors[0, k] == float(run.event_time_uncertainty[row][0])
         assert number.rounding == pytest.approx(
             4.0 * float(np.finfo(float).eps) * number.values[:, -1], rel=1e-12, abs=0.0
         )
-        assert number.scale == float(study.runs[-1].time[-1] - study.runs[-1].time[0])
+        assert number.scale == float(runs_of(study.levels)[-1].time[-1] - runs_of(study.levels)[-1].time[0])
         assert (number.dims, number.units) == (("occurrence",), "s")
 
 
@@ -963,7 +973,7 @@ def test_half_the_steps_tell_by_the_order(method: str, factor: float) -> None:
 @pytest.mark.parametrize(("side", "sign"), [("before", -1.0), ("after", 1.0)])
 def test_states_at_an_event_are_those_of_the_side_asked_for(side: str, sign: float) -> None:
     """Assert the speed on either side of a reset at its very time; a companion's is the one behind. No error unless asked for."""
-    run = bounced([0.1, 0.05], 1.0).runs[0]
+    run = runs_of(bounced([0.1, 0.05], 1.0).levels)[0]
     time = float(run.event_time[0])
     found = xd.sample(run, time, side=side)
     assert found.v_y.values == pytest.approx([sign * math.sqrt(20.0)])
@@ -1012,7 +1022,7 @@ def test_a_tenth_of_the_tolerances_tells_ten_ninths() -> None:
 def test_levels_that_end_apart_are_compared_at_the_earliest_end() -> None:
     """Assert the earliest end of runs that stop at an event, and that a later time is refused."""
     study = studied(BALL, [0.2, 0.05], 5.0, ("y",))
-    ends = [float(run.time[-1]) for run in study.runs]
+    ends = [float(run.time[-1]) for run in runs_of(study.levels)]
     assert ends[0] != ends[1]
     assert study.times.tolist() == [min(ends)]
 
@@ -1029,7 +1039,7 @@ def bounced(steps: list[float], until: float) -> Study:
         events={"back": {"function": "y", "direction": "falling", "action": "reset", "set": {"v_y": "-v_y"}}},
     )
     levels = Levels(model, STEPS, np.array(steps), 2.0, {"method": "velocity_verlet", "until": until})
-    return Study(levels, [levels.marched(k) for k in range(len(steps))], ("y", "v_y"), None)
+    return study_of(levels, runs_of(levels), ("y", "v_y"))
 
 
 def test_occurrences_are_those_of_the_finest_level() -> None:
@@ -1040,16 +1050,20 @@ def test_occurrences_are_those_of_the_finest_level() -> None:
     assert times.values == pytest.approx(np.stack([true, true], axis=1))
     assert speed.values == pytest.approx(math.sqrt(20.0))
     assert place.values == pytest.approx(0.0, abs=1e-9)
-    for k, run in enumerate(study.runs):
+    for k, run in enumerate(runs_of(study.levels)):
         doubts = run.event_time_uncertainty.values
         assert times.errors[:, k].tolist() == doubts.tolist()
         assert speed.errors[:, k] == pytest.approx(10.0 * doubts)
         assert place.errors[:, k] == pytest.approx(math.sqrt(20.0) * doubts)
-    assert speed.scale == float(np.abs(study.runs[-1].v_y).max())
-    fewer = Study(study.levels, [study.runs[0], bounced([0.1, 0.05], 1.0).runs[1]], ("y", "v_y"), [0.2])
+    assert speed.scale == float(np.abs(runs_of(study.levels)[-1].v_y).max())
+    fewer = study_of(
+        study.levels, [runs_of(study.levels)[0], runs_of(bounced([0.1, 0.05], 1.0).levels)[1]], ("y", "v_y"), [0.2]
+    )
     (once, *_) = [number for number in fewer.numbers() if number.name == "event_time_back"]
     assert once.values.shape == (1, 2)
-    none = Study(study.levels, [study.runs[0], bounced([0.1, 0.05], 0.3).runs[1]], ("y", "v_y"), [0.2])
+    none = study_of(
+        study.levels, [runs_of(study.levels)[0], runs_of(bounced([0.1, 0.05], 0.3).levels)[1]], ("y", "v_y"), [0.2]
+    )
     (missed, *_) = [number for number in none.numbers() if number.name == "event_time_back"]
     assert missed.values[:, 0] == pytest.approx(true)
     assert np.isnan(missed.values[:, 1]).all()
@@ -1058,8 +1072,8 @@ def test_occurrences_are_those_of_the_finest_level() -> None:
 def test_a_level_that_ended_before_the_times_is_named() -> None:
     """Assert that a run which ended badly is refused for times behind its end, not for those before, and not one that is whole."""
     study = studied(OSCILLATOR, [0.3, 0.1], 1.0, ("x",))
-    bad = study.runs[0].assign_attrs(run_outcome="step_limit", run_outcome_text="too many steps")
-    ended = Study(study.levels, [bad.isel(step=slice(0, 3)), study.runs[1]], ("x",), None)
+    bad = runs_of(study.levels)[0].assign_attrs(run_outcome="step_limit", run_outcome_text="too many steps")
+    ended = study_of(study.levels, [bad.isel(step=slice(0, 3)), runs_of(study.levels)[1]], ("x",), None)
     ended.check_reached(np.array([0.1, 0.6]))
     study.check_reached(np.array([0.1, 2.0]))
     with pytest.raises(
@@ -1083,7 +1097,9 @@ def test_switches_that_were_stepped_over_are_known_from_their_step_on() -> None:
     )
     past = studied(model, [0.1, 0.05], 1.0, ("y",))
     first = (
-        min(float(run.switch_first_passed.min()) for run in past.runs) if "switch_first_passed" in past.runs[0] else 0.0
+        min(float(run.switch_first_passed.min()) for run in runs_of(past.levels))
+        if "switch_first_passed" in runs_of(past.levels)[0]
+        else 0.0
     )
     assert past.kink_before(1.0) < math.inf
     assert past.kink_before(0.0) == math.inf
@@ -1104,8 +1120,8 @@ class Timed(Study):
 def test_switches_count_from_when_a_number_is_of() -> None:
     """Assert the times of comparison, those of occurrences in the finest level, and the end for what a whole run has one of."""
     study = bounced([0.1, 0.05], 2.0)
-    last = study.runs[-1]
-    timed = Timed(study.levels, study.runs, ("y", "v_y", "period_y"), [0.4, 1.1])
+    last = runs_of(study.levels)[-1]
+    timed = study_of(study.levels, runs_of(study.levels), ("y", "v_y", "period_y"), [0.4, 1.1], kind=Timed)
     found = {one.name: one.kinks for one in timed.tracked_values()}
     assert all(kinks is not None for kinks in found.values())
     times = last.event_time.values.tolist()
@@ -1117,7 +1133,13 @@ def test_switches_count_from_when_a_number_is_of() -> None:
         "after_back_y": times,
         "after_back_v_y": times,
     }
-    fewer = Timed(study.levels, [study.runs[0], bounced([0.1, 0.05], 0.3).runs[1]], ("y",), [0.2])
+    fewer = study_of(
+        study.levels,
+        [runs_of(study.levels)[0], runs_of(bounced([0.1, 0.05], 0.3).levels)[1]],
+        ("y",),
+        [0.2],
+        kind=Timed,
+    )
     (missed, _) = [one.kinks for one in fewer.tracked_values() if "back" in one.name]
     assert missed is not None
     assert missed.tolist() == [math.inf, math.inf]
@@ -1163,7 +1185,7 @@ def test_sizes_are_of_all_parts_and_never_0(monkeypatch: pytest.MonkeyPatch) -> 
     """Assert scales from values that come a part at a time, rounding of values below 1, and 1 for what is 0 throughout."""
     study = studied(OSCILLATOR, [0.2, 0.1], 9.0, ("x", "v_x", "energy_range", "period_x"), [0.6, 2.6])
     whole = list(study.numbers())
-    eps, rows = float(np.finfo(float).eps), study.runs[-1].sizes["step"]
+    eps, rows = float(np.finfo(float).eps), runs_of(study.levels)[-1].sizes["step"]
     for one in whole[:2]:
         assert one.rounding == pytest.approx(
             4.0 * eps * np.abs(one.values).max(axis=1) * math.sqrt(rows), rel=1e-12, abs=0.0
@@ -1194,7 +1216,7 @@ def test_an_event_in_the_first_step_moves_what_follows() -> None:
         events={"low": {"function": "y - 1.04*metre", "direction": "rising", "time_tolerance": "1e-6 s"}},
     )
     study = studied(model, [0.1, 0.06], 0.3, ("y", "v_y"), [0.2])
-    run = study.runs[-1]
+    run = runs_of(study.levels)[-1]
     assert run.event_row_before.values.tolist() == [1]
     time, doubt = float(run.event_time[0]), float(run.event_time_uncertainty[0])
     place, speed = [number for number in study.numbers() if number.dims == ("at",)]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.refining.convergence import FEW_STEPS
-from xdynamics.evidence.refining.readings import DEFECT, ComparisonPoints, Readings, RunSummary
+from xdynamics.evidence.refining.readings import DEFECT, ComparisonPoints, Readings, RunSummary, summary_of_finest
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import ROLE, StudyQuantities, TrackedValue, crossing_level, family
 from xdynamics.evidence.stage_tasks import AT_ONCE, Task, setting_words
@@ -75,7 +75,7 @@ class StudyResults:
     @classmethod
     def of(cls, study: Study) -> StudyResults:
         """Compare the levels of a study."""
-        outlines, stepped = study.outlines, study.subjects.stepped if study.defects else ()
+        outlines, stepped = study.outlines, study.subjects.stepped if study.subjects.defects else ()
         return cls(
             study.times,
             list(study.tracked_values()),
@@ -200,6 +200,13 @@ def lazy_study(subjects: StudyQuantities) -> xr.Dataset:
             f"how often {', '.join(subjects.detectors[:3])} will be met is not known in advance; give the number"
             " to compare, like occurrences=10 (nan where there are fewer), or 0 for none"
         )
+    template = study_dataset(subjects, StudyResults.blank(subjects), {})
+    known_names = [subjects.levels.varied.name, MODEL, *([AT_TIME] if subjects.times is not None else [])]
+    return lazy_stage(Stage(template, study_task(subjects), known_names))
+
+
+def study_task(subjects: StudyQuantities) -> Task:
+    """Return the task of a refinement: each level is marched by a task of its own, and read by others."""
     levels = subjects.levels
     count, keyword = len(levels.values), levels.varied.keyword
     runs = _ranked([levels.task(k) for k in range(count)])
@@ -216,14 +223,9 @@ def lazy_study(subjects: StudyQuantities) -> xr.Dataset:
         lasting=False,
         steps=AT_ONCE,
     )
-    task = (
-        _study_at_once(quantities_task, runs)
-        if subjects.foreseen
-        else _study_by_outlines(subjects, quantities_task, runs)
-    )
-    template = study_dataset(subjects, StudyResults.blank(subjects), {})
-    known_names = [levels.varied.name, MODEL, *([AT_TIME] if subjects.times is not None else [])]
-    return lazy_stage(Stage(template, task, known_names))
+    if subjects.foreseen:
+        return _study_at_once(quantities_task, runs)
+    return _study_by_outlines(subjects, quantities_task, runs)
 
 
 def _ranked(runs: Sequence[Task]) -> list[Task]:
@@ -260,7 +262,7 @@ def _account(k: int, run: xr.Dataset, subjects: StudyQuantities, *, finest: bool
 def _study_of_accounts(subjects: StudyQuantities, *accounts: tuple[RunSummary, Readings | None]) -> xr.Dataset:
     """Compare the levels, in a task; those that ended later than another are marched again, to be read where that ended."""
     outlines, last = [outline for outline, _ in accounts], len(accounts) - 1
-    common = Study.of(subjects, outlines).common
+    common = Study(subjects, outlines).common
     ended_later = [subjects.times is None and outline.end != common.times[0] for outline in outlines]
     readings = [
         Readings.of(subjects.levels.marched(k), subjects, common, k, finest=k == last)
@@ -268,34 +270,15 @@ def _study_of_accounts(subjects: StudyQuantities, *accounts: tuple[RunSummary, R
         else reading
         for k, (_, reading) in enumerate(accounts)
     ]
-    return study_dataset(subjects, StudyResults.of(Study.of(subjects, outlines, readings)), {})
-
-
-def study_level_by_level(subjects: StudyQuantities) -> xr.Dataset:
-    """Return a refinement at once, of levels that are read as soon as they are marched: no two records are held.
-
-    Raises
-    ------
-    InputError
-        As `refine` does.
-    """
-    count = len(subjects.levels.values)
-    return _study_of_accounts(
-        subjects, *(_account(k, subjects.levels.marched(k), subjects, finest=k == count - 1) for k in range(count))
-    )
+    return study_dataset(subjects, StudyResults.of(Study(subjects, outlines, readings)), {})
 
 
 def _study_by_outlines(subjects: StudyQuantities, quantities_task: Task, runs: Sequence[Task]) -> Task:
     """Return the task of a study whose levels are read once all are outlined: at common events, by the finest's cycles."""
     last = len(runs) - 1
     # a task whose only input is a run goes where that is; so what it is asked is no task
-    summary_settings: list[dict[str, Any]] = [{}] * last + [
-        {"cyclic": subjects.cyclic, "functions": subjects.levels.model.functions} if subjects.cyclic else {}
-    ]
-    outlines = [
-        Task.of("outline", partial(RunSummary.of, **more), (run,), [*more.get("cyclic", ())])
-        for run, more in zip(runs, summary_settings, strict=True)
-    ]
+    outlines = [Task.of("outline", RunSummary.of, (run,), []) for run in runs[:-1]]
+    outlines.append(Task.of("outline", summary_of_finest(subjects), (runs[-1],), [*subjects.cyclic]))
     common = Task.of("common", _common_in_task, (quantities_task, *outlines))
     readings = [
         Task.of("readings", partial(_read_level, k, finest=k == last), (run, common), k) for k, run in enumerate(runs)
@@ -308,7 +291,7 @@ def _return_quantities(subjects: StudyQuantities) -> StudyQuantities:
 
 
 def _common_in_task(subjects: StudyQuantities, *outlines: RunSummary) -> tuple[StudyQuantities, ComparisonPoints]:
-    return subjects, Study.of(subjects, outlines).common
+    return subjects, Study(subjects, outlines).common
 
 
 def _read_level(
@@ -320,4 +303,4 @@ def _read_level(
 def _study(subjects: StudyQuantities, *accounts: Any) -> xr.Dataset:
     """Compare the levels, in a task: the outlines of all come first, then their readings."""
     count = len(accounts) // 2
-    return study_dataset(subjects, StudyResults.of(Study.of(subjects, accounts[:count], accounts[count:])), {})
+    return study_dataset(subjects, StudyResults.of(Study(subjects, accounts[:count], accounts[count:])), {})

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -142,6 +143,13 @@ class RunSummary:
             _switch_times_passed(run),
             {name: chosen_level(run, name, functions) for name in cyclic},
         )
+
+
+def summary_of_finest(subjects: StudyQuantities) -> Callable[[xr.Dataset], RunSummary]:
+    """Return what outlines the run of the finest level, with levels for cycles if these are compared."""
+    if not subjects.cyclic:  # functions of the user go to a cluster only where they are needed
+        return RunSummary.of
+    return partial(RunSummary.of, cyclic=subjects.cyclic, functions=subjects.levels.model.functions)
 
 
 def estimated_error(run: xr.Dataset) -> float:

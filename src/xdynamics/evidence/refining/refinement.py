@@ -8,7 +8,7 @@ from __future__ import annotations
 import shutil
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +19,12 @@ from xdynamics.elementary.arrays import log, power
 from xdynamics.evidence.kept_results import folder_named
 from xdynamics.evidence.observables import is_observable, observables_of
 from xdynamics.evidence.refining.convergence import STEADY
-from xdynamics.evidence.refining.findings import StudyResults, lazy_study, study_dataset, study_level_by_level
+from xdynamics.evidence.refining.findings import StudyResults, lazy_study, study_dataset, study_task
 from xdynamics.evidence.refining.levels import FEWEST, RTOLS, STEPS, Levels
+from xdynamics.evidence.refining.readings import summary_of_finest
 from xdynamics.evidence.refining.study import Study, numbers_by_name
 from xdynamics.evidence.refining.subjects import AFTER, ENERGY_RANGE, PERIOD, PHASE, StudyQuantities
+from xdynamics.evidence.stage_tasks import results_of
 from xdynamics.evidence.stages import requested_count
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
@@ -255,39 +257,39 @@ def refine(
     folder = None if keep is None else folder_named(keep)
     levels = Levels.of(model, choices, shared, fewest=1 if until_change else FEWEST, keep=folder)
     names = _default_observables(model) if observables is None else _known_observables(model, observables)
+    subjects = StudyQuantities(levels, names, at, many, defects)
     if not compute:
         if until_change:
             raise InputError(
                 "until_change adds levels until changes are small, and how many is known only once they are marched;"
                 " give all levels, or compute=True"
             )
-        return lazy_study(StudyQuantities(levels, names, at, many, defects))
-    if not until_change and (subjects := StudyQuantities(levels, names, at, many, defects)).foreseen:
-        return study_level_by_level(subjects)
-    study = Study(levels, [levels.marched(k) for k in range(len(levels.values))], names, at, many, defects)
-    study, attributes = _refined(study, until_change or {}, bounds)
-    return study_dataset(study.subjects, StudyResults.of(study), attributes)
+        return lazy_study(subjects)
+    if not until_change:
+        study: xr.Dataset = results_of(study_task(subjects))[0]
+        return study
+    return _refined_until(until_change, subjects, bounds)
 
 
-def _refined(study: Study, until_change: Mapping[str, Any], bounds: Bounds) -> tuple[Study, dict[str, str]]:
-    """Add finer levels until changes are small; return the study, and why no further level was added."""
-    tolerances = _change_tolerances(until_change, study)
-    changing, limit = list(tolerances), ""
-    while (
-        tolerances
-        and (changing := _changing(study, tolerances))
-        and not (limit := level_obstacle(study, tolerances, bounds))
-    ):
+def _refined_until(until_change: Mapping[str, Any], subjects: StudyQuantities, bounds: Bounds) -> xr.Dataset:
+    """Add finer levels until changes are small, and say why no further level was added."""
+    runs = [subjects.levels.marched(k) for k in range(len(subjects.levels.values))]
+    study = Study.of_runs(subjects, runs)
+    tolerances, limit = _change_tolerances(until_change, study), ""
+    while (changing := _changing(study, tolerances)) and not (limit := level_obstacle(study, tolerances, bounds)):
         try:
-            further = study.finer()
+            subjects = replace(subjects, levels=subjects.levels.finer())
+            runs.append(subjects.levels.marched(len(runs)))
+            further = Study(subjects, [*study.outlines, summary_of_finest(subjects)(runs[-1])])
             further.check_reached(study.times)
         except (InputError, MemoryError, OSError) as error:  # no march has such settings, or too little memory or disk
             limit = str(error) or "there is no memory for it"
             break
-        study = further
+        study = further.with_readings(runs)
     if len(study.outlines) < FEWEST:
         raise InputError(f"a study needs {FEWEST} levels, and there is no second one: {limit}")
-    return study, {"stopped": _stopped(changing, len(study.outlines), limit)} if tolerances else {}
+    stopped = _stopped(changing, len(study.outlines), limit)
+    return study_dataset(study.subjects, StudyResults.of(study), {"stopped": stopped})
 
 
 def _level_limits(most_rows: float | None, memory: str | float | None) -> Bounds:

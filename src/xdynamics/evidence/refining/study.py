@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.diagnosing.cycles import TURN
 from xdynamics.evidence.evidence_dataset import Rows, match_times
 from xdynamics.evidence.refining.levels import Levels
-from xdynamics.evidence.refining.readings import ENERGY, ComparisonPoints, Readings, RunSummary
+from xdynamics.evidence.refining.readings import ENERGY, ComparisonPoints, Readings, RunSummary, summary_of_finest
 from xdynamics.evidence.refining.subjects import (
     ENERGY_RANGE,
     EVENT_TIME,
@@ -43,69 +43,43 @@ SMOOTH_TABLE = 2  # order left by points of a table that steps went over
 
 @dataclass(frozen=True)
 class Study:
-    """The levels of a refinement, and every number that is compared between them; see `StudyQuantities`.
+    """The levels of a refinement, and every number that is compared between them.
 
     Attributes
     ----------
-    runs : list of Dataset
-        Of all levels; none where outlines and readings are given.
-    outlined : sequence of Outline
-        Those that are known, of the first levels.
-    read : sequence of Readings
-        Of all levels, if they are known.
+    subjects : StudyQuantities
+    outlines : sequence of RunSummary
+        What the run of each level tells by itself.
+    readings : sequence of Readings
+        What each level tells at the points of comparison; none before these are known.
     """
 
-    levels: Levels
-    runs: list[xr.Dataset]
-    names: tuple[str, ...]
-    requested_times: Any = None
-    occurrences: int | None = None
-    defects: bool = False
-    outlined: Sequence[RunSummary] = ()
-    read: Sequence[Readings] = ()
+    subjects: StudyQuantities
+    outlines: Sequence[RunSummary]
+    readings: Sequence[Readings] = ()
 
     @classmethod
-    def of(cls, subjects: StudyQuantities, outlines: Sequence[RunSummary], readings: Sequence[Readings] = ()) -> Study:
-        """Return a study of runs that are elsewhere."""
-        request = (subjects.names, subjects.requested_times, subjects.occurrences, subjects.defects)
-        return cls(subjects.levels, [], *request, outlines, readings)
+    def of_runs(cls, subjects: StudyQuantities, runs: Sequence[xr.Dataset]) -> Study:
+        """Compare the runs of all levels."""
+        coarser = [RunSummary.of(run) for run in runs[:-1]]
+        return cls(subjects, [*coarser, summary_of_finest(subjects)(runs[-1])]).with_readings(runs)
 
-    @cached_property
-    def subjects(self) -> StudyQuantities:
-        """What is compared."""
-        return StudyQuantities(self.levels, self.names, self.requested_times, self.occurrences, self.defects)
+    def with_readings(self, runs: Sequence[xr.Dataset]) -> Study:
+        """Return the study with what the runs tell at the points of comparison."""
+        last = len(runs) - 1
+        readings = [Readings.of(run, self.subjects, self.common, k, finest=k == last) for k, run in enumerate(runs)]
+        return replace(self, readings=readings)
 
-    @cached_property
-    def outlines(self) -> Sequence[RunSummary]:
-        """What each level tells by itself."""
-        further, functions = self.runs[len(self.outlined) :], self.levels.model.functions
-        coarser = [RunSummary.of(run) for run in further[:-1]]
-        return [
-            *self.outlined,
-            *coarser,
-            *(RunSummary.of(run, self.subjects.cyclic, functions) for run in further[-1:]),
-        ]
+    @property
+    def levels(self) -> Levels:
+        """One model at every level."""
+        return self.subjects.levels
 
     @cached_property
     def common(self) -> ComparisonPoints:
         """Where the levels are compared."""
         return ComparisonPoints(
             self.times, self.outlines[-1].crossing_levels, self._corresponding_events(), self.occurrence_count
-        )
-
-    @cached_property
-    def readings(self) -> Sequence[Readings]:
-        """What each level tells there."""
-        last = len(self.runs) - 1
-        return self.read or [
-            Readings.of(run, self.subjects, self.common, k, finest=k == last) for k, run in enumerate(self.runs)
-        ]
-
-    def finer(self) -> Study:
-        """Return the study with one more level."""
-        levels = self.levels.finer()
-        return replace(
-            self, levels=levels, runs=[*self.runs, levels.marched(len(self.runs))], outlined=self.outlines, read=()
         )
 
     @property
@@ -179,7 +153,8 @@ class Study:
         if any(float(run["time"][-1]) < self.times.max() for run in runs):
             return None
         finest = replace(levels, values=levels.values[-FINEST:])
-        located_study = Study(finest, runs, self.names, self.times.tolist(), self.occurrences)
+        subjects = replace(self.subjects, levels=finest, requested_times=self.times.tolist(), defects=False)
+        located_study = Study.of_runs(subjects, runs)
         located = {number.name: number.values for number in located_study.numbers()}
         same = all(number.name in located and located[number.name].shape[0] == len(number.values) for number in numbers)
         return located if same else None
@@ -233,8 +208,8 @@ class Study:
     @property
     def occurrence_count(self) -> int:
         """How many occurrences of every event are compared: by default those of the finest level, or if it has none of any."""
-        if self.occurrences is not None:
-            return self.occurrences
+        if self.subjects.occurrences is not None:
+            return self.subjects.occurrences
         return max((len(rows[-1]) or max(map(len, rows)) for rows in self.event_rows().values()), default=0)
 
     @cached_property
@@ -254,23 +229,21 @@ class Study:
 
     def event_rows(self) -> dict[str, list[Rows]]:
         """Return the events of each name in every run: of those that were met, or if their number is given of all."""
-        if self.occurrences == 0:
+        if self.subjects.occurrences == 0:
             return {}
         events_by_run = [outline.event_rows for outline in self.outlines]
         names = dict.fromkeys(name for events in events_by_run for name in events)
-        names = names if self.occurrences is None else dict.fromkeys(self.subjects.detectors)
+        names = names if self.subjects.occurrences is None else dict.fromkeys(self.subjects.detectors)
         return {name: [events.get(name, np.zeros(0, np.int64)) for events in events_by_run] for name in names}
 
     def _corresponding_events(self) -> dict[str, list[tuple[Rows, Rows]]]:
         """Return those events of every level that correspond to the finest's, of each name, and the numbers of these."""
-        places = {}
+        places, requested = {}, self.subjects.occurrences
         for name, rows in self.event_rows().items():
             times = [outline.event_times[mine] for outline, mine in zip(self.outlines, rows, strict=True)]
             # occurrences of the finest level, and the nearest ones of every other level
             pairs = [match_times(entry, times[-1]) if len(times[-1]) else match_times(entry, entry) for entry in times]
-            is_compared = [
-                theirs < (len(theirs) + 1 if self.occurrences is None else self.occurrences) for _, theirs in pairs
-            ]
+            is_compared = [theirs < (len(theirs) + 1 if requested is None else requested) for _, theirs in pairs]
             places[name] = [
                 (mine[first[is_kept]], second[is_kept])
                 for mine, (first, second), is_kept in zip(rows, pairs, is_compared, strict=True)
@@ -303,7 +276,7 @@ class Study:
 
     def _energy_range(self) -> Iterator[TrackedValue]:
         """Yield the range of the energy in each run, if it is asked for."""
-        if ENERGY_RANGE in self.names:
+        if ENERGY_RANGE in self.subjects.names:
             ranges = np.array([[level.energy_range for level in self.readings]])
             scale = float(self.readings[-1].largest[ENERGY]) or 1.0
             rounding = np.array([2.0 * EPS * scale])
