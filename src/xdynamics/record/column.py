@@ -155,7 +155,7 @@ class Units:
         if observable is not None and observable.unit is not None:
             return observable.unit
         # not element by element: a sum may have a million terms
-        return spell(dimension_of(layout.derived_quantities[name][1], self._quantity_dimensions))
+        return spell(dimension_of(self.about.model.shaped.observables[name], self._quantity_dimensions))
 
     @cached_property
     def _quantity_dimensions(self) -> dict[str, Dimension]:
