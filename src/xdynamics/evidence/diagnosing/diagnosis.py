@@ -23,7 +23,7 @@ from xdynamics.evidence.diagnosing.conservation import (
     conservation_variables,
 )
 from xdynamics.evidence.diagnosing.continuity import continuity, continuity_lines
-from xdynamics.evidence.diagnosing.extremes import extremes_by_quantities, extremes_of, has_many_elements, sought_names
+from xdynamics.evidence.diagnosing.extremes import STATES, extremes_of, has_many_elements, sought_names
 from xdynamics.evidence.diagnosing.phases import (
     count_coordinate_cycles,
     cycle_variables,
@@ -276,8 +276,8 @@ def _diagnosis_dataset(
             for name, value in rule.items()
         }
     variables = limit_occurrences(variables, request.occurrences)
-    has_dimensions, names = model_dimensions(run), sought_names(run, rows.model)
-    variables |= extremes_by_quantities(rows, functions) if has_dimensions else extremes_of(rows, names, functions)
+    names = with_roles(run, STATES) if model_dimensions(run) else sought_names(run, rows.model)
+    variables |= extremes_of(rows, names, functions)
     variables |= steps
     variables |= dict(closed_form_residuals(rows, {} if request.exact is None else request.exact))
     if request.exact:

@@ -1,11 +1,9 @@
-"""The largest and the least value of a quantity over a run: sampled, interpolated, or located by an event.
-
-The largest and the least value of every element of quantities over a run: as `find_extremes`, all elements side by side.
-"""
+"""The largest and the least value of a quantity over a run: sampled, interpolated, or located by an event."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -29,10 +27,12 @@ from xdynamics.evidence.diagnosing.summits import (
 from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.observables import knows_state_rates, state_rates
 from xdynamics.evidence.observed_quantities import widest
+from xdynamics.kernels.layout import layout_of
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.reaction_names import contact_force, friction_force
 from xdynamics.record.folding import model_dimensions
+from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.units import parse_unit
 
 if TYPE_CHECKING:
@@ -72,13 +72,14 @@ class Extreme(NamedTuple):
 
 def find_extreme(run: xr.Dataset | Chunks, name: str, sign: float, functions: Functions | None) -> Extreme:
     """Find the largest value of a quantity, or with a sign of -1 the least; see `find_extremes`."""
-    return find_extremes(run, [(name, sign)], functions)[0]
+    values, times, rules, uncertainties = find_extremes(run, [(name, sign)], functions)[0]
+    return Extreme(float(values[0]), float(times[0]), int(rules[0]), float(uncertainties[0]))
 
 
 def find_extremes(
     run: xr.Dataset | Chunks, signed_names: Sequence[tuple[str, float]], functions: Functions | None
-) -> list[Extreme]:
-    """Find the largest values of quantities, or with a sign of -1 the least.
+) -> list[ElementExtremes]:
+    """Find the largest values of quantities, or with a sign of -1 the least: of those with dimensions of every element.
 
     A state at an event that is above all others is taken as it is. Otherwise the steps to and from each row that is not
     lower than its neighbours are searched for a zero of the quantity's rate, by steps of the run's own method to states
@@ -88,62 +89,147 @@ def find_extremes(
 
     Of models with dimensions these are used too where the states between, with all links and elements of each, have more than
     16 million numbers; the uncertainty is then no less than how far tangents at accepted states meet above them.
+
+    Of quantities with dimensions the rates have to be known from states alone; see `knows_state_rates`.
     """
     rows = Chunks.of(run, functions)
-    all_heights = [Heights.of(name, sign) for name, sign in signed_names]
+    all_heights = [
+        Heights.of(name, sign, int(np.prod(rows.run.variables[name].shape[1:]))) for name, sign in signed_names
+    ]
     for part in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in signed_names)):
         for heights in all_heights:
             heights.rise(part)
     near, places = rows.nearby_record(np.concatenate([heights.rows.ravel() for heights in all_heights]))
-    quantities = QuantitiesInside(
-        near, rows.model, [name for name, _ in signed_names], [_si_factor(rows.run, name) for name, _ in signed_names]
+    evaluator: _ByTrees | _ByQuantities = (
+        _ByQuantities(rows, near, all_heights) if model_dimensions(rows.run) else _ByTrees(rows, near, all_heights)
     )
-    searches = _begin_searches(rows, quantities, all_heights, places)
-    interpolator: StepInterpolator | None = None
+    searches, interpolator = evaluator.searches(places), None
     while True:
-        times = [search.places() for _, search in searches]
+        times = [search.places() for search in searches]
         state_count = sum(item.size for item in times)
         if not state_count:
             break
         if interpolator is None and rows.model.shapes.dims and takes_too_much(state_count, rows):
-            searches = [
-                (_accepted_extreme(heights, search), search)
-                for heights, (_, search) in zip(all_heights, searches, strict=True)
-            ]
-            break
+            return [_accepted_extremes(*pair) for pair in zip(all_heights, searches, strict=True)]
         interpolator = interpolator or StepInterpolator.of_run(near, functions, REINTEGRATE)
-        states = StatesInside.from_dataset(
-            rows.model, interpolator.states_at(np.concatenate(times), after_event=False), [item.size for item in times]
-        )
-        values = quantities.values(states, states.variables)
-        for (_, search), value, rate in zip(searches, values, quantities.rates(states, values), strict=True):
+        states = interpolator.states_at(np.concatenate(times), after_event=False)
+        evaluator.narrow(searches, states, [item.size for item in times])
+    best_extremes = [
+        _better_extremes(heights, search, searched=evaluator.is_searched(heights))
+        for heights, search in zip(all_heights, searches, strict=True)
+    ]
+    members = [np.flatnonzero(result.rules == INTERPOLATED) for result in best_extremes]
+    times = [result.times[between] for result, between in zip(best_extremes, members, strict=True)]
+    if interpolator is not None and any(item.size for item in times):
+        states = interpolator.states_at(np.concatenate(times), after_event=False)
+        errors = evaluator.errors(states, members)
+        for result, between, error in zip(best_extremes, members, errors, strict=True):
+            result.uncertainties[between] = error
+    return best_extremes
+
+
+@dataclass(frozen=True)
+class _ByTrees:
+    """Evaluates quantities without dimensions by their expressions: forces, contact forces, energies and observables too."""
+
+    rows: Chunks
+    near: xr.Dataset
+    all_heights: Sequence[Heights]
+
+    @cached_property
+    def quantities(self) -> QuantitiesInside:
+        """What is evaluated at states inside steps."""
+        names = [heights.name for heights in self.all_heights]
+        return QuantitiesInside(self.near, self.rows.model, names, [_si_factor(self.rows.run, name) for name in names])
+
+    def searches(self, places: Rows) -> list[Summits]:
+        """Begin the searches of the steps around each hump, whose rows are at these places."""
+        model, sizes = self.rows.model, [heights.rows.size for heights in self.all_heights]
+        states = {variable: variable_numbers(self.near, variable)[places] for variable in model.units}
+        times = np.concatenate([heights.times.ravel() for heights in self.all_heights])
+        unknown = [np.zeros(0)] * len(self.all_heights)
+        inside = StatesInside(states, {}, times, places, consecutive_slices(sizes))
+        rates = self.quantities.rates(inside, unknown)
+        return [self._search(heights, rate) for heights, rate in zip(self.all_heights, rates, strict=True)]
+
+    def is_searched(self, heights: Heights) -> bool:
+        """Whether a quantity can be evaluated between rows: what steps integrate, and else what states alone give."""
+        model = self.rows.model
+        is_integrated = self.rows.run.variables[heights.name].attrs["role"] in STATES
+        return is_integrated or not (model.python_functions or model.delays)
+
+    def _search(self, heights: Heights, rates: Floats) -> Summits:
+        """Begin the search around the humps of a quantity; around none where it is not searched."""
+        if not self.is_searched(heights):
+            return heights.without_humps().search(None)
+        return heights.search(rates.reshape(heights.values.shape) if rates.size else None)
+
+    def narrow(self, searches: Sequence[Summits], states: xr.Dataset, sizes: Sequence[int]) -> None:
+        """Continue each search with what is evaluated at its states."""
+        inside = StatesInside.from_dataset(self.rows.model, states, sizes)
+        values = self.quantities.values(inside, inside.variables)
+        for search, value, rate in zip(searches, values, self.quantities.rates(inside, values), strict=True):
             if value.size:
                 search.narrow(value, rate)
-    results = [_better_extreme(*item) for item in searches]
-    between_rows = np.array([result.rule == INTERPOLATED for result in results])
-    if interpolator is not None and between_rows.any():
-        ends = interpolator.states_at(
-            np.array([result.time for result in results if result.rule == INTERPOLATED]), after_event=False
-        )
-        states = StatesInside.from_dataset(rows.model, ends, [int(is_between) for is_between in between_rows])
-        errors = quantities.errors(states, quantities.values(states, states.variables))
-        results = [
-            result._replace(uncertainty=float(off[0])) if off.size else result
-            for result, off in zip(results, errors, strict=True)
+
+    def errors(self, states: xr.Dataset, members: Sequence[Rows]) -> list[Floats]:
+        """Return the errors by interpolation of each at its states."""
+        inside = StatesInside.from_dataset(self.rows.model, states, [item.size for item in members])
+        return self.quantities.errors(inside, self.quantities.values(inside, inside.variables))
+
+
+@dataclass(frozen=True)
+class _ByQuantities:
+    """Evaluates quantities that steps integrate, all elements side by side, and their rates from states alone."""
+
+    rows: Chunks
+    near: xr.Dataset
+    all_heights: Sequence[Heights]
+
+    def searches(self, places: Rows) -> list[Summits]:
+        """Begin the searches of the steps around each hump of each element, whose rows are at these places."""
+        distinct, inverse = np.unique(places, return_inverse=True)
+        values_by_name = {
+            heights.name: variable_numbers(self.near, heights.name)[distinct] for heights in self.all_heights
+        }
+        rates = self._rates(values_by_name, variable_numbers(self.near, "time")[distinct], distinct)
+        parts = consecutive_slices([heights.rows.size for heights in self.all_heights])
+        return [
+            heights.search(rates[heights.name][heights.members, inverse[part].reshape(3, -1)])
+            for heights, part in zip(self.all_heights, parts, strict=True)
         ]
-    return results
 
+    def is_searched(self, heights: Heights) -> bool:  # noqa: ARG002 - as of what expressions evaluate
+        """Whether a quantity can be evaluated between rows."""
+        return True
 
-def _begin_searches(
-    rows: Chunks, quantities: QuantitiesInside, all_heights: Sequence[Heights], places: Rows
-) -> list[tuple[Extreme, Summits]]:
-    """Return the best accepted states, and the searches of the steps around each hump, whose rows are at these places."""
-    sizes = [heights.rows.size for heights in all_heights]
-    states = {variable: variable_numbers(quantities.run, variable)[places] for variable in rows.model.units}
-    times = np.concatenate([heights.times.ravel() for heights in all_heights])
-    unknown = [np.zeros(0)] * len(all_heights)
-    rates = quantities.rates(StatesInside(states, {}, times, places, consecutive_slices(sizes)), unknown)
-    return [_begin_search(rows, heights, rate) for heights, rate in zip(all_heights, rates, strict=True)]
+    def narrow(self, searches: Sequence[Summits], states: xr.Dataset, sizes: Sequence[int]) -> None:
+        """Continue each search with what its elements are at its states."""
+        blocks = layout_of(self.rows.model).used.blocks
+        values_by_name = {block.name: variable_numbers(states, block.name) for block in blocks}
+        rates = self._rates(values_by_name, variable_numbers(states, schema.AT_TIME), variable_numbers(states, "row"))
+        for heights, search, part in zip(self.all_heights, searches, consecutive_slices(sizes), strict=True):
+            if part.start < part.stop:
+                members = search.place_members
+                values = values_by_name[heights.name][part].reshape(members.size, search.best.size)
+                rate = rates[heights.name][members, np.arange(part.start, part.stop)]
+                search.narrow(values[np.arange(members.size), members], rate)
+
+    def errors(self, states: xr.Dataset, members: Sequence[Rows]) -> list[Floats]:
+        """Return the errors by interpolation of some elements, each at its state."""
+        errors = []
+        parts = consecutive_slices([item.size for item in members])
+        for heights, between, part in zip(self.all_heights, members, parts, strict=True):
+            numbers = variable_numbers(states, schema.error(heights.name))[part]
+            of_elements = numbers.reshape(between.size, heights.best.size)
+            errors.append(np.abs(of_elements[np.arange(between.size), between]))
+        return errors
+
+    def _rates(self, values_by_name: dict[str, Floats], times: Floats, numbers: Rows) -> dict[str, Floats]:
+        """Return the rates of quantities at states, shape (elements, k), in recorded units."""
+        rates = state_rates(self.near, self.rows.model, values_by_name, times, numbers)
+        assert rates is not None  # noqa: S101 - asked before
+        return {name: values / _si_factor(self.rows.run, name) for name, values in rates.items()}
 
 
 def takes_too_much(states: int, rows: Chunks) -> bool:
@@ -153,32 +239,25 @@ def takes_too_much(states: int, rows: Chunks) -> bool:
     return states * (2 * len(rows.model.units) + widest(rows.model)) > MOST_NUMBERS
 
 
-def _begin_search(rows: Chunks, heights: Heights, rates: Floats) -> tuple[Extreme, Summits]:
-    """Return the best accepted state, and the search of the steps around each hump; without rates where none are known."""
-    if rows.run.variables[heights.name].attrs["role"] not in STATES and (
-        rows.model.python_functions or rows.model.delays
-    ):
-        return _best_accepted(heights), heights.without_humps().search(None)
-    hump_rates = rates.reshape(heights.values.shape) if rates.size else None
-    return _best_accepted(heights)._replace(uncertainty=0.0), heights.search(hump_rates)
+def _accepted_extremes(heights: Heights, search: Summits) -> ElementExtremes:
+    """Return the best accepted states, and how far parabolas and tangents exceed them."""
+    best, above = heights.accepted(), search.open_heights
+    return best._replace(uncertainties=np.where(above > best.uncertainties, above, best.uncertainties))
 
 
-def _best_accepted(heights: Heights) -> Extreme:
-    """Return the best accepted state, which a parabola through its neighbours may exceed."""
-    best = heights.accepted()
-    return Extreme(float(best.values[0]), float(best.times[0]), int(best.rules[0]), float(best.uncertainties[0]))
+def _better_extremes(heights: Heights, search: Summits, *, searched: bool) -> ElementExtremes:
+    """Return the results of the search where they are better than the best accepted states, which are returned elsewhere.
 
-
-def _accepted_extreme(heights: Heights, search: Summits) -> Extreme:
-    """Return the best accepted state, and how far parabola and tangents exceed it."""
-    best = _best_accepted(heights)
-    return best._replace(uncertainty=max(best.uncertainty, float(search.open_heights[0])))
-
-
-def _better_extreme(best: Extreme, search: Summits) -> Extreme:
-    """Return the result of the search if it is better than the best accepted state, which is returned otherwise."""
-    value, time = float(search.best[0]), float(search.when[0])
-    return Extreme(value, time, INTERPOLATED, 0.0) if search.sign * value > search.sign * best.value else best
+    Between the rows of what is not searched nothing is known: a parabola through the best may exceed it.
+    """
+    best, sign = heights.accepted(), heights.sign
+    better = sign * search.best > sign * best.values
+    return ElementExtremes(
+        np.where(better, search.best, best.values),
+        np.where(better, search.when, best.times),
+        np.where(better, INTERPOLATED, best.rules),
+        np.zeros(better.size) if searched else np.where(better, 0.0, best.uncertainties),
+    )
 
 
 def _si_factor(run: xr.Dataset, name: str) -> float:
@@ -252,122 +331,3 @@ def has_many_elements(run: xr.Dataset, model: Model) -> bool:
         return False
     elements = sum(int(np.prod(run.variables[name].shape[1:])) for name in with_roles(run, SOUGHT))
     return elements > MOST_NAMES and knows_state_rates(run, model)
-
-
-def extremes_by_quantities(rows: Chunks, functions: Functions | None) -> dict[str, tuple[Any, ...]]:
-    """Return the largest and the least value of all elements that steps integrate as variables of a Dataset."""
-    run, variables = rows.run, dict[str, tuple[Any, ...]]()
-    signed_names = [(name, sign) for name in with_roles(run, STATES) for sign in (1.0, -1.0)]
-    for (name, sign), result in zip(signed_names, extremes_of_elements(rows, signed_names, functions), strict=True):
-        variables |= extreme_variables(run, name, sign, result)
-    return variables
-
-
-def extremes_of_elements(
-    rows: Chunks, signed_names: Sequence[tuple[str, float]], functions: Functions | None
-) -> list[ElementExtremes]:
-    """Find the largest values of quantities that steps integrate, or with a sign of -1 the least.
-
-    The rates of these have to be known from states alone; see `knows_state_rates`.
-    """
-    all_heights = [
-        Heights.of(name, sign, int(np.prod(rows.run.variables[name].shape[1:]))) for name, sign in signed_names
-    ]
-    for stretch in rows.parts("time", "row_kind", *dict.fromkeys(name for name, _ in signed_names)):
-        for heights in all_heights:
-            heights.rise(stretch)
-    searches, interpolator = _begin_element_searches(rows, all_heights), None
-    near, _ = rows.nearby_record(np.concatenate([heights.rows.ravel() for heights in all_heights]))
-    while True:
-        times = [search.places() for search in searches]
-        state_count = sum(item.size for item in times)
-        if not state_count:
-            break
-        if interpolator is None and takes_too_much(state_count, rows):
-            return [_accepted_extremes(*pair) for pair in zip(all_heights, searches, strict=True)]
-        interpolator = interpolator or StepInterpolator.of_run(near, functions, REINTEGRATE)
-        states = interpolator.states_at(np.concatenate(times), after_event=False)
-        values_by_name = {block.name: variable_numbers(states, block.name) for block in interpolator.layout.used.blocks}
-        where = variable_numbers(states, schema.AT_TIME), variable_numbers(states, "row")
-        rates, parts = (
-            _quantity_rates(rows, near, values_by_name, *where),
-            consecutive_slices([item.size for item in times]),
-        )
-        for heights, search, part in zip(all_heights, searches, parts, strict=True):
-            if part.start < part.stop:
-                members = search.place_members
-                values = values_by_name[heights.name][part].reshape(members.size, search.best.size)[
-                    np.arange(members.size), members
-                ]
-                search.narrow(values, rates[heights.name][members, np.arange(part.start, part.stop)])
-    best_extremes = [_better_extremes(*pair) for pair in zip(all_heights, searches, strict=True)]
-    return (
-        best_extremes
-        if interpolator is None
-        else [*_with_interpolation_errors(all_heights, best_extremes, interpolator)]
-    )
-
-
-def _begin_element_searches(rows: Chunks, all_heights: Sequence[Heights]) -> list[Summits]:
-    """Begin the searches of the steps around each hump of each element."""
-    near, places = rows.nearby_record(np.concatenate([heights.rows.ravel() for heights in all_heights]))
-    distinct, inverse = np.unique(places, return_inverse=True)
-    values_by_name = {heights.name: variable_numbers(near, heights.name)[distinct] for heights in all_heights}
-    rates = _quantity_rates(rows, near, values_by_name, variable_numbers(near, "time")[distinct], distinct)
-    parts = consecutive_slices([heights.rows.size for heights in all_heights])
-    return [
-        heights.search(rates[heights.name][heights.members, inverse[part].reshape(3, -1)])
-        for heights, part in zip(all_heights, parts, strict=True)
-    ]
-
-
-def _quantity_rates(
-    rows: Chunks, near: object, values_by_name: dict[str, Floats], times: Floats, numbers: Rows
-) -> dict[str, Floats]:
-    """Return the rates of quantities at states, shape (elements, k), in recorded units."""
-    rates = state_rates(near, rows.model, values_by_name, times, numbers)  # type: ignore[arg-type]
-    assert rates is not None  # noqa: S101 - asked before
-    units = {name: parse_unit(str(rows.run.variables[name].attrs["units"])) for name in rates}
-    return {name: values / float(units[name].factor) for name, values in rates.items()}
-
-
-def _accepted_extremes(heights: Heights, search: Summits) -> ElementExtremes:
-    """Return the best accepted states, and how far parabolas and tangents exceed them."""
-    best, above = heights.accepted(), search.open_heights
-    return best._replace(uncertainties=np.where(above > best.uncertainties, above, best.uncertainties))
-
-
-def _better_extremes(heights: Heights, search: Summits) -> ElementExtremes:
-    """Return the results of the search where they are better than the best accepted states, which are returned elsewhere."""
-    best, sign = heights.accepted(), heights.sign
-    better = sign * search.best > sign * best.values
-    return ElementExtremes(
-        np.where(better, search.best, best.values),
-        np.where(better, search.when, best.times),
-        np.where(better, INTERPOLATED, best.rules),
-        np.zeros(better.size),
-    )
-
-
-def _with_interpolation_errors(
-    all_heights: Sequence[Heights], best_extremes: Sequence[ElementExtremes], interpolator: StepInterpolator
-) -> Iterator[ElementExtremes]:
-    """Yield extremes with the errors of those that are between accepted states by interpolation."""
-    members = [np.flatnonzero(result.rules == INTERPOLATED) for result in best_extremes]
-    times = np.concatenate(
-        [result.times[interpolated] for result, interpolated in zip(best_extremes, members, strict=True)]
-    )
-    states = interpolator.states_at(times, after_event=False) if times.size else None
-    for heights, result, interpolated, part in zip(
-        all_heights,
-        best_extremes,
-        members,
-        consecutive_slices([interpolated.size for interpolated in members]),
-        strict=True,
-    ):
-        if states is not None:
-            errors = variable_numbers(states, schema.error(heights.name))[part].reshape(
-                interpolated.size, result.rules.size
-            )
-            result.uncertainties[interpolated] = np.abs(errors[np.arange(interpolated.size), interpolated])
-        yield result
