@@ -1,4 +1,8 @@
-"""Opening archives without looking at their digests, and again later."""
+"""Opening archives without looking at their digests, and again later.
+
+Elements of stored variables chosen by their numbers: NumPy's answer, by few reads, and the same runs opened and in memory.
+Values of archives as xarray asks for them: what is stored, and of that what is asked for.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import xarray as xr
 
@@ -17,8 +22,10 @@ from cases.verdicts import verified
 from xdynamics import schema
 from xdynamics.archive import reading, seals
 from xdynamics.archive.integrity_checks import Examination
+from xdynamics.archive.netcdf_library import opened_file
 from xdynamics.archive.seals import Tail
-from xdynamics.archive.shared_handles import is_still_read
+from xdynamics.archive.shared_handles import SharedArchive, is_still_read
+from xdynamics.archive.stored_values import StoredValues, VariableStore, read_elements
 from xdynamics.evidence import evidence_dataset
 
 
@@ -180,3 +187,148 @@ def test_an_archive_of_a_newer_schema_is_not_taken_for_one_of_this(
             verb(path)
     with xd.open_run(paths[0], check=False) as run:
         assert run.attrs["schema_version"] == "4"
+
+
+class Watched:
+    """A variable of a file that keeps what is asked of it."""
+
+    def __init__(self, variable: Any) -> None:
+        self._variable = variable
+        self.keys: list[tuple[Any, ...]] = []
+        self.read = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._variable, name)
+
+    def __getitem__(self, key: tuple[Any, ...]) -> Any:
+        self.keys.append(key)
+        found = self._variable[key]
+        self.read += np.size(found)
+        return found
+
+
+def any_key(rng: np.random.Generator, shape: tuple[int, ...]) -> tuple[Any, ...]:
+    """A number, a slice or a list for each dimension."""
+    key: list[Any] = []
+    for length in shape:
+        kind = rng.integers(4)
+        if kind == 0:
+            key.append(int(rng.integers(length)))
+        elif kind == 1:
+            first, last = sorted(rng.integers(0, length + 1, 2).tolist())
+            key.append(slice(first, last, int(rng.integers(1, 4))))
+        else:
+            rows = rng.integers(-length, length, rng.integers(0, 12))
+            key.append(np.sort(rows % length) if kind == 2 else rows)
+    return tuple(key)
+
+
+@pytest.mark.cases(400)
+def test_any_choice_is_that_of_numpy(case: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that numbers, slices and lists choose what they choose of an array, whatever the chunks and the stretches."""
+    rng = np.random.default_rng(case)
+    shape = tuple(rng.integers(1, 40, rng.integers(1, 4)).tolist())
+    values = rng.integers(0, 120, shape).astype(rng.choice(["f8", "i1", "i8"]))
+    chunks = None if case % 3 == 0 else [int(rng.integers(1, length + 1)) for length in shape]
+    monkeypatch.setattr("xdynamics.archive.stored_values.LARGEST", int(rng.integers(1, 4000)))
+    with opened_file(tmp_path / "any.nc", "w") as file:
+        names = [file.createDimension(f"d{i}", length).name for i, length in enumerate(shape)]
+        stored = file.createVariable("any", values.dtype, names, chunksizes=chunks, contiguous=chunks is None)
+        stored.set_auto_maskandscale(False)
+        stored[...] = values
+        for _ in range(5):
+            key, watched = any_key(rng, shape), Watched(stored)
+            expected = values
+            for axis in reversed(range(len(shape))):  # one dimension after the other: each list along its own
+                expected = expected[(slice(None),) * axis + (key[axis],)]
+            found = np.asarray(read_elements(watched, key))
+            assert (found.dtype, found.shape) == (expected.dtype, expected.shape)
+            assert np.array_equal(found, expected)
+            assert not any(isinstance(one, np.ndarray) for each in watched.keys for one in each)
+
+
+def test_few_rows_of_a_long_run_cost_few_reads(tmp_path: Path) -> None:
+    """Assert that neighbours are read together, and what lies between far rows is not read."""
+    with opened_file(tmp_path / "long.nc", "w") as file:
+        file.createDimension("step", 1_000_000)
+        stored = file.createVariable("y", "f8", ("step",), chunksizes=[1000])
+        stored[:] = np.arange(1e6)
+        near, far = Watched(stored), Watched(stored)
+        read_elements(near, (np.arange(0, 5000, 7),))
+        read_elements(far, (np.array([999_999, 0, 1, 500_000]),))
+    assert (len(near.keys), near.read) == (1, 4999)
+    assert (len(far.keys), far.read) == (3, 4)
+
+
+def test_a_row_beyond_the_end_is_an_error(tmp_path: Path) -> None:
+    """Assert that it is named, and is not the last one."""
+    with opened_file(tmp_path / "short.nc", "w") as file:
+        file.createDimension("step", 4)
+        stored = file.createVariable("y", "f8", ("step",))
+        stored[:] = np.arange(4.0)
+        with pytest.raises(IndexError, match="index 4 is out of bounds for a dimension of 4"):
+            read_elements(stored, (np.array([1, 4]),))
+
+
+@pytest.mark.dear
+def test_evidence_of_an_opened_run_is_that_of_the_run(tmp_path: Path) -> None:
+    """Assert that states between, a diagnosis and a comparison have the same bits from a file as from memory."""
+    model = xd.Model.from_toml(Path(__file__).parents[2] / "data" / "models" / "kepler.toml")
+    run = xd.simulate(model, method="dop853", rtol=1e-8, until="20 s")
+    path = xd.save(run, tmp_path / "orbit.nc")
+    kept, times = xd.open_run(path), np.random.default_rng(3).uniform(0.0, 20.0, 200)
+    stages = [lambda one, side=side: xd.sample(one, times, side=side) for side in ("before", "after")]
+    stages += [xd.diagnose, lambda one: xd.compare(one, run, times=times)]
+    for stage in stages:
+        found, expected = (stage(one).drop_attrs(deep=False) for one in (kept, run))
+        xr.testing.assert_identical(found, expected)
+
+
+TABLE = np.arange(12, dtype="i2").reshape(4, 3)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A file whose variables ask for more than to be read."""
+    with opened_file(tmp_path / "odd.nc", "w") as file:
+        file.createDimension("n", 4)
+        file.createDimension("m", 3)
+        scaled = file.createVariable("scaled", "i2", ("n", "m"), fill_value=5)
+        scaled.set_auto_maskandscale(False)
+        scaled[:] = TABLE
+        scaled.setncatts({"scale_factor": 10.0, "units": "m"})
+        text = file.createVariable("text", "S1", ("n",))
+        text[:] = np.frombuffer("größ".encode()[:4], "S1")
+        text.setncattr("_Encoding", "utf-8")
+    return tmp_path / "odd.nc"
+
+
+def test_values_are_those_that_are_stored(path: Path) -> None:
+    """Assert that no scale is applied, nothing is masked, and letters stay apart."""
+    one = SharedArchive(path)
+    store = VariableStore(one, mode="r")
+    found = store.open_store_variable("scaled", store.ds.variables["scaled"])
+    assert (found.dims, found.shape, found.dtype, found.attrs["units"]) == (("n", "m"), (4, 3), np.dtype("i2"), "m")
+    assert "chunksizes" in found.encoding
+    text = store.open_store_variable("text", store.ds.variables["text"])
+    for _ in range(2):
+        values = found.values
+        assert type(values) is np.ndarray
+        assert values.tolist() == TABLE.tolist()
+        assert text.values.tobytes() == "größ".encode()[:4]
+        one.close()  # and opened again, by nobody that xarray knows
+
+
+def test_only_what_is_asked_for_is_read(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that rows and columns are chosen by the library, and points of the little that it read."""
+    keys = []
+    read = StoredValues._read_by_key
+    monkeypatch.setattr(StoredValues, "_read_by_key", lambda one, key: keys.append(key) or read(one, key))
+    store = VariableStore(SharedArchive(path), mode="r")
+    array = xr.DataArray(store.open_store_variable("scaled", store.ds.variables["scaled"]))
+    assert keys == []
+    assert array[1:3, 0].values.tolist() == TABLE[1:3, 0].tolist()
+    assert array[[3, 1], [0, 2]].values.tolist() == TABLE[np.ix_([3, 1], [0, 2])].tolist()
+    assert len(keys) == 2
+    assert keys[0] == (slice(1, 3, 1), 0)
+    assert [np.size(one) for one in keys[1]] == [2, 2]

@@ -1,9 +1,15 @@
-"""What a file is written to: nothing else is lost, links, modes and owners stay, and nothing is left lying about."""
+"""What a file is written to: nothing else is lost, links, modes and owners stay, and nothing is left lying about.
+
+What is on the disk, and when: no name stands for a file that a lost current would empty.
+Names of files as long as a system takes them, and files that look like files and cannot be read.
+What an archive is read from: a file, named as the library takes it.
+"""
 
 from __future__ import annotations
 
 import gc
 import os
+import re
 import shutil
 import signal
 import socket
@@ -14,7 +20,9 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
@@ -23,8 +31,19 @@ import xdynamics as xd
 from cases.problems import MODELS, oscillator
 from cases.stages import no_march
 from cases.verdicts import verified
-from xdynamics.archive.target import TemporaryFile, check_path_no_table, sweep_temporary_files, taking_path_name
+from xdynamics.archive import segments
+from xdynamics.archive.segments import segments_folder
+from xdynamics.archive.signatures import new_key, protection
+from xdynamics.archive.store import check_source
+from xdynamics.archive.target import (
+    TemporaryFile,
+    check_path_no_table,
+    check_path_target,
+    sweep_temporary_files,
+    taking_path_name,
+)
 from xdynamics.cli import main
+from xdynamics.faults import InputError
 
 
 @pytest.fixture(scope="module")
@@ -422,3 +441,131 @@ def test_other_names_are_an_archives(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     xd.simulate(xd.Model.from_toml("data/models/ball_drag.toml"), path=path).close()
     assert xd.open_run(path).attrs["run_outcome"] in ("completed", "stopped_by_event")
+
+
+WAYS = {
+    "save": lambda path: xd.save(xd.simulate(oscillator().model, step=0.1, until=1.0), path),
+    "simulate": lambda path: xd.simulate(oscillator().model, step=0.1, until=1.0, path=path).close(),
+    "segment": lambda path: segments.write_segment(path, {}, {"a": np.ones(3)}, [("b", "f8", (2,))], [np.ones(2)]),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_file_reaches_the_disk_before_it_takes_its_name(
+    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert that the whole file is synced, then renamed, and then the folder is synced that holds the name."""
+    done: list[Any] = []
+    sync, rename = os.fsync, os.replace
+
+    def synced(handle: int) -> None:
+        sync(handle)
+        done.append((os.fstat(handle).st_ino, os.fstat(handle).st_size))
+
+    def renamed(old: Path, new: Path) -> None:
+        rename(old, new)
+        done.append(Path(new))
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", renamed)
+    path = tmp_path / "run.nc"
+    WAYS[way](path)
+    named = done.index(path)
+    assert (path.stat().st_ino, path.stat().st_size) in done[:named]
+    assert tmp_path.stat().st_ino in [one[0] for one in done[named + 1 :] if isinstance(one, tuple)]
+
+
+def test_a_new_file_has_the_rights_of_any_new_file(tmp_path: Path) -> None:
+    """Assert that nobody loses or gets a right by the temporary name, and that one that replaces a file is private until then."""
+    usual, new = tmp_path / "usual", tmp_path / "new"
+    usual.touch()
+    with taking_path_name(new) as file:
+        file.part.write_bytes(b"1")
+    assert new.stat().st_mode == usual.stat().st_mode
+    with taking_path_name(usual) as file:
+        assert file.part.stat().st_mode & 0o077 == 0
+        file.part.write_bytes(b"1")
+    assert usual.stat().st_mode == new.stat().st_mode
+
+
+def test_a_file_that_is_not_the_model_s_may_be_replaced(tmp_path: Path) -> None:
+    """Assert that a model's own file is refused, and another one is not, wherever the model came from."""
+    path, old = tmp_path / "free.toml", tmp_path / "run.nc"
+    path.write_text(oscillator().model.to_toml())
+    old.touch()
+    model = xd.Model.from_toml(path)
+    with pytest.raises(xd.InputError, match="is the model file itself"):
+        check_path_target(path, model)
+    path.unlink()
+    for one in (model, oscillator().model, xd.Model.from_toml(MODELS / "rocket_c6.toml"), None):
+        check_path_target(old, one)
+
+
+RUN = xd.simulate(oscillator().model, step=0.1, until=1.0)
+
+
+@pytest.mark.every(3)
+@pytest.mark.parametrize("length", range(243, 256))
+def test_a_run_may_have_any_name(length: int, tmp_path: Path) -> None:
+    """Assert that a march into a file leaves that file alone, and its segments have a folder of their own."""
+    path = tmp_path / ("n" * (length - 3) + ".nc")
+    xd.simulate(oscillator().model, step=0.1, until=1.0, path=path).close()
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+    assert len(segments_folder(path).name) <= 255
+    assert segments_folder(path) != segments_folder(tmp_path / ("n" * (length - 4) + "m.nc"))
+
+
+@pytest.mark.every(3)
+@pytest.mark.parametrize("length", range(250, 256))
+def test_an_archive_of_any_name_is_signed(length: int, tmp_path: Path) -> None:
+    """Assert that it is verified before, signed, and verified with its signature, which is of this name alone."""
+    public = new_key(tmp_path / "key.pem")
+    path = tmp_path / ("n" * (length - 3) + ".nc")
+    digest = verified(xd.save(RUN, path))
+    assert protection(path) == "sealed; not signed"
+    with pytest.raises(xd.ArchiveError, match="has no signature"):
+        xd.verify_signature(path, public)
+    place = xd.sign(path, tmp_path / "key.pem")
+    assert place.name == (f"{path.name}.sig" if length <= 251 else place.name)
+    assert place.name.endswith(".sig")
+    assert xd.verify_signature(path, public) == digest
+    assert protection(path.with_name("m" + path.name[1:])) == "sealed; not signed"
+
+
+@pytest.mark.parametrize("read", [xd.verify, xd.open_run, xd.reproduce])
+def test_a_link_into_memory_is_no_archive(read: Callable[[Path], object], tmp_path: Path) -> None:
+    """Assert one error for a file that has no bytes, though the system says that it is a regular one."""
+    path = tmp_path / "mem.nc"
+    path.symlink_to("/proc/self/mem")
+    with pytest.raises(xd.ArchiveError, match=r"mem.nc' cannot be read: Input/output error"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("folder", "is a directory; name a file in it"),
+        ("pipe", "is a pipe (FIFO); name a file"),
+        ("none", "does not exist"),
+    ],
+)
+def test_what_is_no_file_is_told(tmp_path: Path, name: str, said: str) -> None:
+    """Assert one sentence with the path, what it is and what helps."""
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=f"^'{re.escape(str(tmp_path / name))}' {re.escape(said)}$"):
+        check_source(tmp_path / name)
+    check_source(tmp_path / "file")
+    with pytest.raises(InputError, match="/file/below' does not exist: '.*/file' is a file, no folder$"):
+        check_source(tmp_path / "file" / "below")
+
+
+def test_a_backslash_anywhere_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that the whole name counts, for the library is given that."""
+    folder = tmp_path / "a\\b"
+    folder.mkdir()
+    (folder / "run.nc").touch()
+    monkeypatch.chdir(folder)
+    with pytest.raises(InputError, match="'run.nc' has a backslash in its whole name, .*; name another file"):
+        check_source(Path("run.nc"))

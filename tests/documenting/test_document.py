@@ -1,4 +1,8 @@
-"""Reports of bundles: one file, nothing from elsewhere, every part there; what is no bundle is named."""
+"""Reports of bundles: one file, nothing from elsewhere, every part there; what is no bundle is named.
+
+Reports that are one file: HTML that needs no other, PDF with a page a record.
+The manual as a site: every topic, verb, method, name and model is in it, and every link leads somewhere.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import xarray as xr
 
 import xdynamics as xd
+from cases.command_line import call
 from cases.problems import MODELS
+from xdynamics.cli import main
 from xdynamics.documenting.equations import TextTable, formula_svg, model_blocks
+from xdynamics.documenting.guide import topics
+from xdynamics.documenting.site import ABOUT
 from xdynamics.expressions import latex, parse
+from xdynamics.model.grammar import SECTIONS
 
 
 @pytest.fixture(scope="module")
@@ -174,3 +184,126 @@ def test_what_is_no_bundle_is_named(make: Any, said: str, bundled: Path, tmp_pat
     folder, path = make(bundled, tmp_path)
     with pytest.raises(xd.InputError, match=said):
         xd.document(folder, path)
+
+
+BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
+
+
+@pytest.fixture(scope="module")
+def run() -> xr.Dataset:
+    """A ball."""
+    return xd.simulate(BALL, rtol=1e-6)
+
+
+def test_a_plain_run_is_one_page_of_html(run: xr.Dataset, tmp_path: Path) -> None:
+    """Assert the figure inside the page, summary and digest, no link to another file, and the same bytes twice."""
+    words = xd.report(tmp_path / "r.html", run=run)
+    page = (tmp_path / "r.html").read_text()
+    assert xd.content_digest(run) in words
+    assert xd.content_digest(run) in page
+    assert "event     ground at t = " in page
+    assert page.count("data:image/png;base64,") == 1
+    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert [path.name for path in tmp_path.iterdir()] == ["r.html"]
+    xd.report(tmp_path / "again.html", run=run)
+    assert (tmp_path / "again.html").read_bytes() == (tmp_path / "r.html").read_bytes()
+
+
+def test_stages_are_computed_and_have_a_page_each(run: xr.Dataset, tmp_path: Path) -> None:
+    """Assert a PDF of as many pages as records, of a run, a lazy budget, and refinements by name."""
+    study = xd.refine(BALL, method="midpoint", steps=["40 ms", "20 ms", "10 ms"], until="1 s")
+    records: dict[str, Any] = {
+        "run": run,
+        "budget": xd.error_budget(BALL, "t", event="ground", compute=False),
+        "refinements": {"midpoint": study},
+    }
+    xd.report(tmp_path / "r.pdf", **records)
+    content = (tmp_path / "r.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert len(re.findall(rb"/Type /Page\b", content)) == 3
+    xd.report(tmp_path / "again.pdf", **records)
+    assert (tmp_path / "again.pdf").read_bytes() == content
+
+
+def test_what_cannot_be_written_is_said_before_anything_is_computed(run: xr.Dataset, tmp_path: Path) -> None:
+    """Assert an error for a folder that is missing, a directory of that name, no record, and a stage that fails."""
+    (tmp_path / "d.html").mkdir()
+    for path, records, words in (
+        (tmp_path / "none" / "r.html", {"run": run}, "cannot be written: the folder"),
+        (tmp_path / "d.html", {"run": run}, "is a directory"),
+        (tmp_path / "r.pdf", {}, "report needs at least one record"),
+        (tmp_path / "r.pdf", {"run": 3}, "'run' is '3', needs a run, evidence"),
+    ):
+        with pytest.raises(xd.InputError, match=words):
+            xd.report(path, **records)
+    assert [path.name for path in tmp_path.iterdir()] == ["d.html"]
+
+
+class Links(HTMLParser):
+    """Where a page leads, what may be led to on it, and that its elements close in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.targets: list[str] = []
+        self.anchors: set[str] = set()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Keep targets and anchors."""
+        self.targets += [value for key, value in attrs if key in ("href", "src") and value]
+        self.anchors |= {value for key, value in attrs if key == "id" and value}
+        if tag not in ("meta", "link", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        """Close the last that is open."""
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def manual(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site as the command writes it."""
+    folder = tmp_path_factory.mktemp("site") / "manual"
+    done = call("help", "--html", folder)
+    assert done.output == f"manual    {folder}/index.html\n"
+    return folder
+
+
+def test_everything_is_in_the_manual(manual: Path) -> None:
+    """Assert a page for each topic with what help prints, every verb, method and public name, and every model's picture."""
+    for name, page in topics().items():
+        text = re.sub(r"<[^>]+>", "", (manual / f"{name}.html").read_text())
+        longest = max(page(), key=len)
+        assert longest.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;") in text
+    for page, names in (("verbs", main.commands), ("methods", xd.METHODS), ("api", xd.__all__)):
+        assert {*names} <= {*re.findall(r'<h2 id="(\w+)">', (manual / f"{page}.html").read_text())}
+    assert "xd.fit" in (manual / "api.html").read_text()
+    assert "intervals: str = &#x27;covariance&#x27;" in (manual / "api.html").read_text().replace("'", "&#x27;")
+    index = (manual / "index.html").read_text()
+    assert {*topics()} - {*ABOUT} == {*SECTIONS}
+    assert all(f'href="{name}.html">{name}</a> ' in index for name in topics())
+    gallery = (manual / "gallery.html").read_text()
+    assert all(f"figures/{path.stem}.png" in gallery for path in MODELS.glob("*.toml"))
+
+
+def test_every_link_of_the_manual_leads_somewhere(manual: Path) -> None:
+    """Assert well-formed pages whose links are files and anchors of the site."""
+    pages = {}
+    for path in manual.glob("*.html"):
+        pages[path.name] = Links()
+        pages[path.name].feed(path.read_text())
+        assert pages[path.name].open == []
+    for page, links in pages.items():
+        for target in links.targets:
+            file, _, anchor = target.partition("#")
+            assert (manual / (file or page)).is_file(), f"{page}: {target}"
+            assert not anchor or anchor in pages[file or page].anchors
+
+
+def test_a_folder_that_is_there_is_left_alone(manual: Path) -> None:
+    """Assert one line that names it, and that nothing of it changes."""
+    before = sorted(path.name for path in manual.iterdir())
+    done = call("help", "--html", manual)
+    assert done.exit_code == 2
+    assert str(manual) in done.output
+    assert sorted(path.name for path in manual.iterdir()) == before

@@ -1,13 +1,18 @@
-"""Interval operations where their rules part: bounds that touch, ends of domains, jumps, crests, the cut of an angle."""
+"""Interval operations where their rules part: bounds that touch, ends of domains, jumps, crests, the cut of an angle.
+
+The least and the greatest of some numbers, as functions of any kind of number.
+"""
 
 from __future__ import annotations
 
+import itertools
 from math import inf, pi
 
+import numpy as np
 import pytest
 
 from xdynamics.elementary import FUNCTIONS
-from xdynamics.elementary.bounds import BREAKS, SMOOTH, UNBOUNDED, Interval
+from xdynamics.elementary.bounds import BREAKS, SMOOTH, UNBOUNDED, Interval, maximum, minimum
 from xdynamics.elementary.intervals import Intervals
 
 KIND = Intervals(FUNCTIONS)
@@ -135,3 +140,14 @@ def test_a_flaw_is_handed_on() -> None:
         assert KIND.of(operation, jumps, lost).flaw == UNBOUNDED, operation
     for operation in ("square", "negative", "abs", "sqrt", "exp", "log", "sin", "tanh", "cosh", "positive", "sign"):
         assert KIND.of(operation, jumps).flaw == BREAKS, operation
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8])
+def test_least_and_greatest_of_any_number(count: int) -> None:
+    """Assert those of Python, of one number and of three too, in any order and number by number in arrays."""
+    numbers = [3.0, -1.5, 2.0**-1074, -np.inf, 7.25, 0.5, np.inf, -2.0][:count]
+    for given in itertools.islice(itertools.permutations(numbers), 200):
+        assert (minimum(*given), maximum(*given)) == (min(given), max(given))
+    arrays = [np.array([number, -number]) for number in numbers]
+    assert np.array_equal(minimum(*arrays), np.min(arrays, axis=0))
+    assert np.array_equal(maximum(*arrays), np.max(arrays, axis=0))

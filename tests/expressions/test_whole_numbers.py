@@ -1,6 +1,11 @@
-"""`floor`, `ceil`, `round`, `mod`: numpy's numbers, switches where they jump, and names that stay free."""
+"""`floor`, `ceil`, `round`, `mod`: numpy's numbers, switches where they jump, and names that stay free.
+
+Messages for texts that cannot be read name the whole text to write, which is then read.
+"""
 
 from __future__ import annotations
+
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +16,7 @@ from xdynamics.elementary.sets import SETS
 from xdynamics.expressions import derivative, dimension_of, latex, parse, text_of
 from xdynamics.expressions.calculus import ONE
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
+from xdynamics.faults import InputError
 from xdynamics.units import parse_unit
 
 OF_NUMPY = {"floor(x)": np.floor, "ceil(x)": np.ceil, "round(x)": np.rint, "mod(x, y)": np.mod}
@@ -117,3 +123,54 @@ def test_units_derivatives_and_formulas() -> None:
     assert text_of(derivative(parse("mod(x, 3) + round(x)*x"), {"x": ONE})) == "1 + round(x)"
     assert text_of(derivative(parse("mod(3, x)"), {"x": ONE})) == "-floor(3/x)"
     assert latex(parse("floor(x) + mod(x, 2)")) == r"\left\lfloor{}x\right\rfloor + \mathrm{mod}\left(x, 2\right)"
+
+
+MEANT = {
+    "1 m - y": "1*metre - y",
+    "sin(30 degree)": "sin(30*degree)",
+    "sin(30 degrees)": "sin(30*degree)",
+    "9.81 m s-2*b": "9.81*metre*second**-2*b",
+    "1 m/s - v_x": "1*metre/second - v_x",
+    "0.5 m2 + b": "0.5*metre**2 + b",
+    "5 cm - x": "0.05*metre - x",
+    "1e3kg": "1e3*kilogram",
+    "12 year - t": "12*year - t",
+    "2 k*x": "2*k*x",
+    "2x": "2*x",
+    "2(x + 1)": "2*(x + 1)",
+    "(a)(b)": "(a)*(b)",
+    "y^2": "y**2",
+    "k·x": "k*x",
+    "30°": "30*degree",
+    "np.sin(x)": "sin(x)",
+    "y' - 2 x": "v_y - 2*x",
+}
+
+
+@pytest.mark.parametrize("text", MEANT)
+def test_the_message_names_a_text_that_is_read(text: str) -> None:
+    """Assert that the first text it names is the one that was meant, and that the next try succeeds."""
+    with pytest.raises(InputError, match="; write '") as refused:
+        parse(text)
+    named = re.findall(r"write '([^']+)'", str(refused.value))[0]
+    assert (named, text_of(parse(named))) == (MEANT[text], text_of(parse(MEANT[text])))
+
+
+def test_a_symbol_may_be_a_name() -> None:
+    """Assert that of a unit's symbol that the model may have as a name both readings are named."""
+    with pytest.raises(InputError, match=r"write '2\*metre\*g', or '2\*m\*g' if m is a name of the model"):
+        parse("2 m*g")
+
+
+@pytest.mark.parametrize("text", ["a b c", "3 -", "x''", "5 % x"])
+def test_nothing_is_guessed(text: str) -> None:
+    """Assert that no text is named where it is not known what was meant."""
+    with pytest.raises(InputError) as refused:
+        parse(text)
+    assert "write '" not in str(refused.value)
+
+
+def test_derivatives_have_names() -> None:
+    """Assert that a mark after a velocity leads to how rates are named."""
+    with pytest.raises(InputError, match="no sign stands for a derivative: the velocity of x is v_x"):
+        parse("v_x'")

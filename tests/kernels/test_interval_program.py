@@ -1,13 +1,18 @@
-"""Event functions as rows of operations on intervals: what a march computes once, and for every step."""
+"""Event functions as rows of operations on intervals: what a march computes once, and for every step.
+
+The judgement whether numbers are finite, of neighbours side by side.
+"""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
 import xdynamics as xd
+from cases.array_programs import bound, in_python
 from xdynamics.elementary.bounds import POLYNOMIALS, on_curve
 from xdynamics.kernels.interval_program import (
     CONSTANT,
@@ -24,7 +29,8 @@ from xdynamics.kernels.interval_program import (
     write_bounds,
 )
 from xdynamics.kernels.layout import Layout
-from xdynamics.kernels.program import INTERVAL, Compute, Load, Location
+from xdynamics.kernels.llvm_program import llvm_of
+from xdynamics.kernels.program import AT, INTERVAL, Compute, Load, Location, Loop, Program, StoreTo, loop_element
 from xdynamics.march.configuration import settings_for
 from xdynamics.model.motion import constants
 from xdynamics.model.reactions import mode_names
@@ -188,3 +194,35 @@ def test_numbers_have_one_place_each() -> None:
     assert len({*program.rows[:, 1].tolist()}) == len(program.rows) == program.values
     assert np.array_equal(np.sort(program.rows[:, 1]), np.arange(program.values))
     assert PHASE not in program.rows[:, 0]
+
+
+UNSOUND = AT.index("unsound")
+DOUBLED = Load("x", loop_element("y")), Compute("two", "add", ("x", "x")), StoreTo(loop_element("z"), "two")
+
+
+def doubles(n: int) -> Program:
+    """The doubles of n numbers, and whether they are finite."""
+    return Program("doubles", "Doubles.", (Loop("i", n, DOUBLED),), sound=(0, n))
+
+
+@pytest.mark.parametrize("wide", [1, 4, 8, 16])
+def test_one_number_that_is_not_finite_is_found_anywhere(wide: int) -> None:
+    """Assert that 37 numbers are sound, and none of them may be infinite or undefined, in machine code and in Python."""
+    n = 37
+    arrays = {"y": np.linspace(-1e308 / 2, 1e308 / 2, n), "z": np.zeros(n), "at": np.full(len(AT), 7.0)}
+    for call in (bound(doubles(n), abreast=wide, **arrays), partial(in_python(doubles(n)), **arrays)):
+        arrays["y"][:] = np.linspace(-1e308 / 2, 1e308 / 2, n)
+        call()
+        assert arrays["at"][UNSOUND] == 0.0
+        for place in range(n):
+            for value in (1e308, -np.inf, np.nan):
+                arrays["y"][:] = 1.0
+                arrays["y"][place] = value
+                call()
+                assert np.isnan(arrays["at"][UNSOUND])
+
+
+def test_neighbours_are_judged_side_by_side() -> None:
+    """Assert that the sum has four numbers a pass, where one after the other waits for each addition."""
+    assert "fadd <4 x double>" in llvm_of([doubles(37)], abreast=4).split("@doubles.inner")[1].split("fsub")[1]
+    assert "fsub <4 x double>" not in llvm_of([doubles(3)], abreast=4)

@@ -1,15 +1,33 @@
-"""Contacts of many bodies: against closed forms of balls that pass through each other, and what impacts conserve."""
+"""Contacts of many bodies: against closed forms of balls that pass through each other, and what impacts conserve.
+
+Elastic and inelastic discs, and balls: against an event-driven solution of flights and impacts, written for them alone.
+Impacts of many bodies with friction: each law against single bodies in closed form, and energy that is created.
+Boxes of coordinates, by which links that are too far to meet are left out: what is proven to stay in one does.
+"""
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Iterator
+from math import comb
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 import xdynamics as xd
+from cases.balls import balls
+from cases.impacts import Rod, integrated, random_rod, rods_together
+from cases.plain import between_states, made_by_hand, plain
+from xdynamics.march import March
+from xdynamics.march.assembly.broad_phase import ASSEMBLY, FIRST, LINK, NARROW, NEAR, SECOND, WIDE, stays_in_narrow_box
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.run import Run
+from xdynamics.model.parts import IMPACT_LAWS
 
 Floats = NDArray[np.float64]
 LAWS = ("newton", "poisson", "sequential")
@@ -240,3 +258,312 @@ def test_a_gap_that_differs_from_link_to_link_is_refused() -> None:
     text = model.to_toml().replace('gap = "r - radius"', 'gap = "r - radius*(1 - index(disc)/100)"')
     with pytest.raises(xd.InputError, match="write what differs as a parameter with that dimension"):
         xd.simulate(xd.Model.from_text(text), method="velocity_verlet", step="4 ms", until="10 ms")
+
+
+UNTIL, MOST = 0.35, 25  # s; impacts, after which neighbouring motions part too far
+
+
+class Discs:
+    """Discs of several sizes, masses and restitutions in a box of 1 m, at random places of a lattice."""
+
+    def __init__(self, case: int) -> None:
+        random = np.random.default_rng([30, 5, case])
+        count = int(random.integers(5, 8))
+        self.radii, self.masses = random.uniform(0.08, 0.14, count), 10.0 ** random.uniform(-1, 1, count)
+        cells = random.permutation(9)[:count]
+        self.places = (np.stack(np.divmod(cells, 3), axis=1) + random.uniform(0.47, 0.53, (count, 2))) / 3.0
+        self.speeds = random.normal(size=(count, 2))
+        self.first, self.second = np.triu_indices(count, 1)
+        self.restitutions, self.of_walls = random.uniform(0.4, 1.0, len(self.first)), random.uniform(0.6, 1.0)
+
+    def model(self) -> xd.Model:
+        """Return their model."""
+        wall = {"restitution": repr(float(self.of_walls))}
+        return xd.Model(
+            name="discs",
+            dimensions={"disc": len(self.radii), "axis": ["x", "y"]},
+            relations={"pair": {"of": "disc"}},
+            coordinates={"r": {"unit": "m", "dims": ["disc", "axis"]}},
+            parameters={
+                "m": {"unit": "kg", "dims": ["disc"], "value": self.masses.tolist()},
+                "radius": {"unit": "m", "dims": ["disc"], "value": self.radii.tolist()},
+                "e": {"dims": ["pair"], "value": self.restitutions.tolist()},
+            },
+            mass={"r": "m"},
+            contacts={
+                "low": {"gap": "r - radius", **wall},
+                "high": {"gap": "metre - radius - r", **wall},
+                "discs": {
+                    "gap": "norm(second(r, pair) - first(r, pair), axis) - first(radius, pair) - second(radius, pair)",
+                    "restitution": "e",
+                },
+            },
+            initial={
+                "r": {"unit": "m", "value": self.places.tolist()},
+                "v_r": {"unit": "m s-1", "value": self.speeds.tolist()},
+            },
+        )
+
+    def meetings(self, r: Floats, v: Floats) -> tuple[Floats, Floats]:
+        """Return after what time each pair meets, and each disc each wall: (pair), (disc, axis)."""
+        x, u = r[self.second] - r[self.first], v[self.second] - v[self.first]
+        b, a = (x * u).sum(axis=1), (u * u).sum(axis=1)
+        c = (x * x).sum(axis=1) - (self.radii[self.first] + self.radii[self.second]) ** 2
+        root = b * b - a * c
+        meets = (b < 0.0) & (root > 0.0)
+        pairs = np.full(len(b), np.inf)
+        pairs[meets] = c[meets] / (np.sqrt(root[meets]) - b[meets])
+        free = np.where(v > 0.0, 1.0 - self.radii[:, None] - r, r - self.radii[:, None])
+        return pairs, free / np.abs(v)
+
+    def solution(self) -> tuple[list[float], list[Floats], Floats]:
+        """Return times of impacts, velocities after each, and places at the end."""
+        r, v, t = self.places.copy(), self.speeds.copy(), 0.0
+        times: list[float] = []
+        after: list[Floats] = []
+        while True:
+            pairs, walls = self.meetings(r, v)
+            step = min(pairs.min(), walls.min())
+            if t + step > UNTIL:
+                return times, after, r + v * (UNTIL - t)
+            r, t = r + v * step, t + step
+            if pairs.min() < walls.min():
+                k = int(pairs.argmin())
+                i, j = self.first[k], self.second[k]
+                normal = (r[j] - r[i]) / np.linalg.norm(r[j] - r[i])
+                mass = self.masses[i] * self.masses[j] / (self.masses[i] + self.masses[j])
+                impulse = (1.0 + self.restitutions[k]) * mass * ((v[j] - v[i]) @ normal) * normal
+                v[i] += impulse / self.masses[i]
+                v[j] -= impulse / self.masses[j]
+            else:
+                place = np.unravel_index(walls.argmin(), walls.shape)
+                v[place] *= -self.of_walls
+            times.append(t)
+            after.append(v.copy())
+
+
+@pytest.mark.parametrize("case", range(5))
+def test_discs_meet_when_an_event_driven_solution_says(case: int) -> None:
+    """Assert times of impacts, velocities after each, places at the end, momenta and energies, to 1e-9."""
+    discs = Discs(case)
+    times, after, last = discs.solution()
+    assert 3 <= len(times) <= MOST
+    model = discs.model()
+    assert model.assemblies
+    run = xd.simulate(model, method="velocity_verlet", step="10 ms", until=f"{UNTIL} s")
+    assert run.attrs["run_outcome"] == "completed"
+    near = {"rtol": 0.0, "atol": 1e-9}
+    np.testing.assert_allclose(run["event_time"], times, **near)
+    rows = run["event_row_after"].values
+    v = run["v_r"].values
+    np.testing.assert_allclose(v[rows], after, **near)
+    np.testing.assert_allclose(run["r"].values[-1], last, **near)
+    m = discs.masses[:, None]
+    energies = (m * np.square(after)).sum(axis=(1, 2)) / 2.0
+    np.testing.assert_allclose(run["kinetic_energy"].values[rows], energies, **near)
+    of_pairs = run["event_detector"].values == run["event_detector"].attrs["flag_meanings"].split().index("discs")
+    assert of_pairs.any()
+    momenta = (m * v).sum(axis=1)
+    before = run["event_row_before"].values
+    np.testing.assert_allclose(momenta[rows[of_pairs]], momenta[before[of_pairs]], rtol=0.0, atol=1e-14 * m.sum())
+
+
+@pytest.mark.dear
+def test_a_thousand_balls_keep_their_energy() -> None:
+    """Assert that over 10,000 impacts of 1,000 elastic balls energy is kept to rounding, and none is in another."""
+    radius, impacts, energies = 0.03, 0, []
+    model = balls(10, radius=radius, seed=1)
+    settings = settings_for(model, method="velocity_verlet", step="0.5 ms", until="1 s", force_samples="none")
+    march = March(model, settings)
+    places, speeds = (march.layout.row.index(name) for name in ("r·0·x", "v_r·0·x"))
+    first, second = np.triu_indices(1000, 1)
+    for block in march.blocks(1 << 9):
+        impacts += block.events
+        rows = block.log.rows[:, : block.rows]
+        energies.append((rows[speeds : speeds + 3000] ** 2).sum(axis=0))
+        r = rows[places : places + 3000, -1].reshape(1000, 3)
+        v = rows[speeds : speeds + 3000, -1].reshape(1000, 3)
+        depth = 2.0 * radius - np.linalg.norm(r[second] - r[first], axis=1).min()
+        assert depth <= 2.0 * np.linalg.norm(v, axis=1).max() * float(march.run.assemblies["tolerance"].max())
+        if impacts >= 10_000:
+            break
+    assert impacts >= 10_000
+    energy = np.concatenate(energies)
+    assert np.abs(energy / energy[0] - 1.0).max() <= 1e-13
+
+
+PARADOX = Rod(1.0, 1 / 12, 0.5, math.pi / 4, 0.5, 1.0, (0.5, -1.0, 0.0))  # see `contacts.test_impact_laws`
+COUNT = 40
+
+
+def struck(rods: list[Rod], law: str, **more: Any) -> xr.Dataset:
+    """Return the run of rods until each has been struck once, or more often."""
+    last = max(rod.before for rod in rods)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", xd.AccuracyWarning)
+        return xd.simulate(
+            rods_together(rods, law), method="velocity_verlet", step=last / 2.9, until=1.01 * last, **more
+        )
+
+
+def first_impact(run: xr.Dataset, k: int) -> int:
+    """Return the number of the first event of a rod."""
+    return int(np.flatnonzero(run.event_rod.values == k)[0])
+
+
+def after(run: xr.Dataset, k: int) -> np.ndarray:
+    """Return the velocities of a rod in the row behind its first impact."""
+    row = int(run.event_row_after[first_impact(run, k)])
+    return np.array([float(run[f"v_{name}"][row, k]) for name in ("x", "y", "theta")])
+
+
+@pytest.mark.dear
+@pytest.mark.every(5)
+@pytest.mark.parametrize("law", IMPACT_LAWS)
+def test_rods_are_struck_as_each_alone(law: str) -> None:
+    """Assert velocities and energies of rods of all shapes that strike a rough floor by each law, those of single rods."""
+    rods = [random_rod(case) for case in range(100, 100 + COUNT)]
+    run = struck(rods, law)
+    assert run.attrs["run_outcome"] == "completed"
+    for k, rod in enumerate(rods[::4]):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", xd.AccuracyWarning)
+            one = rod.struck(law)
+        row = int(one.event_row_after[0])
+        alone = np.array([float(one[f"v_{name}"][row]) for name in ("x", "y", "theta")])
+        size = np.abs(alone).max() + np.abs(rod.speeds).max()
+        assert np.abs(after(run, 4 * k) - alone).max() <= 1e-10 * size
+        lost = float(run.event_energy_lost[first_impact(run, 4 * k)])
+        assert lost == pytest.approx(float(one.event_energy_lost[0]), abs=1e-9 * rod.kinetic(np.array(rod.speeds)))
+
+
+@pytest.mark.dear
+def test_the_energetic_law_of_many_is_its_definition() -> None:
+    """Assert velocities of rods to 1e-9 of an integration over the impulse."""
+    rods = [random_rod(case) for case in range(100, 100 + COUNT)]
+    run = struck(rods, "energetic")
+    for k, rod in enumerate(rods[::4]):
+        exact = integrated(rod.rows, rod.mass, np.array(rod.speeds), rod.mu, rod.e)
+        assert np.abs(after(run, 4 * k) - exact).max() <= 1e-9 * (np.abs(rod.speeds).max() + np.abs(exact).max())
+
+
+@pytest.mark.parametrize("law", ["newton", "sequential"])
+def test_energy_that_many_create_is_spoken_against(law: str) -> None:
+    """Assert Kane's paradox of one rod among others that lose more: the rod, the time and 7/64 J are named."""
+    calm = Rod(*{**vars(PARADOX), "e": 0.0}.values())
+    rods = [calm] * COUNT
+    rods[17] = PARADOX
+    model, asked = rods_together(rods, law), {"method": "velocity_verlet", "step": "100 us", "log": "full"}
+    said = (
+        r"energy was created in an impact at event 17 \('floor' of rod 17, t = 5e-05 s, event_energy_lost = -0\.109 J\)"
+    )
+    with pytest.warns(xd.AccuracyWarning, match=said):
+        run = xd.simulate(model, until="100 us", time_tolerance="1e-15 s", **asked)
+    assert float(run.event_energy_lost[17]) == pytest.approx(-7 / 64, rel=1e-10)
+    assert float(run.event_energy_lost.sum()) > 7.0
+    assert "law = 'poisson' and law = 'energetic' do not" in run.attrs["run_outcome_text"]
+    with pytest.warns(xd.AccuracyWarning, match="energy was created"):
+        longer = xd.extend(run, until="200 us")
+    assert longer.attrs["run_outcome_text"].partition(";")[2] == run.attrs["run_outcome_text"].partition(";")[2]
+
+
+def test_links_that_share_an_impact_are_refused_the_energetic_law() -> None:
+    """Assert that three balls in a row are named, with laws that have an answer, where two links are struck at once."""
+    places = [*np.arange(3) * 1.0, *(10.0 + 2.0 * np.arange(27))]
+    speeds = [1.0, 0.0, -1.0, *[0.0] * 27]
+    model = xd.Model(
+        name="row",
+        dimensions={"ball": 30},
+        relations={"pair": {"of": "ball", "neighbours": 1}},
+        coordinates={"x": {"unit": "m", "dims": ["ball"]}},
+        parameters={"m": "1 kg"},
+        mass={"x": "m"},
+        forces={},
+        contacts={
+            "balls": {
+                "gap": "second(x, pair) - first(x, pair) - 1*metre",
+                "restitution": 0.5,
+                "law": "energetic",
+            }
+        },
+        initial={"x": {"unit": "m", "value": places}, "v_x": {"unit": "m s-1", "value": speeds}},
+    )
+    run = xd.simulate(model, until="1 ms", method="velocity_verlet", step="1 ms")
+    assert run.attrs["run_outcome"] == "contact_undetermined"
+    assert "'balls' of ball 1 and 2 and another one touch at once" in run.attrs["run_outcome_text"]
+    assert "choose law = 'poisson' or 'sequential'" in run.attrs["run_outcome_text"]
+
+
+def stepped(random: np.random.Generator, degree: int) -> tuple[Run, Polynomial, float]:
+    """Return a run with the states at both ends of a step along a polynomial, with the polynomial and its width."""
+    run, w = made_by_hand(n=1), 10.0 ** random.uniform(-3, 1)
+    s, motion = Polynomial([0.0, 1.0 / w]), Polynomial([10.0 ** random.uniform(-3, 3)])
+    for k in range(degree + 1):  # each of Bernstein's coefficients may be the least or the greatest
+        motion += random.normal() * comb(degree, k) * s**k * (1.0 - s) ** (degree - k)
+    for state, t in ((run.y, 0.0), (run.z, w)):
+        state[:3] = motion(t), motion.deriv()(t), motion.deriv(2)(t)
+    return run, motion, w
+
+
+def boxed(low: float, high: float) -> NDArray[np.float64]:
+    """Return a narrow box of one coordinate, in a wide one that is everywhere."""
+    return np.array([[-np.inf], [np.inf], [low], [high]])
+
+
+@pytest.mark.cases(200)
+def test_boxes_hold_the_polynomials_that_stay_inside(case: int) -> None:
+    """Assert for random cubics and quintics that those proven to stay in a box are in it at each of 500 places."""
+    random, proven = np.random.default_rng([30, 1, case]), 0
+    run, motion, w = stepped(random, 5 if case % 2 else 3)
+    values = motion(np.linspace(0.0, w, 500))
+    reach = values.max() - values.min()
+    for _ in range(40):
+        out, up = 1e3 * reach * random.uniform([-0.2, -0.2], [1.0, 1.0]) ** 5
+        low, high = values.min() - out, values.max() + up
+        run.boxes = boxed(low, high)
+        if plain(stays_in_narrow_box)(run, 0, w):
+            proven += 1
+            assert low <= values.min()
+            assert high >= values.max()
+    assert proven > 0
+
+
+@pytest.mark.cases(200)
+def test_boxes_are_as_narrow_as_bounds_of_steps(case: int) -> None:
+    """Assert that a motion stays in a box a billionth wider than the bounds of its step, and in none that is narrower."""
+    random = np.random.default_rng([30, 2, case])
+    run, _, w = stepped(random, 5 if case % 2 else 3)
+    bounds = between_states("position", run.y, run.z, (0, 1, 2), w)
+    near = 1e-9 * max(abs(bounds.low), abs(bounds.high))
+    run.boxes = boxed(bounds.low - near, bounds.high + near)
+    assert plain(stays_in_narrow_box)(run, 0, w)
+    for low, high in ((near, 0.0), (0.0, near)):
+        run.boxes = boxed(bounds.low + low, bounds.high - high)
+        assert not plain(stays_in_narrow_box)(run, 0, w)
+
+
+def test_what_boxes_leave_out_is_apart_all_over_them() -> None:
+    """Assert for 27 balls that pairs which wide or narrow boxes leave out are farther apart than they can meet in them."""
+    model = balls(3, radius=0.1, seed=2)
+    settings = settings_for(model, method="velocity_verlet", step="5 ms", until="2 s", force_samples="none")
+    march, radius, left_out = March(model, settings), 0.1, 0
+    first, second = np.triu_indices(27, 1)
+    for block in march.blocks(16):
+        run = march.run
+        places = run.y[:81].reshape(27, 3)
+        for row in (WIDE, NARROW):
+            low, high = run.boxes[row : row + 2].reshape(2, 27, 3)
+            assert ((low <= places) & (places <= high)).all()
+            away = np.maximum(np.maximum(low[first] - high[second], low[second] - high[first]), 0.0)
+            may_meet = np.linalg.norm(away, axis=1) <= 2.0 * radius
+            listed = [c for c in run.candidates[: run.counters[0]] if row == WIDE or c[NEAR] == 1]
+            pairs = {(c[FIRST], c[SECOND]) for c in listed if c[ASSEMBLY] == 2}
+            assert pairs >= set(zip(first[may_meet], second[may_meet], strict=True))
+            left_out += len(first) - len(pairs)
+            walls = [{c[LINK] for c in listed if c[ASSEMBLY] == wall} for wall in (0, 1)]
+            assert walls[0] >= set(np.flatnonzero(low.ravel() <= radius))
+            assert walls[1] >= set(np.flatnonzero(high.ravel() >= 1.0 - radius))
+        assert (run.boxes[WIDE] <= run.boxes[NARROW]).all()
+        assert (run.boxes[NARROW + 1] <= run.boxes[WIDE + 1]).all()
+        del block
+    assert left_out > 0

@@ -1,15 +1,34 @@
-"""Mechanisms whose motions were published, or are those of a pendulum."""
+"""Mechanisms whose motions were published, or are those of a pendulum.
+
+Impacts and friction of mechanisms that constraints hold together: clearances, steps of a walker, moving guides.
+Links that slide and wedge, so that no forces exist: slow slips are stopped by an impulse, fast ones end the run.
+
+A bounce that is low, and would wedge were it skipped, is not: the link lands, and that impact stops the slip.
+
+A rod whose lower end slides on a rough floor (P. Painlevé, C. R. Acad. Sci. 121, 1895, 112): with friction above
+(1 + 3 cos² theta)/(3 sin theta cos theta) the floor would have to press ever more.
+"""
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import solve_ivp
 
 import xdynamics as xd
+from cases.plain import made_by_hand, plain
 from cases.problems import MODELS
+from xdynamics.march.assembly.broad_phase import NEEDED, OUTSIDE, OUTSIDE_LINK, OUTSIDE_OF, TALLIES
+from xdynamics.march.assembly.impact import DRAGS, FORCE, HALTED, NUMBERS, SLIP_ENDED, STATIC
+from xdynamics.march.assembly.link_forces import check_cone
+from xdynamics.record.flag_words import words_of_flag
+from xdynamics.schema import IMPACT
 
 CASES = Path(__file__).parents[1] / "cases"
 # Mazzia, Magherini 2008, Test Set for Initial Value Problem Solvers, release 2.4, University of Bari: reference solutions
@@ -205,3 +224,271 @@ x2 = "2 m"
 y2 = "1 m"
 v_x2 = "1 m s-1"
 """
+
+
+CLEARANCE = """
+name = "slider crank with clearance"
+[coordinates]
+x1 = "m"
+y1 = "m"
+x2 = "m"
+y2 = "m"
+s = "m"
+[parameters]
+m = "0.5 kg"
+M = "1 kg"
+r = "0.1 m"
+l = "0.3 m"
+c = "1 mm"
+w = "20 rad s-1"
+e = "0.5"
+g = "9.81 m s-2"
+[mass]
+x1 = "m"
+y1 = "m"
+x2 = "m"
+y2 = "m"
+s = "M"
+[forces.weight]
+potential = "m*g*(y1+y2)"
+[constraints.crank]
+holds = "(x1**2 + y1**2 - r**2)/(2*r)"
+[constraints.turning]
+holds = "x1*sin(w*t/(1*radian)) - y1*cos(w*t/(1*radian))"
+[constraints.rod]
+holds = "((x2-x1)**2 + (y2-y1)**2 - l**2)/(2*l)"
+[contacts.bush]
+gap = "c - sqrt((x2 - s)**2 + y2**2)"
+restitution = "e"
+[initial]
+x1 = "r"
+y1 = "0 m"
+x2 = "r + l"
+y2 = "0 m"
+s = "r + l - c/2"
+v_y1 = "r*w/(1*radian)"
+v_y2 = "0 m s-1"
+"""
+WALKER = """
+name = "walker"
+[coordinates]
+xh = "m"
+yh = "m"
+x1 = "m"
+y1 = "m"
+x2 = "m"
+y2 = "m"
+[parameters]
+M = "10 kg"
+m = "1 kg"
+l = "1 m"
+g = "9.81 m s-2"
+mu = "1"
+w = "1.2 rad s-1"
+[mass]
+xh = "M"
+yh = "M"
+x1 = "m"
+y1 = "m"
+x2 = "m"
+y2 = "m"
+[forces.weight]
+potential = "g*(M*yh + m*y1 + m*y2)"
+[constraints.leg1]
+holds = "((xh-x1)**2 + (yh-y1)**2 - l**2)/(2*l)"
+[constraints.leg2]
+holds = "((xh-x2)**2 + (yh-y2)**2 - l**2)/(2*l)"
+[contacts.foot1]
+gap = "y1"
+restitution = 0
+tangential = "coulomb"
+slip = "v_x1"
+friction = "mu"
+[contacts.foot2]
+gap = "y2"
+restitution = 0
+tangential = "coulomb"
+slip = "v_x2"
+friction = "mu"
+[initial]
+xh = "l*sin(0.2)"
+yh = "l*cos(0.2)"
+x1 = "0 m"
+y1 = "0 m"
+x2 = "l*(sin(0.2) + sin(0.25))"
+y2 = "l*(cos(0.2) - cos(0.25))"
+v_xh = "w*l*cos(0.2)/(1*radian)"
+v_yh = "-w*l*sin(0.2)/(1*radian)"
+v_x2 = "w*l*cos(0.2)/(1*radian)"
+v_y2 = "-w*l*sin(0.2)/(1*radian)"
+"""
+
+
+def groups(run: xr.Dataset, kind: str) -> list[tuple[int, int]]:
+    """The rows before and behind events of a kind."""
+    rows = zip(run.event_row_before.values.tolist(), run.event_row_after.values.tolist(), strict=True)
+    return [pair for pair, word in zip(rows, words_of_flag(run.event_kind), strict=True) if word == kind]
+
+
+def test_a_pin_strikes_its_bush_by_the_law_of_impacts() -> None:
+    """Assert that a slider crank with clearance keeps its rods and its gap, and halves every approach of its pin."""
+    run = xd.simulate(xd.Model.from_text(CLEARANCE), method="dop853", rtol=1e-9, until="0.4 s")
+    across, along = run.x2 - run.s, run.y2
+    rates = -(across * (run.v_x2 - run.v_s) + along * run.v_y2) / np.hypot(across, along)
+    impacts = groups(run, "impact")
+    assert len(impacts) > 20
+    for before, behind in impacts:
+        assert float(rates[behind] / rates[before]) == pytest.approx(-0.5, rel=1e-9)
+    assert run.contact_gap_bush.min() > -1e-14
+    for name in ("crank", "turning", "rod"):
+        assert abs(run[f"constraint_residual_{name}"]).max() < 1e-14
+        assert abs(run[f"constraint_rate_{name}"]).max() < 1e-12
+
+
+def test_impulses_of_moving_constraints_do_work() -> None:
+    """Assert what a shock of a led mechanism takes: the energy beside that of the drive, which keeps its pace."""
+    run = xd.simulate(xd.Model.from_text(CLEARANCE), method="dop853", rtol=1e-10, until="0.05 s")
+    rates = {"x1": run.m, "y1": run.m, "x2": run.m, "y2": run.m, "s": run.M}
+    impacts = groups(run, "impact")
+    events = [k for k, word in enumerate(words_of_flag(run.event_kind)) if word == "impact"]
+    assert impacts
+    for event, (before, behind) in zip(events, impacts, strict=True):
+        gained = float(run.kinetic_energy[behind] - run.kinetic_energy[before])
+        led = 0.0  # work of the crank's impulse: momentum that contacts do not explain, on its mean velocity
+        for name, mass in rates.items():
+            change = mass * (run[f"v_{name}"][behind] - run[f"v_{name}"][before])
+            mean = (run[f"v_{name}"][behind] + run[f"v_{name}"][before]) / 2.0
+            led += float((change - run[f"event_impulse_{name}"][event]) * mean)
+        assert abs(led) > 1e-6
+        assert gained == pytest.approx(led - float(run.event_energy_lost[event]), rel=1e-9)
+
+
+def test_a_step_of_a_walker_keeps_its_angular_momentum() -> None:
+    """Assert that a foot lands without slip, that the other lifts, and what both legs have about the new support."""
+    run = xd.simulate(xd.Model.from_text(WALKER), method="dop853", rtol=1e-10, until="0.3 s")
+    kinds = list(zip(words_of_flag(run.event_kind), words_of_flag(run.event_detector), strict=True))
+    assert kinds == [("impact", "foot2"), ("takeoff", "foot1"), ("rest", "foot2")]
+    before, behind = groups(run, "impact")[0]
+    x, y = float(run.x2[behind]), float(run.y2[behind])
+
+    def about_the_foot(row: int) -> float:
+        """Angular momentum of hip and feet about the foot that lands."""
+        points = ((run.M, "xh", "yh"), (run.m, "x1", "y1"), (run.m, "x2", "y2"))
+        at: Any = {name: run[name][row] for _, *names in points for q in names for name in (q, f"v_{q}")}
+        return float(sum(mass * ((at[a] - x) * at[f"v_{b}"] - (at[b] - y) * at[f"v_{a}"]) for mass, a, b in points))
+
+    assert about_the_foot(behind) == pytest.approx(about_the_foot(before), rel=1e-13)
+    assert math.hypot(float(run.v_x2[behind]), float(run.v_y2[behind])) < 1e-14
+    pushed, pressed = (float(run[f"event_impulse_{name}"][0]) for name in ("x2", "y2"))
+    assert abs(pushed) < pressed
+    lost = float(run.kinetic_energy[before] - run.kinetic_energy[behind])
+    assert float(run.event_energy_lost[0]) == pytest.approx(lost, rel=1e-12)
+    assert all(late >= early for early, late in pairwise(run.y1.values[behind:][:3]))
+
+
+RODS = """
+name = "rods on a rough floor"
+[dimensions]
+rod = 30
+[coordinates]
+x = {{ unit = "m", dims = ["rod"] }}
+y = {{ unit = "m", dims = ["rod"] }}
+theta = {{ unit = "rad", dims = ["rod"] }}
+[parameters]
+g = "9.80665 m s-2"
+length = "1 m"
+mu = "{mu}"
+start = "1.1071487177940904 rad"
+[mass]
+x = "1*kilogram"
+y = "1*kilogram"
+theta = "kilogram*length**2/12/radian**2"
+[forces.weight]
+y = "-g*kilogram"
+[contacts.floor]
+gap = "y - length/2*sin(theta)"
+restitution = 0
+tangential = "coulomb"
+slip = "v_x + length/2*sin(theta)*v_theta/radian"
+friction = "mu"
+rest_height = "1e-7 m"
+[initial]
+x = "3*metre*index(rod)"
+y = "length/2*sin(start)"
+theta = "start"
+v_x = "-{slip}*metre/second"
+[run]
+method = "velocity_verlet"
+step = "1 ms"
+until = "5 ms"
+"""
+ANGLE = np.arctan(2.0)
+
+
+def test_a_slow_slip_that_wedges_stops() -> None:
+    """Assert that the end sticks after the first step at the latest, and that the rod then turns about it, as a pendulum upside down does."""
+    run = xd.simulate(xd.Model.from_text(RODS.format(mu=1.8, slip=1e-3)))
+    assert run.run_outcome == "completed"
+    assert run.a_theta.values[0] == pytest.approx(-1.5 * 9.80665 * np.cos(ANGLE), rel=1e-12)
+    effects = np.array([[1.6, -1.2], [-1.2, 3.4]])  # of a unit pressing and rubbing at the end on its rates
+    pressing, rubbing = np.linalg.solve(effects, [0.0, 1e-3])
+    turned = 6.0 * (np.sin(ANGLE) * rubbing - np.cos(ANGLE) * pressing)  # by the impulse that stops the end
+    fallen = turned - 1.5 * 9.80665 * np.cos(ANGLE) * 5e-3
+    assert run.v_theta.values[-1] == pytest.approx(fallen, rel=2e-4)
+    ends = run.x.values[-1] - np.cos(run.theta.values[-1]) / 2
+    assert ends == pytest.approx(run.x.values[0] - np.cos(ANGLE) / 2, abs=1.001e-6)  # a step of the slip
+
+
+def test_a_slow_slip_that_has_forces_goes_on() -> None:
+    """Assert that with less friction than wedges the end slides, however slowly, and is braked as forces have it."""
+    run = xd.simulate(xd.Model.from_text(RODS.format(mu=1.2, slip=1e-3)))
+    pressed = 9.80665 / (1.6 - 1.2 * 1.2)  # m s-2: of the floor, for a mass
+    assert run.a_x.values[0] == pytest.approx(1.2 * pressed, rel=1e-9)
+
+
+def test_a_fast_slip_that_wedges_ends_the_run() -> None:
+    """Assert the outcome in words where an impulse would take more than what may be skipped."""
+    run = xd.simulate(xd.Model.from_text(RODS.format(mu=1.8, slip=1.0)))
+    assert run.run_outcome == "contact_undetermined"
+    assert "forces" in run.run_outcome_text
+
+
+def test_a_low_bounce_that_would_wedge_is_not_skipped() -> None:
+    """Assert that ends that leave at 0.1 mm/s, which would wedge on the floor, land 2 v/g later, and stick by that impact."""
+    text = RODS.format(mu=1.8, slip=1.0)
+    text = text.replace("v_x =", 'v_y = "1e-4*metre/second"\nv_x =')
+    run = xd.simulate(xd.Model.from_text(text))
+    assert run.run_outcome == "completed"
+    strikes = run.event_kind.values == IMPACT
+    assert np.count_nonzero(strikes) == 30
+    assert run.event_time.values[strikes] == pytest.approx(np.full(30, 2e-4 / 9.80665), rel=1e-9)
+    pressing, rubbing = np.linalg.solve([[1.6, -1.2], [-1.2, 3.4]], [1e-4, 1.0])
+    assert rubbing < 1.8 * pressing  # so that ends stick
+    turned = 6.0 * (np.sin(ANGLE) * rubbing - np.cos(ANGLE) * pressing)
+    after = run.isel(step=run.event_row_after.values[strikes])
+    assert after.v_theta.values == pytest.approx(np.full((30, 30), turned), rel=1e-9)
+
+
+def test_links_beside_one_that_wedges_slide_on() -> None:
+    """Assert that where one rod wedges, those beside it that no impulse within their cone stops slide on, as forces have it."""
+    text = RODS.format(mu=1.8, slip=1e-3).replace('mu = "1.8"', 'mu = "where(index(rod) > 0.5, 1.2, 1.8)"')
+    text = text.replace('mu = "', 'mu = { dims = ["rod"], value = "').replace('1.8)"', '1.8)" }')
+    run = xd.simulate(xd.Model.from_text(text))
+    assert run.run_outcome == "completed"
+    assert run.a_theta.values[0, 0] == pytest.approx(-1.5 * 9.80665 * np.cos(ANGLE), rel=1e-12)
+    pressed = 9.80665 / (1.6 - 1.2 * 1.2)
+    assert run.a_x.values[0, 1:] == pytest.approx(np.full(29, 1.2 * pressed), rel=1e-9)
+
+
+def test_impulses_outside_a_cone_are_counted() -> None:
+    """Assert of three impulses that stopped slips, with a coefficient of 0.5, that one in the cone is not, and the worst is kept."""
+    arrays = {"touching": np.zeros((1, NUMBERS)), "candidates": np.array([[3, 7, 0, 0, 1]])}
+    run = made_by_hand(n=1, **arrays, counters=np.zeros(TALLIES, np.int64), spans=np.zeros(16))
+    run.touching[0, STATIC], run.touching[0, HALTED] = 0.5, SLIP_ENDED
+    run.touching[0, FORCE], run.touching[0, DRAGS] = 10.0, 2.0
+    for rubbing, lasting in ((0.9, 0.2), (2.0, 0.2), (1.0, 0.0)):  # over 0.5*(pressing + 10*0.2) with 2*0.2 more
+        plain(check_cone)(run, 0, 1.0, rubbing, lasting)
+    assert run.counters[OUTSIDE] == 2
+    assert run.spans[NEEDED] == pytest.approx(2.0, rel=1e-15)  # the last, of which no force helps
+    assert run.counters[OUTSIDE_OF] == 3
+    assert run.counters[OUTSIDE_LINK] == 7

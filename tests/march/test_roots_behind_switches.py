@@ -1,6 +1,15 @@
-"""Forces with a root or a broken power behind a switch: finite for every state, and marched through every switch."""
+"""Forces with a root or a broken power behind a switch: finite for every state, and marched through every switch.
+
+Switches that are infinite at the start, and first steps that pass over all that forces do there.
+Adaptive marches along a switch, of which there are too many to be located, end soon and say so.
+Which last passages of a switch are a motion that rests on it.
+"""
 
 from __future__ import annotations
+
+import math
+from itertools import accumulate
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +19,11 @@ from tests.cases.rooted_laws import random_case
 import xdynamics as xd
 from xdynamics.expressions import parse, text_of
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.faults import AccuracyWarning
+from xdynamics.march import March
+from xdynamics.march.configuration import settings_for
+from xdynamics.march.unlocated_switches import CLOSE, NOWHERE, PASSAGES, SMALL, STEPS, chattering
+from xdynamics.model.detectors import SWITCH
 from xdynamics.model.kinks import kinks, on_sides
 
 HERTZ = {
@@ -137,3 +151,176 @@ def test_random_laws_are_marched_as_if_they_were_smooth(case: int) -> None:
     if law.kind == "states":
         other = solve_ivp(law.slopes(), (0.0, 3.0), law.start, method="DOP853", rtol=1e-9, atol=1e-10)
         assert float(run["x"][-1]) == pytest.approx(other.y[0, -1], abs=1e-6), law
+
+
+LAWS = ("min(F, P/v_x)", "min(P/v_x, F)", "where(P/v_x < F, P/v_x, F)", "min(F, P/abs(v_x))", "min(F, P*(v_x/V)**-1/V)")
+
+
+def car(law: str, speed: float = 0.0) -> xd.Model:
+    """A car of 1 t whose motor gives 50 kW, and no more than 5 kN."""
+    return xd.Model(
+        name="car",
+        parameters={"m": "1000 kg", "F": "5 kN", "P": "50 kW", "V": "1 m s-1"},
+        coordinates={"x": "m"},
+        mass={"x": "m"},
+        forces={"drive": {"x": law}},
+        initial={"x": "0 m", "v_x": f"{speed} m s-1"},
+    )
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("method", ["dormand_prince", "taylor", "radau_iia", "rk4"])
+def test_a_car_starts_from_rest_by_its_power(method: str, law: str) -> None:
+    """Assert 10 m/s after 2 s by the force, and the speed by the power from there on, where the power is infinite at rest."""
+    steps = {"step": "10 ms"} if method == "rk4" else {"rtol": 1e-9}
+    run = xd.simulate(car(law), method=method, until="20 s", **steps)
+    assert run.attrs["run_outcome"] == "completed"
+    assert float(run["event_time"][0]) == pytest.approx(2.0, abs=1e-8)
+    assert float(run["v_x"][-1]) == pytest.approx(math.sqrt(100 + 2 * 50 * 18), abs=1e-6)
+    assert float(run["x"][-1]) == pytest.approx(10 + (1900**1.5 - 1000) / 150, abs=1e-4)
+
+
+def test_a_switch_without_a_value_at_the_start_is_named() -> None:
+    """Assert the name of the switch and its value, where 0/0 decides on which side it is."""
+    run = xd.simulate(car("where(v_x/(x/second) > 1, F, 2*F)"), method="rk4", step="10 ms", until="1 s")
+    assert run.attrs["run_outcome"] == "nonfinite_event"
+    assert "the function of the switch 'drive.where' is nan" in run.attrs["run_outcome_text"]
+
+
+def test_a_first_step_over_all_that_forces_do_is_doubted() -> None:
+    """Assert that a speed of 166,667 m/s from a pole beside the start is no success in silence, and that others are."""
+    with (
+        pytest.warns(xd.AccuracyWarning, match="5e\\+11 times as long"),
+        pytest.warns(xd.StabilityWarning, match="0.01 s"),
+    ):
+        run = xd.simulate(car("P/v_x", 1e-6), method="rk4", step="10 ms", until="1 s")
+    assert "the first step is 5e+11 times" in run.attrs["run_outcome_text"]
+    resolved = xd.simulate(car("P/v_x", 1.0), method="rk4", step="10 ms", until="1 s")
+    assert resolved.attrs["run_outcome_text"] == "reached t = 1 s"
+
+
+RELAYS = """
+name = "relays"
+[dimensions]
+relay = 41
+[states.y]
+unit = "1"
+dims = ["relay"]
+rate = "{rate}"
+[initial]
+y = "0.1 + index(relay)"
+"""
+
+
+def relays(rate: str) -> xd.Model:
+    """Forty-one states, one more switch than is located."""
+    return xd.Model.from_text(RELAYS.format(rate=rate))
+
+
+def test_sliding_ends_soon() -> None:
+    """Assert that a state driven to its switch from both sides ends the run there within a few hundred rows."""
+    with pytest.warns(AccuracyWarning, match="41 switches"):
+        run = xd.simulate(relays("where(y > 0, -1, 1)/second"), method="dormand_prince", rtol=1e-6, until="2 s")
+    assert run.attrs["run_outcome"] == "sliding_mode"
+    assert "the last 64 steps went to and fro across it" in run.attrs["run_outcome_text"]
+    assert "- 0 = 0" not in run.attrs["run_outcome_text"]
+    assert run.sizes["step"] < 2000
+    assert 0.1 <= run.time.values[-1] < 0.12
+    assert abs(run.y.values[-1, 0]) < 1e-4
+
+
+def test_motion_through_switches_goes_on() -> None:
+    """Assert that states which oscillate across their switches reach the end."""
+    with pytest.warns(AccuracyWarning, match="41 switches"):
+        run = xd.simulate(
+            relays("where(y > 0, 2, 1)*cos(40*t/second)/second"), method="dormand_prince", rtol=1e-6, until="2 s"
+        )
+    assert run.attrs["run_outcome"] == "completed"
+
+
+DRIVEN_BACK = "where(y > 0, -k, 1)/second"  # from above k times as fast as from below
+
+
+def driven_back(k: float) -> xd.Model:
+    """Forty-one states that are driven to their switches from both sides."""
+    return xd.Model.from_text(RELAYS.format(rate=DRIVEN_BACK) + f'[parameters]\nk = "{k}"\n')
+
+
+@pytest.mark.parametrize("k", [0.01, 5.0, 1000.0])
+def test_sliding_is_seen_from_one_side(k: float) -> None:
+    """Assert that motion ends also where steps land on one side alone, as it is driven back with other speed there."""
+    with pytest.warns(AccuracyWarning, match="41 switches"):
+        run = xd.simulate(driven_back(k), method="dormand_prince", rtol=1e-6, until="20 s", max_steps=5000)
+    assert run.attrs["run_outcome"] == "sliding_mode"
+    assert run.sizes["step"] == 128
+    assert abs(run.y.values[-1, 0]) < 1e-4
+
+
+ALTERNATING = 1e-6 * (-0.9) ** np.arange(2 * STEPS)
+SAWTOOTH = 1e-6 * (np.arange(2 * STEPS) % 5 - 5.0)  # as where an event sets it back
+
+
+@pytest.mark.parametrize(
+    ("rate", "values", "slides"),
+    [
+        ("-1000*y/second", ALTERNATING, False),
+        ("-1000*y/second - sign(y)/second", ALTERNATING, True),
+        ("1/second", SAWTOOTH, False),
+        ("where(y > 0, -1, -1000*y)/second", SAWTOOTH, False),
+        ("where(y > 0, -1, 1)/second", SAWTOOTH, True),
+    ],
+)
+def test_speeds_tell_sliding(rate: str, values: np.ndarray, slides: bool) -> None:
+    """Assert that states which return to a switch slide only where they meet it with a speed and are driven back."""
+    model = xd.Model.from_text(RELAYS.format(rate=f"{rate} + 0*sign(y)/second"))
+    march = March(model, settings_for(model, method="dormand_prince", rtol=1e-6, until="1 s"))
+    rows = np.empty((2 + 41, 2 * STEPS))
+    rows[0], rows[1], rows[2:] = np.arange(2 * STEPS) * 1e-3, 1e-3, values
+    assert (march.passages.sliding(march.run, rows, 0) is not None) == slides
+
+
+@pytest.mark.filterwarnings("ignore:41 switches")
+def test_sliding_members_end() -> None:
+    """Assert that members of a sweep end as each does alone, to the bit, and the one that does not slide completes."""
+    axes = {"k": [-1.0, 2.0, 30.0]}
+    sweep = xd.sweep(driven_back(1.0), axes=axes, method="dormand_prince", rtol=1e-6, until="0.3 s", check=1.0)
+    computed = sweep.compute()
+    assert computed.run_outcome.values.tolist() == ["completed", "sliding_mode", "sliding_mode"]
+    assert computed.run_accepted_steps.values[1:].tolist() == [127, 127]
+
+
+def test_a_march_that_goes_on_ends_where_the_whole_does() -> None:
+    """Assert that a march put down among its last rows, and taken up again, ends with the same number of rows."""
+    model = driven_back(30.0)
+    settings = settings_for(model, method="dormand_prince", rtol=1e-6, until="2 s")
+    first, rest = March(model, settings), March(model, settings)
+    before = next(rows for rows in accumulate(block.rows for block in first.blocks(40)) if rows > 64)
+    rest.go_on_from(first.memory())
+    assert before + sum(block.rows for block in rest.blocks(40)) == 128
+    assert rest.outcome.word == "sliding_mode"
+
+
+DETECTORS = np.array([(SWITCH + 1, 1.0), (SWITCH, 1.0)], dtype=[("role", int), ("tolerance", float)])
+
+
+def passages(count: int = PASSAGES, pause: float = CLOSE, slope: float = 1.0) -> Any:
+    """Passages of the switch, with a pause between two of them, and an uncertainty of 1 of its function."""
+    events = np.zeros(count, dtype=[(name, float) for name in ("time", "slope", "uncertainty")] + [("detector", int)])
+    events["time"], events["slope"], events["uncertainty"] = pause * np.arange(count), slope, 1.0
+    events["detector"] = 1
+    return events
+
+
+@pytest.mark.parametrize(("pause", "slope"), [(CLOSE, 1e9), (1e6, -4.0 * SMALL / 1e6), (0.0, 1e9)])
+def test_passages_within_what_is_resolved_rest_on_the_switch(pause: float, slope: float) -> None:
+    """Assert the borders: pauses of so many tolerances, and values of so many uncertainties."""
+    assert chattering(DETECTORS, passages(pause=pause, slope=slope)) == 1
+
+
+def test_other_passages_do_not() -> None:
+    """Assert that few, those with one long pause, those of two switches, and those of no switch are none."""
+    long, mixed, other = passages(slope=1e9), passages(), passages()
+    long["time"][-1] += 1.0
+    mixed["detector"][3] = other["detector"] = 0
+    for events in (passages(PASSAGES - 1), long, mixed, other, passages(0)):
+        assert chattering(DETECTORS, events) == NOWHERE

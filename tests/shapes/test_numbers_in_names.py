@@ -1,18 +1,36 @@
-"""Elements that are named by their number, from the front or from the end, wherever a quantity's name is taken."""
+"""Elements that are named by their number, from the front or from the end, wherever a quantity's name is taken.
+
+Blocks: what stands where in an array.
+Relations of dimensions: which are of every two elements.
+Elements taken by number: what is refused, and what a Jacobian has of them.
+"""
 
 from __future__ import annotations
 
+import pickle
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
 
 import xdynamics as xd
+from cases.problems import MODELS
 from xdynamics.cli import main
+from xdynamics.expressions import parse, text_of
+from xdynamics.expressions.dimensions import dimension_of
+from xdynamics.faults import InputError
+from xdynamics.kernels import layout_of
+from xdynamics.shapes import Extent, Shapes, at_element, dims_of
+from xdynamics.shapes.blocks import Block, Blocks
+from xdynamics.shapes.dependence import Dependence
+from xdynamics.shapes.evaluation import evaluate_elements
+from xdynamics.shapes.extents import Relation, every_two
+from xdynamics.units import parse_unit
 
 TEXT = """
 name = "Three on springs"
@@ -192,3 +210,156 @@ def test_names_that_are_no_text() -> None:
             xd.InputError, match=re.escape(f"only is {only!r}, needs kinds of panels and names in a list")
         ):
             xd.plot(run, only=only)  # type: ignore[arg-type]
+
+
+def test_blocks_stand_one_after_another() -> None:
+    """Assert that places follow from the shapes of the blocks before, also in arrays joined from others."""
+    random = np.random.default_rng(1)
+    shapes = [tuple(random.integers(0, 4, size=random.integers(0, 3)).tolist()) for _ in range(20)]
+    blocks = [Block(f"b{k}", "state", tuple("ij"[: len(shape)]), shape) for k, shape in enumerate(shapes)]
+    joined = Blocks(blocks[:7]) + Blocks(blocks[7:])
+    places = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
+    assert [joined.offset_of(block.name) for block in joined.blocks] == places[:-1].tolist()
+    assert joined.size == len(joined) == places[-1]
+
+
+def test_numbers_are_found_by_their_names() -> None:
+    """Assert that every number of blocks has a name, by which it is found, and that no other name is."""
+    body, axis = Extent("body", 2, ("Sun", "Moon")), Extent("axis", 3)
+    blocks = Blocks([Block("t", "time"), Block("r", "coordinate", ("body", "axis"), (2, 3), (body, axis))])
+    assert tuple(blocks) == ("t", *(f"r·{label}·{k}" for label in ("Sun", "Moon") for k in range(3)))
+    assert [blocks.index(name) for name in blocks] == [*range(7)] == [blocks.find_offset(blocks[k]) for k in range(7)]
+    assert blocks[-1] == "r·Moon·2"
+    assert blocks.renamed("velocity", "v_{}".format).offset_of("v_r·Moon·0") == 4
+    for name in ("r", "r·Sun", "r·Sun·3", "r·Sun·03", "r·Sun·²", "r·Mars·0", "s·Sun·0", 0):
+        assert name not in blocks
+
+
+def test_copies_have_the_same_blocks() -> None:
+    """Assert that blocks are the same after a trip to another process."""
+    blocks = Blocks([Block("r", "coordinate", ("body",), (3,)), Block("s", "state")])
+    copy = pickle.loads(pickle.dumps(blocks))
+    assert (copy, copy.blocks, copy.size, copy.offset_of("s")) == (blocks, blocks.blocks, 4, 3)
+
+
+def test_a_state_has_its_variables_first() -> None:
+    """Assert the order of roles in a state of the march, and that a single number has the shape of none."""
+    record = layout_of(xd.Model.from_toml(MODELS / "double_pendulum.toml")).record
+    roles = list(dict.fromkeys(block.role for block in record.blocks))
+    assert roles == ["coordinate", "velocity", "acceleration", "force"]
+    assert {block.shape for block in record.blocks} == {()}
+    assert record.size == len(record)
+
+
+def relation(first: list[int], second: list[int], target: str = "body", *, made_so: bool = False) -> Relation:
+    """Return a relation from bodies to a dimension."""
+    ends = (np.array(numbers, np.int64) for numbers in (first, second))
+    return Relation("pair", "body", target, *ends, of_every_two=made_so)
+
+
+@pytest.mark.parametrize("n", [3, 4, 7, 100])
+@pytest.mark.parametrize("made_so", [False, True])
+def test_every_two_are_counted(n: int, made_so: bool) -> None:
+    """Assert that n(n - 1)/2 links, in their order, are of every two, and that one fewer or one more are not."""
+    first, second = (numbers.tolist() for numbers in every_two(n))
+    assert len(first) == n * (n - 1) // 2
+    assert relation(first, second, made_so=made_so).is_of_every_two
+    assert not relation(first[:-1], second[:-1], made_so=made_so).is_of_every_two
+    assert not relation([*first, 0], [*second, n - 1], made_so=made_so).is_of_every_two
+    assert not relation(first, second, "wall", made_so=made_so).is_of_every_two
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ([0], [1]),  # two elements, written out
+        ([0, 1, 2], [1, 2, 0]),  # a ring
+        ([0, 1, 0], [1, 2, 2]),  # in another order
+        ([0, 0, 1], [1, 2, 3]),  # of four
+    ],
+)
+def test_other_links_are_not_of_every_two(first: list[int], second: list[int]) -> None:
+    """Assert that links of the number of pairs are compared with these, one by one."""
+    assert not relation(first, second).is_of_every_two
+
+
+SHAPES = Shapes({"site": Extent("site", 4), "row": Extent("row", 2)}, {}, {"u": ("site",), "w": ("row", "site")})
+
+
+def test_a_jacobian_has_what_is_taken() -> None:
+    """Assert that every element depends on the one that it takes, and on no other."""
+    tree = parse("take(u, site, mod(index(site) + 1, size(site)))")
+    rows, columns = Dependence(SHAPES, {"u": 0}, 4).pairs(tree, ("site",))
+    assert (rows.tolist(), columns.tolist()) == ([0, 1, 2, 3], [1, 2, 3, 0])
+
+
+def test_dimensions_and_units() -> None:
+    """Assert that the dimension of the number comes for the one taken along, the unit is the value's, and text is read."""
+    tree = parse("take(w, site, 2*index(row) + 1)")
+    assert dims_of(tree, SHAPES) == ("row",)
+    assert dimension_of(tree, {"w": parse_unit("m").dimension}) == parse_unit("m").dimension
+    assert parse(text_of(tree)) == tree
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("take(u, site, u)", r"the number of the element is 'u', which may be written with index\(dimension\), size"),
+        ("take(u, row, 0)", r"goes along 'row', and 'u' has the dimensions: site"),
+        ("take(u, place, 0)", r"'place' is no dimension"),
+        ("take(u, site, index(site) - 1)", r"takes element -1 of 'site', needs whole numbers from 0 to 3; mod\("),
+        ("take(u, site, 4)", r"takes element 4 of 'site'"),
+        ("take(u, site, index(site)/2)", r"takes element 0.5 of 'site'"),
+        ("take(u, site)", r"'take' is written take\(a, dimension, number\); number of arguments here: 2"),
+    ],
+)
+def test_what_cannot_be_taken(text: str, fault: str) -> None:
+    """Assert that a number of no element is refused, naming it and the remedy."""
+    with pytest.raises(InputError, match=fault):
+        _taken(text)
+
+
+def _taken(text: str) -> None:
+    tree = parse(text)
+    for place in SHAPES.index_combinations(dims_of(tree, SHAPES)):
+        at_element(tree, place, SHAPES)
+
+
+def test_arrays_are_refused_alike() -> None:
+    """Assert that values of all elements at once are refused where one is."""
+    with pytest.raises(InputError, match=r"takes element 4 of 'site'"):
+        evaluate_elements(parse("take(u, site, index(site) + 2)"), ("site",), {"u": [0.0] * 4}, SHAPES)
+
+
+@pytest.mark.parametrize("place", ["forces", "observables"])
+def test_halves_are_refused_by_name(place: str) -> None:
+    """Assert that a model whose element is taken by a number that is none is refused, and which expression takes it."""
+    taken = "take(w, site, index(site)/2)"
+    given = {"forces": {"f": {"u": taken}}} if place == "forces" else {"observables": {"o": taken}}
+    of = "force 'f' of 'u'" if place == "forces" else "observable 'o'"
+    said = rf"^model 'halves': {of}: .* takes element 0.5 of 'site', needs whole numbers from 0 to 2; mod\("
+    with pytest.raises(xd.ModelError, match=said):
+        xd.Model(
+            name="halves",
+            dimensions={"site": 3},
+            coordinates={"u": {"unit": "m", "dims": ["site"]}},
+            parameters={"w": {"dims": ["site"], "value": "1 + index(site)", "unit": "N"}},
+            mass={"u": "1*kilogram"},
+            initial={"u": "0 m"},
+            **given,
+        )
+
+
+def test_numbers_alone_go_in_loops() -> None:
+    """Assert that what reads no quantity with dimensions is no sum of a million terms written one after the other."""
+    n = 1000
+    model = xd.Model(
+        name="series",
+        dimensions={"row": n, "column": n},
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        initial={"x": "2 m"},
+        observables={"o": "x*sum(index(row)*index(column), row, column)"},
+    )
+    run = xd.simulate(model, method="rk4", step="1 s", until="1 s")
+    assert run.o.values.tolist() == [2.0 * (n * (n - 1) / 2) ** 2] * 2

@@ -1,4 +1,8 @@
-"""Intervals in arrays: every operation holds what exact arithmetic gives."""
+"""Intervals in arrays: every operation holds what exact arithmetic gives.
+
+Frames, and proven products with their inverses.
+Numbers as they are written: what no float is lies between two.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import Polynomials
+from cases.smooth_models import of_rate
+from xdynamics import Model
+from xdynamics.tubes import boxes, interval_problem_of
+from xdynamics.tubes.boxes import FAR, Box, Polynomials, off_orthogonal, orthogonal, solve_in_frame
 
 POLYNOMIALS = Polynomials(2, 4)
 OPERATIONS: dict[str, Callable[..., Any]] = {
@@ -111,3 +117,75 @@ def test_products_that_underflow() -> None:
     tiny = boxes.multiply(boxes.point_box(1e-200), boxes.point_box(1e-200))
     assert tiny[0] <= 0.0 < tiny[1]
     assert boxes.has_zero(boxes.point_box(np.nan))
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-9, 0.02])
+def test_inverses_hold_exact_ones(off: float) -> None:
+    """Assert that frame**-1 times frame times a vector holds the vector exactly, of frames that are orthogonal, or nearly."""
+    random = np.random.default_rng(32)
+    frame = orthogonal(random.normal(size=(4, 4))) + off * random.normal(size=(4, 4))
+    assert off_orthogonal(frame) < FAR
+    x = random.normal(size=4)
+    right = [
+        sum((Fraction(a) * Fraction(b) for a, b in zip(row, x.tolist(), strict=True)), Fraction(0))
+        for row in frame.tolist()
+    ]
+    columns = np.stack([boxes.enclosed(number) for number in right], axis=1)[:, :, None]
+    found = solve_in_frame(frame, off_orthogonal(frame), columns)[:, :, 0]
+    assert ((found[0] <= x) & (x <= found[1])).all()
+    assert boxes.width(found).max() < 1e-13 + 60.0 * off
+
+
+def test_frames_of_any_directions() -> None:
+    """Assert that columns in one plane, of any size, zero or not finite give an orthogonal frame, the first along the first."""
+    random = np.random.default_rng(33)
+    for directions in (
+        random.normal(size=(3, 3)) * np.array([1e200, 1e-200, 1.0]),
+        np.outer([1.0, 2.0, 2.0], [1.0, 3.0, -1.0]),
+        np.zeros((3, 3)),
+        np.full((3, 3), np.nan),
+        np.eye(3)[:, ::-1] * 1e-320,
+    ):
+        frame = orthogonal(directions)
+        assert off_orthogonal(frame) < FAR
+        assert np.abs(frame.T @ frame - np.eye(3)).max() < 1e-14
+    assert np.abs(orthogonal(np.outer([1.0, 2.0, 2.0], [3.0, 1.0, 1.0]))[:, 0] - [1 / 3, 2 / 3, 2 / 3]).max() < 1e-15
+    assert off_orthogonal(np.ones((3, 3))) >= FAR
+
+
+PI = Fraction("3.14159265358979323846264338327950288419716939937510582")
+
+
+def holds(box: Box, exact: Fraction) -> bool:
+    """Whether an interval holds a number strictly, and is at most two spacings wide."""
+    low, high = (Fraction(float(end)) for end in np.asarray(box).ravel()[:2])
+    return low < exact < high and float(high - low) <= 2.0 * np.spacing(abs(float(exact)))
+
+
+def test_constants_and_literals() -> None:
+    """Assert that a decimal fraction, pi, a degree and a literal lie strictly inside, and that half a metre is a number."""
+    model = Model(
+        name="numbers",
+        coordinates={"q": {"unit": "rad"}},
+        parameters={"tenth": "0.1 m", "half": "0.5 m", "wide": {"value": "0.3 m", "half_width": "0.1 m"}},
+        mass={"q": "1*kilogram*metre**2"},
+        forces={"all": {"q": "newton*(tenth + half + wide)*(0.7 + pi + degree)"}},
+        initial={"q": "30 degree", "v_q": "0 rad s-1"},
+    )
+    problem = interval_problem_of(model)
+    boxes = [value for value in problem.motions.straight.constants.values() if isinstance(value, np.ndarray)]
+    for exact in (Fraction("0.1"), PI, PI / 180):
+        assert sum(holds(box, exact) for box in boxes) == 1
+    assert [value for value in problem.motions.straight.constants.values() if isinstance(value, float)].count(0.5) == 1
+    assert [holds(box, Fraction("0.7")) for box in problem.motions.straight.literals.values()] == [True]
+    assert problem.names == ("q", "v_q", "wide")
+    assert holds(problem.start[:, 0], PI / 6)
+    assert Fraction(float(problem.start[0, 2])) <= Fraction("0.2")
+    assert Fraction(float(problem.start[1, 2])) >= Fraction("0.4")
+
+
+def test_times_as_written() -> None:
+    """Assert that a start at 0.1 s, which no float is, lies between two."""
+    model = of_rate("1 + x").replace(initial={"t": "0.1 s"})
+    assert interval_problem_of(model).time[0] <= 0.1 <= interval_problem_of(model).time[1]
+    assert Fraction(float(interval_problem_of(model).time[0])) <= Fraction("0.1")

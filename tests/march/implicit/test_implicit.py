@@ -1,6 +1,12 @@
-"""Implicit methods: the laws they keep, stiff problems, Newton's iterations in the record."""
+"""Implicit methods: the laws they keep, stiff problems, Newton's iterations in the record.
+
+Implicit steps from rest, where the derivative of v*hypot(v, w) by v is nought over nought and the force smooth.
+Implicit steps of what large forces leave when they cancel: it has no digits by which equations could be solved.
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
@@ -8,6 +14,7 @@ from adaptive_problems import PROBLEMS
 
 import xdynamics as xd
 from cases.problems import EPS, MODELS, oscillator, particle
+from xdynamics.methods.steppers import NEWTON, SIMPLIFIED
 
 W, H = 2.0, 0.1
 
@@ -102,3 +109,154 @@ def test_python_forces_are_refused_by_name() -> None:
     ):
         xd.simulate(xd.Model(**statement), method="radau_iia", step=0.1, until=1.0)
     assert not xd.METHODS["radau_iia"].refusals(model)
+
+
+IMPLICIT = [name for name, method in xd.METHODS.items() if method.solver in (NEWTON, SIMPLIFIED)]
+FALL = xd.Model(
+    name="two bodies, one of which falls",
+    dimensions={"body": 2, "axis": 2},
+    coordinates={"r": {"unit": "m", "dims": ["body", "axis"]}},
+    parameters={"m": "1 kg", "c": "0.2 kg m-1", "g": "9 m s-2"},
+    mass={"r": "m"},
+    forces={
+        "drag": {"r": "-c*v_r*norm(v_r, axis)"},
+        "weight": {"r": "-m*g*index(axis)*index(body)"},
+    },
+    initial={"r": {"unit": "m", "value": [[0, 0], [1, 0]]}, "v_r": {"unit": "m s-1", "value": [[0, 0], [0, 0]]}},
+)
+
+
+def fallen(c: float, t: float) -> float:
+    """How far a body of 1 kg falls from rest in a time, under 9 m/s2 and c v**2."""
+    limit = math.sqrt(9.0 / c)
+    return -(limit**2) / 9.0 * math.log(math.cosh(9.0 * t / limit))
+
+
+@pytest.mark.parametrize("name", IMPLICIT)
+def test_a_body_falls_from_rest_with_drag(name: str) -> None:
+    """Assert the order of given steps from rest, by the closed form, beside a body that stays at rest."""
+    errors = []
+    for step in (1 / 8, 1 / 16):
+        run = xd.simulate(FALL, method=name, step=step, until=1.0)
+        assert run.attrs["run_outcome"] == "completed"
+        assert not run.r.sel(body=0).any()
+        errors.append(abs(float(run.r[-1, 1, 1]) - fallen(0.2, 1.0)))
+    assert math.log2(errors[0] / errors[1]) > xd.METHODS[name].order - 0.1
+
+
+def test_chosen_steps_fall_from_rest_in_lanes_as_alone() -> None:
+    """Assert that runs side by side have the bits of each alone, and both the digits of the tolerance."""
+    c = [0.1, 0.2, 0.3, 0.4]
+    sweep = xd.sweep(FALL, {"c": c}, method="radau_iia", rtol=1e-8, until=1.0)
+    for i, value in enumerate(c):
+        run = xd.simulate(FALL.replace(parameters={"c": value}), method="radau_iia", rtol=1e-8, until=1.0)
+        assert float(run.r[-1, 1, 1]) == pytest.approx(fallen(value, 1.0), rel=1e-8)
+        assert float(sweep.end_r[i, 1, 1]) == float(run.r[-1, 1, 1])
+
+
+HUNG = """
+name = "A mass between two stiff springs"
+
+[coordinates]
+x = "m"
+y = "m"
+
+[parameters]
+m = "5 kg"
+k = "1e6 N/m"
+g = "9.81 m s-2"
+at_left = "-0.6 m"
+at_right = "0.8 m"
+length = "0.91 m"
+
+[mass]
+x = "m"
+y = "m"
+
+[forces.left]
+potential = "k*(sqrt((x - at_left)**2 + y**2) - length)**2/2"
+
+[forces.right]
+potential = "k*(sqrt((x - at_right)**2 + y**2) - length)**2/2"
+
+[forces.weight]
+y = "-m*g"
+
+[initial]
+x = "0.1 m"
+y = "-0.58 m"
+v_x = "0 m/s"
+v_y = "0 m/s"
+"""
+NET = """
+name = "A net"
+
+[dimensions]
+row = 9
+column = 9
+axis = ["x", "y", "z"]
+
+[relations.along]
+of = "row"
+neighbours = 1
+
+[relations.across]
+of = "column"
+neighbours = 1
+
+[coordinates]
+r = { unit = "m", dims = ["row", "column", "axis"] }
+
+[parameters]
+m = "0.1 kg"
+k = "1e5 N/m"
+k_ground = "2e3 N/m"
+length = "0.1 m"
+g = "9.81 m s-2"
+down = { dims = ["axis"], values = { x = "0", y = "0", z = "-1" } }
+place_x = { dims = ["row"], value = "index(row)*0.1*metre" }
+place_y = { dims = ["column"], value = "index(column)*0.1*metre" }
+ex = { dims = ["axis"], values = { x = "1", y = "0", z = "0" } }
+ey = { dims = ["axis"], values = { x = "0", y = "1", z = "0" } }
+
+[mass]
+r = "m"
+
+[forces.threads]
+over = "along"
+potential = "k*sum((norm(second(r, along) - first(r, along), axis) - length)**2, column)/2"
+
+[forces.weft]
+over = "across"
+potential = "k*sum((norm(second(r, across) - first(r, across), axis) - length)**2, row)/2"
+
+[forces.ground]
+potential = "k_ground*sum((r - place_x*ex - place_y*ey)**2, axis)/2"
+
+[forces.weight]
+potential = "-m*g*sum(r*down, axis)"
+
+[initial]
+r = "place_x*ex + place_y*ey"
+v_r = "0*metre/second*(1 + 0*index(row))"
+"""
+
+
+STEPS = ("10 us", "0.5 ms", "1 ms")
+
+
+@pytest.mark.parametrize("text", [HUNG, NET], ids=["hung", "net"])
+@pytest.mark.parametrize(("method", "order"), [("radau_iia", 5), ("implicit_midpoint", 2)])
+def test_steps_are_solved_as_far_as_the_forces_tell(text: str, method: str, order: int) -> None:
+    """Assert that all steps have a solution, and that the error falls as the method's order says, down to rounding."""
+    model, asked = xd.Model.from_text(text), {"until": "4 ms", "log": "states", "force_samples": "none"}
+    exact = xd.simulate(model, method="dop853", rtol=1e-13, **asked)
+    errors = []
+    for step in STEPS:
+        run = xd.simulate(model, method=method, step=step, **asked)
+        assert run.attrs["run_outcome"] == "completed"
+        names = [name for name in ("x", "y", "r") if name in run]
+        errors.append(max(float(abs(run[name][-1] - exact[name][-1]).max()) for name in names))
+    assert errors[2] < 1e-4
+    assert np.log2(errors[2] / errors[1]) > order - 0.2
+    assert errors[0] <= max(errors[1] / 50.0**order * 1.1, 1e-14)
