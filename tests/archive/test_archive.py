@@ -6,10 +6,8 @@ import os
 import random
 import resource
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -61,13 +59,6 @@ def test_streamed_equals_saved(tmp_path: Path) -> None:
     assert streamed.sizes["step"] > 3 * 131_072
     assert streamed.attrs["content_digest"] == xd.content_digest(xd.simulate(model, **settings))
     assert verified(tmp_path / "streamed.nc") == streamed.attrs["content_digest"]
-
-
-@pytest.mark.dear
-def test_dask_backed_run_is_saved(archived: Path, tmp_path: Path) -> None:
-    """Assert that a chunked run is written a chunk at a time, to the same content."""
-    xd.save(xd.open_run(archived).chunk({"step": 50}), tmp_path / "chunked.nc")
-    assert verified(tmp_path / "chunked.nc") == verified(archived)
 
 
 def test_damage_is_found_and_named(archived: Path, tmp_path: Path) -> None:
@@ -194,52 +185,6 @@ def test_save_never_writes_into_the_old_file(archived: Path, tmp_path: Path) -> 
     assert held.read_bytes() == archived.read_bytes()
     assert not held.samefile(path)
     assert verified(path) != verified(held)
-
-
-SAVING = """
-import os
-import sys
-import xdynamics as xd
-from cases.problems import oscillator
-runs = [xd.simulate(oscillator().model, step=step, until=20.0) for step in (0.0004, 0.0005)]
-xd.save(runs[0], sys.argv[1])
-for line in sys.stdin:
-    child = os.fork()
-    while not child:
-        for run in runs:
-            xd.save(run, sys.argv[1])
-    print(child, flush=True)
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
-"""
-
-
-@pytest.mark.dear
-def test_kill_at_any_moment_leaves_an_archive(tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    """Assert that after kill -9 at 8 random moments of saving, with --whole 50, the name holds the old archive or the new."""
-    path, moments = tmp_path / "run.nc", random.Random(2)
-    allowed = {xd.content_digest(xd.simulate(oscillator().model, step=step, until=20.0)) for step in (0.0004, 0.0005)}
-    seen = set()
-    with subprocess.Popen(
-        [sys.executable, "-c", SAVING, str(path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        bufsize=1,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
-    ) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        for _ in range(50 if request.config.getoption("--whole") else 8):
-            process.stdin.write("save over and over\n")
-            number = int(process.stdout.readline())
-            time.sleep(moments.uniform(0.0, 0.4))
-            os.kill(number, signal.SIGKILL)
-            assert int(process.stdout.readline()) == -signal.SIGKILL
-            if path.exists():
-                seen.add(verified(path))
-        process.stdin.close()
-    assert seen
-    assert seen <= allowed
 
 
 @pytest.mark.dear

@@ -270,20 +270,6 @@ def test_a_row_beyond_the_end_is_an_error(tmp_path: Path) -> None:
             read_elements(stored, (np.array([1, 4]),))
 
 
-@pytest.mark.dear
-def test_evidence_of_an_opened_run_is_that_of_the_run(tmp_path: Path) -> None:
-    """Assert that states between, a diagnosis and a comparison have the same bits from a file as from memory."""
-    model = xd.Model.from_toml(Path(__file__).parents[2] / "data" / "models" / "kepler.toml")
-    run = xd.simulate(model, method="dop853", rtol=1e-8, until="20 s")
-    path = xd.save(run, tmp_path / "orbit.nc")
-    kept, times = xd.open_run(path), np.random.default_rng(3).uniform(0.0, 20.0, 200)
-    stages = [lambda one, side=side: xd.sample(one, times, side=side) for side in ("before", "after")]
-    stages += [xd.diagnose, lambda one: xd.compare(one, run, times=times)]
-    for stage in stages:
-        found, expected = (stage(one).drop_attrs(deep=False) for one in (kept, run))
-        xr.testing.assert_identical(found, expected)
-
-
 TABLE = np.arange(12, dtype="i2").reshape(4, 3)
 
 

@@ -8,9 +8,6 @@ Many archives that reach the disk together: each whole or not at all.
 from __future__ import annotations
 
 import os
-import random
-import signal
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -431,30 +428,6 @@ def test_a_write_that_fails_changes_nothing(where: str, tmp_path: Path, monkeypa
     with pytest.raises(xd.ArchiveError, match=r"00000\d.nc' cannot be written: .*nothing is changed"):
         xd.save_many(runs(3, until=2.0), tmp_path)
     assert [verified(entry) for entry in sorted(tmp_path.iterdir())] == before
-
-
-@pytest.mark.dear
-@pytest.mark.every(6)
-@pytest.mark.cases(200)
-def test_killed_at_any_moment(case: int, tmp_path: Path) -> None:
-    """Assert the old file or the new one under every name, when a process is killed while it writes."""
-    rng = random.Random(case)
-    old, new = runs(4), runs(4, until=2.0)
-    digests = [[xd.content_digest(run) for run in made] for made in (old, new)]
-    xd.save_many(old, tmp_path)
-    child = os.fork()
-    if not child:
-        try:
-            xd.save_many(new, tmp_path)
-        finally:
-            os._exit(0)
-    time.sleep(rng.uniform(0.0, 0.12))
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    found = [verified(tmp_path / f"{k:06d}.nc") for k in range(4)]
-    assert all(one in (a, b) for one, a, b in zip(found, *digests, strict=True))
-    xd.save_many(new, tmp_path)
-    assert [verified(entry) for entry in sorted(tmp_path.iterdir())] == digests[1]
 
 
 def test_wrong_lists_are_refused_before_anything_is_written(tmp_path: Path) -> None:

@@ -541,29 +541,3 @@ def test_units_of_inputs_are_spelled_as_they_were_declared(given: str, si: str, 
     assert float(budget.sensitivity[i]) == pytest.approx(2.0 / factor, rel=1e-9)
     assert float(budget.input_uncertainty[i]) == pytest.approx(0.1 * value * factor)
     assert float(budget.standard_uncertainty[i]) == pytest.approx(0.2 * value, rel=1e-9)
-
-
-@pytest.mark.dear
-def test_a_time_without_a_unit_has_no_seconds() -> None:
-    """Assert that nothing of a budget of a model without units of time says s: variables, attributes, lines, document, figure."""
-    from xdynamics.documenting.summary import summary
-
-    model = xd.Model(
-        name="plain",
-        time={"unit": "1"},
-        coordinates={"x": "1"},
-        mass={"x": "1"},
-        forces={"spring": {"x": "-k*x"}},
-        parameters={"k": "4 ± 0.01"},
-        initial={"x": "1", "v_x": "0"},
-        events={"zero": {"function": "x", "direction": "falling"}},
-        run={"method": "rk4", "step": "0.01", "until": "3"},
-    )
-    for where in ({"at": "1"}, {"at": 1.0}, {"event": "zero"}):
-        budget = xd.error_budget(model, "t" if "event" in where else "x", draws=100, **where)
-        assert {variable.attrs["units"] for variable in budget.variables.values()} == {"1"}
-        assert {*budget.sensitivity_units.values.tolist(), *budget.input_units.values.tolist()} == {"", "1"}
-        texts = [*summary(budget), *map(str, budget.attrs.values()), *map(str, budget.term_rule.values)]
-        assert not [text for text in texts if re.search(r"[0-9] s\b", text)]
-    with pytest.raises(xd.InputError, match="the model's time is a pure number"):
-        xd.error_budget(model, "x", at="1 s")

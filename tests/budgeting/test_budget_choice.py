@@ -81,18 +81,6 @@ def test_without_truncation_no_finer_run_is_marched() -> None:
     assert xd.error_budget(BALL, "y", without="truncation", **steps).attrs["left_out"] == "truncation"
 
 
-@pytest.mark.dear
-def test_a_lazy_budget_of_a_part_has_the_bits_of_the_eager_one() -> None:
-    """Assert the description while every march fails, and the bits, with draws of the inputs that are left."""
-    left_out = ["truncation", "drag_coefficient"]
-    asked: dict[str, Any] = {"event": "apogee", "method": "rk4", "step": "20 ms", "draws": 200, "without": left_out}
-    with no_march():
-        stage = xd.error_budget(ROCKET, "y", compute=False, **asked)
-    eager = xd.error_budget(ROCKET, "y", **asked)
-    assert_described(stage, eager)
-    assert_same_bits(stage, eager)
-
-
 @pytest.mark.parametrize(
     ("choice", "said"),
     [

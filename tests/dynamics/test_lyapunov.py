@@ -986,14 +986,6 @@ def test_impulses_over_whole_steps_are_refused() -> None:
         exponents(run)
 
 
-@pytest.mark.dear
-def test_chunks_have_the_exponents_of_the_whole() -> None:
-    """Assert the same bits of a run that is read in chunks."""
-    run = marched(oscillator("-x", (1.0, 0.0)), 5.0)
-    found, whole = diagnosis(run.chunk({"step": 10})), diagnosis(run)
-    assert found.lyapunov_exponents.values.tobytes() == whole.lyapunov_exponents.values.tobytes()
-
-
 @pytest.mark.parametrize("wanted", [0, -1, 1.5, "all"])
 def test_counts_that_are_none(wanted: object) -> None:
     """Assert that a count of exponents is one."""

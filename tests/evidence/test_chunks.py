@@ -71,29 +71,6 @@ def test_chunks_of_quantities_with_dimensions_are_read_once() -> None:
     assert {*reads.values()} == {1}
 
 
-@pytest.mark.dear
-def test_chunks_of_one_row_change_nothing() -> None:
-    """Assert cycles, turns and extremes of a short run in which every row is a chunk."""
-    run = xd.simulate(xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"), method="rk4", step=0.4, until=7.0)
-    whole = xd.diagnose(run, companion=False)
-    assert whole.sizes["turn"] > 3
-    assert_same(xd.diagnose(run.chunk(step=1), companion=False), whole)
-
-
-@pytest.mark.dear
-def test_a_figure_reads_each_chunk_once(tmp_path: Path) -> None:
-    """Assert that a run in chunks is drawn as the run in memory, and forces and samples are read where they are named."""
-    run = xd.simulate(xd.Model.from_toml(MODELS / "bouncing_ball.toml"), until=1.0)
-    sizes = [50, run.sizes["step"] - 50]
-    for only, forces in ((None, 0), (["force_gravity_y", "trajectory"], 2)):
-        lazy, reads = chunked(run, sizes)
-        xd.plot(lazy, tmp_path / "lazy.png", only=only)
-        xd.plot(run, tmp_path / "whole.png", only=only)
-        assert (tmp_path / "lazy.png").read_bytes() == (tmp_path / "whole.png").read_bytes()
-        assert max(reads.values()) == 1
-        assert sum(count for (name, _), count in reads.items() if name.startswith("force_")) == forces
-
-
 def test_samples_and_comparisons_read_each_chunk_once() -> None:
     """Assert 300 times in any order on ragged chunks: the bits of the whole, and of two runs no chunk read twice."""
     run = xd.simulate(xd.Model.from_toml(MODELS / "harmonic_oscillator.toml"), method="rk4", step=0.05, until=10.0)

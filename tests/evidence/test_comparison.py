@@ -166,39 +166,6 @@ def test_events_are_matched_though_their_number_differs() -> None:
     assert first < 0.0
 
 
-def test_lazy_runs_give_lazy_differences(tmp_path: Path) -> None:
-    """Assert that of dask arrays nothing but times is computed until somebody asks, and then the same comes out."""
-    run = made(0.01)
-    xd.save(run, tmp_path / "run.nc")
-    kept = xd.open_run(tmp_path / "run.nc").chunk(step=20)
-
-    def refuse(_block: Any) -> Any:
-        raise AssertionError("computed")
-
-    names = [
-        name
-        for name in kept.data_vars
-        if kept[name].chunks and kept[name].dims == ("step",) and name not in ("time", "row_kind")
-    ]
-    template = kept.assign(
-        {
-            name: kept[name].copy(
-                data=kept[name].data.map_blocks(
-                    refuse, dtype=kept[name].dtype, meta=np.zeros((0,) * kept[name].ndim, kept[name].dtype)
-                )
-            )
-            for name in names
-        }
-    )
-    table = xd.compare(template, template, times=[0.5, 0.333])
-    assert table.difference_x.chunks is not None
-    assert table.difference_x.attrs["units"] == "m"
-    assert len(table.attrs["runs"].split()) == 2
-    with pytest.raises(AssertionError, match="computed"):
-        table.difference_x.compute()
-    assert (xd.compare(kept, kept, times=[0.5, 0.333]).difference_x.compute() == 0).all()
-
-
 def bench(tmp_path: Path) -> Path:
     """A bench record in milliseconds and millimetres, 0.5 mm off with an uncertainty of 1 mm."""
     times = np.array([100.0, 333.0, 500.0, 900.0])
@@ -247,6 +214,9 @@ def test_a_run_beside_measured_data(tmp_path: Path) -> None:
         ({"time [s]": [9.0], "x [m]": [1]}, "9.0 s is outside the run"),
         ({"time [s]": [], "x [m]": []}, "has no rows"),
         ({"time [s]": [0.1]}, "has no column beside the times"),
+        ({"time [s]": [0.0, 5.0], "x [m]": pd.to_timedelta([0, 5], unit="s")}, "column 'x' is in 's', needs 'm'"),
+        ({"time [s]": [0.1], "x [m]": [0.54], "x [mm]": [99.0]}, "'x' is given twice"),
+        ({"time [s]": [0.1], "x [m]": [1 + 1j]}, "holds complex numbers"),
     ],
 )
 def test_wrong_data(columns: dict[str, Any], said: str) -> None:
@@ -281,20 +251,6 @@ def test_a_part_is_matched_by_its_times() -> None:
     )
     parted = xd.compare(coarse, fine).attrs["parted"]
     assert "v_y by -7" not in parted
-
-
-@pytest.mark.parametrize(
-    ("columns", "said"),
-    [
-        ({"time [s]": [0.0, 5.0], "x [m]": pd.to_timedelta([0, 5], unit="s")}, "column 'x' is in 's', needs 'm'"),
-        ({"time [s]": [0.1], "x [m]": [0.54], "x [mm]": [99.0]}, "'x' is given twice"),
-        ({"time [s]": [0.1], "x [m]": [1 + 1j]}, "holds complex numbers"),
-    ],
-)
-def test_columns_of_other_kinds(columns: dict[str, Any], said: str) -> None:
-    """Assert that nothing is read as what it is not."""
-    with pytest.raises(xd.InputError, match=said):
-        xd.compare(made(0.01), pd.DataFrame(columns))
 
 
 def test_datasets_with_two_dimensions() -> None:

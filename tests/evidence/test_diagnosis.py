@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from cases.contacts import ball
 from cases.problems import MODELS, coupled_springs, oscillator, particle
 from xdynamics.evidence.companion import tighter_of
 from xdynamics.evidence.diagnosing.phases import exact_march
@@ -63,19 +62,11 @@ def test_euler_grows_and_is_believed_for_a_while() -> None:
     assert 0.0 < late < 20.0
 
 
-def test_an_area_is_that_of_the_ellipse() -> None:
-    """Assert pi times both amplitudes, and the amplitude itself."""
-    found = xd.diagnose(marched("dop853", until=10.0))
-    assert found.phase_space_area.values == pytest.approx(2 * math.pi, rel=1e-3)
-    assert found.phase_space_area.attrs["units"] == "m2 s-1"
-    assert found.amplitude.values == pytest.approx(1.0, abs=1e-3)
-
-
 def test_turning_points_are_located() -> None:
     """Assert turns at multiples of pi/2, where x is 1 or -1 to the error of the method."""
     found = xd.diagnose(marched("dop853", step=0.1, until=5.0), companion=False)
     assert found.turning_time.values == pytest.approx(np.pi / 2 * np.arange(1, 4), abs=1e-9)
-    assert np.abs(found.turning_point.values) == pytest.approx(1.0, abs=1e-12)
+    assert found.turning_point.values == pytest.approx([-1.0, 1.0, -1.0], abs=1e-12)
     assert "believed_until" not in found
     assert np.isnan(found.phase_offset).all()
 
@@ -127,28 +118,6 @@ def test_observables_are_watched() -> None:
         == found.drift_angular_momentum.attrs["units"]
         == run.angular_momentum.attrs["units"]
     )
-
-
-def test_residuals_of_closed_forms() -> None:
-    """Assert residuals of x and v against cos 2t in the model's own language, in the record's units."""
-    run = marched(step=0.05, until=3.0)
-    found = xd.diagnose(run, exact={"x": "cos(sqrt(k/m)*t)*metre", "v_x": "-2*metre/second*sin(sqrt(k/m)*t)"})
-    true = run.x.values - np.cos(2 * run.time.values)
-    assert found.residual_x.values == pytest.approx(true, abs=1e-15)
-    assert float(found.largest_residual_x) == pytest.approx(np.abs(true).max())
-    assert float(found.rms_residual_v_x) > 0.0
-
-
-@pytest.mark.dear
-def test_references_of_phases() -> None:
-    """Assert offsets from a period, and from another run."""
-    run = marched()
-    ideal, other = xd.diagnose(run, reference="3.141592653589793 s"), xd.diagnose(run, reference=marched("dop853"))
-    own = 2 * math.pi * 0.02 / math.acos(1 - 0.04**2 / 2)
-    cycles = np.arange(1, ideal.sizes["cycle"] + 1)
-    assert ideal.phase_offset.values == pytest.approx(2 * math.pi * cycles * (math.pi - own) / math.pi, abs=1e-5)
-    assert other.phase_offset.values == pytest.approx(xd.diagnose(run).phase_offset.values, abs=1e-6)
-    assert other.attrs["reference"].startswith("the run ")
 
 
 def test_two_beating_coordinates() -> None:
@@ -207,13 +176,6 @@ def test_event_times_have_global_errors() -> None:
     true = float(run.event_time[0]) - 30 / 9.80665 * math.atan(20 / 30)
     assert float(found.event_time_global_error[0]) == pytest.approx(true, rel=0.1)
     assert found.attrs["evidence"] == "companion"
-
-
-def test_bounces_that_only_one_run_has() -> None:
-    """Assert that an event which the tighter run did not meet has no error that is known."""
-    run = xd.simulate(ball(0.5, 1.0), method="forward_euler", step=0.05, until=1.3)
-    found = xd.companion(run)
-    assert found.event_time_global_error.size == run.sizes["event"]
 
 
 @pytest.mark.dear
@@ -279,7 +241,9 @@ def test_the_largest_is_that_of_every_hump() -> None:
 def test_areas_are_as_good_as_the_run() -> None:
     """Assert the area of the ellipse to 1e-8 where steps are long."""
     run = xd.simulate(OSCILLATOR, method="dop853", rtol=1e-10, atol=1e-10, until=20.0)
-    assert xd.diagnose(run, companion=False).phase_space_area.values == pytest.approx(2 * math.pi, rel=1e-8)
+    found = xd.diagnose(run, companion=False)
+    assert found.phase_space_area.values == pytest.approx(2 * math.pi, rel=1e-8)
+    assert found.phase_space_area.attrs["units"] == "m2 s-1"
 
 
 def test_phases_of_first_order_methods() -> None:
@@ -309,15 +273,6 @@ def test_what_was_edited_is_not_taken_for_the_run() -> None:
         xd.diagnose(edited)
     with pytest.raises(xd.InputError, match="this is a part of a run"):
         xd.companion(run.isel(step=slice(0, 50)))
-
-
-@pytest.mark.dear
-def test_many_cycles_take_no_time() -> None:
-    """Assert that 3,000 cycles are diagnosed."""
-    run = xd.simulate(OSCILLATOR, method="velocity_verlet", step=0.05, until=9500.0, force_samples="none")
-    found = xd.diagnose(run, companion=False)
-    assert found.sizes["cycle"] > 3000
-    assert found.phase_space_area.values == pytest.approx(2 * math.pi, rel=1e-2)
 
 
 def test_impacts_are_no_loss_of_belief() -> None:

@@ -1019,14 +1019,6 @@ def test_a_tenth_of_the_tolerances_tells_ten_ninths() -> None:
         companion_of(part)
 
 
-def test_levels_that_end_apart_are_compared_at_the_earliest_end() -> None:
-    """Assert the earliest end of runs that stop at an event, and that a later time is refused."""
-    study = studied(BALL, [0.2, 0.05], 5.0, ("y",))
-    ends = [float(run.time[-1]) for run in runs_of(study.levels)]
-    assert ends[0] != ends[1]
-    assert study.times.tolist() == [min(ends)]
-
-
 def bounced(steps: list[float], until: float) -> Study:
     """A ball that a reset turns back at the ground, in levels of velocity Verlet, which is exact between."""
     model = xd.Model(

@@ -104,23 +104,6 @@ def test_a_comparison_shares_its_runs_and_travels() -> None:
     assert stage.sizes["occurrence"] == eager.sizes["occurrence"]
 
 
-@pytest.mark.dear
-def test_runs_in_chunks_are_compared_whole(tmp_path: Path) -> None:
-    """Assert energies, events and words of runs in chunks with their bits, of which a change is another comparison."""
-    runs, chunked = pair(compute=True), []
-    for k, run in enumerate(runs):
-        xd.save(run, tmp_path / f"{k}.nc")
-        chunked.append(xd.open_run(tmp_path / f"{k}.nc", chunks={"step": 17}))
-    eager = xd.compare(*runs)
-    stage = xd.compare(*chunked, compute=False)
-    assert_same_bits(stage, eager)
-    assert_told(stage.compute(), eager)
-    doubled = xd.compare(chunked[0].assign(y=2.0 * chunked[0].y), chunked[1], compute=False)
-    assert float(doubled.difference_y[0]) == -float(runs[0].y[0])
-    for run in chunked:
-        run.close()
-
-
 def test_a_run_to_be_marched_beside_measured_data() -> None:
     """Assert the description and the bits beside a record of a bench, and that a time beyond the run fails when computed."""
     model, data = (

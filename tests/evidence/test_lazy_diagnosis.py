@@ -124,27 +124,6 @@ def test_exponents_of_a_run_in_chunks() -> None:
     assert {*reads.values()} == {1}
 
 
-@pytest.mark.parametrize("observables", [None, ["x1", "total_energy"]])
-def test_a_lazy_limiting_case_has_the_bits_of_the_eager_one(observables: list[str] | None) -> None:
-    """Assert the description, one march for each value, what is known, and the same numbers."""
-    model = xd.Model.from_toml(MODELS / "coupled_masses.toml")
-    asked: dict[str, Any] = {
-        "at": ["1 s"],
-        "method": "rk4",
-        "step": "10 ms",
-        "until": "1 s",
-        "observables": observables,
-    }
-    with no_march():
-        stage = xd.limiting(model, "kc", [0.1, 0.01, 0.001], 0.0, compute=False, **asked)
-        assert stage.parameter_value.values.tolist() == [0.1, 0.01, 0.001]
-    eager = xd.limiting(model, "kc", [0.1, 0.01, 0.001], 0.0, **asked)
-    assert_described(stage, eager)
-    with marches() as begun:
-        assert_same_bits(stage, eager)
-    assert len(begun) == 4
-
-
 def test_what_is_wrong_with_a_limiting_case_is_told_before_the_march() -> None:
     """Assert an unknown observable, values that do not come closer, and a run that ends before when it is computed."""
     asked: dict[str, Any] = {"at": ["1 s"], "method": "rk4", "step": "10 ms", "until": "1 s", "compute": False}
@@ -156,14 +135,3 @@ def test_what_is_wrong_with_a_limiting_case_is_told_before_the_march() -> None:
         late = xd.limiting(OSCILLATOR, "k", [4.4, 4.2], 4.0, **asked | {"at": ["2 s"]})
     with pytest.raises(xd.InputError, match=r"with k = 4\.4 N m-1 the run ends before"):
         late.x.compute()
-
-
-@pytest.mark.dear
-def test_a_lazy_diagnosis_of_chunks_reads_nothing_before() -> None:
-    """Assert that a run opened in chunks is read when the diagnosis is computed, to the bits of the whole run's."""
-    run = xd.simulate(OSCILLATOR, method="rk4", step=0.05, until=8.0)
-    lazy, reads = chunked(run, [60, run.sizes["step"] - 60])
-    stage = xd.diagnose(lazy, compute=False, companion=False, occurrences=2)
-    assert not reads
-    assert_same_bits(stage, xd.diagnose(run, companion=False, occurrences=2))
-    assert max(reads.values()) == 1

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pickle
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -256,23 +258,55 @@ def test_tasks_are_named_by_what_they_depend_on() -> None:
     assert len({task.name for task in (first, *others)}) == 4
 
 
-# ---------------------------------------------------------------------------------------------------------- companion
+# -------------------------------------------------------------------------------------------------------- other stages
 
 
-@pytest.mark.parametrize("times", [None, [0.5, 1.25]], ids=["end", "times"])
-@pytest.mark.parametrize("asked", [{"method": "rk4", "step": 0.05}, {"rtol": 1e-6}], ids=["step", "rtol"])
-def test_a_lazy_companion_marches_when_it_is_computed(times: Any, asked: dict[str, Any]) -> None:
-    """Assert the description, one march for several numbers, and the bits of the eager companion."""
-    run = xd.simulate(BALL, until=2.0, **asked)
+COUPLED = xd.Model.from_toml(MODELS / "coupled_masses.toml")
+Stage = Callable[..., xr.Dataset]
+
+
+def companion_of(times: list[float] | None, **asked: Any) -> Stage:
+    """A companion of a run that is marched."""
+    return partial(xd.companion, xd.simulate(BALL, until=2.0, **asked), times)
+
+
+def limit_of(observables: list[str] | None) -> Stage:
+    """Two masses whose spring vanishes."""
+    asked: dict[str, Any] = {"at": ["1 s"], "method": "rk4", "step": "10 ms", "until": "1 s"}
+    return partial(xd.limiting, COUPLED, "kc", [0.1, 0.01, 0.001], 0.0, observables=observables, **asked)
+
+
+LAZY: dict[str, tuple[Callable[[], Stage], int]] = {  # and how many marches each has
+    "companion, step": (lambda: companion_of(None, method="rk4", step=0.05), 1),
+    "companion at times, step": (lambda: companion_of([0.5, 1.25], method="rk4", step=0.05), 1),
+    "companion, rtol": (lambda: companion_of(None, rtol=1e-6), 1),
+    "companion at times, rtol": (lambda: companion_of([0.5, 1.25], rtol=1e-6), 1),
+    "limiting": (lambda: limit_of(None), 4),
+    "limiting of observables": (lambda: limit_of(["x1", "total_energy"]), 4),
+    "modes of a start": (lambda: partial(xd.modes, COUPLED), 0),
+    "modes of a state": (lambda: partial(xd.modes, OSCILLATOR, at={"x": "1 m"}), 0),
+    "modes of a row": (lambda: partial(xd.modes, xd.simulate(COUPLED), row=7), 0),
+    "validate": (lambda: partial(xd.validate, ["rk4", "velocity_verlet", "moreau_jean"]), -1),
+}
+
+
+@pytest.mark.every(3)
+@pytest.mark.parametrize("name", LAZY)
+def test_a_lazy_stage_has_the_bits_of_the_eager_one(name: str) -> None:
+    """Assert the description while every march fails, each run marched once, and values; refused cases among them."""
+    make, count = LAZY[name][0](), LAZY[name][1]
     with no_march():
-        stage = xd.companion(run, times, compute=False)
-    eager = xd.companion(run, times)
+        stage = make(compute=False)
+    eager = make()
     with marches() as begun:
         assert_described(stage, eager)
         assert not begun
-        float(stage.global_error_y[-1])
         assert_same_bits(stage, eager)
-    assert len(begun) == 1
+    if count < 0:  # a task for each of 15 cases and each method
+        assert sum(str(key).startswith("case-") for key in stage.residual.__dask_graph__()) == 15 * 3
+        assert 0 < len(begun) <= len({*eager.case_run.values}) * 3
+    else:
+        assert len(begun) == count
 
 
 def test_a_companion_shares_its_run_with_a_refinement() -> None:
@@ -302,20 +336,6 @@ def test_a_lazy_stage_of_a_closed_file_opens_it_again(tmp_path: Path) -> None:
 # ----------------------------------------------------------------------------------------------------------- validate
 
 
-@pytest.mark.dear
-def test_a_lazy_ledger_has_the_bits_of_the_eager_one() -> None:
-    """Assert the description, one task for each case and method, and values; methods that refuse cases among them."""
-    methods = ["rk4", "velocity_verlet", "moreau_jean"]
-    with no_march():
-        stage = xd.validate(methods, compute=False)
-    eager = xd.validate(methods)
-    assert_described(stage, eager)
-    assert sum(str(key).startswith("case-") for key in stage.residual.__dask_graph__()) == 15 * len(methods)
-    with marches() as begun:
-        assert_same_bits(stage, eager)
-    assert 0 < len(begun) <= len({*eager.case_run.values}) * 3
-
-
 def test_a_ledger_of_impacts_lists_as_many_as_are_asked_for() -> None:
     """Assert that a model with contacts needs a number, and that lines beyond those of the run are refused ones."""
     with pytest.raises(xd.InputError, match="give the number to list, like occurrences=10"):
@@ -333,26 +353,7 @@ def test_a_ledger_of_impacts_lists_as_many_as_are_asked_for() -> None:
         assert (eager.verdict[both:] == 2).all()
 
 
-# -------------------------------------------------------------------------------------------------------------- modes
-
-
-@pytest.mark.dear
-def test_lazy_modes_have_the_bits_of_eager_ones() -> None:
-    """Assert the description, and values about a model's start and about a row of a run; a bad state when computed."""
-    masses = xd.Model.from_toml(MODELS / "coupled_masses.toml")
-    for subject, asked in ((masses, {}), (OSCILLATOR, {"at": {"x": "1 m"}}), (xd.simulate(masses), {"row": 7})):
-        stage, eager = xd.modes(subject, compute=False, **asked), xd.modes(subject, **asked)
-        assert_described(stage, eager)
-        assert_same_bits(stage, eager)
-
-
-# -------------------------------------------------------------------------------------------------- what is never lazy
-
-
-def test_stages_that_cannot_be_lazy_say_what_to_give_instead() -> None:
-    """Assert the remedy of a fit, whose runs are as many as its search needs."""
-    with pytest.raises(xd.InputError, match="give the model of its model_toml to stages with compute=False"):
-        xd.fit(OSCILLATOR, "bench.csv", ["k"], compute=False)
+# ------------------------------------------------------------------------------------------------------------- sweeps
 
 
 @pytest.mark.parametrize(("count", "tasks"), [(3, 3), (1000, 16), (100_000, 64)])

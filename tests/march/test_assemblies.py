@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import xdynamics as xd
 from cases.balls import balls
-from cases.impacts import Rod, integrated, random_rod, rods_together
+from cases.impacts import Rod, random_rod, rods_together
 from cases.plain import between_states, made_by_hand, plain
 from xdynamics.march import March
 from xdynamics.march.assembly.broad_phase import ASSEMBLY, FIRST, LINK, NARROW, NEAR, SECOND, WIDE, stays_in_narrow_box
@@ -435,16 +435,6 @@ def test_rods_are_struck_as_each_alone(law: str) -> None:
         assert np.abs(after(run, 4 * k) - alone).max() <= 1e-10 * size
         lost = float(run.event_energy_lost[first_impact(run, 4 * k)])
         assert lost == pytest.approx(float(one.event_energy_lost[0]), abs=1e-9 * rod.kinetic(np.array(rod.speeds)))
-
-
-@pytest.mark.dear
-def test_the_energetic_law_of_many_is_its_definition() -> None:
-    """Assert velocities of rods to 1e-9 of an integration over the impulse."""
-    rods = [random_rod(case) for case in range(100, 100 + COUNT)]
-    run = struck(rods, "energetic")
-    for k, rod in enumerate(rods[::4]):
-        exact = integrated(rod.rows, rod.mass, np.array(rod.speeds), rod.mu, rod.e)
-        assert np.abs(after(run, 4 * k) - exact).max() <= 1e-9 * (np.abs(rod.speeds).max() + np.abs(exact).max())
 
 
 @pytest.mark.parametrize("law", ["newton", "sequential"])

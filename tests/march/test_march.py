@@ -26,8 +26,6 @@ from xdynamics.march import March, Settings, runner
 from xdynamics.march.configuration import settings_for
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, REASON_EVENT
 
-MIDPOINT = xd.METHODS["midpoint"]
-
 
 def timed(function: str, **event: str) -> xd.Model:
     """A free particle with one event."""
@@ -246,22 +244,6 @@ def test_stop_ends_the_run_at_the_event() -> None:
     assert run.time.values[-1] == run.event_time.values[0]
 
 
-def test_two_events_in_one_step_come_in_order() -> None:
-    """Assert that the earlier of two crossings in a step is found first, whatever their order in the file."""
-    events = {"late": {"function": "x - 1.2*metre"}, "early": {"function": "x - 1.1*metre"}}
-    run = xd.simulate(particle(events=events), method="midpoint", step=0.1, until=1.0)
-    assert np.abs(run.event_time.values - np.array([0.1, 0.2]) / 3).max() < 2e-12
-    assert run.event_detector.values.tolist() == [1, 0]
-
-
-def test_two_events_at_one_time_share_a_pair() -> None:
-    """Assert that simultaneous events are both recorded."""
-    events = {"one": {"function": "x - 1.3*metre"}, "same": {"function": "2*x - 2.6*metre"}}
-    run = xd.simulate(particle(events=events), method="midpoint", step=0.25, until=1.0)
-    assert run.event_detector.values.tolist() == [0, 1]
-    assert abs(float(np.diff(run.event_time.values)[0])) < 2e-12
-
-
 SHAPES: dict[str, Callable[[float], float]] = {
     "(t - {0}*second)/second": lambda off: off,
     "exp(3*(t - {0}*second)/second) - 1": lambda off: float(np.exp(3.0 * off)) - 1.0,
@@ -307,19 +289,6 @@ def test_many_events_in_a_step_are_located_one_by_one(case: int) -> None:
     assert (np.diff(run.event_row_before.values) >= 0).all()
     assert (run.event_row_after.values == run.event_row_before.values + 1).all()
     assert (run.time.values[run.event_row_before.values] == times).all()
-
-
-def test_event_on_a_grid_time_is_found_once() -> None:
-    """Assert that a root exactly at the end of a step is one event."""
-    run = xd.simulate(timed("t - 0.5*second", direction="rising"), method="midpoint", step=0.25, until=1.0)
-    assert run.event_time.values.tolist() == [0.5]
-    assert run.time.values.tolist() == [0.0, 0.25, 0.5, 0.5, 0.75, 1.0]
-
-
-def test_event_function_that_starts_at_zero_is_no_event() -> None:
-    """Assert that leaving a surface is not crossing it."""
-    run = xd.simulate(timed("x - 1*metre"), method="midpoint", step=0.25, until=1.0)
-    assert run.sizes["event"] == 0
 
 
 def blow(expression: str) -> xd.Model:

@@ -30,36 +30,26 @@ from xdynamics.schema import (
 )
 
 
-def test_aim_at_the_grid() -> None:
-    """Assert that a step from a grid time ends at t0 + n h and is h to the bit."""
-    run = made_by_hand()
-    run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
+@pytest.mark.parametrize(
+    ("node", "plan", "now", "aimed"),
+    [
+        (None, {"step_size": 0.1}, {"grid": 2, "t": 0.2}, (3 * 0.1, 0.1, control.AT_GRID)),
+        (0.25, {"step_size": 0.1}, {"grid": 2, "t": 0.2}, (0.25, 0.25 - 0.2, control.AT_NODE)),
+        (0.5, {"step_size": 0.25, "snap": 1e-15}, {"grid": 1, "t": 0.25}, (0.5, 0.25, control.AT_BOTH)),
+        (None, {"adaptive": 1, "max_step": 10.0}, {"t": 9.0, "step": 0.995}, (10.0, 1.0)),
+    ],
+    ids=["grid", "node before the grid", "node on the grid", "stretched to the end"],
+)
+def test_a_step_is_aimed(
+    node: float | None, plan: dict[str, float], now: dict[str, float], aimed: tuple[float, ...]
+) -> None:
+    """Assert end, length and landing: t0 + n h to the bit, a node, both within the snap, and the rest before the end."""
+    run = made_by_hand() if node is None else made_by_hand(nodes=np.array([node]))
+    for room, values in ((run.plan[0], plan), (run.now[0], now)):
+        for name, value in values.items():
+            setattr(room, name, value)
     plain(loop.aim_step)(run)
-    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (3 * 0.1, 0.1, control.AT_GRID)
-
-
-def test_aim_at_a_node_before_the_grid() -> None:
-    """Assert that a node is landed on, with what is left to it as the step."""
-    run = made_by_hand(nodes=np.array([0.25]))
-    run.plan[0].step_size, run.now[0].grid, run.now[0].t = 0.1, 2, 0.2
-    plain(loop.aim_step)(run)
-    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing) == (0.25, 0.25 - 0.2, control.AT_NODE)
-
-
-def test_aim_at_a_node_on_the_grid() -> None:
-    """Assert that a node within the snap of a grid time is both."""
-    run = made_by_hand(nodes=np.array([0.5]))
-    run.plan[0].step_size, run.plan[0].snap, run.now[0].grid, run.now[0].t = 0.25, 1e-15, 1, 0.25
-    plain(loop.aim_step)(run)
-    assert (run.trial[0].t, run.trial[0].landing) == (0.5, control.AT_BOTH)
-
-
-def test_aim_freely_stretches_to_the_end() -> None:
-    """Assert that a step that would end just before the end takes the rest."""
-    run = made_by_hand()
-    run.plan[0].adaptive, run.plan[0].max_step, run.now[0].t, run.now[0].step = 1, 10.0, 9.0, 0.995
-    plain(loop.aim_step)(run)
-    assert (run.trial[0].t, run.trial[0].h) == (10.0, 1.0)
+    assert (run.trial[0].t, run.trial[0].h, run.trial[0].landing)[: len(aimed)] == aimed
 
 
 @pytest.mark.parametrize(("step", "most", "why"), [(1e-20, 1e6, STEP_TOO_SMALL), (0.1, 0.0, STEP_LIMIT)])

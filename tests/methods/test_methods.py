@@ -17,7 +17,6 @@ import xdynamics as xd
 from cases.problems import (
     EPS,
     MODELS,
-    SMOOTH,
     Problem,
     coupled_springs,
     damped,
@@ -83,31 +82,20 @@ def test_constant_acceleration_follows_discrete_law(method: object) -> None:
     assert np.abs(run.v_x - (3 + 2.5 * t)).max() < bound
 
 
-def test_forward_euler_energy_grows_by_its_factor() -> None:
-    """Assert that the oscillator's energy grows by 1 + (wh)**2 a step."""
-    energy = runs(oscillator(), xd.METHODS["forward_euler"], H, 10.0).total_energy.values
-    factor = 1 + (W * H) ** 2
+@pytest.mark.parametrize(("name", "factor"), [("forward_euler", 1 + (W * H) ** 2), ("midpoint", 1 + (W * H) ** 4 / 4)])
+def test_energy_of_an_oscillator_grows_by_its_factor(name: str, factor: float) -> None:
+    """Assert that it grows by 1 + (wh)**2 a step of Euler's, and by 1 + (wh)**4/4 of the midpoint rule's."""
+    energy = runs(oscillator(), xd.METHODS[name], H, 10.0).total_energy.values
     assert np.abs(energy[1:] / energy[:-1] / factor - 1).max() < 16 * EPS
 
 
-def test_midpoint_energy_grows_by_its_factor() -> None:
-    """Assert that the oscillator's energy grows by 1 + (wh)**4/4 a step."""
-    energy = runs(oscillator(), xd.METHODS["midpoint"], H, 10.0).total_energy.values
-    factor = 1 + (W * H) ** 4 / 4
-    assert np.abs(energy[1:] / energy[:-1] / factor - 1).max() < 16 * EPS
-
-
-def test_velocity_verlet_keeps_its_invariant() -> None:
-    """Assert that v**2 + w**2 x**2 (1 - (wh)**2/4) stays to rounding."""
-    run = runs(oscillator(), xd.METHODS["velocity_verlet"], H, 100.0)
-    kept = run.v_x**2 + (W * run.x) ** 2 * (1 - (W * H) ** 2 / 4)
-    assert np.abs(kept / kept[0] - 1).max() < 4 * EPS * np.sqrt(run.sizes["step"]) * 4
-
-
-def test_euler_cromer_keeps_its_invariant() -> None:
-    """Assert that v**2 + w**2 x**2 - w**2 h x v stays to rounding, with the sign of kick before drift."""
-    run = runs(oscillator(), xd.METHODS["euler_cromer"], H, 100.0)
-    kept = run.v_x**2 + (W * run.x) ** 2 - W**2 * H * run.x * run.v_x
+@pytest.mark.parametrize(
+    ("name", "squared", "mixed"), [("velocity_verlet", 1 - (W * H) ** 2 / 4, 0.0), ("euler_cromer", 1.0, W**2 * H)]
+)
+def test_a_symplectic_step_keeps_its_invariant(name: str, squared: float, mixed: float) -> None:
+    """Assert to rounding v**2 + w**2 x**2 (1 - (wh)**2/4), or v**2 + w**2 x**2 - w**2 h x v: kick before drift."""
+    run = runs(oscillator(), xd.METHODS[name], H, 100.0)
+    kept = run.v_x**2 + (W * run.x) ** 2 * squared - mixed * run.x * run.v_x
     assert np.abs(kept / kept[0] - 1).max() < 4 * EPS * np.sqrt(run.sizes["step"]) * 4
 
 
@@ -242,12 +230,23 @@ def test_samples_hold_time_and_state_of_every_stage() -> None:
     assert half.sample_step.values.tolist() == [1, 2, 3, 4]
 
 
-def test_verlet_refuses_drag_and_names_what_fits() -> None:
-    """Assert that a velocity-dependent force is refused with the term and the methods that fit."""
-    with pytest.raises(
-        xd.InputError, match=r"velocity-dependent forces \(force 'drag' of 'y' depends on v_y\); these fit: .*midpoint"
-    ):
-        xd.simulate(SMOOTH["linear_drag"]().model, method="velocity_verlet")
+@pytest.mark.parametrize(
+    ("file", "method", "said"),
+    [
+        (
+            "linear_drag",
+            "velocity_verlet",
+            r"velocity-dependent forces \(force 'drag' of 'y' depends on v_y\); these fit: .*midpoint",
+        ),
+        ("woodpecker", "radau_iia", r"no derivatives of \(beak, lower, upper\); these fit"),  # each contact once
+        ("double_pendulum", "velocity_verlet", r"mass entry \(1, 2\) depends on th1, th2"),
+        ("rocket_c6", "velocity_verlet", "depends on the state fuel"),
+    ],
+)
+def test_what_a_method_refuses_is_named_with_what_fits(file: str, method: str, said: str) -> None:
+    """Assert the force, the contacts, the entry of a mass or the state that a method does not take."""
+    with pytest.raises(xd.InputError, match=said):
+        xd.simulate(xd.Model.from_toml(MODELS / f"{file}.toml"), method=method)
 
 
 def test_verlet_refuses_a_curved_gap_and_says_so() -> None:
@@ -264,27 +263,6 @@ def test_verlet_refuses_a_curved_gap_and_says_so() -> None:
         xd.InputError, match=r"\('contact_force_cylinder' along a curved gap depends on v_x, v_y\); these"
     ):
         xd.simulate(round_floor, method="velocity_verlet", step=0.01, until=0.1)
-
-
-def test_a_contact_that_rubs_is_named_once() -> None:
-    """Assert that a refusal of contacts names each once, though a contact with friction has two forces."""
-    model = xd.Model.from_toml(MODELS / "woodpecker.toml")
-    with pytest.raises(xd.InputError, match=r"no derivatives of \(beak, lower, upper\); these fit"):
-        xd.simulate(model, method="radau_iia")
-
-
-def test_verlet_refuses_angle_dependent_mass() -> None:
-    """Assert that a full mass matrix that depends on coordinates is refused."""
-    model = xd.Model.from_toml(MODELS / "double_pendulum.toml")
-    with pytest.raises(xd.InputError, match=r"mass entry \(1, 2\) depends on th1, th2"):
-        xd.simulate(model, method="velocity_verlet")
-
-
-def test_verlet_refuses_coupled_states() -> None:
-    """Assert that a mass that falls with the fuel is refused."""
-    model = xd.Model.from_toml(MODELS / "rocket_c6.toml")
-    with pytest.raises(xd.InputError, match="depends on the state fuel"):
-        xd.simulate(model, method="velocity_verlet")
 
 
 def test_unknown_method_names_those_that_fit() -> None:

@@ -6,7 +6,6 @@ import io
 import os
 import pickle
 import pty
-import random
 import re
 import signal
 import subprocess
@@ -20,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import dask
-import numpy as np
 import pytest
 import xarray as xr
 
@@ -34,11 +32,6 @@ from xdynamics.evidence.stages import STAGE, compute_datasets
 
 AXES: dict[str, Any] = {"v_y": "10:30:40 m s-1", "vt": "20:60:5 m s-1", "method": ["heun", "dop853"]}
 ASKED: dict[str, Any] = {"keep": ["end", "event_time_ground", "y"], "times": [0.5, 1.0], "rtol": 1e-6, "until": "6 s"}
-PROGRAM = """
-import sys, xdynamics as xd
-model = xd.Model.from_toml(sys.argv[1])
-xd.sweep(model, {axes!r}, path=sys.argv[2], members_per_task=10, **{asked!r})
-"""
 
 
 @pytest.fixture(scope="module")
@@ -366,45 +359,3 @@ def test_control_c_in_a_terminal_ends_a_study_on_a_cluster(client: Any, request:
     else:
         pytest.fail("tasks are left on the cluster")
     assert compute_datasets(studied())[0].order_x.values[2, 0] == pytest.approx(4.0, abs=0.1)
-
-
-@pytest.mark.dear
-def test_a_killed_sweep_goes_on(here: xr.Dataset, tmp_path: Path) -> None:
-    """Assert that kill -9 at random moments loses no finished block, and that the catalogue is that of a run without."""
-    program = PROGRAM.format(axes=AXES, asked=ASKED)
-    assert kills(program, tmp_path / "s", random.Random(0), most=1) > 0
-    found = xd.open_sweep(tmp_path / "s")
-    assert_same(found, here)
-    digests = found.run_digest.values.astype(str).ravel()
-    assert len(np.unique(digests)) == digests.size
-    assert [entry.name for entry in (tmp_path / "s").iterdir()] == ["catalogue.nc"]
-
-
-def kills(program: str, folder: Path, chance: random.Random, *, most: int) -> int:
-    """Kill a sweep at random moments from its first block on, then let it end; return how often it was killed."""
-    killed = 0
-    for _ in range(most):
-        process = subprocess.Popen([sys.executable, "-c", program, str(MODELS / "ball_drag.toml"), str(folder)])
-        while process.poll() is None and not list(folder.glob(".unfinished/*/*.nc")):
-            time.sleep(0.01)
-        time.sleep(chance.random() * 0.5)
-        if process.poll() is None:
-            process.send_signal(signal.SIGKILL)
-            killed += 1
-        process.wait()
-    subprocess.run(
-        [sys.executable, "-c", program, str(MODELS / "ball_drag.toml"), str(folder)], check=True, timeout=300
-    )
-    return killed
-
-
-if __name__ == "__main__":
-    import tempfile
-
-    found = 0
-    while found < 20:
-        with tempfile.TemporaryDirectory() as name:
-            found += kills(PROGRAM.format(axes=AXES, asked=ASKED), Path(name) / "s", random.Random(found), most=5)
-            whole = xd.sweep(xd.Model.from_toml(MODELS / "ball_drag.toml"), AXES, **ASKED).compute()
-            assert_same(xd.open_sweep(Path(name) / "s"), whole)
-    print(f"{found} of {found} kills survived")
