@@ -1,4 +1,4 @@
-"""matplotlib without a screen; hypothesis without a clock; some of each class of random cases, or all."""
+"""matplotlib without a screen; hypothesis without a clock; some of each class of random cases, or more."""
 
 from __future__ import annotations
 
@@ -83,11 +83,11 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Offer the whole of every class of random cases."""
+    """Offer more of every class of random cases."""
     parser.addoption(
         "--whole",
         action="store_true",
-        help="all cases of each class, not every 47th of random ones, and the dear tests too",
+        help="every 7th case of each random class, not every 47th, or all of one that is named by `::`; the dear tests too",
     )
 
 
@@ -116,11 +116,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Give a test marked `cases(n)` the numbers of its random cases: every 47th, or all with --whole.
+    """Give a test marked `cases(n)` the numbers of its random cases: every 47th, or every 7th with --whole.
 
-    A prime, so that a test which goes by `case % 2`, or by another small number, meets all of its kinds.
+    Primes, so that a test which goes by `case % 2`, or by another small number, meets all of its kinds. All cases of
+    all classes take hours: with --whole all are those of a test that is named.
     """
     marker = metafunc.definition.get_closest_marker("cases")
     if marker is not None:
-        count = marker.args[0]
-        metafunc.parametrize("case", range(0, count, 1 if metafunc.config.getoption("--whole") else 47))
+        whole, is_named = metafunc.config.getoption("--whole"), any("::" in name for name in metafunc.config.args)
+        metafunc.parametrize("case", range(0, marker.args[0], (1 if is_named else 7) if whole else 47))

@@ -1,7 +1,13 @@
-"""Values for elements stay in a model's text as they were given, and are the same model as their numbers."""
+"""Values for elements stay in a model's text as they were given, and are the same model as their numbers.
+
+Values at the start that follow parameters: swept, fitted and budgeted with them, slopes included.
+What is said of values and uncertainties that were meant as expressions of the element.
+"""
 
 from __future__ import annotations
 
+import re
+from math import cos, pi, sin
 from pathlib import Path
 from typing import Any
 
@@ -270,3 +276,162 @@ def test_wrong_tables_are_told(old: str, new: str, said: str) -> None:
     """Assert that each names the label or the column, and what is needed."""
     with pytest.raises(xd.ModelError, match=said):
         xd.Model.from_text(LINKS.replace(old, new) if old else LINKS)
+
+
+SPRING = """
+name = "spring"
+[coordinates]
+x = "m"
+[parameters]
+v0 = "2.0 ± 0.1 m s-1"
+L = "0.5 ± 0.01 m"
+phi0 = "30 ± 1 degree"
+[mass]
+x = "1*kilogram"
+[forces.spring]
+x = "-4*newton/metre*x"
+[states.charge]
+unit = "C"
+rate = "-charge/second"
+[initial]
+t = "0 s"
+x = "L*sin(phi0)"
+v_x = "v0"
+charge = "3*coulomb*L/metre"
+"""
+START_SETTINGS = {"method": "dop853", "rtol": 1e-12, "until": "1.1 s"}
+
+
+def spring(**parameters: str) -> xd.Model:
+    """A mass on a spring, of 2 rad s-1, with a start that follows parameters."""
+    return xd.Model.from_text(SPRING).replace(parameters=parameters)
+
+
+def test_the_start_follows() -> None:
+    """Assert values at the start of the model, of one with another parameter, and of one read again."""
+    run = xd.simulate(spring(), method="rk4", step="10 ms", until="0.1 s")
+    assert [float(run[name][0]) for name in ("x", "v_x", "charge")] == pytest.approx([0.25, 2.0, 1.5], rel=1e-15)
+    other = spring(L="1 m", v0="36 km h-1")
+    run = xd.simulate(other, method="rk4", step="10 ms", until="0.1 s")
+    assert [float(run[name][0]) for name in ("x", "v_x", "charge")] == pytest.approx([0.5, 10.0, 3.0], rel=1e-15)
+    assert xd.Model.from_text(other.to_toml()) == other
+
+
+@pytest.mark.parametrize(
+    ("name", "slope"),
+    [
+        ("v0", sin(2.0) / 2.0),
+        ("L", cos(2.0) * sin(pi / 6.0)),
+        ("phi0", cos(2.0) * 0.5 * cos(pi / 6.0)),
+    ],
+)
+def test_slopes_follow_too(name: str, slope: float) -> None:
+    """Assert slopes of a budget at 1 s by the closed form, from variational equations."""
+    budget = xd.error_budget(spring(), quantity="x", at="1 s", **START_SETTINGS)
+    term = budget.isel(term=list(budget.term_name.values).index(name))
+    assert str(term.term_rule.values).startswith("slope by variational equations")
+    assert float(term.sensitivity) == pytest.approx(slope, rel=1e-10)  # of SI units
+
+
+def test_members_and_fits_start_by_their_own() -> None:
+    """Assert ends of a sweep over what the start follows, by the closed form."""
+    sweep = xd.sweep(spring(), axes={"L": ["0.5 m", "1 m"]}, keep=["end"], method="dop853", rtol=1e-12, until="1 s")
+    assert sweep.end_x.values == pytest.approx([length / 2 * cos(2.0) + sin(2.0) for length in (0.5, 1.0)], rel=1e-10)
+
+
+def test_a_start_is_fitted_through_its_parameter(tmp_path: Path) -> None:
+    """Assert that a length comes back from positions of the closed form."""
+    times = np.linspace(0.0, 1.0, 12)
+    rows = "".join(f"{t!r},{0.35 * cos(2 * t) + sin(2 * t)!r}\n" for t in times.tolist())
+    (tmp_path / "x.csv").write_text(f"time [s],x [m]\n{rows}")
+    fitted = xd.fit(spring(), tmp_path / "x.csv", ["L"], **START_SETTINGS)
+    assert float(fitted.estimate[0]) == pytest.approx(0.7, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("start", "fault"),
+    [
+        ('x = "L*phi0/second"', "initial value of 'x'"),
+        ('x = "v_x*second"', "a value at the start is of parameters"),
+        ('x = "w"', "'w'"),
+        ('x = "L*sin("', "x"),
+    ],
+)
+def test_a_wrong_start_is_told(start: str, fault: str) -> None:
+    """Assert one error that names the value."""
+    with pytest.raises(xd.ModelError) as caught:
+        xd.Model.from_text(SPRING.replace('x = "L*sin(phi0)"', start))
+    assert fault in str(caught.value)
+
+
+CHAIN_OF_VALUES = """
+name = "chain"
+[dimensions]
+site = 5
+[coordinates]
+u = {{ unit = "m", dims = ["site"] }}
+[parameters]
+k = "1 N m-1"
+c = {entry}
+[mass]
+u = "1*kilogram"
+[forces.spring]
+u = "-k*u"
+[initial]
+u = "{start}"
+"""
+OF_SITES = '{{ dims = ["site"], {} }}'
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        (
+            OF_SITES.format('value = "2*index(site"'),
+            "expression '2*index(site' cannot be read at column 13: ')' is missing",
+        ),
+        (OF_SITES.format('value = "twice(index(site))"'), "function 'twice' is not known"),
+        (
+            OF_SITES.format('value = "1/index(site)"'),
+            "model 'chain': parameter 'c': '1/index(site)' is inf at c[0], and needs finite numbers; index counts from 0",
+        ),
+        (OF_SITES.format('value = "log(3 - index(site))"'), "'log(3 - index(site))' is -inf at c[3], and needs finite"),
+        (
+            OF_SITES.format('value = "2*index(site)", uncertainty = "0.1*index(site)"'),
+            "uncertainty is the expression '0.1*index(site)'; write one number with a unit for all elements, or a list",
+        ),
+        (
+            OF_SITES.format('value = [1, 2, 3, 4, 5], half_width = "0.1*index(site"'),
+            "half_width is the expression '0.1*index(site'; write one number",
+        ),
+        (
+            '"2*k"',
+            "'2*k' is an expression, needs a number with a unit, like '0.145 kg'; what follows from parameters is a",
+        ),
+        ('{ value = "1 N", uncertainty = "0.1*k" }', "uncertainty: quantity '0.1*k' has '*' after its number; write a"),
+    ],
+)
+def test_expressions_that_are_no_values_are_named(entry: str, message: str) -> None:
+    """Assert what is said of brackets, functions, numbers that are infinite, and sizes by expression."""
+    with pytest.raises(xd.InputError, match=re.escape(message)):
+        xd.Model.from_text(CHAIN_OF_VALUES.format(entry=entry, start="0 m"))
+
+
+def test_an_open_bracket_at_the_start_is_named() -> None:
+    """Assert that a start that is meant as an expression is read as one."""
+    with pytest.raises(
+        xd.InputError, match=re.escape("initial value 'u': expression '2*index(site*metre' cannot be read")
+    ):
+        xd.Model.from_text(CHAIN_OF_VALUES.format(entry='"1 N"', start="2*index(site*metre"))
+
+
+def test_the_largest_of_all_elements_is_read_at_the_start() -> None:
+    """Assert that `max` and `min` along a dimension are read in starts and values, as `sum` is."""
+    wrap = "cos(0.3*index(site))"
+    text = CHAIN_OF_VALUES.format(
+        entry='{ dims = ["site"], value = "(1 + index(site))/max(1 + index(site), site)" }',
+        start=f"metre*{wrap}/max({wrap}, site)*min(c, site)",
+    )
+    start = xd.simulate(xd.Model.from_text(text), method="rk4", step=0.1, until=0.1).u.values[0]
+    found = np.cos(0.3 * np.arange(5))
+    np.testing.assert_allclose(start, found / found.max() / 5.0, rtol=1e-15)
