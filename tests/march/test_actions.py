@@ -215,6 +215,7 @@ def test_wrong_actions(given: dict[str, Any], said: str) -> None:
 @pytest.mark.parametrize(
     ("regimes", "said"),
     [
+        ("up", "initial regime 'up' is none; there are: boost, coast"),
         (
             {"boost": {"forces": ["gravity", "thrust", "x"]}},
             "regime 'boost' has 'x', which is no force; there are: gravity, thrust",
@@ -227,17 +228,12 @@ def test_wrong_actions(given: dict[str, Any], said: str) -> None:
         ({"two words": {"forces": ["gravity", "thrust"]}}, "a name is a letter"),
     ],
 )
-def test_wrong_regimes(regimes: dict[str, Any], said: str) -> None:
-    """Assert what is said of regimes that no motion can be in."""
+def test_wrong_regimes(regimes: dict[str, Any] | str, said: str) -> None:
+    """Assert what is said of regimes that no motion can be in, or begin in."""
+    first = {"initial": ROCKET["initial"] | {"regime": regimes}}
     with pytest.raises(xd.ModelError) as error:
-        xd.Model(**ROCKET | {"regimes": regimes, "events": {}})
+        xd.Model(**ROCKET | (first if isinstance(regimes, str) else {"regimes": regimes, "events": {}}))
     assert said in str(error.value)
-
-
-def test_a_first_regime_that_is_none() -> None:
-    """Assert that the regimes there are are named."""
-    with pytest.raises(xd.ModelError, match="initial regime 'up' is none; there are: boost, coast"):
-        xd.Model(**ROCKET | {"initial": ROCKET["initial"] | {"regime": "up"}})
 
 
 @pytest.mark.parametrize("statement", [BALL, ROCKET], ids=["reset", "switch"])

@@ -44,6 +44,7 @@ def test_delays_that_nearly_agree(settings: dict[str, float | str]) -> None:
     assert float(np.max(np.abs(run.y - np.exp(-run.time)))) < tolerance
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.cases(300)
 def test_chosen_steps_meet_their_tolerance(method: str, case: int) -> None:
@@ -54,6 +55,7 @@ def test_chosen_steps_meet_their_tolerance(method: str, case: int) -> None:
     assert worst(run, drawn) < 10.0 * rtol * max(1.0, float(abs(run.y).max()))
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("method", STEPS)
 @pytest.mark.cases(300)
 def test_given_steps_are_as_accurate_as_their_order(method: str, case: int) -> None:
@@ -89,7 +91,7 @@ def stated(case: int, method: str) -> float:
 
 def test_refinements_cover_what_they_state(request: pytest.FixtureRequest) -> None:
     """Assert that 95 of 100 stated uncertainties hold the error, though breaking points set many of the steps."""
-    cases = range(0, 300, 1 if request.config.getoption("--whole") else 15)
+    cases = range(0, 300, 3 if request.config.getoption("--whole") else 30)
     ratios = np.array([stated(case, method) for case in cases for method in REFINED])
     assert np.mean(ratios <= 1.0) >= 0.95
     assert ratios.max() < 10.0
