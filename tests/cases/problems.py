@@ -29,7 +29,7 @@ class Problem:
     exact: Solution
 
 
-def particle(force: str = "0*newton", v: str = "3 m s-1", **more: object) -> xd.Model:
+def particle(force: str | Callable[..., float] = "0*newton", v: str = "3 m s-1", **more: object) -> xd.Model:
     """A particle of 2 kg on a line under one force term."""
     statement = {
         "name": "particle",

@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from xdynamics.documenting.summary import summary
 from xdynamics.evidence.diagnosing import extremes, summits
 from xdynamics.evidence.diagnosing.extremes import find_extreme
@@ -115,15 +115,7 @@ def test_forces_in_python_are_sampled_and_say_how_far_that_may_be_off() -> None:
     def push(t: float) -> float:
         return math.sin(t)
 
-    model = xd.Model(
-        name="pushed",
-        coordinates={"x": "m"},
-        parameters={"m": "1 kg"},
-        mass={"x": "m"},
-        forces={"push": {"x": push}},
-        initial={"x": "0 m", "v_x": "0 m s-1"},
-    )
-    run = xd.simulate(model, method="rk4", step="0.35 s", until="3 s")
+    run = xd.simulate(particle(push), method="rk4", step="0.35 s", until="3 s")
     found = xd.diagnose(run, companion=False, functions={"push": push})
     assert rule(found, "maximum_force_push_x") == "sampled"
     assert float(found.maximum_force_push_x) == float(run.force_push_x.max())
@@ -139,14 +131,7 @@ def test_a_parabola_in_python_is_off_by_what_its_rows_tell(peak: float, node: fl
     def push(t: float, peak: float) -> float:
         return 2.0 - 3.0 * (t - peak) ** 2
 
-    model = xd.Model(
-        name="pushed",
-        coordinates={"x": "m"},
-        parameters={"m": "1 kg", "peak": f"{peak} s"},
-        mass={"x": "m"},
-        forces={"push": {"x": push}},
-        initial={"x": "0 m", "v_x": "0 m s-1"},
-    )
+    model = particle(push, parameters={"m": "1 kg", "peak": f"{peak} s"})
     run = xd.simulate(model, method="rk4", step="0.35 s", until="3 s", nodes=[node])
     found = xd.diagnose(run, companion=False, functions={"push": push})
     above = 2.0 - float(run.force_push_x.max()) if 0.0 < peak < 3.0 else 0.0
@@ -160,15 +145,7 @@ def test_an_event_at_the_top_of_a_force_in_python_is_all_there_is_to_know() -> N
     def push(t: float) -> float:
         return 2.0 - 3.0 * (t - 1.3) ** 2
 
-    model = xd.Model(
-        name="pushed",
-        coordinates={"x": "m"},
-        parameters={"m": "1 kg"},
-        mass={"x": "m"},
-        forces={"push": {"x": push}},
-        initial={"x": "0 m", "v_x": "0 m s-1"},
-        events={"top": {"function": "t - 1.3*second"}},
-    )
+    model = particle(push, events={"top": {"function": "t - 1.3*second"}})
     found = xd.diagnose(
         xd.simulate(model, method="rk4", step="0.35 s", until="3 s"), companion=False, functions={"push": push}
     )
