@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from cases.uncertain_models import doubtful, slope
 from cases.verdicts import verified
 from xdynamics.budgeting.budget_summary import budget_lines as lines_of_budget
@@ -59,11 +59,9 @@ def test_slopes_across_ten_impacts() -> None:
 @pytest.mark.dear
 def test_slopes_of_an_oscillator() -> None:
     """Assert dx/dk, dx/dm, dx/dx0 at a time, and of a zero crossing, with units of the inputs other than SI."""
-    model = xd.Model(
+    model = particle(
         name="spring",
-        coordinates={"x": "m"},
         parameters={"m": {"value": "400 g", "uncertainty": "2 g"}, "k": {"value": "90 N m-1", "uncertainty": 0.5}},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}},
         initial={"x": {"value": "30 mm", "uncertainty": "1 mm"}, "v_x": "0 m s-1"},
         events={"zero": {"function": "x", "direction": "falling"}},
@@ -144,11 +142,9 @@ def test_a_linear_number_has_an_adequate_linear_budget() -> None:
 def test_uncertain_tables_and_discrepancies() -> None:
     """Assert what independent errors of a measured force do to a speed, and a declared discrepancy."""
     rows = "".join(f"{k / 10},2,0.1\n" for k in range(11))
-    model = xd.Model(
+    model = particle(
         name="pushed",
-        coordinates={"x": "m"},
         parameters={"m": "2 kg"},
-        mass={"x": "m"},
         forces={"push": {"x": "f"}},
         drives={"f": {"table": "f.csv", "csv": "t [s],f [N],u(f) [N]\n" + rows}},
         initial={"x": "0 m", "v_x": "0 m s-1"},
@@ -382,11 +378,9 @@ def test_terms_that_cancel_leave_nothing() -> None:
 def test_draws_have_what_the_linear_budget_has() -> None:
     """Assert that tables, discrepancies and declared terms are in the draws too, also where nothing else is."""
     rows = "".join(f"{k / 10},2,0.1\n" for k in range(11))
-    model = xd.Model(
+    model = particle(
         name="pushed",
-        coordinates={"x": "m"},
         parameters={"m": "2 kg"},
-        mass={"x": "m"},
         forces={"push": {"x": "f"}},
         drives={"f": {"table": "f.csv", "csv": "t [s],f [N],u(f) [N]\n" + rows}},
         initial={"x": "0 m", "v_x": "0 m s-1"},
@@ -438,11 +432,9 @@ def test_terms_that_are_none_are_named(terms: Any) -> None:
 @pytest.mark.parametrize("size", [1e-9, 1.0, 9.4607304725808e15])
 def test_bounds_hold_with_absolute_tolerances_on_any_scale(size: float) -> None:
     """Assert that absolute tolerances get finer with the relative one: a nanometre, a metre, a light year."""
-    model = xd.Model(
+    model = particle(
         name="spring",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": "4 N m-1"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}},
         initial={"x": f"{size!r} m", "v_x": "0 m s-1"},
     )

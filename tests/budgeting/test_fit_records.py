@@ -15,6 +15,7 @@ from scipy.stats import t as student
 
 import xdynamics as xd
 from cases.command_line import call
+from cases.problems import particle
 from xdynamics.budgeting.fit_problem import FitRecord
 from xdynamics.budgeting.multistart import Loss, loss_by_name, quantile, search_from_start
 from xdynamics.documenting.summary import summary
@@ -47,11 +48,9 @@ def clicks(e: float, h: float, count: int) -> np.ndarray:
 
 def free(name: str = "free") -> xd.Model:
     """A body that no force acts on."""
-    return xd.Model(
+    return particle(
         name=name,
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={},
         initial={"x": "3 m", "v_x": "1 m s-1"},
     )
@@ -115,11 +114,9 @@ def swung() -> Any:
 
 def spring() -> xd.Model:
     """Such a spring, whose stiffness is not quite known."""
-    return xd.Model(
+    return particle(
         name="spring",
-        coordinates={"x": "m"},
         parameters={"m": "2 kg", "k": "7.7 N m-1"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}, "damping": {"x": "-1.2*kilogram/second*v_x"}},
         initial={"x": "1 m"},
         run={"method": "dop853", "rtol": 1e-11, "until": "12 s"},
@@ -231,11 +228,9 @@ def test_records_of_unlike_bodies_and_of_events_are_one_fit() -> None:
     rng = np.random.default_rng(11)
     times, noise = np.linspace(0.1, 4.0, 12), 1e-3
     heights = 2.0 - G / 2.0 * times**2 / 16.0
-    slide = xd.Model(
+    slide = particle(
         name="slide",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "g": "9.7 m s-2"},
-        mass={"x": "m"},
         forces={"slope": {"x": "-m*g/16"}},
         initial={"x": "2 m"},
     )

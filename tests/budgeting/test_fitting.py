@@ -14,7 +14,7 @@ import xarray as xr
 from scipy.stats import chi2
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from cases.verdicts import verified
 from xdynamics.budgeting import fit_problem
 from xdynamics.budgeting.fit_problem import FitRecord, FittedNumber, Fitting, with_slopes
@@ -148,11 +148,9 @@ def test_what_is_fitted_has_the_models_units_and_its_weights() -> None:
 
 def test_a_run_that_ends_before_is_named_with_its_numbers() -> None:
     """Assert what a body comes to, out of order, nan where it is stopped before a time, and what is said where all are needed."""
-    model = xd.Model(
+    model = particle(
         name="line",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
         events={"far": {"function": "x - 4.5*metre", "action": "stop"}},
@@ -289,11 +287,9 @@ def test_a_straight_line_is_that_of_the_normal_equations() -> None:
             "u_x": ("row", doubt, {"units": "cm"}),
         }
     )
-    model = xd.Model(
+    model = particle(
         name="free",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
     )
@@ -332,11 +328,9 @@ def test_the_fitted_model_goes_on_into_a_budget() -> None:
     frame = pd.DataFrame(
         {"time [s]": times, "x [m]": 3 + 1.2 * times + 0.01 * rng.standard_normal(25), "u(x) [m]": 0.01}
     )
-    model = xd.Model(
+    model = particle(
         name="free",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={},
         initial={"x": "3 m", "v_x": "1 m s-1"},
     )
@@ -443,11 +437,9 @@ def swing(seed: int) -> tuple[xd.Model, pd.DataFrame, dict[str, float], float]:
     frame = pd.DataFrame({"time [s]": times, "x [m]": exact + noise * rng.standard_normal(300), "u(x) [m]": noise})
     true = {"k": m * w * w, "c": 2.0 * g * m, "x": x0}
     off = dict(zip(true, (1.0 + rng.uniform(-0.75, 0.75, 3) * [1.0, 1.0, 0.5]).tolist(), strict=True))
-    model = xd.Model(
+    model = particle(
         name="swing",
-        coordinates={"x": "m"},
         parameters={"m": f"{m!r} kg", "k": f"{off['k'] * true['k']!r} N m-1", "c": f"{off['c'] * true['c']!r} N s m-1"},
-        mass={"x": "m"},
         forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}},
         initial={"x": f"{off['x'] * x0!r} m", "v_x": "0 m s-1"},
     )
@@ -538,11 +530,9 @@ def test_a_straight_line_without_uncertainties_is_that_of_the_normal_equations(c
     count = int(rng.integers(4, 9))
     times = np.sort(rng.uniform(0.0, 4.0, count))
     data = pd.DataFrame({"time [s]": times, "x [m]": 3.0 + 1.2 * times + 0.3 * rng.standard_normal(count)})
-    model = xd.Model(
+    model = particle(
         name="free",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={},
         initial={"x": "3 m", "v_x": "1 m s-1"},
     )

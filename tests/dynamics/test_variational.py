@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from cases.uncertain_models import doubtful, slope
 from xdynamics.budgeting.measurand import Measurand, Target
 from xdynamics.budgeting.physical import (
@@ -273,11 +273,9 @@ def test_as_many_variables_as_collocation_bears(method: str, most: int, monkeypa
 @pytest.mark.dear
 def test_a_slope_below_the_rounding_of_its_number_is_that_of_the_equations() -> None:
     """Assert the closed form of a push that moves an oscillator by less than rounding does, without a warning."""
-    model = xd.Model(
+    model = particle(
         name="pushed",
-        coordinates={"x": "m"},
         parameters={"k": "1 N m-1", "m": "1 kg", "push": {"value": 0.0, "unit": "N", "uncertainty": 1e-14}},
-        mass={"x": "m"},
         forces={"spring": {"x": "-k*x"}, "push": {"x": "push"}},
         initial={"x": "1 m", "v_x": "0 m s-1"},
     )

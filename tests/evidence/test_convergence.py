@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 import xdynamics as xd
 from cases.kinds import model_of
+from cases.problems import particle
 from xdynamics.evidence.refining.convergence import (
     SAFETY,
     VERDICTS,
@@ -295,11 +296,9 @@ def oscillator(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[flo
     """A damped oscillator."""
     w, z = 10 ** float(rng.uniform(-0.5, 1.0)), float(rng.uniform(0.0, 0.3))
     x, v = rng.normal(size=2).tolist()
-    model = xd.Model(
+    model = particle(
         name="oscillator",
-        coordinates={"x": "m"},
         parameters={"k": f"{w * w!r} N m-1", "c": f"{2 * z * w!r} kg s-1", "m": "1 kg"},
-        mass={"x": "m"},
         forces={"spring": {"x": "-k*x"}, "damper": {"x": "-c*v_x"}},
         initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
     )
@@ -314,11 +313,9 @@ def oscillator(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[flo
 def thrown(rng: np.random.Generator) -> tuple[xd.Model, float, Callable[[float], float]]:
     """A ball with linear drag."""
     c, v, g = float(rng.uniform(0.1, 3.0)), float(rng.uniform(5, 30)), 9.81
-    model = xd.Model(
+    model = particle(
         name="ball",
-        coordinates={"x": "m"},
         parameters={"c": f"{c!r} kg s-1", "m": "1 kg", "g": "9.81 m s-2"},
-        mass={"x": "m"},
         forces={"gravity": {"x": "-m*g"}, "drag": {"x": "-c*v_x"}},
         initial={"x": "0 m", "v_x": f"{v!r} m s-1"},
     )

@@ -32,11 +32,9 @@ def rule(found: xr.Dataset, name: str) -> str:
 
 def swinging(k: float, m: float, x: float, v: float) -> xd.Model:
     """A mass on a spring, with its power and a load that is largest where it is fastest."""
-    return xd.Model(
+    return particle(
         name="swinging",
-        coordinates={"x": "m"},
         parameters={"m": f"{m!r} kg", "k": f"{k!r} N m-1"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}},
         observables={"load": "-3*newton*(v_x*second/(1*metre))**2", "power": "k*x*v_x"},
         initial={"x": f"{x!r} m", "v_x": f"{v!r} m s-1"},
@@ -227,11 +225,9 @@ def test_a_force_in_python_is_sampled_in_sweeps_too() -> None:
     def push(t: float, w: float) -> float:
         return math.sin(w * t)
 
-    model = xd.Model(
+    model = particle(
         name="pushed",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "w": "1 rad s-1"},
-        mass={"x": "m"},
         forces={"push": {"x": push}},
         initial={"x": "0 m", "v_x": "0 m s-1"},
     )

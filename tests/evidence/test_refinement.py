@@ -15,7 +15,7 @@ import pytest
 
 import xdynamics as xd
 from cases.contacts import ball
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from cases.verdicts import verified
 from xdynamics.evidence.refining.convergence import VERDICTS, judge
 
@@ -343,11 +343,9 @@ def test_an_interrupt_ends_the_study(tmp_path: Path) -> None:
 
 def test_absolute_tolerances_go_with_the_relative_one() -> None:
     """Assert that a given atol is that of the first level, and the errors of a nanometre go on to shrink."""
-    model = xd.Model(
+    model = particle(
         name="spring",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": "4 N m-1"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}},
         initial={"x": "1 nm", "v_x": "0 m s-1"},
     )

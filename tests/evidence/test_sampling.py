@@ -211,11 +211,9 @@ def test_a_step_never_reaches_over_an_event() -> None:
 
 def test_behind_a_jump_the_drive_s_new_piece_counts() -> None:
     """Assert that the step behind a node starts from the force on its far side."""
-    model = xd.Model(
+    model = particle(
         name="pulled",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={"pull": {"x": "pull"}},
         drives={"pull": {"table": "p.csv", "csv": "time [s],pull [N]\n0,0\n1,2\n2,0\n", "interpolation": "previous"}},
         initial={"x": "0 m", "v_x": "0 m s-1"},

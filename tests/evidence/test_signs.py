@@ -15,7 +15,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.evidence.diagnosing.cycles import cycles
 from xdynamics.evidence.refining.convergence import observed_orders
@@ -56,11 +56,9 @@ def falling() -> xd.Model:
 @cache
 def slide() -> xr.Dataset:
     """A body of 2 kg that drag slows down: v = 3 exp(-t/5) m s-1; its only energy is kinetic."""
-    model = xd.Model(
+    model = particle(
         name="slide",
-        coordinates={"x": "m"},
         parameters={"m": "2 kg", "c": f"{2 * LOSS!r} N s m-1"},
-        mass={"x": "m"},
         forces={"drag": {"x": "-c*v_x"}, "none": {"potential": "0*joule + 0*c*x*metre/second"}},
         initial={"x": "0 m", "v_x": "3 m s-1"},
     )
@@ -70,11 +68,9 @@ def slide() -> xr.Dataset:
 @cache
 def swing(stiffness: float = 4.0, loss: float = 0.0, method: str = "dop853", **asked: Any) -> xr.Dataset:
     """An oscillator of 1 kg that starts at rest, 1 m from its middle; with a loss it is damped by exp(-loss t)."""
-    model = xd.Model(
+    model = particle(
         name="swing",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": f"{stiffness!r} N m-1", "c": f"{2 * loss!r} N s m-1"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}} | ({"drag": {"x": "-c*v_x"}} if loss else {}),
         initial={"x": "1 m", "v_x": "0 m s-1"},
     )
@@ -168,11 +164,9 @@ def test_a_crossing_takes_few_looks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def about(middle: float, speed: float = 0.0, start: float = 1.0) -> xr.Dataset:
     """An oscillator of the frequency 2 rad s-1 about a point."""
-    model = xd.Model(
+    model = particle(
         name="about",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": "4 N m-1", "c": f"{middle!r} m"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*(x - c)**2/2"}},
         initial={"x": f"{middle + start!r} m", "v_x": f"{speed!r} m s-1"},
     )

@@ -131,11 +131,9 @@ def test_one_number_at_once_is_what_it_is_alone(name: str, x: float) -> None:
 
 def test_an_observable_of_a_parameter_alone() -> None:
     """Assert that observables and energies with functions of parameters are the same between rows and in them."""
-    model = xd.Model(
+    model = particle(
         name="incline",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "g": "9.81 m s-2", "alpha": "0.5 rad"},
-        mass={"x": "m"},
         forces={"weight": {"potential": "-m*g*x*cos(alpha)"}},
         initial={"x": "0 m", "v_x": "0 m s-1"},
         observables={"across": "x*cos(alpha)", "turned": "x*atan(alpha)*log(alpha)*tan(alpha)*cosh(alpha)"},

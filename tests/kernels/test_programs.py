@@ -74,11 +74,9 @@ def two_tables() -> xd.Model:
         "pull": {"table": "p.csv", "csv": "t [s],pull [N]\n0,0\n0.003,3\n2,1\n9,0\n"},
         "wall": {"table": "w.csv", "csv": "x [m],wall [N]\n-1,2\n0.999,1\n1.0004,0\n3,5\n", "argument": "x"},
     }
-    return xd.Model(
+    return particle(
         name="two tables",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={"both": {"x": "pull - wall"}},
         drives=tables,
         initial={"x": "1 m", "v_x": "0.1 m s-1"},
@@ -536,11 +534,9 @@ print(run.sizes["event"], xd.content_digest(run))
 def driven() -> xd.Model:
     """Return a point under a force of most functions of the language, with a table, an event and what it sets."""
     table = {"table": "p.csv", "csv": "t [s],pull [N]\n0,0\n0.1,3\n0.4,1\n9,0\n"}
-    return xd.Model(
+    return particle(
         name="driven",
-        coordinates={"x": "m"},
         parameters={"m": "0.3 kg"},
-        mass={"x": "m"},
         forces={
             "all": {"x": f"0.1*newton*({FUNCTIONS.replace('u', 'x/metre')}) + pull*where(v_x > 0*metre/second, 1, 3)"}
         },

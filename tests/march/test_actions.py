@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from xdynamics.documenting.summary import summary
 
 G, E = 9.81, 0.9
@@ -103,11 +103,9 @@ def test_a_run_begins_in_the_regime_that_is_said() -> None:
 
 def test_energy_counts_the_potentials_that_act() -> None:
     """Assert that a spring that is let go has no energy any more."""
-    model = xd.Model(
+    model = particle(
         name="shot",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": "4 N m-1"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}, "push": {"x": "0*newton"}},
         initial={"x": "-1 m", "v_x": "0 m s-1"},
         regimes={"held": {"forces": ["spring", "push"]}, "free": {"forces": ["push"]}},
@@ -123,11 +121,9 @@ def test_energy_counts_the_potentials_that_act() -> None:
 @pytest.mark.parametrize(("count", "crossing"), [(1, 0), (3, 2)])
 def test_a_run_is_stopped_after_some(count: int, crossing: int) -> None:
     """Assert that the n-th crossing stops a run, and those before are recorded."""
-    model = xd.Model(
+    model = particle(
         name="oscillator",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": "1 N m-1"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}},
         initial={"x": "1 m", "v_x": "0 m s-1"},
         events={"middle": {"function": "x", "action": "stop", "count": count}},

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from xdynamics.documenting.model_pages import shapes_page
 from xdynamics.kernels import layout_of
 from xdynamics.kernels.newton_matrix import pattern_of
@@ -499,11 +499,9 @@ def test_times_as_they_are_written() -> None:
 def test_many_parameters(count: int, is_kept: bool) -> None:
     """Assert that little is kept of each model: of 64 parameters at most, each time by the values of the model."""
     own = {"m": "1 kg", "k": {"dims": ["spring"], "value": np.ones(count), "unit": "N m-1"}}
-    model = xd.Model(
+    model = particle(
         name="springs",
         dimensions={"spring": count},
-        coordinates={"x": "m"},
-        mass={"x": "m"},
         parameters=own,
         forces={"pull": {"x": "-sum(k, spring)*x"}},
         initial={"x": "1 m", "v_x": "0 m s-1"},

@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 from tests.cases.rooted_laws import random_case
 
 import xdynamics as xd
+from cases.problems import particle
 from xdynamics.expressions import parse, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import AccuracyWarning
@@ -39,11 +40,9 @@ GIVEN = {"rk4": 1e-3, "velocity_verlet": 1e-3, "implicit_midpoint": 1e-3}
 
 def ball(contact: dict[str, str]) -> xd.Model:
     """A ball of 1 kg that falls from 1 m."""
-    return xd.Model(
+    return particle(
         name="ball",
         parameters={"m": "1 kg", "g": "9.81 m s-2", "k": "1e6 N", "L": "1 m"},
-        coordinates={"x": "m"},
-        mass={"x": "m"},
         forces={"gravity": {"x": "-m*g"}, "contact": contact},
         initial={"x": "1 m", "v_x": "0 m s-1"},
     )
@@ -51,11 +50,9 @@ def ball(contact: dict[str, str]) -> xd.Model:
 
 def slide(law: str, speed: str = "1 m s-1") -> xd.Model:
     """A body of 1 kg that a drag slows down."""
-    return xd.Model(
+    return particle(
         name="slide",
         parameters={"m": "1 kg", "V": "1 m s-1", "D": "1 N"},
-        coordinates={"x": "m"},
-        mass={"x": "m"},
         forces={"drag": {"x": law}},
         initial={"x": "0 m", "v_x": speed},
     )
@@ -159,11 +156,9 @@ LAWS = ("min(F, P/v_x)", "min(P/v_x, F)", "where(P/v_x < F, P/v_x, F)", "min(F, 
 
 def car(law: str, speed: float = 0.0) -> xd.Model:
     """A car of 1 t whose motor gives 50 kW, and no more than 5 kN."""
-    return xd.Model(
+    return particle(
         name="car",
         parameters={"m": "1000 kg", "F": "5 kN", "P": "50 kW", "V": "1 m s-1"},
-        coordinates={"x": "m"},
-        mass={"x": "m"},
         forces={"drive": {"x": law}},
         initial={"x": "0 m", "v_x": f"{speed} m s-1"},
     )

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from xdynamics.cli import main
 from xdynamics.march import March
 from xdynamics.march.configuration import settings_for
@@ -129,11 +129,9 @@ def test_derivatives_by_differences_have_the_eigenvalues(case: int) -> None:
 
 def test_the_largest_is_found_along_the_run() -> None:
     """Assert that a spring which stiffens in time has its largest h*omega at its end, in memory, streamed and extended."""
-    model = xd.Model(
+    model = particle(
         name="stiffening",
-        coordinates={"x": "m"},
         parameters={"k": "1 N m-1", "m": "1 kg"},
-        mass={"x": "m"},
         forces={"spring": {"x": "-k*x*(1 + t/second)**2"}},
         initial={"x": "1 m", "v_x": "0 m s-1"},
     )

@@ -18,7 +18,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.problems import MODELS, oscillator
+from cases.problems import MODELS, oscillator, particle
 from xdynamics.kernels.law import ROW_ENERGIES, law_of
 from xdynamics.kernels.model_programs import row
 from xdynamics.march.configuration import settings_for
@@ -188,11 +188,9 @@ def test_a_run_that_was_extended_says_the_same(thinned: dict[str, int], tmp_path
 
 def test_a_first_step_that_leaves_the_start_behind_is_told_of_implicit_methods_too() -> None:
     """Assert a warning where P/v at 1 um/s makes of the first step a speed of kilometres a second."""
-    car = xd.Model(
+    car = particle(
         name="car",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "P": "4 W"},
-        mass={"x": "m"},
         forces={"engine": {"x": "P/v_x"}},
         initial={"x": "0 m", "v_x": "1 um s-1"},
     )

@@ -13,7 +13,7 @@ import xarray as xr
 from scipy.stats import sobol_indices
 
 import xdynamics as xd
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from cases.verdicts import verified
 from xdynamics.sweeping.catalogue import UNFINISHED
 from xdynamics.sweeping.indices import _variance_shares
@@ -107,11 +107,9 @@ def test_a_range_takes_the_units_of_its_ends() -> None:
 
 def test_a_member_without_a_number_has_no_maximum() -> None:
     """Assert nan of the member whose observable is none, wherever it stands, and the others' own."""
-    model = xd.Model(
+    model = particle(
         name="o",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "p": "1 m"},
-        mass={"x": "m"},
         forces={"f": {"x": "-m*x/second**2"}},
         initial={"x": "0.5 m", "v_x": "0 m s-1"},
         observables={"r": "sqrt(x+p)*sqrt(x+p)"},
@@ -147,11 +145,9 @@ def test_what_cannot_be_meant_is_refused(axes: Any, more: dict[str, Any], said: 
 def test_too_many_axes_and_names_that_are_taken() -> None:
     """Assert that 30 axes are refused, and an observable by the name of what every sweep has."""
     parameters = {f"p{k}": "1 m" for k in range(30)}
-    model = xd.Model(
+    model = particle(
         name="many",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", **parameters},
-        mass={"x": "m"},
         forces={"f": {"x": "-m*x/second**2"}},
         initial={"x": "1 m", "v_x": "0 m s-1"},
         observables={"run_outcome": "x"},
@@ -274,11 +270,9 @@ def test_the_event_that_ended_a_run_is_kept() -> None:
     """Assert names of the events that stopped runs, and that surveys and lines tell them apart."""
     from xdynamics.documenting.summary import summary
 
-    model = xd.Model(
+    model = particle(
         name="two walls",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
         events={
@@ -318,11 +312,9 @@ def test_rounding_has_no_influence() -> None:
 
 def test_slopes_are_of_second_order_at_the_ends() -> None:
     """Assert the slope of a parabola on an uneven grid, ends included."""
-    model = xd.Model(
+    model = particle(
         name="free",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={},
         initial={"x": "0 m", "v_x": "0 m s-1"},
     )

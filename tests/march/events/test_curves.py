@@ -9,7 +9,7 @@ import pytest
 from numpy.polynomial import Polynomial
 
 import xdynamics as xd
-from cases.problems import ROOT
+from cases.problems import ROOT, particle
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.elementary.intervals import Intervals
 
@@ -100,11 +100,9 @@ def test_events_of_a_stiff_state(rtol: float) -> None:
 
 def relaxation_oscillation(events: dict[str, dict[str, str]]) -> xd.Model:
     """Van der Pol's oscillator where it is stiff."""
-    return xd.Model(
+    return particle(
         name="van der Pol's oscillator",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": "1 N m-1", "mu": "1000 N s m-1"},
-        mass={"x": "m"},
         forces={"spring": {"x": "-k*x"}, "damper": {"x": "mu*(1 - (x/(1*metre))**2)*v_x"}},
         initial={"x": "2 m", "v_x": "0 m s-1"},
         events=events,

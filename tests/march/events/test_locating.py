@@ -16,6 +16,7 @@ import pytest
 import xdynamics as xd
 from cases.contacts import ball, words
 from cases.plain import Seen, plain, watching
+from cases.problems import particle
 from xdynamics.elementary.bounds import BREAKS, EPS, SMOOTH, UNBOUNDED
 from xdynamics.march.events import root_finding, zero_tests
 from xdynamics.schema import CLUSTER, CROSSING, EVENT_POSITIONS, JUMP, POLE, TOUCH
@@ -237,11 +238,9 @@ def test_points_at_the_ends_go_inside() -> None:
 
 def swing(events: dict[str, Any]) -> xd.Model:
     """A mass on a spring, x = sin(t), whose events are looked for no better than to 1 ms, or as they say."""
-    return xd.Model(
+    return particle(
         name="swing",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": "1 N m-1"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}},
         initial={"x": "0 m", "v_x": "1 m s-1"},
         events={name: {"time_tolerance": "1 ms"} | event for name, event in events.items()},
@@ -397,11 +396,9 @@ def test_rules_of_contacts_stand_where_those_of_detectors_do() -> None:
 
 def crossing(root_state: str, **more: Any) -> xd.Model:
     """An oscillator that crosses 0.3 m."""
-    return xd.Model(
+    return particle(
         name="oscillator",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": "4 N m-1"},
-        mass={"x": "m"},
         forces={"spring": {"potential": "k*x**2/2"}},
         initial={"x": "1 m", "v_x": "0 m s-1"},
         events={"c": {"function": "x - 0.3*metre", "root_state": root_state} | more},

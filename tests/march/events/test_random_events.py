@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import xdynamics as xd
+from cases.problems import particle
 from xdynamics.schema import CROSSING, EVENT_KINDS
 
 T = "t/(1*second)"
@@ -89,11 +90,9 @@ def waves(random: np.random.Generator) -> tuple[str, list[float], list[int]]:
 
 def faults(cases: list[Case], **asked: Any) -> tuple[list[str], int, int]:
     """March once past all of them; say what is missing, a ghost or elsewhere, and count events and substeps."""
-    model = xd.Model(
+    model = particle(
         name="random",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={},
         initial={"x": "0 m", "v_x": "1 m s-1"},
         events={f"e{i}": {"function": one.function, "direction": one.direction} for i, one in enumerate(cases)},
@@ -138,11 +137,9 @@ def levels(random: np.random.Generator) -> tuple[float, float, float, float]:
 
 def surprises(coefficients: list[tuple[float, float, float, float]], step: float) -> list[str]:
     """March an oscillator by rk4, whose steps are Taylor polynomials: compare the roots of those with the events."""
-    model = xd.Model(
+    model = particle(
         name="swing",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "k": "4 N m-1"},
-        mass={"x": "m"},
         forces={"spring": {"x": "-k*x"}},
         initial={"x": "1 m", "v_x": "0 m s-1"},
         events={

@@ -14,18 +14,16 @@ import pytest
 
 import xdynamics as xd
 from cases.contacts import FITTING, asked, words
-from cases.problems import MODELS
+from cases.problems import MODELS, particle
 from cases.verdicts import verified
 from xdynamics.model.switches import switches
 
 
 def pushed(force: str, x: str = "1 m", v: str = "0 m s-1", **more: Any) -> xd.Model:
     """A mass on a line."""
-    return xd.Model(
+    return particle(
         name="pushed",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg", "f": "1 N", "k": "4 N m-1", "a": "0.5 m"},
-        mass={"x": "m"},
         forces={"relay": {"x": force} | more},
         initial={"x": x, "v_x": v},
     )
@@ -314,11 +312,9 @@ def test_conditions_that_stand_still_and_tables(tmp_path: Path) -> None:
     assert set(run.side_floor_abs.values) == {0}
     assert set(run.side_floor_abs_2.values) == {-1}
     points = "\n".join(f"{x},{np.sin(3 * x):.4f}" for x in np.linspace(-1, 1.5, 300))
-    model = xd.Model(
+    model = particle(
         name="spring",
-        coordinates={"x": "m"},
         parameters={"m": "1 kg"},
-        mass={"x": "m"},
         forces={"spring": {"x": "-pull - 3*x*newton/metre"}},
         drives={
             "pull": {
