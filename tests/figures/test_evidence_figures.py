@@ -14,7 +14,7 @@ import xdynamics as xd
 from cases import smooth_models as smooth
 from cases.problems import MODELS, oscillator
 from xdynamics.evidence.grid_axes import vanishing
-from xdynamics.figures.fit import panels_of as panels_of_fit
+from xdynamics.figures.comparison import fit_panels as panels_of_fit
 from xdynamics.figures.ledger import panels_of as panels_of_ledger
 from xdynamics.figures.refinement import foot_of, is_informative
 

@@ -7,9 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from xdynamics.figures.marks import long_unit
+from xdynamics.units import unit_suffix
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Floats = NDArray[np.float64]
 
@@ -90,19 +97,18 @@ def whole_frame(paths: Sequence[Floats]) -> Frame:
     return Frame(_bounding_box(np.stack([np.stack([path.min(axis=1), path.max(axis=1)], axis=-1) for path in paths])))
 
 
-def leaving_note(
-    frame: Frame, names: Sequence[str], unit: str, size: float = 1.0, frame_name: str = "the frame"
-) -> str:
-    """Say which bodies leave a frame, or what else it is of, at what times, given in a unit of some size; empty if none does."""
-    leaving_times = [f"at t = {time / size:.3g}{unit}" for _, time in frame.leaving]
-    leaving_names = [names[body] for body, _ in frame.leaving]
-    if not leaving_times:
+def leaving_note(frame: Frame, names: Sequence[str], time: xr.DataArray, frame_name: str = "the frame") -> str:
+    """Say, behind other words of a title, which bodies leave a frame, or what else it is of, at what times; nothing if none does."""
+    unit, size = long_unit(time)
+    times = [f"at t = {moment / size:.3g}{unit_suffix(unit)}" for _, moment in frame.leaving]
+    bodies = [names[body] for body, _ in frame.leaving]
+    if not times:
         return ""
-    if len(leaving_times) == 1:
-        return f"{leaving_names[0]} leaves {frame_name} {leaving_times[0]}"
-    if len(leaving_times) <= MOST_SAID:
-        return f"these leave {frame_name}: {', '.join(map(' '.join, zip(leaving_names, leaving_times, strict=True)))}"
-    return f"{len(leaving_times)} of {len(names)} leave {frame_name}, {leaving_names[0]} first {leaving_times[0]}, {leaving_names[-1]} last {leaving_times[-1]}"
+    if len(times) == 1:
+        return f"; {bodies[0]} leaves {frame_name} {times[0]}"
+    if len(times) <= MOST_SAID:
+        return f"; these leave {frame_name}: {', '.join(map(' '.join, zip(bodies, times, strict=True)))}"
+    return f"; {len(times)} of {len(names)} leave {frame_name}, {bodies[0]} first {times[0]}, {bodies[-1]} last {times[-1]}"
 
 
 def _bounding_box(boxes: Floats) -> Floats:
@@ -146,17 +152,7 @@ def frame_size(limits: NDArray[np.float64], names: Sequence[str]) -> tuple[float
 def double_frame_size(
     limits: Sequence[NDArray[np.float64]], names: Sequence[str], *, is_stacked: bool
 ) -> tuple[float, float]:
-    """Return width and height of a frame of two views with one scale, in inches.
-
-    Parameters
-    ----------
-    limits : sequence of ndarray, shape (2, 2)
-        What the axes of each hold, across and up.
-    names : sequence of str
-        Of the legend beside them.
-    is_stacked : bool
-        Whether one is over the other.
-    """
+    """Return width and height of a frame of two views with one scale, one over the other or side by side; see `frame_size`."""
     sides = np.array([np.ptp(view_limits, axis=-1) for view_limits in limits])
     width, height = (sides[0, 0], sides[:, 1].sum()) if is_stacked else (sides[:, 0].sum(), sides[0, 1])
     scale = DOUBLE / max(width, height)

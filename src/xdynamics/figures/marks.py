@@ -207,6 +207,56 @@ def escaped_text(text: Any) -> str:
     return escaped(display_text(str(text))).replace("$", r"\$")
 
 
+Label = str | tuple[str, str]  # what an axis shows: a text, or a quantity and its unit
+
+
+def label_panel(axes: Axes, *title: str, x: Label = "", y: Label = "", **style: Any) -> None:
+    """Write the title of a panel, each text on a line, and what its axes show; what is not given stays as it is."""
+    if title:
+        axes.set_title("\n".join(map(escaped_text, title)), loc="left", fontsize=10, **style)
+    for axis, label in ((axes.xaxis, x), (axes.yaxis, y)):
+        if label:
+            axis.set_label_text(escaped_text(label if isinstance(label, str) else "{} ({})".format(*label)))
+
+
+def draw_line(
+    axes: Axes,
+    x: Any,
+    y: Any,
+    style: str = "-",
+    colour: int | str = 0,
+    label: str = "",
+    width: float = 1.0,
+    size: float = 4.0,
+    **options: Any,
+) -> Any:
+    """Draw a line or points, which the legend names if there is a label; of numbered colours the first follows the last."""
+    shade = colour if isinstance(colour, str) else COLOURS[colour % len(COLOURS)]
+    text = escaped_text(label)
+    return axes.plot(x, y, style, color=shade, label=text, linewidth=width, markersize=size, **options)[0]
+
+
+def evenly_spaced(count: int, most: int) -> list[int]:
+    """Return numbers from 0 up to a count: all, or as many as are drawn at most, spread evenly with both ends.
+
+    Examples
+    --------
+    >>> evenly_spaced(3, 4), evenly_spaced(7, 4)
+    ([0, 1, 2], [0, 2, 4, 6])
+    """
+    return [round(number) for number in np.linspace(0, max(count - 1, 0), min(count, most)).tolist()]
+
+
+def subpanels(axes: Axes, count: int, columns: int = 0, **style: Any) -> list[Any]:
+    """Put several axes in the place of some: in one row, or in rows of some columns."""
+    subplot_spec: Any = axes.get_subplotspec()
+    figure: Any = axes.figure
+    axes.remove()
+    columns = columns or count
+    grid = subplot_spec.subgridspec(-(-count // columns), columns)
+    return [figure.add_subplot(grid[divmod(k, columns)], **style) for k in range(count)]
+
+
 def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
     """Shade the time that each regime lasts, and name it, where there are several."""
     if "regime" not in run or len(names := run.variables["regime"].attrs["flag_meanings"].split()) < 2:

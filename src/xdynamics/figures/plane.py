@@ -33,13 +33,13 @@ from xdynamics.figures.curves import DOTS, broken_curve, is_long, isolated_point
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
 from xdynamics.figures.framing import Frame, frame_of, leaving_note, whole_frame
 from xdynamics.figures.line_panels import DASHES, GREY, MOST_NAMED
-from xdynamics.figures.marks import COLOURS, escaped_text, long_unit, superscript, typeset
+from xdynamics.figures.marks import COLOURS, escaped_text, superscript, typeset
 from xdynamics.figures.panel_words import straight_lines_note
 from xdynamics.figures.powers import shared_power
 from xdynamics.figures.sheet import named_elsewhere
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
-from xdynamics.units import spell, unit_suffix
+from xdynamics.units import spell
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -242,10 +242,7 @@ def frame_of_view(view: list[BodyPath]) -> Frame:
 
 def leaving_bodies_note(frame: Frame, view: list[BodyPath], time: xr.DataArray) -> str:
     """Say, behind other words of a title, which bodies leave its frame at what times."""
-    unit, size = long_unit(time)
-    names = [escaped_text(path.label) or f"body {k}" for k, path in enumerate(view[:MOST_BODIES])]
-    note = leaving_note(frame, names, unit_suffix(unit), size)
-    return note and f"; {note}"
+    return leaving_note(frame, [path.label or f"body {k}" for k, path in enumerate(view[:MOST_BODIES])], time)
 
 
 def _path_ends(view: list[BodyPath], frame: Frame) -> list[tuple[float, float]]:

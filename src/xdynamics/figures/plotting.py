@@ -10,23 +10,7 @@ from xdynamics.archive.store import GIVEN, Given, location_of
 from xdynamics.evidence.grid_axes import is_sweep, sweep_of
 from xdynamics.evidence.stages import compute_datasets
 from xdynamics.faults import InputError
-from xdynamics.figures import (
-    budget,
-    budget_grid,
-    comparison,
-    diagnosis,
-    differences,
-    enclosure,
-    fit,
-    ledger,
-    logs,
-    modes,
-    overlay,
-    precision,
-    refinement,
-    run,
-    sweep,
-)
+from xdynamics.figures import comparison, element_maps, ledger, refinement, run, sweep
 from xdynamics.figures.excerpt import excerpt_of
 from xdynamics.figures.sheet import DPI, Panel, background_style, check_path, on_axes, sheet, write_figure
 from xdynamics.figures.transients import Transient
@@ -43,23 +27,10 @@ if TYPE_CHECKING:
     from xdynamics.figures.sheet import Picture
 
 PAGES = {
-    kind: module.PAGE
-    for module in (
-        budget,
-        budget_grid,
-        comparison,
-        diagnosis,
-        differences,
-        enclosure,
-        fit,
-        ledger,
-        logs,
-        modes,
-        precision,
-        refinement,
-        sweep,
-    )
-    for kind in module.PAGE.kinds
+    kind: page
+    for module in (comparison, element_maps, ledger, refinement, sweep)
+    for page in module.PAGES
+    for kind in page.kinds
 }
 
 
@@ -136,8 +107,10 @@ def plot(
         if page is run.PAGE and companions:
             title = title.removesuffix(f", by {subject.attrs.get('solver_method')}")
     else:
-        page, title = overlay.PAGE, f"{', '.join(subject)}, side by side"
-    if page is not run.PAGE and (only is not None or panels != run.FEW or (companions and page is not enclosure.PAGE)):
+        page, title = refinement.JOINT_PAGE, f"{', '.join(subject)}, side by side"
+    if page is not run.PAGE and (
+        only is not None or panels != run.FEW or (companions and page is not comparison.TUBE_PAGE)
+    ):
         raise InputError("only, panels and beside are for figures of a run, beside for those of proven bounds too")
     if panels not in run.AMOUNTS:
         raise InputError(f"panels is {panels!r}; there are {', '.join(run.AMOUNTS)}")
@@ -214,7 +187,7 @@ def _panels_of_page(
     left_out = {} if transient is None else _transient_option(page, transient)
     if page is run.PAGE:
         return run.panels_and_omissions(record, **of_runs, beside=companions, **left_out)
-    enclosed_runs = {"beside": companions} if page is enclosure.PAGE else {}
+    enclosed_runs = {"beside": companions} if page is comparison.TUBE_PAGE else {}
     return page.panels_of(record, **enclosed_runs, **left_out), ""
 
 

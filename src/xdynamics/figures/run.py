@@ -274,7 +274,7 @@ def _run_panels(
         yield "plane", [], partial(_draw_body_plane, run, view, overlay)
     for seen in plane.spaces(views):
         yield "space", [], partial(plane.draw_space, run, seen, views)
-    for names, panel in field_panels(run):
+    for names, panel in field_panels(run, 2):
         is_whole_field = requested_names is None or {*names} <= {*requested_names}
         yield "map", names if is_whole_field else [], panel
     yield from _motion_panels(run, overlay, requested_names)
@@ -308,7 +308,7 @@ def _motion_panels(run: xr.Dataset, overlay: Overlay, requested_names: Sequence[
     kinds = [("trajectory", "trajectory", coordinates)]
     kinds += [("velocity", title, names) for title, names in body_variables.titled_velocities(velocities)]
     kinds += [("state", "first-order state", states), ("controller", "held between ticks", _held_by_controllers(run))]
-    maps = {tuple(names): panel for names, panel in field_panels(run)}  # which tell more than a row for each element
+    maps = {tuple(names): panel for names, panel in field_panels(run, 2)}  # which tell more than a row for each element
     for kind, title, names in (*kinds, ("other", "", _variables_on_request(run))):
         for group in groups_by_unit(run, _requested_variables(kind, names, requested_names)):
             subject = title or str(run.variables[group[0]].attrs["role"]).replace("_", " ")
@@ -324,8 +324,7 @@ def _motion_panels(run: xr.Dataset, overlay: Overlay, requested_names: Sequence[
                 parts,
                 partial(line_panels.draw_against_time, run, parts, "attitude, a quaternion", overlay),
             )
-    for names, panel in element_maps.profile_panels(run):
-        yield "profile", names, panel
+    yield from (("profile", names, panel) for names, panel in field_panels(run, 1))
 
 
 def _force_panels(

@@ -14,19 +14,10 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.figures.bodies_scene import BodiesScene, mechanism_of, two_views_of
 from xdynamics.figures.boundaries import boundaries_of, disc_radii, fastenings_of
-from xdynamics.figures.element_maps import (
-    colour_bar,
-    colours,
-    model_shapes,
-    name_axis,
-    name_elements,
-    profiled_quantities,
-    recorded_fields,
-)
+from xdynamics.figures.element_maps import ElementField, colour_bar, colours, draw_cells, fields_of, name_elements
 from xdynamics.figures.framing import MARGIN, PROFILE, frame_size
-from xdynamics.figures.marks import COLOURS, escaped_text, label_with_unit, typeset
+from xdynamics.figures.marks import draw_line, label_panel, typeset
 from xdynamics.figures.plane import line_views, views
-from xdynamics.shapes import Extent, Shapes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,93 +30,57 @@ BAR = 1.0  # inches, of a scale of colours beside a map
 
 @dataclass
 class Profile:
-    """A quantity along a dimension, straight in time between recorded states.
+    """A quantity along a dimension, or over two as a map, straight in time between recorded states.
 
     Attributes
     ----------
-    name, dim : str
-    extent : Extent
-        Of the dimension.
-    units : str
+    field : ElementField
     times : ndarray, shape (n,)
-    values : ndarray, shape (n, elements)
+    values : ndarray, shape (n, elements) or (n, across, up)
     """
 
-    name: str
-    dim: str
-    extent: Extent
-    units: str
+    field: ElementField
     times: Floats
     values: Floats
-    _line: Any = None
+    _artist: Any = None
+
+    @property
+    def is_map(self) -> bool:
+        """Whether it has two dimensions."""
+        return self.values.ndim > 2
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height of a frame."""
-        return PROFILE
+        """Width and height of a frame: of a map with square cells, and a scale of colours beside them."""
+        if not self.is_map:
+            return PROFILE
+        width, height = frame_size(np.array([[0.0, float(size)] for size in self.values.shape[1:]]), [])
+        return width + BAR, height
 
     def start(self, axes: Axes) -> str:
-        """Draw the range that the quantity has, and its start in grey."""
+        """Draw the range that the quantity has and its start in grey, or a map of the start with the colours of all times."""
+        field, label = self.field, (self.field.name, typeset(self.field.units))
+        if self.is_map:
+            self._artist = draw_cells(self.values[0], field.extents, axes, **colours(self.values))
+            colour_bar(self._artist, label, axes)
+            return f", {field.name} over {field.dims[0]} and {field.dims[1]}"
         low, high = float(np.nanmin(self.values)), float(np.nanmax(self.values))
         margin = MARGIN * (high - low) or 1.0
-        elements = np.arange(self.values.shape[1])
-        axes.plot(elements, self.values[0], "-", color="0.75", linewidth=1)
-        self._line = axes.plot([], [], ".-", color=COLOURS[0], markersize=3, linewidth=1.2)[0]
-        axes.set(ylim=(low - margin, high + margin))
-        name_elements(axes, self.dim, self.extent)
-        axes.set_ylabel(escaped_text(f"{self.name} ({self.units})"))
+        draw_line(axes, np.arange(self.values.shape[1]), self.values[0], "-", "0.75")
+        self._artist = draw_line(axes, [], [], ".-", width=1.2, size=3)
+        axes.set_ylim(low - margin, high + margin)
+        name_elements(axes, field.extents[0])
+        label_panel(axes, y=(field.name, field.units))
         return " (grey: at the start)"
 
     def move_to(self, time: float) -> list[Any]:
         """Draw the quantity at a time."""
         values = _values_at_time(self.times, self.values, time)
-        self._line.set_data(np.arange(len(values)), values)
-        return [self._line]
-
-
-@dataclass
-class Plate:
-    """A quantity over two dimensions as a map, straight in time between recorded states.
-
-    Attributes
-    ----------
-    name : str
-    dims : pair of str
-    shapes : Shapes
-    units : str
-    times : ndarray, shape (n,)
-    values : ndarray, shape (n, across, up)
-    """
-
-    name: str
-    dims: tuple[str, str]
-    shapes: Shapes
-    units: str
-    times: Floats
-    values: Floats
-    _mesh: Any = None
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of a frame: square cells, and a scale of colours beside them."""
-        width, height = frame_size(np.array([[0.0, float(size)] for size in self.values.shape[1:]]), [])
-        return width + BAR, height
-
-    def start(self, axes: Axes) -> str:
-        """Draw the start with the scale of colours of the whole run."""
-        edges = [np.arange(size + 1) - 0.5 for size in self.values.shape[1:]]
-        self._mesh = axes.pcolormesh(*edges, self.values[0].T, **colours(self.values))
-        axes.set_aspect("equal")
-        axes.grid(visible=False)
-        for axis, dim in zip((axes.xaxis, axes.yaxis), self.dims, strict=True):
-            name_axis(axis, self.shapes.extent(dim), dim, is_named=True)
-        colour_bar(self._mesh, label_with_unit(escaped_text(self.name), typeset(self.units)), axes)
-        return f", {escaped_text(self.name)} over {self.dims[0]} and {self.dims[1]}"
-
-    def move_to(self, time: float) -> list[Any]:
-        """Draw the quantity at a time."""
-        self._mesh.set_array(_values_at_time(self.times, self.values, time).T)
-        return [self._mesh]
+        if self.is_map:
+            self._artist.set_array(values.T)
+        else:
+            self._artist.set_data(np.arange(len(values)), values)
+        return [self._artist]
 
 
 def _values_at_time(times: Floats, values: Floats, time: float) -> Floats:
@@ -173,25 +128,6 @@ def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
         return BodiesScene(view, run["time"], trail, fastenings_of(run, view), boundaries_of(run, view, radii), radii)
     if body_views:
         return None
-    times = run.variables["time"].values
-    for name, dim, elements in profiled_quantities(run, model_shapes(run)):
-        return Profile(
-            name,
-            dim,
-            model_shapes(run).extent(dim),
-            _unit_of_elements(run, elements),
-            times,
-            _element_values(run, elements),
-        )
-    for name, dims, elements in recorded_fields(run):
-        maps = _element_values(run, elements).reshape(len(times), *model_shapes(run).shape(dims))
-        return Plate(name, dims, model_shapes(run), _unit_of_elements(run, elements), times, maps)
+    for field in (*fields_of(run, 1), *fields_of(run, 2)):
+        return Profile(field, run.variables["time"].values, field.values_at(run))
     return None
-
-
-def _unit_of_elements(run: xr.Dataset, elements: list[str]) -> str:
-    return str(run.variables[elements[0]].attrs["units"])
-
-
-def _element_values(run: xr.Dataset, elements: list[str]) -> Floats:
-    return np.stack([run.variables[element].values for element in elements], axis=-1)
