@@ -23,9 +23,8 @@ from xdynamics.archive.store import Given, Place, location_of
 from xdynamics.faults import InputError
 from xdynamics.figures.framing import LABELS
 from xdynamics.figures.marks import at_time, escaped_text
-from xdynamics.figures.powers import fold_power
 from xdynamics.figures.scenes import Scene, scene_of
-from xdynamics.figures.sheet import background_style, check_path, temporary_file
+from xdynamics.figures.sheet import background_style, check_path, temporary_file, typeset_labels
 from xdynamics.record import of_elements
 from xdynamics.record.run_dataset import check_dataset
 
@@ -273,9 +272,7 @@ def scene_figure(run: xr.Dataset, scene: Scene, times: Any, dpi: int) -> tuple[A
     axes = figure.subplots()
     axes.grid(linewidth=0.6)
     scene_note = scene.start(axes)
-    for panel_axes in figure.axes:
-        fold_power(panel_axes.xaxis)
-        fold_power(panel_axes.yaxis)
+    typeset_labels(figure.axes)
     title = escaped_text(f"{run.attrs.get('title', 'run')}{scene_note}")
     axes.set_title("\n".join(wrap(title, round((scene.size[0] - LABELS) * LETTERS))), loc="left", fontsize=10)
     paper = {"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.7, "pad": 2.0}  # over a map as well

@@ -40,8 +40,8 @@ from xdynamics.figures.boundaries import (
 from xdynamics.figures.curves import plotted_lines
 from xdynamics.figures.framing import MARGIN, PROFILE, SLIM, Frame, double_frame_size, frame_of, frame_size
 from xdynamics.figures.line_panels import MOST_NAMED
-from xdynamics.figures.marks import COLOURS, LETTERS, escaped_text, legible, typeset
-from xdynamics.figures.plane import axis_text, frame_of_view, leaving_bodies_note
+from xdynamics.figures.marks import COLOURS, LETTERS, escaped_text, legible
+from xdynamics.figures.plane import frame_of_view, label_plane, leaving_bodies_note
 from xdynamics.model import Model
 from xdynamics.model.body_sections import AXES, Body, Triple, position, scalar_part, vector_part
 from xdynamics.model.constraint_consistency import parameter_values
@@ -153,12 +153,8 @@ class BodiesScene:
         from matplotlib.collections import LineCollection
 
         view, (across, up) = self.view, self.limits
-        first = view[0]
-        axes.set(xlim=across, ylim=up, aspect="equal" if first.is_space else "auto")
-        is_one = all((body.across, body.up) == (first.across, first.up) for body in view)
-        labels = (axis_text(first.across, "across"), axis_text(first.up, "up")) if is_one else ("across", "up")
-        axes.set_xlabel(escaped_text(f"{labels[0]} ({typeset(first.units)})"))
-        axes.set_ylabel(escaped_text(f"{labels[1]} ({typeset(first.up_units or first.units)})"))
+        axes.set(xlim=across, ylim=up, aspect="equal" if view[0].is_space else "auto")
+        label_plane(view, axes)
         drawn_bodies, colours = view[:MOST_BODIES], colours_of(view)
         has_trails = len(drawn_bodies) <= MOST_TRAILS
         trails = LineCollection(
@@ -182,7 +178,7 @@ class BodiesScene:
         """What the title says of the bodies."""
         drawn_bodies = self.view[:MOST_BODIES]
         scale = f", colours from {drawn_bodies[0].label} to {drawn_bodies[-1].body}" if self._is_scaled else ""
-        return f"{omitted_bodies_note(self.view)}{leaving_bodies_note(self._motion_frame, self.view, self.time)}{escaped_text(scale)}"
+        return f"{omitted_bodies_note(self.view)}{leaving_bodies_note(self._motion_frame, self.view, self.time)}{scale}"
 
     @property
     def _is_scaled(self) -> bool:
@@ -293,7 +289,7 @@ class TwoViews:
             second_axes.set_ylabel("")
             second_axes.tick_params(labelleft=False)
         far_contacts = dict.fromkeys(name for view in self.views for name in view.far_walls)
-        undrawn = escaped_text(f"; not drawn: {', '.join(self.undrawn)}") if self.undrawn else ""
+        undrawn = f"; not drawn: {', '.join(self.undrawn)}" if self.undrawn else ""
         return f"{self.views[0].title_notes}{outside_note([*far_contacts])}{undrawn}"
 
     def move_to(self, time: float) -> list[Any]:

@@ -173,7 +173,7 @@ def widened_limits(limits: Floats, walls: Sequence[Boundary], times: Sequence[fl
 
 def outside_note(contacts: Sequence[str]) -> str:
     """Say, behind other words of a title, whose walls are outside the frame."""
-    return escaped_text(f"; outside the frame: {', '.join(contacts)}") if contacts else ""
+    return f"; outside the frame: {', '.join(contacts)}" if contacts else ""
 
 
 def boundaries_of(run: xr.Dataset, view: list[BodyPath], radii: Floats) -> list[Boundary]:
@@ -212,7 +212,7 @@ def draw_walls(walls: Sequence[Boundary], axes: Axes) -> None:
         wall.start(axes, limits)
     if standing_walls:
         axes.set(xlim=limits[0], ylim=limits[1])
-        axes.set_title(axes.get_title(loc="left") + outside_note(far_contacts), loc="left", fontsize=10)
+        axes.set_title(axes.get_title(loc="left") + escaped_text(outside_note(far_contacts)), loc="left", fontsize=10)
 
 
 def _single_body_gaps(model: Model, view: list[BodyPath], radii: Floats) -> Iterator[tuple[str, Node, BodyPath, float]]:

@@ -64,7 +64,7 @@ class Overlay:
     ----------
     run_label : str
         Empty if nothing is beside it.
-    companions : tuple of BesideRun
+    companions : tuple of RunCompanion
     """
 
     run_label: str = ""
@@ -74,6 +74,10 @@ class Overlay:
     def records(self) -> list[tuple[str, xr.Dataset]]:
         """The other runs with their labels."""
         return [(companion.label, companion.record) for companion in self.companions if companion.record is not None]
+
+    def with_run(self, run: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
+        """Return the run and the others, with their labels."""
+        return [(self.run_label, run), *self.records]
 
 
 def run_labels(runs: Sequence[xr.Dataset]) -> list[str]:

@@ -5,7 +5,6 @@ The energy of a run by term: kinetic energy, and the potential energy of each fo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.path import steps_over_impacts
 from xdynamics.evidence.observables import potentials_on
 from xdynamics.faults import InputError
-from xdynamics.figures.companions import Overlay, RunCompanion
+from xdynamics.figures.companions import Overlay
 from xdynamics.figures.curves import (
     AGREED,
     energy_changes,
@@ -26,8 +25,8 @@ from xdynamics.figures.curves import (
     thinned_rows,
 )
 from xdynamics.figures.element_maps import STEADY
-from xdynamics.figures.line_panels import DASHES, FEW_ROWS, set_run_time_axis
-from xdynamics.figures.marks import COLOURS, escaped_text, label_time, shade_regimes
+from xdynamics.figures.line_panels import FEW_ROWS, run_dashes, set_run_time_axis
+from xdynamics.figures.marks import draw_line, label_panel, label_time, shade_regimes
 from xdynamics.model import Model
 from xdynamics.schema import ENERGIES, STEPS
 from xdynamics.units import unit_suffix
@@ -65,61 +64,49 @@ def draw_energy(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
     """
     units, energy = run.variables["total_energy"].attrs["units"], run.variables["total_energy"].values
     companions = [companion for companion in overlay.companions if "total_energy" in companion.columns]
-    label_time(axes, run["time"])
-    is_conserved = is_at_rounding(run)
-    if (is_exchanged(run) or is_conserved) and not companions:
-        names = [name for name in ENERGIES if name in run and run.variables[name].attrs["units"] == units]
-        lines = {name: plotted_lines(run, name) for name in names}
-        sizes = [(float(np.abs(values).max()), float(np.ptp(values))) for _, (values,) in lines.values()]
-        is_flat = STEADY * max(size for size, _ in sizes) > max(change for _, change in sizes) > 0.0
-        for colour, (name, (times, (values,))) in zip(COLOURS, lines.items(), strict=False):
-            axes.plot(
-                times,
-                values - is_flat * values[0],
-                color=colour,
-                label=name.split("_")[0],
-                **_energy_line_style(run, *names),
-            )
-        axes.set(ylabel=escaped_text(f"energy ({units})"))
-        note_text = (
-            f", total constant to {_departure(run):.0e} (relative)" if is_conserved else _energy_change_note(run)
-        )
-        axes.set_title(
-            f"energy{', each less its start' * is_flat}{note_text}{_at_rows(run, *names)}", loc="left", fontsize=10
-        )
-        axes.legend(fontsize=8, frameon=False)
-        shade_regimes(run, axes)
+    is_conserved, is_relative = is_at_rounding(run), not is_exchanged(run)
+    if (not is_relative or is_conserved) and not companions:
+        _draw_energies(run, units, axes, is_conserved=is_conserved)
         return
-    is_relative = not is_exchanged(run)
     times, (values,) = plotted_lines(run, "total_energy", exact=True)
-    label = escaped_text(overlay.run_label) if companions else None
     style = _energy_line_style(run, "total_energy", exact=True)
-    axes.plot(times, values - is_relative * energy[0], color=COLOURS[0 if companions else 1], label=label, **style)
-    _draw_companion_energies(companions, axes, is_relative=is_relative)
-    axes.set(ylabel=escaped_text(f"{'E - E(0)' if is_relative else 'E'} ({units})"))
+    draw_line(axes, times, values - is_relative * energy[0], colour=not companions, label=overlay.run_label, **style)
+    for k, companion in enumerate(companions, 1):
+        times, values, _ = companion.columns["total_energy"]
+        draw_line(axes, times, values - is_relative * values[0], run_dashes(k), k, companion.label, 1.2)
+    if companions:
+        axes.legend(fontsize=8, frameon=False)
     note = _at_rows(run, "total_energy", exact=True)
     known_digits = known_part(float(run.attrs["solver_rtol"]) if "solver_rtol" in run.attrs else None, [])
     start = (
         f" less its start, {short_number(float(energy[0]), known_digits)}{unit_suffix(units)}" if is_relative else ""
     )
-    axes.set_title(escaped_text(f"total energy{start}{note}"), loc="left", fontsize=10)
+    label_panel(axes, f"total energy{start}{note}", y=("E - E(0)" if is_relative else "E", units))
     set_run_time_axis(run, axes)
 
 
-def _draw_companion_energies(companions: Sequence[RunCompanion], axes: Axes, *, is_relative: bool) -> None:
-    for k, companion in enumerate(companions):
-        times, values, _ = companion.columns["total_energy"]
-        style: dict[str, Any] = {"color": COLOURS[(k + 1) % len(COLOURS)], "label": escaped_text(companion.label)}
-        axes.plot(times, values - is_relative * values[0], DASHES[k % len(DASHES)], linewidth=1.2, **style)
-    if companions:
-        axes.legend(fontsize=8, frameon=False)
+def _draw_energies(run: xr.Dataset, units: str, axes: Axes, *, is_conserved: bool) -> None:
+    """Draw kinetic, potential and total energy."""
+    names = [name for name in ENERGIES if name in run and run.variables[name].attrs["units"] == units]
+    lines = {name: plotted_lines(run, name) for name in names}
+    sizes = [(float(np.abs(values).max()), float(np.ptp(values))) for _, (values,) in lines.values()]
+    is_flat = STEADY * max(size for size, _ in sizes) > max(change for _, change in sizes) > 0.0
+    style = _energy_line_style(run, *names)
+    for k, (name, (times, (values,))) in enumerate(lines.items()):
+        draw_line(axes, times, values - is_flat * values[0], colour=k, label=name.split("_")[0], **style)
+    note = f", total constant to {_departure(run):.0e} (relative)" if is_conserved else _energy_change_note(run)
+    title = f"energy{', each less its start' * is_flat}{note}{_at_rows(run, *names)}"
+    label_time(axes, run["time"])
+    label_panel(axes, title, y=("energy", units))
+    axes.legend(fontsize=8, frameon=False)
+    shade_regimes(run, axes)
 
 
 def _energy_line_style(run: xr.Dataset, *names: str, exact: bool = False) -> dict[str, Any]:
     """Return the style of lines, or of points where energies between rows are unknown: chords would miss their swings."""
     if not has_chords(run, *names, exact=exact):
-        return {"linewidth": 1.0}
-    return {"linestyle": "none", "marker": ".", "markersize": POINT if run.sizes[STEPS] < FEW_ROWS else POINT / 2.0}
+        return {}
+    return {"style": ".", "size": POINT if run.sizes[STEPS] < FEW_ROWS else POINT / 2.0}
 
 
 def _at_rows(run: xr.Dataset, *names: str, exact: bool = False) -> str:
@@ -193,7 +180,7 @@ def draw_energy_terms(run: xr.Dataset, axes: Axes) -> None:
     times_and_terms = potential_terms(run)
     units = str(run.variables[KINETIC].attrs["units"])
     times, (kinetic,) = plotted_lines(run, KINETIC)
-    axes.plot(times, kinetic, "--", color=COLOURS[0], linewidth=1.0, label="kinetic")
+    draw_line(axes, times, kinetic, "--", label="kinetic")
     note = ""
     if times_and_terms is not None:
         times, energies = times_and_terms
@@ -203,14 +190,12 @@ def draw_energy_terms(run: xr.Dataset, axes: Axes) -> None:
             energies, note = {name: values - values[0] for name, values in energies.items()}, ", each less its start"
         order = sorted(energies, key=lambda name: (-float(np.ptp(energies[name])), name))
         drawn_terms = [name for name in energies if name in order[:MOST]]
-        for colour, name in zip(COLOURS[1:], drawn_terms, strict=False):
-            axes.plot(times, energies[name], color=colour, linewidth=1.0, label=escaped_text(name))
+        for k, name in enumerate(drawn_terms, 1):
+            draw_line(axes, times, energies[name], colour=k, label=name)
         if remaining_terms := [name for name in energies if name not in drawn_terms]:
             remaining_energy = sum((energies[name] for name in remaining_terms), np.zeros(times.size))
-            axes.plot(times, remaining_energy, ":", color="0.5", linewidth=1.0, label=f"{len(remaining_terms)} others")
-    label_time(axes, run["time"])
-    axes.set(ylabel=escaped_text(f"energy ({units})"))
-    axes.set_title(f"kinetic energy, and potential energy by term{note}", loc="left", fontsize=10)
+            draw_line(axes, times, remaining_energy, ":", "0.5", f"{len(remaining_terms)} others")
+    label_panel(axes, f"kinetic energy, and potential energy by term{note}", y=("energy", units))
     axes.legend(fontsize=8, frameon=False)
     shade_regimes(run, axes)
     set_run_time_axis(run, axes)

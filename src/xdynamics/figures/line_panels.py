@@ -7,7 +7,8 @@ Panels about the march itself: steps, errors, how well events were located.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -31,7 +32,15 @@ from xdynamics.figures.curves import (
 )
 from xdynamics.figures.element_maps import FEWEST_ELEMENTS, draw_map
 from xdynamics.figures.event_marks import mark_events
-from xdynamics.figures.marks import COLOURS, escaped_text, label_time, shade_regimes, time_axis_label
+from xdynamics.figures.marks import (
+    COLOURS,
+    draw_line,
+    escaped_text,
+    label_panel,
+    label_time,
+    shade_regimes,
+    time_axis_label,
+)
 from xdynamics.figures.panel_words import axis_title, straight_lines_note
 from xdynamics.figures.transients import Transient, times_after_transient
 from xdynamics.model import Model
@@ -76,14 +85,12 @@ def draw_against_time(run: xr.Dataset, names: list[str], subject: str, overlay: 
             units = str(run.variables[name].attrs["units"])
             values, line = wrapped_angles(values, units), torn_angles(line, units)
         if run.sizes[STEPS] < FEW_ROWS:
-            axes.plot(time, values, ".", color=colour, markersize=4)
-        axes.plot(times, line, "-", color=colour, linewidth=1.2, label=escaped_text(label))
+            draw_line(axes, time, values, ".", colour)
+        draw_line(axes, times, line, "-", colour, label, 1.2)
     overlaid = _draw_companion_lines(run, names, overlay, axes)
-    label = SHORT_NAMES[subject] if subject in SHORT_NAMES and len(names) > 1 else axis_title(names)
-    label_time(axes, run["time"])
-    axes.set(ylabel=escaped_text(f"{label} ({run.variables[names[0]].attrs['units']})"))
+    y = SHORT_NAMES[subject] if subject in SHORT_NAMES and len(names) > 1 else axis_title(names)
     note = straight_lines_note(run, *names, companion_records=[record for _, record in overlay.records])
-    axes.set_title(f"{subject}{note}", loc="left", fontsize=10)
+    label_panel(axes, f"{subject}{note}", y=(y, run.variables[names[0]].attrs["units"]))
     shade_regimes(run, axes)
     has_event_legend = mark_events(run, names, axes)
     set_run_time_axis(run, axes)
@@ -91,32 +98,20 @@ def draw_against_time(run: xr.Dataset, names: list[str], subject: str, overlay: 
 
 
 def _draw_companion_lines(run: xr.Dataset, names: list[str], overlay: Overlay, axes: Axes) -> bool:
-    """Draw the same variables of other runs and measurements."""
+    """Draw the same variables of other runs and measurements; return whether there are any."""
     overlaid, wrapped_angle_names = False, wrapped_names(run)
-    for k, companion in enumerate(overlay.companions):
-        for name in names:
-            if name not in companion.columns:
-                continue
-            colour, label = colour_and_label(name, k + 1, companion.label, names, overlay)
+    for k, companion in enumerate(overlay.companions, 1):
+        for name in (name for name in names if name in companion.columns):
+            colour, label = colour_and_label(name, k, companion.label, names, overlay)
             times, values, doubts = companion.columns[name]
-            text = escaped_text(label)
             if name in wrapped_angle_names:
-                values = (torn_angles if doubts is None else wrapped_angles)(
-                    values, str(run.variables[name].attrs["units"])
-                )
+                wrap = torn_angles if doubts is None else wrapped_angles
+                values = wrap(values, str(run.variables[name].attrs["units"]))
             if doubts is None:
-                axes.plot(times, values, DASHES[k % len(DASHES)], color=colour, linewidth=1.4, alpha=0.7, label=text)
+                draw_line(axes, times, values, run_dashes(k), colour, label, 1.4, alpha=0.7)
             else:
-                axes.errorbar(
-                    times,
-                    values,
-                    yerr=doubts if doubts.any() else None,
-                    fmt="+",
-                    color=colour,
-                    markersize=5,
-                    linewidth=0.8,
-                    label=text,
-                )
+                style: dict[str, Any] = {"fmt": "+", "color": colour, "markersize": 5, "linewidth": 0.8}
+                axes.errorbar(times, values, doubts if doubts.any() else None, label=escaped_text(label), **style)
             overlaid = True
     return overlaid
 
@@ -124,15 +119,13 @@ def _draw_companion_lines(run: xr.Dataset, names: list[str], overlay: Overlay, a
 def draw_drives(run: xr.Dataset, names: list[str], overlay: Overlay, axes: Axes) -> None:
     """Draw the values of measured tables along the run, and along others."""
     drives = model_of_record(run, None).drives
-    for k, (label, record) in enumerate([(overlay.run_label, run), *overlay.records]):
+    for k, (label, record) in enumerate(overlay.with_run(run)):
         for name in names:
-            if (drive_line := _drive_along_run(record, name)) is None:
-                continue
-            colour, text = colour_and_label(name, k, label, names, overlay, f"{name}({text_of(drives[name].argument)})")
-            axes.plot(*drive_line, ("-", *DASHES)[k % 4], color=colour, linewidth=1.1, label=escaped_text(text))
-    label_time(axes, run["time"])
-    axes.set(ylabel=escaped_text(f"{axis_title(names)} ({drives[names[0]].table.value_unit.text})"))
-    axes.set_title("measured drives along the run", loc="left", fontsize=10)
+            if (drive_line := _drive_along_run(record, name)) is not None:
+                drive = f"{name}({text_of(drives[name].argument)})"
+                colour, text = colour_and_label(name, k, label, names, overlay, drive)
+                draw_line(axes, *drive_line, style=run_dashes(k), colour=colour, label=text, width=1.1)
+    label_panel(axes, "measured drives along the run", y=(axis_title(names), drives[names[0]].table.value_unit.text))
     set_run_time_axis(run, axes)
     _add_line_legend(axes, names, overlay)
 
@@ -167,19 +160,15 @@ def impulses(run: xr.Dataset, coordinates: list[str]) -> list[str]:
 
 def draw_impact_needles(run: xr.Dataset, names: list[str], overlay: Overlay, axes: Axes) -> None:
     """Draw the impulses of impacts as needles at their times."""
-    for k, (label, record) in enumerate([(overlay.run_label, run), *overlay.records]):
-        for name in names:
-            if name not in record or "event_time" not in record:
-                continue
+    for k, (label, record) in enumerate(overlay.with_run(run)):
+        for name in (name for name in names if name in record and "event_time" in record):
             colour, text = colour_and_label(name, k, label, names, Overlay(), name.removeprefix("event_"))
-            time, values = record["event_time"].values, record[name].values
-            is_nonzero = values != 0.0
-            axes.vlines(time[is_nonzero], 0.0, values[is_nonzero], color=colour, linewidth=1.0)
-            axes.plot(time[is_nonzero], values[is_nonzero], ".", color=colour, markersize=4, label=escaped_text(text))
+            is_nonzero = record[name].values != 0.0
+            time, values = record["event_time"].values[is_nonzero], record[name].values[is_nonzero]
+            axes.vlines(time, 0.0, values, color=colour, linewidth=1.0)
+            draw_line(axes, time, values, ".", colour, text)
     axes.axhline(0.0, color="#777777", linewidth=0.8)
-    label_time(axes, run["time"])
-    axes.set(ylabel=escaped_text(f"impulse ({run.variables[names[0]].attrs['units']})"))
-    axes.set_title("impulses of impacts", loc="left", fontsize=10)
+    label_panel(axes, "impulses of impacts", y=("impulse", run.variables[names[0]].attrs["units"]))
     set_run_time_axis(run, axes)
     _add_line_legend(axes, names, needed=bool(overlay.run_label))
 
@@ -215,31 +204,29 @@ def draw_section(
     model = model_of_record(run, None)
     strobe_times = section_times(model, float(run["time"][0]), float(run["time"][-1]))
     times = times_after_transient(run, strobe_times, transient)
-    for k, (label, record) in enumerate([(overlay.run_label, run), *overlay.records]):
+    for k, (label, record) in enumerate(overlay.with_run(run)):
         if "model_toml" not in record or not {*names} <= {*record.variables}:
             continue
         its_model, time = model_of_record(record, None), record["time"].values
         its_times = times_after_transient(record, section_times(its_model, float(time[0]), float(time[-1])), transient)
         states = sample(record, its_times, functions=its_model.functions)
         for name in names:
-            units = str(run.variables[name].attrs["units"])
-            position = (
-                wrapped_angles(states[name].values, units) if name in model.pictured.wrap else states[name].values
-            )
+            position, units = states[name].values, str(run.variables[name].attrs["units"])
+            position = wrapped_angles(position, units) if name in model.pictured.wrap else position
             colour, text = colour_and_label(name, k, label, names, Overlay())
-            speeds = states[velocity(name)].values
-            axes.plot(position, speeds, ".", color=colour, markersize=2.5, label=escaped_text(text))
-    speed_names = [velocity(coordinate) for coordinate in names]
-    axes.set(
-        xlabel=escaped_text(f"{axis_title(names)} ({run.variables[names[0]].attrs['units']})"),
-        ylabel=escaped_text(f"{axis_title(speed_names)} ({run.variables[speed_names[0]].attrs['units']})"),
-    )
+            draw_line(axes, position, states[velocity(name)].values, ".", colour, text, size=2.5)
     left_out = f" after {strobe_times.size - times.size}" if strobe_times.size > times.size else ""
     second = unit_suffix(model.time_unit.text)
-    axes.set_title(
-        f"Poincare section, {times.size} periods of {_period(model):.4g}{second}{left_out}", loc="left", fontsize=10
-    )
+    title = f"Poincare section, {times.size} periods of {_period(model):.4g}{second}{left_out}"
+    _label_phase_plane(run, names, title, axes)
     _add_line_legend(axes, names, needed=bool(overlay.run_label))
+
+
+def _label_phase_plane(run: xr.Dataset, names: list[str], title: str, axes: Axes) -> None:
+    """Label a plane of positions and their velocities."""
+    speeds = [velocity(name) for name in names]
+    x, y = ((axis_title(group), run.variables[group[0]].attrs["units"]) for group in (names, speeds))
+    label_panel(axes, title, x=x, y=y)
 
 
 def section_times(model: Model, start: float, end: float) -> Floats:
@@ -257,35 +244,32 @@ def draw_phase_portrait(run: xr.Dataset, names: list[str], overlay: Overlay, axe
     """Draw velocities against positions."""
     wrapped_angle_names = wrapped_names(run)
     for name in names:
-        _, lines = plotted_lines(run, name, velocity(name))
-        curves = [(overlay.run_label, lines)]
+        units = str(run.variables[name].attrs["units"])
+        tear, wrap = (
+            partial(function, units=units) if name in wrapped_angle_names else lambda angles: angles
+            for function in (torn_angles, wrapped_angles)
+        )
+        curves: list[tuple[str, Any]] = [(overlay.run_label, plotted_lines(run, name, velocity(name))[1])]
         for companion in overlay.companions:
-            curves += (
-                [(companion.label, pair)]
-                if (pair := companion.values_at_common_times(name, velocity(name))) is not None
-                else []
-            )
-        for k, (label, (line, speeds)) in enumerate(curves):
-            start, units = line[:1], str(run.variables[name].attrs["units"])
-            if name in wrapped_angle_names:
-                start, line = wrapped_angles(start, units), torn_angles(line, units)  # noqa: PLW2901
+            pair = companion.values_at_common_times(name, velocity(name))
+            curves += [] if pair is None else [(companion.label, pair)]
+        for k, (label, (positions, velocities)) in enumerate(curves):
             colour, text = colour_and_label(name, k, label, names, overlay)
-            first = speeds[:1]
+            line, speeds = tear(positions), velocities
             if k == 0 and is_long(run):
-                columns = (run.variables[entry].values for entry in (name, velocity(name), "time"))
-                line, speeds = broken_curve(*columns)  # noqa: PLW2901
-                line = torn_angles(line, units) if name in wrapped_angle_names else line  # noqa: PLW2901
+                line, speeds = broken_curve(*(run.variables[entry].values for entry in (name, velocity(name), "time")))
+                line = tear(line)
                 axes.plot(*isolated_points(line, speeds), color=colour, **DOTS)
-            axes.plot(line, speeds, ("-", *DASHES)[k % 4], color=colour, linewidth=1.0, label=escaped_text(text))
-            axes.plot(start, first, "o", color=colour, markersize=4)
-    units, per_second = run.variables[names[0]].attrs["units"], run.variables[velocity(names[0])].attrs["units"]
-    axes.set(
-        xlabel=escaped_text(f"{axis_title(names)} ({units})"),
-        ylabel=escaped_text(f"{axis_title([velocity(name) for name in names])} ({per_second})"),
-    )
+            draw_line(axes, line, speeds, run_dashes(k), colour, text)
+            draw_line(axes, wrap(positions[:1]), velocities[:1], "o", colour)
     note = straight_lines_note(run, *names, *(velocity(name) for name in names))
-    axes.set_title(f"phase portrait (dot: start){note}", loc="left", fontsize=10)
+    _label_phase_plane(run, names, f"phase portrait (dot: start){note}", axes)
     _add_line_legend(axes, names, overlay)
+
+
+def run_dashes(k: int) -> str:
+    """Return the dashes of the k-th run: the first one is solid."""
+    return "-" if k == 0 else DASHES[(k - 1) % len(DASHES)]
 
 
 def colour_and_label(
@@ -311,10 +295,9 @@ def is_crossed(names: list[str], overlay: Overlay) -> bool:
 def _add_line_legend(axes: Axes, names: list[str], overlay: Overlay | None = None, *, needed: bool = False) -> None:
     """Name the lines of a panel, where there are several and not too many for it."""
     if overlay is not None and is_crossed(names, overlay):
-        axes.plot([], [], "-", color=GREY, linewidth=1.1, label=escaped_text(overlay.run_label))
-        for k, companion in enumerate(overlay.companions):
-            style = "+" if companion.record is None else DASHES[k % len(DASHES)]
-            axes.plot([], [], style, color=GREY, linewidth=1.1, label=escaped_text(companion.label))
+        draw_line(axes, [], [], "-", GREY, overlay.run_label, 1.1)
+        for k, companion in enumerate(overlay.companions, 1):
+            draw_line(axes, [], [], "+" if companion.record is None else run_dashes(k), GREY, companion.label, 1.1, 6.0)
     if needed or (overlay is not None and overlay.run_label) or 1 < len(names) <= MOST_NAMED:
         axes.legend(fontsize=8, frameon=False)
 
@@ -328,6 +311,7 @@ def needs_logarithmic_time(run: xr.Dataset) -> bool:
 
 def set_run_time_axis(run: xr.Dataset, axes: Axes) -> None:
     """Give a panel the time axis of all the others: the run's span, logarithmic where that suits its rows."""
+    label_time(axes, run["time"])
     time = run.variables["time"].values
     if needs_logarithmic_time(run):
         first = float(np.diff(time)[np.diff(time) > 0].min())
@@ -394,16 +378,7 @@ PARTS = {"event_time_uncertainty_bracket": "width of the bracket", "event_time_u
 
 def draw_steps(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
     """Draw the steps on a logarithmic scale; an event's second row has none."""
-    size, time = run.variables["step_size"].values, run.variables["time"].values
-    rows = _positive_rows(size)
-    axes.plot(
-        time[rows],
-        size[rows],
-        ".",
-        color=COLOURS[5],
-        markersize=2.5,
-        label=escaped_text(overlay.run_label or "accepted"),
-    )
+    _draw_positive_points(run, "step_size", overlay.run_label or "accepted", 5, axes)
     _draw_companion_points(overlay, "step_size", axes)
     attributes = run.variables["trial_reason"].attrs
     reasons = np.array(attributes["flag_meanings"].split()) if attributes["role"] == "flag" else np.zeros(0, "U")
@@ -411,72 +386,56 @@ def draw_steps(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
     rejected = np.flatnonzero(np.isin(run.variables["trial_reason"].values, error_test_codes))
     if len(rejected):
         rejected = rejected[thinned_rows(run.variables["trial_step_size"].values[rejected])]
-        axes.plot(
-            run.variables["trial_time"].values[rejected],
-            run.variables["trial_step_size"].values[rejected],
-            "x",
-            color=COLOURS[1],
-            markersize=3.5,
-            markeredgewidth=0.8,
-            label="rejected by the error test",
-        )
+        time, size = (run.variables[name].values[rejected] for name in ("trial_time", "trial_step_size"))
+        draw_line(axes, time, size, "x", 1, "rejected by the error test", size=3.5, markeredgewidth=0.8)
     if len(rejected) or overlay.run_label:
         axes.legend(fontsize=8, frameon=False)
-    if len(rows):
-        axes.set_yscale("log")
-    label_time(axes, run["time"])
-    axes.set(ylabel=time_axis_label(run["step_size"], "step size"))
+    _set_logarithmic(axes)
+    label_panel(axes, "step used to reach each state", y=time_axis_label(run["step_size"], "step size"))
     set_run_time_axis(run, axes)
-    axes.set_title("step used to reach each state", loc="left", fontsize=10)
 
 
 def draw_errors(run: xr.Dataset, overlay: Overlay, axes: Axes) -> None:
     """Draw the error norm of every accepted step; 1 is what the tolerances allow."""
-    norm, time = run.variables["error_norm"].values, run.variables["time"].values
-    rows = _positive_rows(norm)
-    axes.plot(time[rows], norm[rows], ".", color=COLOURS[2], markersize=2.5, label=escaped_text(overlay.run_label))
+    _draw_positive_points(run, "error_norm", overlay.run_label, 2, axes)
     if _draw_companion_points(overlay, "error_norm", axes):
         axes.legend(fontsize=8, frameon=False)
     axes.axhline(1.0, color="#777777", linewidth=0.8, linestyle="--")
-    if len(rows):
-        axes.set_yscale("log")
-    label_time(axes, run["time"])
-    axes.set(ylabel="scaled local error (1)")
+    _set_logarithmic(axes)
+    label_panel(axes, "local error over what the tolerances allow", y="scaled local error (1)")
     set_run_time_axis(run, axes)
-    axes.set_title("local error over what the tolerances allow", loc="left", fontsize=10)
 
 
 def _draw_companion_points(overlay: Overlay, name: str, axes: Axes) -> bool:
     """Draw the positive values of other runs; return whether there are any."""
     companion_records = [(label, record) for label, record in overlay.records if name in record]
     for k, (label, record) in enumerate(companion_records):
-        values = record[name].values
-        rows = _positive_rows(values)
-        colour = COLOURS[(k + 3) % len(COLOURS)]
-        axes.plot(
-            record["time"].values[rows], values[rows], ".", color=colour, markersize=2.5, label=escaped_text(label)
-        )
+        _draw_positive_points(record, name, label, k + 3, axes)
     return bool(companion_records)
 
 
-def _positive_rows(values: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the rows to draw on a logarithmic axis: those of positive values, thinned."""
-    positive = np.flatnonzero(values > 0)
-    return positive[thinned_rows(values[positive])] if len(positive) else positive
+def _draw_positive_points(run: xr.Dataset, name: str, label: str, colour: int, axes: Axes) -> None:
+    """Draw what has a place on a logarithmic axis: positive values, thinned."""
+    time, values = run.variables["time"].values, run.variables[name].values
+    rows = np.flatnonzero(values > 0)
+    rows = rows[thinned_rows(values[rows])] if len(rows) else rows
+    draw_line(axes, time[rows], values[rows], ".", colour, label, size=2.5)
+
+
+def _set_logarithmic(axes: Axes) -> None:
+    """Give positive points a logarithmic axis, where there are any."""
+    if len(axes.lines[0].get_xdata()):  # type: ignore[arg-type]
+        axes.set_yscale("log")
 
 
 def draw_event_locations(run: xr.Dataset, axes: Axes) -> None:
     """Draw the width of each event's bracket and the uncertainty of its time."""
     time = run.variables["event_time"].values
-    for name, marker, colour in zip(PARTS, "_.", (COLOURS[0], COLOURS[1]), strict=True):
+    for k, (name, marker) in enumerate(zip(PARTS, "_.", strict=True)):
         values = run.variables[name].values
         is_drawable = (values > 0) & np.isfinite(values)
-        axes.plot(
-            time[is_drawable], values[is_drawable], marker, color=colour, markersize=5, label=escaped_text(PARTS[name])
-        )
+        draw_line(axes, time[is_drawable], values[is_drawable], marker, k, PARTS[name], size=5)
     axes.set_yscale("log")
-    label_time(axes, run["time"])
-    axes.set(ylabel=time_axis_label(run["time"], "located within"))
+    label_panel(axes, "events: bracket, and uncertainty of the time", y=time_axis_label(run["time"], "located within"))
     set_run_time_axis(run, axes)
-    axes.set_title("events: bracket, and uncertainty of the time", loc="left", fontsize=10)
     axes.legend(fontsize=8, frameon=False)

@@ -32,8 +32,8 @@ from xdynamics.figures.companions import Overlay
 from xdynamics.figures.curves import DOTS, broken_curve, is_long, isolated_points, refined_line, with_role
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
 from xdynamics.figures.framing import Frame, frame_of, leaving_note, whole_frame
-from xdynamics.figures.line_panels import DASHES, GREY, MOST_NAMED
-from xdynamics.figures.marks import COLOURS, escaped_text, superscript, typeset
+from xdynamics.figures.line_panels import GREY, MOST_NAMED, run_dashes
+from xdynamics.figures.marks import draw_line, escaped_text, label_panel, subpanels, superscript, typeset
 from xdynamics.figures.panel_words import straight_lines_note
 from xdynamics.figures.powers import shared_power
 from xdynamics.figures.sheet import named_elsewhere
@@ -190,16 +190,16 @@ def draw_plane(
     all_bodies, view = view, view[:MOST_BODIES]
     for body, colour in zip(view, colours_of(view), strict=True):
         if body.is_fixed:
-            axes.plot(body.x[:1], body.y[:1], "s", color=colour, markersize=4)
+            draw_line(axes, body.x[:1], body.y[:1], "s", colour)
             continue
         x, y = broken_curve(body.x, body.y, body.times) if is_long(run) else (body.x, body.y)
-        label = escaped_text(body.label) if body.body and len(view) <= MOST_NAMED else None
-        label = escaped_text(overlay.run_label) if overlay.run_label and len(view) == 1 else label
-        axes.plot(x, y, "-", color=colour, linewidth=1.1, label=label)
+        label = body.label if body.body and len(view) <= MOST_NAMED else ""
+        label = overlay.run_label if overlay.run_label and len(view) == 1 else label
+        draw_line(axes, x, y, "-", colour, label, 1.1)
         if is_long(run):
             axes.plot(*isolated_points(x, y), color=colour, **DOTS)
         if not discs:
-            axes.plot(body.x[:1], body.y[:1], "o", color=colour, markersize=5)
+            draw_line(axes, body.x[:1], body.y[:1], "o", colour, size=5)
     _draw_companion_paths(view, overlay, axes)
     _mark_path_events(run, view, axes)
     first, frame, note = view[0], frame_of_view(view), ""
@@ -212,11 +212,6 @@ def draw_plane(
         axes.set_aspect("equal", adjustable="box")
         axes.locator_params(axis="x", nbins=2 if high > SLENDER * wide else "auto")
         axes.tick_params(axis="x", rotation=90 if high > SLIM * wide else 0)
-    is_one = all(body.across == first.across and body.up == first.up for body in view)
-    across, up = (axis_text(first.across, "across"), axis_text(first.up, "up")) if is_one else ("across", "up")
-    axes.set(
-        xlabel=escaped_text(f"{across} ({first.units})"), ylabel=escaped_text(f"{up} ({first.up_units or first.units})")
-    )
     position_names = with_role(run, *POSITIONS)
     subject = "the plane" if first.is_space else "phase plane"
     start = "rings: start, discs: end" if discs else f"{'dots and grey lines' if has_links else 'dot'}: start"
@@ -224,11 +219,20 @@ def draw_plane(
     if len(view) > MOST_ENDS:
         colour_key(view, axes)
     leaving_text = leaving_bodies_note(frame, view, run["time"])
-    axes.set_title(
-        f"{subject} ({start}{note}{escaped_text(ends)}){omitted_bodies_note(all_bodies)}{leaving_text}{straight_lines_note(run, *position_names)}",
-        loc="left",
-        fontsize=10,
+    omitted, straight = omitted_bodies_note(all_bodies), straight_lines_note(run, *position_names)
+    label_panel(axes, f"{subject} ({start}{note}{ends}){omitted}{leaving_text}{straight}")
+    label_plane(view, axes)
+
+
+def label_plane(view: list[BodyPath], axes: Axes) -> None:
+    """Label both axes of a plane: by what they are of all bodies, with their units."""
+    first = view[0]
+    is_one = all((body.across, body.up) == (first.across, first.up) for body in view)
+    across, up = (
+        text if is_one and text and len(text) <= LONGEST else otherwise
+        for text, otherwise in ((first.across, "across"), (first.up, "up"))
     )
+    label_panel(axes, x=(across, first.units), y=(up, first.up_units or first.units))
 
 
 def frame_of_view(view: list[BodyPath]) -> Frame:
@@ -274,7 +278,7 @@ def _draw_companion_paths(view: list[BodyPath], overlay: Overlay, axes: Axes) ->
     """
     is_several, shades = len(view) > 1, colours_of(view)
     if is_several and overlay.companions:
-        axes.plot([], [], "-", color=GREY, linewidth=1.1, label=escaped_text(overlay.run_label))
+        draw_line(axes, [], [], "-", GREY, overlay.run_label, 1.1)
     for k, companion in enumerate(overlay.companions, 1):
         if companion.record is None:
             companion_lines = [companion.values_at_common_times(body.across, body.up) for body in view]
@@ -286,13 +290,12 @@ def _draw_companion_paths(view: list[BodyPath], overlay: Overlay, axes: Axes) ->
                 if (companion_view[0].across, companion_view[0].up) == (first.across, first.up)
             ]
             companion_lines = [[path.x, path.y] for path in matching_views[0][: len(view)]] if matching_views else []
-        style = "+" if companion.record is None else DASHES[(k - 1) % len(DASHES)]
+        style: dict[str, Any] = {"style": "+" if companion.record is None else run_dashes(k), "width": 1.2, "size": 6.0}
         for j, pair in enumerate(line for line in companion_lines if line is not None):
-            colour = shades[j] if is_several and view[0].dims else COLOURS[(j if is_several else k) % len(COLOURS)]
-            axes.plot(*pair, style, color=colour, linewidth=1.2, alpha=0.8)
+            colour = shades[j] if is_several and view[0].dims else (j if is_several else k)
+            draw_line(axes, pair[0], pair[1], colour=colour, alpha=0.8, **style)
         if any(line is not None for line in companion_lines):
-            colour = GREY if is_several else COLOURS[k % len(COLOURS)]
-            axes.plot([], [], style, color=colour, linewidth=1.2, alpha=0.8, label=escaped_text(companion.label))
+            draw_line(axes, [], [], colour=GREY if is_several else k, label=companion.label, alpha=0.8, **style)
 
 
 def _mark_path_events(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
@@ -341,28 +344,16 @@ def _model_paths(run: xr.Dataset, model: Model) -> list[BodyPath]:
     if not {*names} <= {*run.variables}:
         return []
     times, lines = _path_lines(run, names)
-    bodies = []
     places = plane_positions(model, times, dict(zip(names, lines, strict=True)))
     body_names = model.pictured.bodies if len(model.pictured.bodies) == len(places) else ("",) * len(places)
+    bodies = []
     for pair, (x, y), body in zip(model.pictured.plane, places, body_names, strict=True):
         across, up = (spell(dimension_of(model.expanded(component), model.dimensions)).text for component in pair)
-        up_units = up if up != across else ""
-        coordinate_names = [
+        on_x, on_y = (
             part.name if isinstance(part, Name) and part.name in model.statement.coordinates else "" for part in pair
-        ]
-        bodies.append(
-            BodyPath(
-                text_of(pair[0]),
-                text_of(pair[1]),
-                across,
-                times,
-                x,
-                y,
-                body,
-                up_units,
-                names=(coordinate_names[0], coordinate_names[1]),
-            )
         )
+        texts, up_units = [*map(text_of, pair)], up if up != across else ""
+        bodies.append(BodyPath(texts[0], texts[1], across, times, x, y, body, up_units, names=(on_x, on_y)))
     return bodies
 
 
@@ -378,10 +369,10 @@ def plane_positions(model: Model, times: Floats, states: Mapping[str, Floats]) -
     """Evaluate the pairs that a model names at states, given in recorded units."""
     state = {name: states[name] * float(model.units[name].factor) for name in plane_variables(model)}
     namespace = dict(constants(model)) | state | {"t": times}
-    pairs = [
-        [evaluate_many(model.expanded(component), namespace) for component in pair] for pair in model.pictured.plane
+    return [
+        (np.broadcast_to(x, times.shape), np.broadcast_to(y, times.shape))
+        for x, y in ((evaluate_many(model.expanded(part), namespace) for part in pair) for pair in model.pictured.plane)
     ]
-    return [(np.broadcast_to(x, times.shape), np.broadcast_to(y, times.shape)) for x, y in pairs]
 
 
 def _path_line(run: xr.Dataset, name: str) -> tuple[Floats, Floats]:
@@ -396,11 +387,6 @@ def _path_lines(run: xr.Dataset, names: list[str]) -> tuple[Floats, list[Floats]
     if len(curves) < len(names) or not curves:
         return run.variables["time"].values, [run.variables[name].values for name in names]
     return curves[0][0], [values for _, values in curves]
-
-
-def axis_text(text: str, otherwise: str) -> str:
-    """Return an expression if an axis has room for it, else what the axis is."""
-    return text if text and len(text) <= LONGEST else otherwise
 
 
 MOST_POINTS = 4000  # of a path
@@ -447,10 +433,7 @@ def draw_space(run: xr.Dataset, space: Space, views: list[list[BodyPath]], axes:
 
     All three have one scale; a side that would be too flat for its ticks is stretched, and says so.
     """
-    subplot_spec: Any = axes.get_subplotspec()
-    figure: Any = axes.figure
-    axes.remove()
-    solid: Any = figure.add_subplot(subplot_spec, projection="3d")
+    (solid,) = subpanels(axes, 1, projection="3d")
     view, orbits = views[0], space.orbits[:MOST_BODIES]
     frame = frame_of([orbit.points for orbit in orbits], [path.times for path in view[:MOST_BODIES]])
     for orbit, colour in zip(orbits, colours_of(view), strict=True):
@@ -465,9 +448,7 @@ def draw_space(run: xr.Dataset, space: Space, views: list[list[BodyPath]], axes:
     power = _shape_space_axes(solid, frame, space.axes)
     units = f"10{superscript(power)} {typeset(space.units)}" if power else typeset(space.units)
     leaving_text = leaving_bodies_note(frame, view, run["time"])
-    solid.set_title(
-        f"in space, in {units} (dot: start){omitted_bodies_note(view)}{leaving_text}", loc="left", fontsize=10
-    )
+    label_panel(solid, f"in space, in {units} (dot: start){omitted_bodies_note(view)}{leaving_text}")
 
 
 def _shape_space_axes(solid: Any, frame: Frame, names: tuple[str, str, str]) -> int:

@@ -191,7 +191,9 @@ def _draw_ranked(
     for rank, name in enumerate(order):
         is_nonzero = sizes[name] > 0.0
         style = {"colour": rank, "label": labels[name]} if rank < len(labels) else UNNAMED
-        draw_line(axes, steps[is_nonzero], sizes[name][is_nonzero], "o-", zorder=2.0 - rank / (3.0 * len(order)), **style)
+        draw_line(
+            axes, steps[is_nonzero], sizes[name][is_nonzero], "o-", zorder=2.0 - rank / (3.0 * len(order)), **style
+        )
     return order
 
 

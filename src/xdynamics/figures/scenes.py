@@ -16,7 +16,7 @@ from xdynamics.figures.bodies_scene import BodiesScene, mechanism_of, two_views_
 from xdynamics.figures.boundaries import boundaries_of, disc_radii, fastenings_of
 from xdynamics.figures.element_maps import ElementField, colour_bar, colours, draw_cells, fields_of, name_elements
 from xdynamics.figures.framing import MARGIN, PROFILE, frame_size
-from xdynamics.figures.marks import draw_line, label_panel, typeset
+from xdynamics.figures.marks import draw_line, label_panel
 from xdynamics.figures.plane import line_views, views
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Profile:
 
     def start(self, axes: Axes) -> str:
         """Draw the range that the quantity has and its start in grey, or a map of the start with the colours of all times."""
-        field, label = self.field, (self.field.name, typeset(self.field.units))
+        field, label = self.field, (self.field.name, self.field.units)
         if self.is_map:
             self._artist = draw_cells(self.values[0], field.extents, axes, **colours(self.values))
             colour_bar(self._artist, label, axes)

@@ -431,7 +431,7 @@ def sheet(
     for axes, draw in zip(grid.flat, panels, strict=False):
         _style_axes(axes)
         draw(axes)
-    _typeset_labels(figure.axes)
+    typeset_labels(figure.axes)
     figure.suptitle(escaped_text(title), x=0.01, ha="left", fontsize=13)
     lines = textwrap.wrap(escaped_text(foot), WIDTH, max_lines=MOST_LINES, placeholder=" …")
     figure.supxlabel("\n".join(lines), fontsize=8, alpha=0.7, x=0.01, ha="left")
@@ -444,7 +444,7 @@ def on_axes(axes: Axes, draw: Panel) -> None:
     """Draw a panel on axes of a figure that is another's."""
     _style_axes(axes)
     draw(axes)
-    _typeset_labels([axes])
+    typeset_labels([axes])
 
 
 def _style_axes(axes: Axes) -> None:
@@ -454,7 +454,7 @@ def _style_axes(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _typeset_labels(row: Sequence[Axes]) -> None:
+def typeset_labels(row: Sequence[Axes]) -> None:
     """Typeset the units of labels, and put powers of ten beside them."""
     panels: list[Any] = [part for axes in row for part in (axes, *axes.child_axes) if part.name != "3d"]
     for axis in (axis for part in panels for axis in (part.xaxis, part.yaxis)):
