@@ -17,16 +17,6 @@ from numpy.typing import NDArray
 from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.expressions import Name, Node, expand
 from xdynamics.expressions.evaluation import evaluate
-from xdynamics.figures.body_paths import (
-    MOST_BODIES,
-    MOST_ENDS,
-    SMALL,
-    BodyPath,
-    brief_names,
-    colours_of,
-    names_at_bodies,
-    omitted_bodies_note,
-)
 from xdynamics.figures.boundaries import (
     Boundary,
     Fastening,
@@ -41,7 +31,19 @@ from xdynamics.figures.curves import plotted_lines
 from xdynamics.figures.framing import MARGIN, PROFILE, SLIM, Frame, double_frame_size, frame_of, frame_size
 from xdynamics.figures.line_panels import MOST_NAMED
 from xdynamics.figures.marks import COLOURS, LETTERS, escaped_text, legible
-from xdynamics.figures.plane import frame_of_view, label_plane, leaving_bodies_note
+from xdynamics.figures.plane import (
+    MOST_BODIES,
+    MOST_ENDS,
+    SMALL,
+    BodyPath,
+    brief_names,
+    colours_of,
+    frame_of_view,
+    label_plane,
+    leaving_bodies_note,
+    names_at_bodies,
+    omitted_bodies_note,
+)
 from xdynamics.model import Model
 from xdynamics.model.body_sections import AXES, Body, Triple, position, scalar_part, vector_part
 from xdynamics.model.constraint_consistency import parameter_values

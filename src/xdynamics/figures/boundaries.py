@@ -16,8 +16,8 @@ from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.expressions import Node, free_names
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name
-from xdynamics.figures.body_paths import MOST_BODIES, BodyPath, colours_of
 from xdynamics.figures.marks import escaped_text
+from xdynamics.figures.plane import MOST_BODIES, BodyPath, colours_of
 from xdynamics.model import Model
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import ORIGIN

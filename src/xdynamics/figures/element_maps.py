@@ -22,16 +22,19 @@ from xdynamics.figures.marks import (
     COLOURS,
     Label,
     at_time,
+    axis_title,
     draw_line,
+    element_dims_text,
     escaped_text,
     label_panel,
     label_time,
     long_unit,
+    shared_axis,
     shortened_names,
+    straight_lines_note,
     subpanels,
     typeset,
 )
-from xdynamics.figures.panel_words import axis_title, element_dims_text, shared_axis, straight_lines_note
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.record.unfolding import shapes_of
 from xdynamics.shapes import Extent, Shapes, display_text, split_element_name

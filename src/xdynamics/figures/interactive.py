@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
-from xdynamics.figures.powers import without_power
+from xdynamics.figures.marks import without_power
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

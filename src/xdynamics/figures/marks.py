@@ -1,11 +1,16 @@
 """What is marked on the lines of a run: regimes as bands; how times, units and names are written.
 
 Colours that can be told from the paper: darker on a light sheet, lighter on a dark one, where they are too near to it.
+
+Powers of ten of an axis: in its label, where nothing else lies, and not beside its ticks.
+
+Words of panels: what an axis shows, whose values are drawn, and where lines are straight.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +19,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from xdynamics.faults import escaped
-from xdynamics.shapes import display_text
+from xdynamics.figures.curves import REACTION, has_chords, has_missing_rows, is_mean, known_model
+from xdynamics.record.unfolding import whole_of
+from xdynamics.shapes import display_text, join_element_name, split_element_name
 from xdynamics.units import SECONDS, unit_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 LINES, LETTERS = 3.0, 4.5  # least ratios of luminances: WCAG 2.1, success criteria 1.4.11 and 1.4.3
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])  # of red, green, blue in a luminance: IEC 61966-2-1
@@ -279,3 +287,110 @@ def shade_regimes(run: xr.Dataset, axes: Axes) -> None:
                 fontsize=7,
                 color="#555555",
             )
+
+
+POWER = re.compile(r"10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+ ?")
+OFFSET = re.compile("1e([-\u2212]?[0-9]+)")  # as matplotlib writes a power alone
+UNIT = re.compile(r" \(([^()]*)\)$")  # behind a label, and not an argument: E(0)
+PLAIN = (-4, 5)  # powers from which to which numbers are written out: those of matplotlib
+
+
+def fold_power(axis: Any) -> None:
+    """Move the power of ten that all ticks of an axis share into its label: ``x (10⁻¹² m)``."""
+    from matplotlib.ticker import ScalarFormatter
+
+    formatter = axis.get_major_formatter()
+    if not isinstance(formatter, ScalarFormatter):
+        return
+    low, high = sorted(axis.get_view_interval())
+    formatter.set_locs([tick for tick in axis.get_majorticklocs() if low <= tick <= high])
+    if not (match := OFFSET.fullmatch(formatter.get_offset())):  # none, or beside a number that is taken from all ticks
+        return
+    power = int(match[1].replace("\u2212", "-"))
+    formatter.set_powerlimits((power, power))  # whichever ticks another size has
+    axis.offsetText.set_visible(False)
+    axis.set_label_text(with_power(axis.get_label_text(), power))
+
+
+def with_power(label: str, power: int) -> str:
+    """Return a label with a power of ten before its unit.
+
+    Examples
+    --------
+    >>> with_power("x (m)", -12), with_power("E - E(0)", 7), with_power("", 7)
+    ('x (10⁻¹² m)', 'E - E(0) (10⁷)', '10⁷')
+    """
+    ten = f"10{superscript(power)}"
+    if match := UNIT.search(label):
+        return f"{label[: match.start()]} ({ten} {match[1]})"
+    return f"{label} ({ten})" if label else ten
+
+
+def without_power(label: str) -> str:
+    """Return a label as it was before, for axes that write numbers in their own way.
+
+    Examples
+    --------
+    >>> without_power("x (10⁻¹² m)"), without_power("share (10⁷)"), without_power("x (m)")
+    ('x (m)', 'share', 'x (m)')
+    """
+    return POWER.sub("", label).removesuffix(" ()")
+
+
+def shared_power(values: Any) -> int:
+    """Return the power of ten in which to write numbers of several axes; 0 where they are written out."""
+    largest = float(np.abs(values).max(initial=0.0))
+    power = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
+    return 0 if PLAIN[0] <= power < PLAIN[1] else power
+
+
+CONTACT = {REACTION, "gap"}  # roles
+LONGEST_LABEL = 24  # characters
+
+
+def straight_lines_note(
+    run: xr.Dataset, *names: str, exact: bool = False, companion_records: Iterable[xr.Dataset] = ()
+) -> str:
+    """Note where lines are straight between rows, because states there, or forces of contacts of many bodies, are unknown.
+
+    Forces of contacts that act over whole steps are known as means alone; where not all runs that are drawn have such
+    forces, their method is named.
+    """
+    drawn_runs = [run, *companion_records]
+    if of_means := [drawn_run for drawn_run in drawn_runs if any(is_mean(drawn_run, name) for name in names)]:
+        method_note = f" of {of_means[0].attrs['solver_method']}" * (len(of_means) < len(drawn_runs))
+        has_gaps = any(map(has_missing_rows, of_means))
+        return f"; means over the step before each row{method_note}" + ", straight between those" * has_gaps
+    if not has_chords(run, *names, exact=exact):
+        return ""
+    roles, model = {run.variables[name].attrs.get("role") for name in names if name in run.variables}, known_model(run)
+    if roles and roles <= CONTACT and model is not None and model.assemblies:
+        return "; of many links: solved at rows, straight between them"
+    return "; straight between rows"
+
+
+def axis_title(names: list[str]) -> str:
+    """Name what an axis shows, briefly: the legend has all names."""
+    quantities = {split_element_name(name)[0] for name in names}
+    if len(quantities) == 1:
+        return shared_axis(names) or quantities.pop() if len(names) > 1 else names[0]
+    all_names = ", ".join(names)
+    return all_names if len(all_names) <= LONGEST_LABEL else f"{names[0]} … {names[-1]}"
+
+
+def shared_axis(names: list[str]) -> str:
+    """Return the component that several elements have in common, `r[x]` of `r[0, x]` and `r[1, x]`; empty if none."""
+    components = {(quantity, labels[-1]) for quantity, labels in map(split_element_name, names) if len(labels) > 1}
+    is_one = len(names) > 1 and len(components) == 1 and all(len(split_element_name(name)[1]) > 1 for name in names)
+    (quantity, label) = components.pop() if is_one else ("", "")
+    return join_element_name(quantity, [label]) if is_one else ""
+
+
+def element_dims_text(run: xr.Dataset, names: list[str]) -> str:
+    """Return what there is one variable of: the dimensions of a quantity, without an axis that all have in common."""
+    quantities = {split_element_name(name)[0] for name in names}
+    quantity = quantities.pop() if len(quantities) == 1 else ""
+    dims = (
+        [str(dim) for dim in whole_of(run).variables[quantity].dims[1:]] if quantity in whole_of(run).variables else []
+    )
+    return " and ".join(dims[:-1] if shared_axis(names) else dims) or "variable"

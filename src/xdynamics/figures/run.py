@@ -14,14 +14,14 @@ import xarray as xr
 
 from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.faults import InputError
-from xdynamics.figures import boundaries, element_maps, energy, line_panels, plane
-from xdynamics.figures.body_paths import BodyPath
+from xdynamics.figures import boundaries, element_maps, line_panels, plane
 from xdynamics.figures.companions import Overlay
 from xdynamics.figures.curves import with_role
 from xdynamics.figures.element_maps import field_panels
 from xdynamics.figures.excerpt import overlay_of
 from xdynamics.figures.line_panels import are_rounding_errors, drives_by_unit, groups_by_unit
-from xdynamics.figures.panel_words import shared_axis
+from xdynamics.figures.marks import shared_axis
+from xdynamics.figures.plane import BodyPath
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.transients import Transient
 from xdynamics.model.body_sections import position, quasi_coordinate, unit_quaternions
@@ -371,9 +371,9 @@ def _force_panels(
 def _march_panels(run: xr.Dataset, overlay: Overlay) -> Iterator[KeyedPanel]:
     """Yield energies, steps, errors, and how well events were located."""
     if _has_rows(run, "total_energy"):
-        yield "energy", ["total_energy"], partial(energy.draw_energy, run, overlay)
-        if not overlay.companions and energy.has_terms(run):
-            yield "energy", [], partial(energy.draw_energy_terms, run)
+        yield "energy", ["total_energy"], partial(line_panels.draw_energy, run, overlay)
+        if not overlay.companions and line_panels.has_terms(run):
+            yield "energy", [], partial(line_panels.draw_energy_terms, run)
     if _has_rows(run, "step_size", "trial_reason", "trial_step_size", "trial_time") and not _is_steady(run):
         yield "steps", ["step_size"], partial(line_panels.draw_steps, run, overlay)
     if _has_rows(run, "error_norm"):

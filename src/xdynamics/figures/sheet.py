@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from xdynamics.archive.folder_store import check_target, taking_name
 from xdynamics.archive.store import Place
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.figures.marks import escaped_text, typeset
-from xdynamics.figures.powers import fold_power
+from xdynamics.figures.marks import escaped_text, fold_power, typeset
 from xdynamics.units import NUMBERS
 
 if TYPE_CHECKING:
