@@ -65,10 +65,10 @@ def drawn(run: Any, kind: str) -> Any:
 def test_orbits_are_drawn_in_space() -> None:
     """Assert that each body has its path in three dimensions, its name in a legend, and one scale on all axes."""
     run = xd.simulate(xd.Model.from_text(SPRINGS))
-    (space,) = spaces(views(unfold(run)))
-    for orbit, body in zip(space.orbits, "ab", strict=True):
-        assert orbit.body == body
-        ends = orbit.points[:, [0, -1]].T
+    (bodies,) = spaces(views(unfold(run)))
+    for path, body in zip(bodies, "ab", strict=True):
+        assert path.body == body
+        ends = path.points[:, [0, -1]].T
         assert (ends == run.r.sel(body=body).values[[0, -1]]).all()
     (axes,) = [each for each in drawn(run, "space").axes if each.get_visible()]
     assert axes.name == "3d"

@@ -20,6 +20,7 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.figures.boundaries import (
     Boundary,
     Fastening,
+    add_discs,
     boundaries_of,
     disc_radii,
     fastenings_of,
@@ -28,9 +29,9 @@ from xdynamics.figures.boundaries import (
     widened_limits,
 )
 from xdynamics.figures.curves import plotted_lines
-from xdynamics.figures.framing import MARGIN, PROFILE, SLIM, Frame, double_frame_size, frame_of, frame_size
+from xdynamics.figures.framing import PROFILE, Frame, double_frame_size, frame_of, frame_size, padded_limits
 from xdynamics.figures.line_panels import MOST_NAMED
-from xdynamics.figures.marks import COLOURS, LETTERS, escaped_text, legible
+from xdynamics.figures.marks import COLOURS, LETTERS, draw_line, legible
 from xdynamics.figures.plane import (
     MOST_BODIES,
     MOST_ENDS,
@@ -43,6 +44,7 @@ from xdynamics.figures.plane import (
     leaving_bodies_note,
     names_at_bodies,
     omitted_bodies_note,
+    spaces,
 )
 from xdynamics.model import Model
 from xdynamics.model.body_sections import AXES, Body, Triple, position, scalar_part, vector_part
@@ -116,8 +118,7 @@ class BodiesScene:
     @property
     def legend_names(self) -> list[str]:
         """What bodies are called, where there are several, and not too many for a legend."""
-        names = [body.label for body in self.view]
-        return names if 1 < len(names) <= MOST_NAMED and all(names) else []
+        return _names_in_legend([body.label for body in self.view])
 
     @cached_property
     def _motion_frame(self) -> Frame:
@@ -145,8 +146,7 @@ class BodiesScene:
         largest_radius = float(self.radii.max(initial=0.0))
         low, high = low - largest_radius, high + largest_radius
         longer = float(max(high - low)) or 1.0 if self.view[0].is_space else np.where(high > low, high - low, 1.0)
-        half = np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
-        limits = np.stack([(low + high) / 2.0 - half, (low + high) / 2.0 + half], axis=-1)
+        limits = padded_limits(low, high, longer)
         times = np.linspace(float(self.times[0]), float(self.times[-1]), LOOKED_AT).tolist()
         return widened_limits(limits, self.boundaries, times)
 
@@ -168,10 +168,7 @@ class BodiesScene:
         for wall in self.boundaries:
             wall.start(axes, self.limits)
         self._dots = self._prepare_bodies(axes, colours[: len(drawn_bodies)])
-        for name, colour in zip(self.legend_names, colours, strict=False):
-            axes.plot([], [], "o", color=colour, markersize=6, label=escaped_text(name))
-        if self.legend_names and self.is_named:
-            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False, handletextpad=0.2)
+        _add_body_legend(axes, self.legend_names, colours, "o", is_drawn=self.is_named, handletextpad=0.2)
         self._tags = self._prepare_name_tags(axes, colours)
         return f"{self.title_notes}{outside_note(self.far_walls)}"
 
@@ -199,18 +196,12 @@ class BodiesScene:
 
     def _prepare_bodies(self, axes: Axes, colours: list[str]) -> Any:
         """Prepare the bodies: discs as large as they are, or dots."""
-        from matplotlib.collections import EllipseCollection
-
         unplaced = np.full((len(colours), 2), np.nan)
         if not self.radii.size:
             area = 64.0 if len(colours) <= MOST_TRAILS else 16.0
             return axes.scatter(unplaced[:, 0], unplaced[:, 1], s=area, c=colours, zorder=3)
-        size = 2.0 * self.radii[: len(colours)]
-        style: dict[str, Any] = {"facecolors": colours, "edgecolors": "none", "zorder": 3}
-        discs = EllipseCollection(
-            size, size, np.zeros(len(size)), units="xy", offsets=unplaced, offset_transform=axes.transData, **style
-        )
-        return axes.add_collection(discs, autolim=False)
+        radii = self.radii[: len(colours)]
+        return add_discs(axes, unplaced, radii, facecolors=colours, edgecolors="none", zorder=3)
 
     def move_to(self, time: float) -> list[Any]:
         """Put dots, links and trails where they are."""
@@ -222,11 +213,31 @@ class BodiesScene:
             part.move_to(time) for part in self.boundaries if part.moves
         ]
         if len(drawn_bodies) <= MOST_TRAILS:
-            trail_duration = 0.1 * float(np.ptp(self.times)) if self.trail is None else self.trail
-            self._trails.set_segments([_trail(body, time - trail_duration, time) for body in drawn_bodies])
+            begin = time - _trail_duration(self.times, self.trail)
+            self._trails.set_segments([_trail(body, begin, time) for body in drawn_bodies])
         for tag, body_place in zip(self._tags, places, strict=False):
             tag.xy = tuple(body_place)
         return [self._trails, *moved_artists, self._dots, *self._tags]
+
+
+def _names_in_legend(names: list[str]) -> list[str]:
+    """Return what bodies are called, where there are several, and not too many for a legend."""
+    return names if 1 < len(names) <= MOST_NAMED and all(names) else []
+
+
+def _add_body_legend(
+    axes: Axes, names: list[str], colours: Sequence[str], style: str, *, is_drawn: bool = True, **options: Any
+) -> None:
+    """Name bodies beside their axes."""
+    for name, colour in zip(names, colours, strict=False):
+        draw_line(axes, [], [], style, colour, name, 1.5, 6.0)
+    if names and is_drawn:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False, **options)
+
+
+def _trail_duration(times: Floats, trail: float | None) -> float:
+    """Return how far back trails go: a tenth of the run, where nothing is said."""
+    return 0.1 * float(np.ptp(times)) if trail is None else trail
 
 
 def _trail(body: BodyPath, begin: float, end: float) -> Floats:
@@ -304,42 +315,22 @@ def paths_in_two_views(views: list[list[BodyPath]]) -> tuple[list[BodyPath], lis
 
     The axis that both have is the longest side of the motion.
     """
-    if len(views) < 3:
+    if (paths := next(spaces(views), None)) is None:
         return None
-    plan, front, side = views[:3]
-    names = (plan[0].across, plan[0].up, front[0].up)
-    if (front[0].across, side[0].across, side[0].up) != names or not plan[0].is_space:
-        return None
-    lines = [_space_path(path, front_path) for path, front_path in zip(plan, front, strict=True)]
-    frame = frame_of(lines, [path.times for path in plan])
+    frame = frame_of([path.points for path in paths], [path.times for path in paths])
     longest = int(np.argmax(frame.sides))
-    first, second = (
-        [_path_in_view(path, front_path, pair, line) for path, front_path, line in zip(plan, front, lines, strict=True)]
-        for pair in SIDES[longest]
-    )
+    first, second = ([_turned_path(path, *pair) for path in paths] for pair in SIDES[longest])
     return first, second, longest == 0
 
 
-def _space_path(path: BodyPath, front_path: BodyPath) -> Floats:
-    """Return a path in space, shape (3, n)."""
-    return np.stack([path.x, path.y, np.interp(path.times, front_path.times, front_path.y)])
-
-
-def _path_in_view(path: BodyPath, front_path: BodyPath, pair: tuple[int, int], line: Floats) -> BodyPath:
-    """Return a path as a view shows it, with what it does not show as its depth."""
-    depth_axis = 3 - sum(pair)
-    titles, names = (path.across, path.up, front_path.up), (*path.names, front_path.names[1])
-    across, up = pair
-    return replace(
-        path,
-        across=titles[across],
-        up=titles[up],
-        x=line[across],
-        y=line[up],
-        names=(names[across], names[up]),
-        depth=line[depth_axis],
-        depth_name=names[depth_axis],
-    )
+def _turned_path(path: BodyPath, across: int, up: int) -> BodyPath:
+    """Return a path in space as a view of two of its axes shows it, with what it does not show as its depth."""
+    order = [across, up, 3 - across - up]
+    titles, names = (path.across, path.up, path.depth_axis), (*path.names, path.depth_name)
+    (x, y, depth), (name, up_name, depth_name) = path.points[order], (names[k] for k in order)
+    across_axis, up_axis, depth_axis = (titles[k] for k in order)
+    turned = replace(path, across=across_axis, up=up_axis, x=x, y=y, names=(name, up_name))
+    return replace(turned, depth=depth, depth_axis=depth_axis, depth_name=depth_name)
 
 
 def two_views_of(run: xr.Dataset, views: list[list[BodyPath]], trail: float | None) -> TwoViews | None:
@@ -457,7 +448,7 @@ class Mechanism:
     @property
     def _legend_names(self) -> list[str]:
         """What bodies are called, where there are several, and not too many for a legend."""
-        return [solid.name for solid in self.solids] if 1 < len(self.solids) <= MOST_NAMED else []
+        return _names_in_legend([solid.name for solid in self.solids])
 
     @cached_property
     def follows_bodies(self) -> bool:
@@ -491,8 +482,7 @@ class Mechanism:
         points = np.concatenate(projections)
         low, high = points.min(axis=0), points.max(axis=0)
         longer = float(max(high - low))
-        half = np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
-        return np.stack([(low + high) / 2.0 - half, (low + high) / 2.0 + half], axis=-1)
+        return padded_limits(low, high, longer)
 
     def start(self, axes: Axes) -> str:
         """Prepare lines, dots and trails."""
@@ -505,25 +495,20 @@ class Mechanism:
         self._lines = axes.add_collection(LineCollection([], linewidths=1.4), autolim=False)
         unplaced = np.full(len(colours), np.nan)
         self._dots = axes.scatter(unplaced, unplaced, s=16.0, c=colours, zorder=3)
-        for name, colour in zip(self._legend_names, colours, strict=False):
-            axes.plot([], [], "-", color=colour, label=escaped_text(name))
-        if self._legend_names:
-            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
+        _add_body_legend(axes, self._legend_names, colours, "-")
         return ", going along" if self.follows_bodies else ""
 
     def move_to(self, time: float) -> list[Any]:
         """Put everything where it is."""
         middle = self._middle(time)
-        trail_duration = 0.1 * float(np.ptp(self.times)) if self.trail is None else self.trail
+        begin = time - _trail_duration(self.times, self.trail)
         dots, lines, colours, trails = [], [], [], []
         for k, solid in enumerate(self.solids):
             origin, body_lines = solid.lines_at(self.times, time)
             dots.append(projected(origin - middle))
             lines += [projected(line - middle) for line in body_lines]
             colours += [COLOURS[k % len(COLOURS)]] * len(body_lines)
-            passed = np.append(
-                solid.places[(self.times > time - trail_duration) & (self.times < time)], origin[None], axis=0
-            )
+            passed = np.append(solid.places[(self.times > begin) & (self.times < time)], origin[None], axis=0)
             trails.append(projected(passed - middle))
         self._dots.set_offsets(np.array(dots))
         self._lines.set_segments(lines)

@@ -296,24 +296,31 @@ def disc_radii(run: xr.Dataset, view: list[BodyPath]) -> Floats:
 
 def draw_discs(view: list[BodyPath], radii: Floats, axes: Axes) -> bool:
     """Draw bodies that have radii as large as they are, rings at the start and discs at the end; return whether they have."""
-    from matplotlib.collections import EllipseCollection
-
     drawn_bodies, size = view[:MOST_BODIES], 2.0 * radii[:MOST_BODIES]
     if not radii.size:
         return False
+    colours = colours_of(view)[: len(drawn_bodies)]
     for row, style in (
-        (0, {"facecolors": "none", "edgecolors": colours_of(view)[: len(drawn_bodies)], "alpha": 0.5}),
-        (-1, {"facecolors": colours_of(view)[: len(drawn_bodies)], "edgecolors": "none", "alpha": 0.35}),
+        (0, {"facecolors": "none", "edgecolors": colours, "alpha": 0.5}),
+        (-1, {"facecolors": colours, "edgecolors": "none", "alpha": 0.35}),
     ):
         places = np.array([[path.x[row], path.y[row]] for path in drawn_bodies])
-        disc_style: dict[str, Any] = {"offsets": places, "offset_transform": axes.transData, "linewidths": 0.8, **style}
-        axes.add_collection(
-            EllipseCollection(size, size, np.zeros(len(drawn_bodies)), units="xy", **disc_style), autolim=False
-        )
+        add_discs(axes, places, radii[:MOST_BODIES], linewidths=0.8, **style)
         for margin in (-size, size):  # what limits do not know of a collection in units of its own
             axes.update_datalim(places + margin[:, None] / 2.0)
     axes.autoscale_view()
     return True
+
+
+def add_discs(axes: Axes, places: Floats, radii: Floats, **style: Any) -> Any:
+    """Add discs of some radii, in the axes' unit, at places of shape (bodies, 2)."""
+    from matplotlib.collections import EllipseCollection
+
+    size, transform = 2.0 * radii, axes.transData
+    discs = EllipseCollection(
+        size, size, np.zeros(len(size)), units="xy", offsets=places, offset_transform=transform, **style
+    )
+    return axes.add_collection(discs, autolim=False)
 
 
 def _pair_gaps(
@@ -381,15 +388,14 @@ class Fastening:
 
     def place_lines(self, places: Floats) -> Any:
         """Put the lines between the places of bodies, the last of which is the origin."""
-        pairs = self.endpoint_places(places)[self.ends]
-        self._lines.set_segments(
-            [spring_zigzag(start, end, self._coil) for start, end in pairs] if self.kind == "springs" else pairs
-        )
+        self._lines.set_segments(self.segments(places, self._coil))
         return self._lines
 
-    def endpoint_places(self, places: Floats) -> Floats:
-        """Return the places of bodies, anchors and the origin, of which the first and the last are given."""
-        return np.concatenate([places[:-1], self.anchors[:, :2], places[-1:]])
+    def segments(self, places: Floats, coil: float) -> Sequence[Any]:
+        """Return the lines between the places of bodies, anchors and the origin; of the former the last is the origin."""
+        endpoints = np.concatenate([places[:-1], self.anchors[:, :2], places[-1:]])[self.ends]
+        is_coiled = self.kind == "springs"
+        return [spring_zigzag(start, end, coil) if is_coiled else np.stack([start, end]) for start, end in endpoints]
 
 
 def spring_zigzag(start: Floats, end: Floats, coil: float) -> Floats:
@@ -499,10 +505,8 @@ def draw_at_start(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> bool:
     coil = COIL * float(np.ptp(places, axis=0).max())
     parts = fastenings_of(run, drawn_bodies)
     for part in parts:
-        for start, end in part.endpoint_places(places)[part.ends]:
-            axes.plot(
-                *(spring_zigzag(start, end, coil) if part.kind == "springs" else np.stack([start, end])).T, **AT_START
-            )
+        for segment in part.segments(places, coil):
+            axes.plot(*segment.T, **AT_START)
         if part.anchors.size:
             axes.plot(*part.anchors.T, **ANCHOR)
     return any(part.ends.size for part in parts)

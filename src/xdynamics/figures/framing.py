@@ -134,6 +134,12 @@ SIDE, LEAST, LABELS = 5.2, 1.8, 0.8  # inches: of the longer side, of any side, 
 KEY, LETTER = 0.4, 0.075  # inches: of a legend beside the axes, and of each letter in it
 
 
+def padded_limits(low: Floats, high: Floats, longer: Floats | float) -> Floats:
+    """Return the limits of a picture around a motion, shape (2, 2): with a margin, no side much shorter than the longer one."""
+    middle, half = (low + high) / 2.0, np.maximum((high - low) / 2.0 + MARGIN * longer, SLIM * longer)
+    return np.stack([middle - half, middle + half], axis=-1)
+
+
 def frame_size(limits: NDArray[np.float64], names: Sequence[str]) -> tuple[float, float]:
     """Return width and height of a frame with one scale, in inches.
 

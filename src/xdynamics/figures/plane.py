@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -404,57 +404,42 @@ THINNEST = 1e-3  # of the longest side, for whose part a side of no length is ta
 EDGES = (-0.05, 0.05)  # of each side, around what is drawn
 
 
-class Orbit(NamedTuple):
-    """The path of a body in three dimensions; its points have the shape (3, n)."""
-
-    body: str
-    points: NDArray[np.float64]
-
-
-class Space(NamedTuple):
-    """Paths in three dimensions, with what the axes are and their unit."""
-
-    orbits: list[Orbit]
-    axes: tuple[str, str, str]
-    units: str
-
-
-def spaces(views: list[list[BodyPath]]) -> Iterator[Space]:
-    """Yield the paths in three dimensions that are seen from three sides."""
+def spaces(views: list[list[BodyPath]]) -> Iterator[list[BodyPath]]:
+    """Yield the paths in three dimensions of bodies that are seen from three sides: those of one view, with their depth."""
     for front, above, side in zip(views, views[1:], views[2:], strict=False):
         first, second, third = front[0], above[0], side[0]
-        names = (first.across, first.up, second.up)
-        has_same_axes = (second.across, third.across, third.up) == names
-        if not (has_same_axes and first.is_space and first.units == second.units == third.units):
-            continue
-        if any(path.x.shape != above_path.x.shape for path, above_path in zip(front, above, strict=True)):
-            continue
-        orbits = [
-            Orbit(path.label, np.stack([path.x, path.y, above_path.y]))
-            for path, above_path in zip(front, above, strict=True)
-        ]
-        yield Space(orbits, names, first.units)
+        has_same_axes = (second.across, third.across, third.up) == (first.across, first.up, second.up)
+        if has_same_axes and first.is_space and first.units == second.units == third.units:
+            yield [
+                replace(
+                    path,
+                    depth=np.interp(path.times, beside.times, beside.y),
+                    depth_axis=beside.up,
+                    depth_name=beside.names[1],
+                )
+                for path, beside in zip(front, above, strict=True)
+            ]
 
 
-def draw_space(run: xr.Dataset, space: Space, views: list[list[BodyPath]], axes: Axes) -> None:
+def draw_space(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
     """Draw paths in three dimensions in the place of some axes, a dot at each start.
 
     All three have one scale; a side that would be too flat for its ticks is stretched, and says so.
     """
     (solid,) = subpanels(axes, 1, projection="3d")
-    view, orbits = views[0], space.orbits[:MOST_BODIES]
-    frame = frame_of([orbit.points for orbit in orbits], [path.times for path in view[:MOST_BODIES]])
-    for orbit, colour in zip(orbits, colours_of(view), strict=True):
-        points = frame.points_inside(orbit.points) if frame.leaving else orbit.points
+    first, bodies = view[0], view[:MOST_BODIES]
+    frame = frame_of([path.points for path in bodies], [path.times for path in bodies])
+    for path, colour in zip(bodies, colours_of(view), strict=True):
+        points = frame.points_inside(path.points) if frame.leaving else path.points
         rows = np.append(np.arange(0, points.shape[1] - 1, 1 + points.shape[1] // MOST_POINTS), points.shape[1] - 1)
-        solid.plot(*points[:, rows], "-", color=colour, linewidth=1.0, label=escaped_text(orbit.body))
+        solid.plot(*points[:, rows], "-", color=colour, linewidth=1.0, label=escaped_text(path.label))
         solid.plot(*points[:, :1], "o", color=colour, markersize=4)
-    names = {escaped_text(orbit.body) for orbit in space.orbits if orbit.body}
+    names = {escaped_text(path.label) for path in view if path.body}
     if 0 < len(names) <= MOST_NAMED and not names <= named_elsewhere(solid):
         solid.legend(fontsize=8, frameon=False)
     colour_key(view, solid)
-    power = _shape_space_axes(solid, frame, space.axes)
-    units = f"10{superscript(power)} {typeset(space.units)}" if power else typeset(space.units)
+    power = _shape_space_axes(solid, frame, (first.across, first.up, first.depth_axis))
+    units = f"10{superscript(power)} {typeset(first.units)}" if power else typeset(first.units)
     leaving_text = leaving_bodies_note(frame, view, run["time"])
     label_panel(solid, f"in space, in {units} (dot: start){omitted_bodies_note(view)}{leaving_text}")
 
@@ -503,8 +488,8 @@ class BodyPath:
         Dimensions of which `body` is an element.
     depth : ndarray, shape (n,), optional
         Along the axis that a view in space does not show.
-    depth_name : str
-        The coordinate that it is.
+    depth_axis, depth_name : str
+        What that axis is, and the coordinate.
     """
 
     across: str
@@ -518,6 +503,7 @@ class BodyPath:
     names: tuple[str, str] = ("", "")
     dims: str = ""
     depth: Floats | None = None
+    depth_axis: str = ""
     depth_name: str = ""
 
     @property

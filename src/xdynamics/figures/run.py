@@ -5,6 +5,7 @@ What figures show of bodies that turn: attitudes and angular velocities, and no 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -86,44 +87,12 @@ class BodyVariables:
 
 
 FEWEST_LOCATED = 3  # events, from which on a panel shows more than their list
-# words by which panels are chosen, besides the names of variables
-KINDS = (
-    "plane",
-    "trajectory",
-    "velocity",
-    "attitude",
-    "state",
-    "profile",
-    "space",
-    "map",
-    "contact",
-    "constraint",
-    "drive",
-    "controller",
-    "phase",
-    "section",
-    "energy",
-    *("steps", "errors", "events"),
-)
-
 # kinds in the order in which they are chosen for a sheet of few panels: what a person came for
 FIRST = (
-    "plane",
-    "space",
-    "map",
-    "trajectory",
-    "attitude",
-    "section",
-    "energy",
-    "contact",
-    "constraint",
-    "drive",
-    "controller",
-    "state",
-    "velocity",
-    "profile",
-    "phase",
+    *("plane", "space", "map", "trajectory", "attitude", "section", "energy", "contact", "constraint"),
+    *("drive", "controller", "state", "velocity", "profile", "phase"),
 )
+KINDS = (*FIRST, "steps", "errors", "events")  # words by which panels are chosen, besides the names of variables
 FEW, ALL = AMOUNTS = ("few", "all")  # of panels
 MOST = 4  # panels, where few are drawn
 
@@ -213,31 +182,24 @@ def panels_and_omissions(
 
 def _omitted_panels_note(keyed: list[KeyedPanel], selected_panels: list[KeyedPanel]) -> str:
     """Say what panels are not drawn, and how they are."""
-    kinds = dict[str, int]()
-    for kind in (
-        kind for kind, _, panel in keyed if all(panel is not drawn_panel for _, _, drawn_panel in selected_panels)
-    ):
-        kinds[kind] = kinds.get(kind, 0) + 1
-    omitted_kinds = ", ".join(kind if number == 1 else f"{number} of {kind}" for kind, number in kinds.items())
-    return f'{len(selected_panels)} of {len(keyed)} panels; with panels = "{ALL}" also {omitted_kinds}' if kinds else ""
+    counts = Counter(kind for kind, _, _ in keyed)
+    counts.subtract(kind for kind, _, _ in selected_panels)
+    omitted_kinds = ", ".join(kind if count == 1 else f"{count} of {kind}" for kind, count in counts.items() if count)
+    note = f'{len(selected_panels)} of {len(keyed)} panels; with panels = "{ALL}" also {omitted_kinds}'
+    return note if omitted_kinds else ""
 
 
 def _leading_panels(panels: list[KeyedPanel]) -> list[KeyedPanel]:
     """Return what a person came for, in reading order: the first panel of each kind, then the second ones."""
-    seen: dict[str, int] = {}
-    ranks = []
-    has_plane = any(kind == "plane" for kind, _, _ in panels)
+    seen, ranks, has_plane = Counter[str](), [], any(kind == "plane" for kind, _, _ in panels)
     for panel_index, (kind, names, _) in enumerate(panels):
-        is_map = (
-            has_plane and len(names) > line_panels.MOST_LINES
-        )  # bodies are seen better in the plane, from each side
-        seen[kind] = seen.get(kind, 0) + 1
+        # bodies are seen better in the plane, from each side
+        is_map = has_plane and len(names) > line_panels.MOST_LINES
+        seen[kind] += 1
         if kind in FIRST:
             turn = 1 if is_map and shared_axis(names) else seen[kind]  # each axis before the next kind
             ranks.append((is_map, turn, FIRST.index(kind), panel_index))
-    return [
-        panels[panel_index] for panel_index in sorted(panel_index for *_, panel_index in sorted(ranks)[:MOST])
-    ] or panels[:MOST]
+    return [panels[k] for k in sorted(panel_index for *_, panel_index in sorted(ranks)[:MOST])] or panels[:MOST]
 
 
 def _requested_names(run: xr.Dataset, only: Sequence[str]) -> list[str]:
@@ -273,7 +235,7 @@ def _run_panels(
     for view in views:
         yield "plane", [], partial(_draw_body_plane, run, view, overlay)
     for seen in plane.spaces(views):
-        yield "space", [], partial(plane.draw_space, run, seen, views)
+        yield "space", [], partial(plane.draw_space, run, seen)
     for names, panel in field_panels(run, 2):
         is_whole_field = requested_names is None or {*names} <= {*requested_names}
         yield "map", names if is_whole_field else [], panel
@@ -314,17 +276,18 @@ def _motion_panels(run: xr.Dataset, overlay: Overlay, requested_names: Sequence[
             subject = title or str(run.variables[group[0]].attrs["role"]).replace("_", " ")
             panel = maps.get(tuple(group))
             if panel is None:
-                yield kind, group, partial(line_panels.draw_against_time, run, group, subject, overlay)
+                yield _against_time(run, kind, group, subject, overlay)
             elif requested_names is not None and kind in requested_names:
                 yield kind, group, panel
-    for parts in body_variables.attitudes:
-        if requested_names is None or "attitude" in requested_names:
-            yield (
-                "attitude",
-                parts,
-                partial(line_panels.draw_against_time, run, parts, "attitude, a quaternion", overlay),
-            )
+    if requested_names is None or "attitude" in requested_names:
+        for parts in body_variables.attitudes:
+            yield _against_time(run, "attitude", parts, "attitude, a quaternion", overlay)
     yield from (("profile", names, panel) for names, panel in field_panels(run, 1))
+
+
+def _against_time(run: xr.Dataset, kind: str, names: list[str], subject: str, overlay: Overlay) -> KeyedPanel:
+    """Return the panel of some variables of one unit against time."""
+    return kind, names, partial(line_panels.draw_against_time, run, names, subject, overlay)
 
 
 def _force_panels(
@@ -343,14 +306,9 @@ def _force_panels(
             name for name in role_names if run.variables[name].ndim == 1 and run.variables[name].values.any()
         ]
         for names in groups_by_unit(run, _requested_variables(kind, acting_names, requested_names)):
-            if not are_rounding_errors(run, names):
-                yield kind, names, partial(line_panels.draw_against_time, run, names, title, overlay)
-            elif requested_names is not None:
-                yield (
-                    kind,
-                    names,
-                    partial(line_panels.draw_against_time, run, names, f"{title}: no more than rounding", overlay),
-                )
+            is_noise = are_rounding_errors(run, names)
+            if not is_noise or requested_names is not None:
+                yield _against_time(run, kind, names, f"{title}{': no more than rounding' * is_noise}", overlay)
     for names in groups_by_unit(run, line_panels.impulses(run, coordinates)):
         yield "contact", [], partial(line_panels.draw_impact_needles, run, names, overlay)
     for names in drives_by_unit(run):
