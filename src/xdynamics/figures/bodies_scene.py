@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.expressions import Name, Node, expand
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.figures.boundaries import (
@@ -28,7 +27,7 @@ from xdynamics.figures.boundaries import (
     walls_in_space,
     widened_limits,
 )
-from xdynamics.figures.curves import plotted_lines
+from xdynamics.figures.curves import plotted_lines, recorded_model
 from xdynamics.figures.framing import PROFILE, Frame, double_frame_size, frame_of, frame_size, padded_limits
 from xdynamics.figures.line_panels import MOST_NAMED
 from xdynamics.figures.marks import COLOURS, LETTERS, draw_line, legible
@@ -524,7 +523,7 @@ def projected(points: Floats) -> Floats:
 
 def mechanism_of(run: xr.Dataset, trail: float | None) -> Mechanism | None:
     """Return the bodies of a run that turn, where each is one and is recorded; None if there are none."""
-    model = model_of_record(run, None) if "model_toml" in run else None
+    model = recorded_model(run)
     bodies: Mapping[str, Body] = model.shaped.bodies if model is not None else {}
     if model is None or not bodies or any(body.dims for body in bodies.values()):
         return None

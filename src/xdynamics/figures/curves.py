@@ -185,12 +185,15 @@ def _hermite(start: list[Floats], end: list[Floats], w: Floats, u: Floats) -> Fl
 REACTION = "reaction"  # role of forces of contacts and frictions
 
 
+def recorded_model(run: xr.Dataset) -> Model | None:
+    """Return the record's model, if it has one."""
+    return model_of_record(run, None) if "model_toml" in run.variables else None
+
+
 def known_model(run: xr.Dataset) -> Model | None:
     """Return the record's model, if it has one that needs no Python functions."""
-    if "model_toml" not in run.variables:
-        return None
-    model = model_of_record(run, None)
-    return None if model.python_functions else model
+    model = recorded_model(run)
+    return None if model is None or model.python_functions else model
 
 
 def is_mean(run: xr.Dataset, name: str) -> bool:

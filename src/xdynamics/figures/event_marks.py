@@ -149,14 +149,9 @@ def mark_events(run: xr.Dataset, names: list[str], axes: Axes) -> bool:
     heights = EventHeights(run, names)
     if are_in_legend(kinds):
         for n, kind in enumerate(kinds):
-            label, marked_events = legend_label(kinds, n, axes), kind.marked_events
-            axes.plot(
-                run.variables["event_time"].values[marked_events],
-                heights.heights_of(kind, marked_events),
-                label=label,
-                gid=IN_LEGEND,
-                **kind.style,
-            )
+            label, events = legend_label(kinds, n, axes), kind.marked_events
+            times = run.variables["event_time"].values[events]
+            axes.plot(times, heights.heights_of(kind, events), label=label, gid=IN_LEGEND, **kind.style)
         return _has_legend(axes)
     _name_at_marks(run, kinds, heights, axes)
     return False

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from xdynamics.archive import open_run
 from xdynamics.archive.store import GIVEN, location_of
-from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.evidence.chunks import RowRange, StoredColumns
 from xdynamics.evidence.comparing.measured import is_measured, read_measured_data
 from xdynamics.evidence.stages import compute_datasets
@@ -30,6 +29,7 @@ from xdynamics.figures.curves import (
     ENERGY_CHANGES,
     EnergyAccumulator,
     plotted_lines,
+    recorded_model,
     spread_rows,
     stretch_extremes,
 )
@@ -219,7 +219,7 @@ class _ShownRows:
     def from_columns(cls, columns: StoredColumns) -> _ShownRows:
         """Read from a run what is known before its rows are read."""
         run = columns.run
-        model = model_of_record(run, None) if "model_toml" in run else None
+        model = recorded_model(run)
         start, end = columns.values_at("time", [0, columns.size - 1]).tolist()
         moments = [profile_times(start, end)]
         if model is not None and model.pictured.section is not None:

@@ -262,7 +262,9 @@ def subpanels(axes: Axes, count: int, columns: int = 0, **style: Any) -> list[An
     axes.remove()
     columns = columns or count
     grid = subplot_spec.subgridspec(-(-count // columns), columns)
-    return [figure.add_subplot(grid[divmod(k, columns)], **style) for k in range(count)]
+    # a grid of one would be laid out for itself, apart from the sheet's
+    places = [subplot_spec] if count == 1 else [grid[divmod(k, columns)] for k in range(count)]
+    return [figure.add_subplot(place, **style) for place in places]
 
 
 def shade_regimes(run: xr.Dataset, axes: Axes) -> None:

@@ -19,13 +19,20 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.expressions.tree import Name
 from xdynamics.faults import InputError
 from xdynamics.figures.companions import Overlay
-from xdynamics.figures.curves import DOTS, broken_curve, is_long, isolated_points, refined_line, with_role
+from xdynamics.figures.curves import (
+    DOTS,
+    broken_curve,
+    is_long,
+    isolated_points,
+    recorded_model,
+    refined_line,
+    with_role,
+)
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
 from xdynamics.figures.framing import Frame, frame_of, leaving_note, whole_frame
 from xdynamics.figures.line_panels import GREY, MOST_NAMED, run_dashes
@@ -69,7 +76,7 @@ THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 
 def views(run: xr.Dataset) -> list[list[BodyPath]]:
     """Return the paths in each view of the plane: all bodies together, or two coordinates per view."""
-    model = _recorded_model(run)
+    model = recorded_model(run)
     if model is not None and model.pictured.plane:
         return [_model_paths(run, model)]
     if model is not None and model.shapes.dims:
@@ -97,7 +104,7 @@ def state_planes(run: xr.Dataset) -> list[list[BodyPath]]:
     names = [name for name in with_role(run, "state") if run.variables[name].dims == ("step",)]
     if with_role(run, "coordinate") or not 2 <= len(names) <= SEEN:
         return []
-    model = _recorded_model(run)
+    model = recorded_model(run)
     model_pairs = [] if model is None else [{*map(text_of, pair)} for pair in model.pictured.plane]
     times, lines = _path_lines(run, names)
     units = [str(run.variables[name].attrs["units"]) for name in names]
@@ -317,19 +324,11 @@ def _mark_path_events(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None
         for body in view:
             body_labels = {*body.body.split(", ")}
             events = [event for event in kind.marked_events if not concerned[event] or concerned[event] & body_labels]
-            event_times = times[events] if events else times[:0]
-            times_in_path = event_times[
-                (event_times >= body.times[0]) & (event_times <= body.times[-1]) & (not body.is_fixed)
-            ]
-            axes.plot(
-                np.interp(times_in_path, body.times, body.x),
-                np.interp(times_in_path, body.times, body.y),
-                markersize=3.5,
-                markeredgewidth=0.7,
-                label=label if body is view[0] else None,
-                gid=IN_LEGEND,
-                **kind.style,
-            )
+            moments = times[events] if events and not body.is_fixed else times[:0]
+            moments = moments[(moments >= body.times[0]) & (moments <= body.times[-1])]
+            x, y = (np.interp(moments, body.times, line) for line in (body.x, body.y))
+            style = {"markersize": 3.5, "markeredgewidth": 0.7, **kind.style}
+            axes.plot(x, y, label=label if body is view[0] else None, gid=IN_LEGEND, **style)
     _add_plane_legend(view, axes)
 
 
@@ -340,10 +339,6 @@ def _add_plane_legend(view: list[BodyPath], axes: Axes) -> None:
         return
     legend_placement: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if view[0].body else {}
     axes.legend(fontsize=8, frameon=False, **legend_placement)
-
-
-def _recorded_model(run: xr.Dataset) -> Model | None:
-    return model_of_record(run, None) if "model_toml" in run else None
 
 
 def _model_paths(run: xr.Dataset, model: Model) -> list[BodyPath]:

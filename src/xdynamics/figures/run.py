@@ -17,7 +17,7 @@ from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.faults import InputError
 from xdynamics.figures import boundaries, element_maps, line_panels, plane
 from xdynamics.figures.companions import Overlay
-from xdynamics.figures.curves import with_role
+from xdynamics.figures.curves import recorded_model, with_role
 from xdynamics.figures.element_maps import field_panels
 from xdynamics.figures.excerpt import overlay_of
 from xdynamics.figures.line_panels import are_rounding_errors, drives_by_unit, groups_by_unit
@@ -54,7 +54,7 @@ class BodyVariables:
     """
 
     def __init__(self, run: xr.Dataset) -> None:
-        model = model_of_record(run, None) if "model_toml" in run else None
+        model = recorded_model(run)
         bodies = model.shaped.bodies if model is not None else {}
         self.attitudes: list[list[str]] = []
         self.angular_velocities, self.positions, self.hidden_names = set[str](), set[str](), set[str]()
@@ -371,9 +371,8 @@ def _multipliers_of_joints(run: xr.Dataset) -> list[str]:
 
 def _is_driven(run: xr.Dataset) -> bool:
     """Whether the run's model names the period of a section, and the run is whole and has one."""
-    if "model_toml" not in run or not is_whole(run.attrs):
-        return False
-    return model_of_record(run, None).pictured.section is not None
+    model = recorded_model(run)
+    return model is not None and is_whole(run.attrs) and model.pictured.section is not None
 
 
 def _is_steady(run: xr.Dataset) -> bool:
