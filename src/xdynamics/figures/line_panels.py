@@ -518,6 +518,7 @@ def _draw_energies(run: xr.Dataset, units: str, axes: Axes, *, is_conserved: boo
     note = f", total constant to {_departure(run):.0e} (relative)" if is_conserved else _energy_change_note(run)
     title = f"energy{', each less its start' * is_flat}{note}{_at_rows(run, *names)}"
     label_time(axes, run["time"])
+    set_run_time_axis(run, axes)
     label_panel(axes, title, y=("energy", units))
     axes.legend(fontsize=8, frameon=False)
     shade_regimes(run, axes)
