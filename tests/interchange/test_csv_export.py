@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import xdynamics as xd
-from xdynamics.interchange.csv_export import states_as_csv
+from xdynamics.interchange.tables import states_as_csv
 
 SITES = """
 name = "Sites on springs of their own"

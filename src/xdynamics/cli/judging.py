@@ -285,7 +285,7 @@ def modes(subject: str, row: int | None, values: tuple[str, ...], output: str | 
     """Linearise a model about its start, or a run about one of its rows: frequencies, eigenvalues, stable steps."""
     from xdynamics.archive import open_run
     from xdynamics.evidence.modes import modes as linearised
-    from xdynamics.evidence.modes_summary import modes_lines
+    from xdynamics.evidence.modes import modes_lines
     from xdynamics.faults import InputError
 
     _check_output(output)

@@ -155,7 +155,7 @@ def sample(archive: str, times: str, output: str | None) -> None:
     from xdynamics.archive.store import location_of
     from xdynamics.dynamics.recorded_steps import wanted_times
     from xdynamics.evidence.sampling import sample as states_at
-    from xdynamics.interchange.csv_export import check_text_target, states_as_csv, write_text_table
+    from xdynamics.interchange.tables import check_text_target, states_as_csv, write_text_table
     from xdynamics.record.flag_words import time_unit_of
 
     target = check_text_target(location_of(output)) if output else None

@@ -98,18 +98,18 @@ def _march_and_archive(
     from xdynamics.simulation.single_run import simulate
 
     if times is not None:
-        from xdynamics.interchange import csv_export
+        from xdynamics.interchange import tables
         from xdynamics.march.configuration import settings_for
         from xdynamics.simulation.unmarched_runs import check_sampled, times_within
 
-        table = csv_export.check_text_target(location_of(output).with_suffix(".csv"))
+        table = tables.check_text_target(location_of(output).with_suffix(".csv"))
         resolved = settings_for(model, **arguments)
         check_sampled(resolved)
         sample_times = times_within(times, model.time_unit, model.statement.initial["t"].si, resolved.until)
     with progress() as report:
         finished = simulate(model, **arguments, path=output, resume=resume, memory=memory, progress=report)
     if times is not None:
-        from xdynamics.interchange.csv_export import write_states_table
+        from xdynamics.interchange.tables import write_states_table
 
         say([write_states_table(finished, sample_times, table)])
     return _print_run_summary(finished, output)

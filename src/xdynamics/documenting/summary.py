@@ -286,12 +286,12 @@ def _summarising() -> Iterator[Any]:
 
     yield from (comparison_summary, ledger_rows, limiting)
     from xdynamics.budgeting import certificate
-    from xdynamics.evidence import companion, modes_summary
+    from xdynamics.evidence import companion, modes
     from xdynamics.evidence.diagnosing import diagnosis
     from xdynamics.evidence.enclosing import enclosure
     from xdynamics.evidence.refining import refinement
 
-    yield from (companion, diagnosis, modes_summary, enclosure, refinement, certificate)
+    yield from (companion, diagnosis, modes, enclosure, refinement, certificate)
 
 
 def _partial_lines(run: xr.Dataset) -> Iterator[str]:

@@ -34,7 +34,6 @@ from xdynamics.kernels.program import (
 )
 from xdynamics.model import Function, Model
 from xdynamics.model.constraints import Assignment
-from xdynamics.model.delayed_values import before_start, delayed_names
 from xdynamics.model.delays import argument_before, in_history, value_before
 from xdynamics.model.detectors import argument_motion, differentiated_reactions, function_rate, python_values
 from xdynamics.model.drive_arguments import CLOCK
@@ -42,10 +41,12 @@ from xdynamics.model.kinks import with_whole_numbers
 from xdynamics.model.linearisation import derivative_assignments, jacobian_names
 from xdynamics.model.motion import (
     REGIME_NUMBER,
+    before_start,
     change_name,
     changes_of_quantities,
     constant_names,
     decides,
+    delayed_names,
     drive_slope,
     events_of_quantities,
     motion,

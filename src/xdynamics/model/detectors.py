@@ -10,10 +10,9 @@ from functools import lru_cache
 from xdynamics.expressions import Binary, Call, Name, Node, derivative, dimension_of, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.model.constraints import Assignment
-from xdynamics.model.delayed_values import delayed_dimensions
 from xdynamics.model.delays import is_before
 from xdynamics.model.model import Model
-from xdynamics.model.motion import motion
+from xdynamics.model.motion import delayed_dimensions, motion
 from xdynamics.model.parts import Contact, Event, Friction, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, mode_number, reaction_dimensions, reactions
 from xdynamics.model.regime_model import RegimeModel

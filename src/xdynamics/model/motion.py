@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary import NAME
-from xdynamics.expressions import Along, Binary, Call, Compare, Name, Node, Number, derivative, free_names
+from xdynamics.expressions import Along, Binary, Call, Compare, Name, Node, Number, derivative, expand, free_names
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, ModelError
@@ -31,7 +31,7 @@ from xdynamics.model.constraints import (
     multiplier_assignments,
     solve_mass,
 )
-from xdynamics.model.delays import in_history, is_before, value_at_start
+from xdynamics.model.delays import in_history, is_before, slope_before, value_at_start, value_before
 from xdynamics.model.drive_arguments import CLOCK, table_in_time
 from xdynamics.model.drives import piece_coefficients, value_and_slope
 from xdynamics.model.elements import Elements
@@ -46,7 +46,7 @@ from xdynamics.schema import acceleration, force, rate, velocity
 from xdynamics.shapes import Shapes, dims_of
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.gradient import derivative as derivative_along
-from xdynamics.units import CONSTANTS, TIME, UNSCALED, Scales, constant
+from xdynamics.units import CONSTANTS, TIME, UNSCALED, Dimension, Scales, constant
 
 ALONG_A_MARCH = "has delayed values, which are known along a march alone, and not at a state by itself"
 REGIME_NUMBER = "_regime"  # the name by which trees read the number of the current regime, from 0
@@ -573,3 +573,39 @@ def rates_of_quantities(model: Model, quantities: Sequence[Assignment]) -> list[
         Assignment(f"_rate_of_{item.name}", derivative_along(item.tree, rates, shapes), item.dims)
         for item in quantities
     ]
+
+
+def delayed_names(model: Model) -> dict[str, tuple[int, str]]:
+    """Return every name of a delayed value, of its time derivative, or of its time: the delay, and what is delayed."""
+    delay_by_name: dict[str, tuple[int, str]] = {}
+    for delay in range(len(model.delays)):
+        delay_by_name[value_before(delay, "t")] = delay, "t"
+        for name in (*model.moving, *model.drives):
+            value = value_before(delay, name)
+            delay_by_name |= {value: (delay, name), slope_before(value): (delay, name)}
+    return delay_by_name
+
+
+def delayed_dimensions(model: Model) -> dict[str, Dimension]:
+    """Return the dimension of every name of a delayed value."""
+    return {
+        name: model.dimensions[owner]
+        for name, (delay, owner) in delayed_names(model).items()
+        if name == value_before(delay, owner)
+    }
+
+
+def delayed_quantities(model: Model) -> list[str]:
+    """Return the coordinates, velocities and states that are delayed somewhere, in their order."""
+    calls = model.statement.delayed
+    read = {name for call in calls for name in free_names(expand(call.arguments[0], model.definitions))}
+    arguments = [model.expanded(model.drives[name].argument) for name in model.drives if name in read]
+    read |= {name for tree in arguments for name in free_names(tree)}
+    return [name for name in model.units if name in read]
+
+
+def before_start(model: Model, name: str, delay: int) -> Node:
+    """Return what something was before the start, at the time of a delay."""
+    if name not in model.history:
+        return Name(value_at_start(name))
+    return expand(model.history[name], {**model.definitions, "t": Name(value_before(delay, "t"))})

@@ -43,8 +43,7 @@ from xdynamics.methods.lines import printed_lines
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, ESTIMATE_WORDS, FLOAT64, INTERPOLANT, REINTEGRATE, Scheme
 from xdynamics.methods.taylor import ORDER_RULE
 from xdynamics.model import Model
-from xdynamics.model.delayed_values import delayed_quantities
-from xdynamics.model.motion import variables
+from xdynamics.model.motion import delayed_quantities, variables
 from xdynamics.model.switches import LANDED_ON, LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, landed_on, watched_switches
 from xdynamics.record.arguments import EVERYWHERE, SCALES, recorded_arguments
 from xdynamics.record.folded_columns import march_shapes
