@@ -22,7 +22,7 @@ from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
 from xdynamics.record.provenance import force_digest
-from xdynamics.runtime.environment import megabytes
+from xdynamics.runtime.files import megabytes
 from xdynamics.runtime.fork_safety import waited_for
 
 if TYPE_CHECKING:

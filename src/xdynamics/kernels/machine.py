@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import escaped
 from xdynamics.kernels.shared_storage import LACKING, note_refusal
-from xdynamics.runtime.environment import megabytes
+from xdynamics.runtime.files import megabytes
 
 ENVIRONMENT, LIMIT = "XDYNAMICS_CACHE", "XDYNAMICS_CACHE_LIMIT"
 MOST_MEGABYTES = 256.0  # of all that is kept, unless $XDYNAMICS_CACHE_LIMIT is set

@@ -250,3 +250,12 @@ def _write_synced(file: IO[bytes], content: bytes) -> None:
     file.write(content)
     file.flush()
     os.fsync(file.fileno())
+
+
+def megabytes(variable: str, default: float) -> float:
+    """Return how many MB an environment variable allows, or the default if it is not set or no size."""
+    try:
+        limit = float(os.environ.get(variable, default))
+    except ValueError:
+        return default
+    return limit if limit >= 0.0 else default
