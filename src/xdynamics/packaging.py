@@ -1,8 +1,8 @@
-"""How xdynamics is packed: a wheel with the engine's text for LLVM, and a source distribution with tests and data.
+"""The build backend of xdynamics: a wheel with the LLVM text of the engine, a source distribution with tests.
 
-This is the build backend that `pyproject.toml` names: setuptools', with three additions. numba makes the text while a
-wheel is built, a minute and a half, or it is taken from the user's cache; the wheel is then one of a platform. An editable
-installation has no text. A source distribution holds all that the repository does.
+`pyproject.toml` names it: setuptools' backend, with three additions. numba makes the text while a wheel is built, a
+minute and a half, or it is taken from the user's cache; the wheel is then one of a platform. An editable installation
+has no text. A source distribution holds all that the repository does.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The words of the record for the forces of contacts, dry friction, constraints and joints; all others are in `schema`."""
+"""Names in a record for forces of contacts, dry friction, constraints and joints; all others are in `schema`."""
 
 from __future__ import annotations
 

@@ -306,14 +306,14 @@ def is_former(attributes: Mapping[Any, Any]) -> bool:
 
 
 def content_of(attributes: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return those attributes of a record that are a part of its content: neither circumstances nor notes."""
+    """Return the attributes of a record that belong to its content: neither circumstances nor notes."""
     of_sweep = is_former(attributes) and attributes.get(EVIDENCE) == SWEEP  # these had a comment of ours in it
     left_out_names = {*VOLATILE, ROOT_DIGEST, ORIGIN, *(NOTES - {"comment"} if of_sweep else NOTES)}
     return {str(name): value for name, value in attributes.items() if name not in left_out_names}
 
 
 def is_coordinate(name: str, role: Any) -> bool:
-    """Whether a variable of a run describes it, and is not among what it yields."""
+    """Whether a variable describes a run, and is no result of it."""
     describing_names = (*TIME_OF.values(), STEP_NUMBER.name, GIVEN_STEP.name, END_MEMORY.name, *TEXT_NAMES)
     return name in describing_names or role in ("parameter", LABEL)
 
@@ -380,7 +380,7 @@ def rate(name: str) -> str:
 
 
 def rest_name(name: str) -> str:
-    """Name what is left of a number beside the nearest float."""
+    """Name the rest of a number beside the nearest float."""
     return f"rest_{name}"
 
 

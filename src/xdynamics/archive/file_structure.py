@@ -1,8 +1,7 @@
-"""What a file says of itself before it is read: sizes that it declares, and every object in it.
+"""The structure of an HDF5 file, checked before its data are read: declared sizes and every object in the file.
 
-Whether an archive declares more data than its file can hold, and whether it is built as archives are.
-
-The objects of an HDF5 file, listed without following any: netCDF follows them, and does not show them all.
+A file may declare more data than it can hold, or be built otherwise than archives are. The objects of a file are listed
+without following any link: netCDF follows links, and does not show all objects.
 
 The functions are those of the HDF5 library that the netCDF4 package has loaded, so that no second library, nor a second
 reading of the format, can see another file than it does.
@@ -230,7 +229,7 @@ def inventory(path: Path) -> Inventory:
 
 
 def _note_object(objects: Inventory, name: str, handle: int) -> None:
-    """Note an object under its name: a dataset, or a fault."""
+    """Record an object under its name: a dataset, or a fault."""
     kind = _library().H5Iget_type(handle)
     if kind != DATASET:
         kind_name = {GROUP: "group", TYPE: "type"}.get(kind, "object")
@@ -323,7 +322,7 @@ def _call_library(name: str, *arguments: Any) -> int:
 
 @lru_cache
 def _library() -> ctypes.CDLL:
-    """Return the library: symbols that the extension lacks are found in the libraries that it was linked with."""
+    """Return the HDF5 library: symbols that the extension lacks come from libraries that it was linked with."""
     from netCDF4 import _netCDF4
 
     library = ctypes.CDLL(_netCDF4.__file__)

@@ -1,8 +1,8 @@
-"""The file system as a store: temporary names, synchronisation and renaming, and locks of the system.
+"""The file system as a store: temporary names, synchronisation, renaming, and locks of the operating system.
 
-Folders written whole or not at all: built under another name, and renamed when every file is on the disk.
+A folder is written complete or not at all: it is built under another name, and renamed when every file is on the disk.
 
-The store of a place.
+`store_of` returns the store of a location: the file system, or a bucket.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BUILT = ".building"
 
 @contextmanager
 def new_folder_at(path: Path) -> Iterator[Path]:
-    """Lend a folder beside a path; when the `with` block is done, it takes the path's name, whole.
+    """Lend a folder beside a path, which takes the path's name, complete, when the `with` block is done.
 
     Remains of killed processes under the same name are removed. Of two processes the first takes the name.
 
@@ -110,7 +110,7 @@ def _make_locked_folder(target: Path) -> tuple[Path, int]:
 
 
 def _sweep_dead_folders(target: Path) -> None:
-    """Remove the folders that dead processes began under the same name."""
+    """Remove unfinished folders that dead processes began for a target."""
     names = re.compile(re.escape(_stem(target)) + r"[0-9a-f]{8}" + re.escape(BUILT))
     for folder in target.parent.iterdir():
         if not names.fullmatch(folder.name) or folder.is_symlink() or not folder.is_dir():
@@ -158,7 +158,7 @@ class FolderStore:
         target.check_path_no_table(location, tables)
 
     def kind(self, location: Path) -> str | None:
-        """Return what a path leads to."""
+        """Return the kind of a path's target."""
         return ask_path(location, path_kind)
 
     def stamp(self, location: Path) -> Any:
@@ -191,7 +191,7 @@ class FolderStore:
         return target.taking_path_name(location, batch)
 
     def batch(self, locations: Sequence[Path]) -> target.Batch:  # noqa: ARG002 - what is there is replaced, whatever it is
-        """Return what has files reach the disk together."""
+        """Return a batch of files that reach the disk together."""
         return target.Batch()
 
     def check_each(self, locations: Sequence[Path]) -> None:
@@ -255,7 +255,7 @@ ARCHIVES = (".nc", ".nc4", ".netcdf", ".cdf", ".h5", ".hdf5", ".hdf", ".he5")  #
 
 
 def store_of(location: Place) -> Store[Any]:
-    """Return the store that a place is of; what object stores need is imported with the first of them."""
+    """Return the store of a location; the modules of object stores are imported with the first object name."""
     if isinstance(location, ObjectName):
         from xdynamics.archive.object_store import OBJECTS
 
@@ -269,12 +269,12 @@ def made_folder(location: Place) -> Any:
 
 
 def check_target(location: Place, model: Model | None = None) -> None:
-    """Check before any work that a file can be written to a place, and that nothing is lost there; see `Store`."""
+    """Check before any work that a file can be written to a location without loss; see `Store`."""
     store_of(location).check_target(location, model)
 
 
 def check_archive(location: Place, model: Model | None = None) -> None:
-    """Check the same of an archive, and that its name ends like one.
+    """Check before any work that an archive can be written to a location, and that its suffix is one of archives.
 
     Raises
     ------
@@ -286,7 +286,7 @@ def check_archive(location: Place, model: Model | None = None) -> None:
 
 
 def check_suffix(location: Place) -> None:
-    """Refuse to write an archive under a name of another kind of file; what follows a point need not be a suffix.
+    """Refuse an archive's name with another kind's suffix; letters after a point need not be a suffix.
 
     Raises
     ------
@@ -302,7 +302,7 @@ def check_suffix(location: Place) -> None:
 
 
 def taking_name(location: Place) -> AbstractContextManager[NewFile[Any]]:
-    """Lend a temporary file, which takes its name whole when the `with` block is done; see `Store`."""
+    """Lend a temporary file, which takes its name, complete, when the `with` block is done; see `Store`."""
     return store_of(location).taking_name(location)
 
 
@@ -314,5 +314,5 @@ def is_same(location: Place, second_location: Place) -> bool:
 
 
 def is_folder(location: Place) -> bool:
-    """Whether there is a folder at a place."""
+    """Whether a location is an existing folder."""
     return store_of(location).kind(location) == FOLDER

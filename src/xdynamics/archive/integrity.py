@@ -1,6 +1,6 @@
 """The standing of a record by comparison with its origin: the run, a selection of it, or edited data.
 
-A record as it was before any edit: it travels with the Dataset, and `save` compares the two.
+The origin is the record before any edit. It travels with the Dataset, and `save` compares the two.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class OriginalVariable:
 
     @property
     def sent(self) -> OriginalVariable:
-        """The same for another process: a digest in the place of values; what is lazy stays so, and nothing is marched."""
+        """The variable as sent to another process: values as a digest, lazy arrays unchanged and not computed."""
         if self.known_digest or self.variable is None or isinstance(self.variable.data, np.ndarray):
             return OriginalVariable(self.name, self.dims, self.shape, self.attributes, known_digest=self.digest)
         return OriginalVariable(
@@ -119,7 +119,7 @@ class Origin(list[str]):
 
     @cached_property
     def content_digest(self) -> str:
-        """The content digest of the whole record; of one that was edited, that of what was archived."""
+        """The content digest of the complete record; of an edited record, that of its archive."""
         if self.edits:
             return str(self.attributes.get(ROOT_DIGEST, ""))
         digests = {name: part.digest for name, part in self.parts.items()}
@@ -135,7 +135,7 @@ class Origin(list[str]):
         return None if any(variable is None for variable in variables.values()) else xr.Dataset(variables)
 
     def with_evaluated(self, lazy: Mapping[str, Any], loaded: xr.Dataset) -> Origin:
-        """Return the origin of a record whose lazy arrays were computed: what they gave stands in their place."""
+        """Return the origin of a record whose lazy arrays were computed, with their values."""
 
         def parts() -> dict[str, OriginalVariable]:
             return {
@@ -172,7 +172,7 @@ def _restored(
 
 
 def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -> xr.Dataset:
-    """Make the arrays of a record read-only, and let it remember them; nothing is copied or hashed.
+    """Make the arrays of a record read-only, and attach its origin; no array is copied or hashed.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -
 
 
 def evaluated(run: xr.Dataset, values: Mapping[Any, Any]) -> xr.Dataset:
-    """Return a record with values in the place of the lazy arrays that they were just computed from, by name.
+    """Return a record whose lazy arrays, by name, are replaced by the values just computed from them.
 
     The record remembers them as it does what was marched: they are not computed again to be compared.
     """
@@ -227,7 +227,7 @@ def _parts_of_arrays(
 
 
 def remember_archive(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] = (), texts: bool = True) -> xr.Dataset:
-    """Remember what the variables of an opened archive are, and their digests, all of which stand in one place.
+    """Attach to an opened archive its origin: variables, attributes and stated digests.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ class Standing:
 
 
 def record_standing(run: xr.Dataset) -> Standing:
-    """Compare a record with what it was when it was marched or read."""
+    """Compare a record with its origin, as it was marched or read."""
     origin = run.attrs.get(ORIGIN)
     run = as_recorded(run, _numbers_in(run, origin) if isinstance(origin, Origin) else None)
     if not isinstance(origin, Origin):
@@ -374,7 +374,7 @@ def digest_of_run(run: xr.Dataset) -> str:
 
 
 def check_unchanged(run: xr.Dataset) -> None:
-    """Check that a record is whole, and was not edited since it was marched or read.
+    """Check that a record is complete, and was not edited since it was marched or read.
 
     Raises
     ------
@@ -390,7 +390,7 @@ def check_unchanged(run: xr.Dataset) -> None:
 
 
 def edited_variables(run: xr.Dataset, roles: Container[Any] | None = None) -> list[str]:
-    """Name the numbers that are not those that were marched or read, though they keep the unit of these.
+    """Name the variables whose numbers were edited while they keep the unit of the original.
 
     xarray keeps attributes through arithmetic: ``run.assign(y=run.y / 1000)`` calls kilometres metres. Rows and labelled
     elements that are left out or stand in another order are no edit, and neither is a value with a unit of its own. Dask
@@ -453,7 +453,7 @@ def _is_edited(part: OriginalVariable, now: xr.Variable, run: xr.Dataset, open_o
 
 
 def _original_indices_of(dim: str, run: xr.Dataset, original: xr.Dataset) -> NDArray[np.int64] | None:
-    """Return where the rows or elements of a record are in the whole run, by number or label; None where nothing names them."""
+    """Return the indices of a record's rows or elements in the run, by number or label; None without these."""
     name = STEP_NUMBER.name if dim == STEPS else label_of(dim)
     if name not in run.variables or name not in original.variables:
         return None
@@ -463,7 +463,7 @@ def _original_indices_of(dim: str, run: xr.Dataset, original: xr.Dataset) -> NDA
 
 
 def without_stale_units(run: xr.Dataset) -> xr.Dataset:
-    """Return a record in which edited variables have an unknown unit in the place of the one that xarray kept for them."""
+    """Return a record whose edited variables have an unknown unit instead of the unit that xarray left on them."""
     changed = {name: run.variables[name].copy(deep=False) for name in edited_variables(run) if name in run.variables}
     for variable in changed.values():
         variable.attrs["units"] = UNKNOWN_UNIT
@@ -531,7 +531,7 @@ def _is_array_of(part: OriginalVariable, now: xr.Variable) -> bool:
 
 
 def _is_unchanged(part: OriginalVariable, now: xr.Variable) -> bool:
-    """Whether a variable has the values that were marched or read: the same array, or one of the same digest."""
+    """Whether a variable has the marched or read values: its own array, or an array of equal digest."""
     if _is_array_of(part, now):
         return not (isinstance(now.data, np.ndarray) and now.data.flags.writeable)  # read-only since it was marched
     if part.opened_data is not None and now._data is part.opened_data:  # noqa: SLF001 - as it was opened, read or not
@@ -540,7 +540,7 @@ def _is_unchanged(part: OriginalVariable, now: xr.Variable) -> bool:
 
 
 def _value_faults(part: OriginalVariable, now: xr.Variable, origin: Origin) -> Iterator[str]:
-    """Compare a variable of the same shape, and name the first value that differs."""
+    """Compare a variable with its original of equal shape, and name the first value that differs."""
     if _is_unchanged(part, now):
         return
     if _is_array_of(part, now):
@@ -574,7 +574,7 @@ def _first_difference(now: xr.Variable, then: xr.Variable) -> str:
 
 
 def _row_faults(dim: str, names: list[str], run: xr.Dataset, origin: Origin) -> Iterator[str]:
-    """Look for every kept row among the run's, in their order."""
+    """Search each row of a selection among the rows of its run, in their order."""
     original = _original_record(origin)
     if original is None:
         yield (
@@ -590,7 +590,7 @@ def _row_faults(dim: str, names: list[str], run: xr.Dataset, origin: Origin) -> 
 
 
 def selected_like(partial_run: xr.Dataset, full_run: xr.Dataset) -> xr.Dataset:
-    """Select from a run what a selection has kept, found by its values; what is not found stays whole."""
+    """Select from a run the values of a selection; a dimension along which no match exists stays complete."""
     if not is_selection(partial_run.attrs):
         return full_run
     if is_former(partial_run.attrs):  # it names rows by their places in the whole run
@@ -615,7 +615,7 @@ def selected_like(partial_run: xr.Dataset, full_run: xr.Dataset) -> xr.Dataset:
 
 
 def rows_within(names: list[str], run: xr.Dataset, full_run: xr.Dataset) -> NDArray[np.int64] | int:
-    """Find the rows of a selection among those of the whole, in their order; if one is missing, return its number."""
+    """Return the positions of a selection's rows in the run, in order; if a row is missing, return its number."""
     mine, theirs = (_rows_as_words([dataset.variables[name] for name in names]) for dataset in (run, full_run))
     if mine.dtype != theirs.dtype:
         return 0
@@ -644,6 +644,7 @@ def _rows_as_words(variables: list[xr.Variable]) -> NDArray[Any]:
 def _bytes_of_rows(values: NDArray[Any]) -> NDArray[np.uint8]:
     """Return the bytes of every row."""
     rows = np.ascontiguousarray(utf8_letters(values) if values.dtype.kind in "UOT" else values)
+    # by rows and items, since reshape cannot infer a size where there are no rows
     return rows.view(np.uint8).reshape(len(rows), rows.dtype.itemsize * math.prod(rows.shape[1:]))
 
 

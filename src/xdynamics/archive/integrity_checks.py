@@ -1,4 +1,4 @@
-"""What an archive is compared with: its seal, the bounds of its file, the digests of its variables and attributes."""
+"""Checks of an archive against its seal, its file bounds, and the digests of its variables and attributes."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Examination:
 
     @classmethod
     def from_differences(cls, differences: Sequence[Fault], tail: Tail, attributes: Mapping[str, Any]) -> Examination:
-        """Judge what differs: a seal covers every byte, and where none is there, what the record says decides."""
+        """Judge differences: a seal covers every byte; without a seal the record's own digests decide."""
         kinds = {kind for kind, _ in differences}
         faults = tuple(text for _, text in differences)
         if HARM in kinds:
@@ -190,14 +190,14 @@ def _examine_open_file(file: Any, tail: Tail, harms: list[str], objects: Invento
 
 
 def recorded_name(name: str, variable: Any, attributes: Mapping[str, Any]) -> str:
-    """Return what a record calls a variable: labels are the index of their dimension in memory, and so in files by xarray."""
+    """Return a variable's name in a record: labels are the index of their dimension in memory and in xarray's files."""
     dims = with_library_lock(lambda: variable.dimensions)()
     is_index = MODEL_DIMENSIONS in attributes and dims[:1] == (name,)
     return label_of(name) if is_index and attributes_of(variable).get("role") == LABEL else name
 
 
 class _Stored(NamedTuple):
-    """What a file holds of a variable: its digest, its own attributes, its dims without letters, and its coordinates."""
+    """A variable in a file: its digest, its own attributes, its dims without that of letters, its coordinates."""
 
     digest: str
     attributes: dict[str, Any]
@@ -206,7 +206,7 @@ class _Stored(NamedTuple):
 
 
 class _Record:
-    """What a file holds of a record, compared with the digests that it states.
+    """The content of a record's file, compared with the digests that it states.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ class _Record:
         self._numbers = self._numbers_of_rows() if self._in_words_of_today else None
 
     def _numbers_of_rows(self) -> NDArray[np.int64] | None:
-        """Return what names rows in the words of today, if the record as it was written has these numbers too."""
+        """Return the row numbers under today's schema, if the record as written has them too."""
         if (variable := self._variables.get(STEP_NUMBER.name)) is None or SELECTION_OF in self._attributes:
             return None
         numbers = np.asarray(read_stored(variable, ...))
@@ -241,7 +241,7 @@ class _Record:
         return None
 
     def faults(self) -> Iterator[Fault]:
-        """Compare every variable with its digest, and yield what differs, or is kept in another manner."""
+        """Compare every variable with its digest, and yield differences of content or of storage."""
         for name in self._variables:
             if (fault := self._variable_fault(name)) is not None:
                 yield fault
@@ -258,7 +258,7 @@ class _Record:
                     yield MANNER, f"variable '{name}' is not stored as it was written"
 
     def _variable_fault(self, name: str) -> Fault | None:
-        """Compare one of a file's variables with its digest, and note what it holds; return its fault."""
+        """Compare a variable of the file with its digest, and record its digest and attributes; return its fault."""
         variable = self._variables[name]
         try:
             digest = self._digest_of(name)
@@ -301,7 +301,7 @@ class _Record:
         return (*with_library_lock(lambda: self._variables[name].dimensions)()[:1],) == (DOCUMENT,)
 
     def agrees(self) -> bool:
-        """Whether the content digest is that of variables and attributes, but for what was noted beside them."""
+        """Whether the content digest is that of variables and attributes, apart from later notes."""
         digests, variable_attributes, stated_digest = (
             self._variable_digests,
             self._variable_attributes,

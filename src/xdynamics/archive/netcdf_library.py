@@ -1,12 +1,10 @@
-"""The netCDF4 library, which one thread at a time may use: its lock, and the opener of every file.
+"""The netCDF4 library, which one thread at a time may use: its lock, the opening of files, and files left open.
 
-Neither netCDF-C nor HDF5 tolerates two threads, not even on two files. xarray has locks of its own for them; here they
-are taken together with ours, so that files opened here and files opened by xarray do not interfere.
-
-Files that the library may still have open: it takes one that was overwritten in place for the old one.
+Neither netCDF-C nor HDF5 tolerates two threads, not even on two files. xarray has locks of its own for them; these
+locks and the package's own are taken together, so that files opened here and files opened by xarray do not interfere.
 
 HDF5 knows a file by its inode. If another archive is copied over one that this process has open, or that the library
-could not close because it is damaged, the old file's structure is read with the new one's bytes.
+could not close because it is damaged, the old file's structure is read with the new file's bytes.
 """
 
 from __future__ import annotations
@@ -200,7 +198,7 @@ def file_at(path: Path, mode: Literal["r", "w"] = "r") -> netCDF4.Dataset:
 
 
 def _open_by_library(name: str, mode: Literal["r", "w"]) -> netCDF4.Dataset:
-    """Open a file; of one that is read, few chunks are kept in memory, as each is read once and in order.
+    """Open a file; for reading, the chunk cache is small, as each chunk is read once and in order.
 
     The library takes the size from a setting of the process when a file is opened, and would keep 64 MiB of each variable.
     To set it afterwards is no way: in a file with a variable that bears the name of a dimension which it does not have,

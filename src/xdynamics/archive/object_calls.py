@@ -1,11 +1,11 @@
-"""Calls of an object store through s3fs, and what a store's refusals mean, in words.
+"""Calls of an object store through s3fs: refusals in words, and locks that free themselves.
 
-s3fs finds credentials, regions and endpoints as its users set them, and hands conditional headers to the client behind it.
+s3fs finds credentials, regions and endpoints as its users set them, and hands conditional headers to the client behind
+it.
 
-Locks in an object store: an object that its holder renews, so that the lock of a process that died becomes free.
-
-What is new is put with ``If-None-Match: *``, what is taken over or renewed with ``If-Match``. The age of a lock is that of the
-store's own clock. A lock that a process of this machine left is free at once: its holder has a file here locked by the
+A lock is an object that its holder renews, so that the lock of a process that died becomes free. A new lock is put with
+``If-None-Match: *``; a lock is taken over or renewed with ``If-Match``. The age of a lock is read from the store's own
+clock. A lock that a dead process of this machine left is free at once: its holder has a local file locked by the
 system.
 """
 
@@ -69,7 +69,7 @@ class RefusedError(Exception):
 
     @property
     def is_taken(self) -> bool:
-        """Whether what is there is not what the call was to meet."""
+        """Whether a store refused a call because its condition on the object was not met."""
         return self.code in TAKEN
 
 
@@ -123,7 +123,7 @@ def call_store(location: ObjectName, method: str, **arguments: Any) -> dict[str,
 
 
 def refusal_of(error: Exception) -> RefusedError:
-    """Return what went wrong, by the client's own error behind that of s3fs."""
+    """Return the refusal of a call, from the client's own error behind that of s3fs."""
     cause = error if getattr(error, "response", None) else error.__cause__ or error
     response = getattr(cause, "response", None)
     if isinstance(response, dict) and "Error" in response:
@@ -158,7 +158,7 @@ def body_of(answer: dict[str, Any]) -> bytes:
 
 
 def refusal_error(location: ObjectName, failure: str, error: RefusedError) -> InputError:
-    """Put what a store refused into one line.
+    """Return the error that states a store's refusal in one line.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def _put_lock(lock: ObjectName, content: bytes, **condition: str) -> str:
 
 
 def _take_lock(lock: ObjectName, locked_name: ObjectName, content: bytes) -> str:
-    """Put a lock, in the place of one whose holder is dead; return its stamp."""
+    """Create a lock, or take it over from a dead holder; return its stamp."""
     try:
         with suppress_taken():
             return _put_lock(lock, content, IfNoneMatch="*")

@@ -1,8 +1,9 @@
-"""A bucket as a store: whole objects, written under conditions.
+"""A bucket as a store: complete objects, written under conditions.
 
-What may only be new is put with ``If-None-Match: *``, what replaces with ``If-Match`` on what was there when its writing began.
-A file is written on this machine first and uploaded whole; it is downloaded whole, to a temporary file, before it is
-read: its seal is of every byte, none of which is believed before, and the netCDF library reads files.
+An object that must be new is put with ``If-None-Match: *``. A replacement is put with ``If-Match`` on the object that
+was there when the writing began. A file is written on this machine first and uploaded complete. To be read, an object
+is downloaded complete to a temporary file: its seal covers every byte, none of which is believed before the seal is
+checked, and the netCDF library reads files.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ BUILDING = ".building"
 
 
 class ObjectStore:
-    """Objects of buckets; see `Store`. A folder is what their names have in common up to a slash."""
+    """Objects of buckets; see `Store`. A folder is a common beginning of names, up to a slash."""
 
     def __init__(self) -> None:
         self._copies: WeakValueDictionary[tuple[ObjectName, str], LocalFile] = WeakValueDictionary()
@@ -168,7 +169,7 @@ class ObjectStore:
 
     @contextmanager
     def taking_name(self, location: ObjectName, batch: ObjectBatch | None = None) -> Iterator[NewFile[ObjectName]]:
-        """Lend a local temporary file, and upload it whole in the end.
+        """Lend a local temporary file, and upload it complete in the end.
 
         Raises
         ------
@@ -202,11 +203,11 @@ class ObjectStore:
         call_concurrently(self.check_target, locations)
 
     def batch(self, locations: Sequence[ObjectName]) -> ObjectBatch:
-        """Return what uploads several files together, which are under conditions on what is there now."""
+        """Return the batch that uploads several files together, each under a condition on the present object."""
         return ObjectBatch(locations, self.stamp)
 
     def check_empty(self, location: ObjectName) -> None:
-        """Check that nothing is in a folder, but what a dead process left half-built.
+        """Check that a folder has no objects except those that a dead process left half-built.
 
         Raises
         ------
@@ -219,7 +220,7 @@ class ObjectStore:
 
     @contextmanager
     def taking_folder(self, location: ObjectName) -> Iterator[Path]:
-        """Lend a local folder, and upload its files under a mark that is removed last, by which a whole folder is known."""
+        """Lend a local folder, and upload its files under a mark whose removal, last, makes the folder complete."""
         with self.locked(location):
             mark = location / BUILDING
             if self.stamp(mark) is not None:  # of a process that died
@@ -307,7 +308,7 @@ def _listing_pages(folder: ObjectName, **how: str) -> Iterator[dict[str, Any]]:
 
 @contextmanager
 def _errors_in_words(location: ObjectName, failure: str) -> Iterator[None]:
-    """Put what the store refuses into words."""
+    """Raise a store's refusals as errors in words."""
     try:
         yield
     except RefusedError as error:
@@ -368,7 +369,7 @@ def _download_object(location: ObjectName, stamp: str, size: int) -> tuple[Path,
 
 
 def _download_rest(file: Any, location: ObjectName, stamp: str, size: int) -> None:
-    """Download what a file does not have yet."""
+    """Download the bytes that a file does not have yet."""
     done = file.tell()
     if done == size:
         return

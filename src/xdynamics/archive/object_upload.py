@@ -1,4 +1,4 @@
-"""Uploads: of one file, whole and under a condition, and of several that take their names together."""
+"""Uploads of complete files: one under a condition, or several that take their names together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Answer = TypeVar("Answer")
 
 
 def upload_file(part: Path, location: ObjectName, previous_stamp: str | None) -> None:
-    """Upload a file under the condition that what is there is what was there before.
+    """Upload a file under the condition that the object has not changed since it was stamped.
 
     An answer that was lost is looked for: each upload bears a mark of its own.
 
@@ -74,7 +74,7 @@ class Upload:
 
     @property
     def condition(self) -> dict[str, str]:
-        """The condition that what is there is what was there before."""
+        """The condition that the object has not changed since it was stamped, or still does not exist."""
         return {"IfNoneMatch": "*"} if self.previous_stamp is None else {"IfMatch": self.previous_stamp}
 
     def send(self) -> None:
@@ -90,7 +90,7 @@ class Upload:
                 self._parts.append({"PartNumber": number, "ETag": answer["ETag"]})
 
     def complete(self) -> None:
-        """Give the object its name, if there still is what was there before.
+        """Give the object its name, if the former object is still there unchanged.
 
         Raises
         ------
@@ -107,14 +107,14 @@ class Upload:
         call_store(self.location, "complete_multipart_upload", **done, **self.condition)
 
     def abort(self) -> None:
-        """Drop what was sent."""
+        """Discard the uploaded parts."""
         if self._id:
             with suppress(RefusedError):
                 call_store(self.location, "abort_multipart_upload", Key=self.location.key, UploadId=self._id)
 
     @contextmanager
     def understood(self) -> Iterator[None]:
-        """Put what the store refuses into words, unless the object is there and only the answer was lost.
+        """Raise a store's refusals in words, unless the object was written and only the answer was lost.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class ObjectBatch:
         self._parts.close()
 
     def add(self, part: AbstractContextManager[TemporaryFile], location: ObjectName) -> NewFile[ObjectName]:
-        """Take a temporary file, to be written and then uploaded, until the batch is over."""
+        """Add a temporary file, which is written, then uploaded, and removed when the batch is over."""
         self._files.append(NewFile(self._parts.enter_context(part).path, location))
         return self._files[-1]
 
@@ -189,7 +189,7 @@ class ObjectBatch:
         return self._before[name] if name in self._before else self._stamp(name)
 
     def _step_all_uploads(self, uploads: Sequence[Upload], step: Callable[[Upload], None], outcome_text: str) -> None:
-        """Take all uploads through a step; if one fails, drop all that are not complete, and say what is so."""
+        """Run a step of all uploads; if one fails, discard incomplete ones and raise all faults."""
         faults: list[InputError | None] = [None] * len(uploads)
         done = False
         try:
@@ -204,7 +204,7 @@ class ObjectBatch:
 
 
 def _upload_fault(step: Callable[[Upload], None], upload: Upload) -> InputError | None:
-    """Take an upload through a step; return why it failed."""
+    """Run a step of an upload; return why it failed."""
     try:
         with upload.understood():
             step(upload)
@@ -214,7 +214,7 @@ def _upload_fault(step: Callable[[Upload], None], upload: Upload) -> InputError 
 
 
 def call_concurrently(function: Callable[[Entry], Answer], entries: Sequence[Entry]) -> list[Answer]:
-    """Call a function for several entries at a time, each of which waits for a store; return what it returns, in order."""
+    """Call a function for several entries at once, as each call waits for a store; return the results in order."""
     if len(entries) < 2:
         return [*map(function, entries)]
     client()  # made once, not in each thread
@@ -249,12 +249,12 @@ def uploads_of(location: ObjectName, prefix: str) -> list[tuple[str, str]]:
 
 
 def stamp_of(head: dict[str, Any] | None) -> str | None:
-    """Return what distinguishes an object from another under its name."""
+    """Return the stamp that distinguishes versions of an object under one name."""
     return None if head is None else str(head["ETag"])
 
 
 def head_of(location: ObjectName) -> dict[str, Any] | None:
-    """Ask what is under a name; None if there is nothing."""
+    """Return the store's description of an object; None if it does not exist."""
     try:
         return call_store(location, "head_object", Key=location.key)
     except RefusedError as error:

@@ -155,7 +155,7 @@ def _local_archive(location: Place) -> LocalFile:
 
 
 def _open_verified(local_file: LocalFile, *, check: bool) -> tuple[xr.Dataset, Examination | None]:
-    """Check a file and open the same one, again if its name went to another meanwhile; return what was found, if it was unknown."""
+    """Open a checked file, again if it was replaced meanwhile; return the examination if one was made."""
     for _ in range(MOST_REPLACED):
         identity, examination = _check_digests(local_file) if check else (_check_objects(local_file), None)
         try:
@@ -175,7 +175,7 @@ def _unreadable(path: Place, error: Exception) -> ArchiveError:
 
 
 def _check_digests(local_file: LocalFile) -> tuple[Identity, Examination | None]:
-    """Compare a file with its seal and digests; return its identity, and what was found if its bytes were unknown here."""
+    """Compare a file with its seal and digests; return its identity, and the examination of unknown bytes."""
     look = _SealedIdentity.from_file(local_file)
     if is_known(look.tail):
         see(look.identity)
@@ -206,7 +206,7 @@ def _identity(local_file: LocalFile) -> Identity:
 
 
 def _reopen_run(path: Place, digest: str) -> xr.Dataset | None:
-    """Open a file again, if it still holds the same record."""
+    """Open a file again, if it still has the record of a digest."""
     try:
         run = open_run(path)
     except InputError:

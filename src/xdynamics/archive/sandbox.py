@@ -1,8 +1,8 @@
-"""The process that reads untrusted files: what ends or hangs it is noticed from outside.
+"""The process that reads untrusted files, so that a crash or an endless loop is noticed from outside.
 
-HDF5 follows what a file says; a file can be made to keep it busy for ever, take all memory or crash. The
-process takes one request a line, JSON, and answers in one line. It forks a reader, so that it starts fast, and ends with
-the first file that has a fault: nothing that such a file leaves in the library affects another.
+HDF5 follows what a file says; a file can be made to keep it busy for ever, take all memory or crash. The process takes
+one request a line, JSON, and answers in one line. It forks a reader, so that it starts fast, and ends with the first
+file that has a fault: nothing that such a file leaves in the library affects another.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ CACHE = 1_000_000
 
 
 def main() -> None:
-    """Have requests answered until there are no more."""
+    """Answer requests until the input ends."""
     import netCDF4  # once, for every process that is forked
 
     netCDF4.set_chunk_cache(size=CACHE)

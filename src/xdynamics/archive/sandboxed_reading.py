@@ -100,7 +100,7 @@ def examine_sandboxed(path: Path, tail: Tail) -> Examination:
 
 
 class _Examiner:
-    """The separate process: started when first needed, asked one question at a time, restarted when it has ended."""
+    """The separate process: started on first use, given one request at a time, restarted when it has ended."""
 
     def __init__(self) -> None:
         self._turn = threading.Lock()
@@ -108,7 +108,7 @@ class _Examiner:
         self._has_read = False  # whether the reader of that process has read another file before
 
     def examine(self, path: Path, tail: Tail, seconds: float = SECONDS, memory: int = MEMORY) -> Examination:
-        """Have an archive examined.
+        """Examine an archive in the separate process.
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
-"""Digests of runs: one for each variable, one over everything but circumstances.
+"""Digests of runs and of files: a digest for each variable, and one over everything but circumstances.
 
-The digest that an archive of a Dataset would have, without an archive.
+The digest of a Dataset in memory equals that of its archive, without an archive being written.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Tail:
 
 
 def tail_of(path: Path) -> Tail:
-    """Compare a file with the seal at its end, and describe what happened to a seal that is not whole."""
+    """Compare a file with the seal at its end, and describe the damage of an incomplete seal."""
     size = path.stat().st_size
     with path.open("rb") as file:
         file.seek(max(0, size - _SEARCHED))
@@ -211,7 +211,7 @@ def letters_of(name: str) -> str:
 
 
 def stored_digest(variable: Any, name: str = "", *, single: bool = False) -> str:
-    """Return the digest of a variable of an open netCDF file, by its values: texts as letters or strings have the same.
+    """Return the digest of an open netCDF variable by its values: texts as letters or strings have equal digests.
 
     Numbers are read a chunk at a time.
 
@@ -247,7 +247,7 @@ def stored_digest(variable: Any, name: str = "", *, single: bool = False) -> str
 
 
 def _trimmed(letters: Array) -> Array:
-    """Return letters without what other programs append to the longest text."""
+    """Return letters without the padding that other programs append to the longest text."""
     if not letters.size:
         return letters
     filled = np.flatnonzero((letters != b"").reshape(-1, letters.shape[-1]).any(axis=0))
@@ -267,7 +267,7 @@ def digest_lines(digests: Mapping[str, str]) -> str:
 
 
 def digests_in(attributes: Mapping[Any, Any]) -> dict[str, str]:
-    """Return the digests of variables that a file states in one place; none of the former schema."""
+    """Return the digests of variables from a file's attribute of digests; none for the former schema."""
     # from the right: a digest has no blank, and a name may have some
     lines = [line.rpartition(" ") for line in str(attributes.get(DIGESTS, "")).splitlines()]
     return {name: digest for name, _, digest in lines}

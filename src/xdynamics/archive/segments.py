@@ -1,10 +1,10 @@
-"""The segments of a march that streams into an archive: kept beside it until the archive is whole.
+"""Segments of a march that streams into an archive: files beside the archive until the archive is complete.
 
-One finished stretch of a march as a file: its identity, the march's memory at its end, its rows.
+The march runs in bounded memory, and its finished segments outlive the process. A segment is one finished stretch: its
+identity, the march's memory at its end, its rows.
 
-The first line is JSON: name, type and shape of every array, and for every variable the digest of all its rows up to here. The arrays of the memory follow, then a line with the sha256 of everything before it, then the rows.
-
-A march straight into a file, in bounded memory; finished parts of it outlive the process.
+The first line is JSON: name, type and shape of every array, and for every variable the digest of all its rows so far.
+The arrays of the memory follow, then a line with the sha256 of everything before it, then the rows.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _PIECE = 1 << 22  # bytes that are read at once
 
 @dataclass(frozen=True)
 class Segment:
-    """A segment whose first line and memory are whole: the content of the line, where arrays begin, a digest of both."""
+    """A segment with complete header and memory: header content, start of the arrays, digest of both."""
 
     local_file: LocalFile
     header: Mapping[str, Any]
@@ -110,7 +110,7 @@ def write_segment(
     rows: list[Shape],
     values: Iterable[Array],
 ) -> str:
-    """Write a segment whole or not at all; return its digest."""
+    """Write a segment completely or not at all; return its digest."""
     shapes = [(name, array.dtype, array.shape) for name, array in memory.items()]
     header = {"kind": _KIND} | dict(march_header) | {MEMORY: _array_headers(shapes), ROWS: _array_headers(rows)}
     head = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in memory.values())
@@ -254,7 +254,7 @@ class Segments:
         return len(self._whole_segments)
 
     def _gather(self, names: list[Place]) -> None:
-        """Take the segments up to the first that is not whole."""
+        """Collect the segments up to the first incomplete one."""
         seals = {column.variable.name: Seal.for_variable(column.variable) for column in record.columns(self.march)}
         for name in names:
             try:
@@ -291,12 +291,12 @@ class Segments:
             self.march.go_on_from(self._whole_segments[-1].memory())
 
     def go_on(self, writer: Writer) -> None:
-        """Count what a writer holds as kept."""
+        """Count the rows of a writer as stored."""
         self._written_rows = writer.filled
 
     @property
     def patience(self) -> float:
-        """Seconds after which rows are to be handed over, so that they can be kept in time."""
+        """Seconds after which rows are to be handed over, so that they are stored in time."""
         return EVERY
 
     @property
@@ -331,7 +331,7 @@ class Segments:
         self._written_rows, self._last = filled, time.monotonic()
 
     def remove(self) -> None:
-        """Remove all segments: the archive is whole."""
+        """Remove all segments, once the archive is complete."""
         if self._lock is not None:
             _remove_segments(self.folder)
 
@@ -384,13 +384,13 @@ def discard(archive: Given) -> int:
 
 
 def clear_rest(archive: Place) -> None:
-    """Remove what a killed process left beside a whole archive; see `clear_segments`."""
+    """Remove files that a killed process left beside a complete archive; see `clear_segments`."""
     store_of(archive).clear(resolve_links(archive).parent)
     clear_segments(archive)
 
 
 def clear_segments(archive: Place) -> None:
-    """Remove remaining segments of a whole archive; those that cannot be removed, or are being written, stay."""
+    """Remove segments beside a complete archive; those that cannot be removed, or are being written, stay."""
     folder = segments_folder(archive)
     with suppress(OSError, InputError):
         if is_folder(folder):
@@ -516,7 +516,7 @@ def _write_all_rows(writer: Writer, march: March, segments: Segments, earlier_pa
 
 
 def _write_constants(writer: Writer, march: March) -> None:
-    """Write what has no rows: none of it is held while the attributes are found."""
+    """Write variables without rows, each released before attributes are computed."""
     for variable, value in record.constants(march):
         dtype = np.dtype(object) if variable.dtype == "U" else np.dtype(variable.dtype)
         sizes = dict(zip(variable.dims, np.shape(value), strict=True))

@@ -183,14 +183,14 @@ class _Closing:
 
 @with_library_lock
 def keep_open(path: Path) -> None:
-    """Keep open what is still to be read from a file whose name another is to take: it is read from there until it is closed."""
+    """Keep the open archives of a file that is about to be replaced: their values are read from the old file."""
     for archive in _readers(path):
         archive.acquire()
         _kept_open.add(id(archive))
 
 
 def is_still_read(path: Path) -> bool:
-    """Whether variables of a run in this process still have to be read from a file, and it is not kept open for them."""
+    """Whether runs of this process have values to read from a file that is not kept open for them."""
     if not any(_readers(path)):
         return False
     gc.collect()  # unreachable runs that wait to be collected
@@ -220,7 +220,7 @@ def _registered_archives() -> list[SharedArchive]:
 
 
 def identity_of(path: Path) -> Identity:
-    """Return what distinguishes a file from another under its name."""
+    """Return the identity that distinguishes versions of a file under one name."""
     status = path.stat()
     return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
 
@@ -228,7 +228,7 @@ def identity_of(path: Path) -> Identity:
 @atexit.register
 @with_library_lock
 def _close_all_archives() -> None:
-    """Close what is still open: a file that is collected while the interpreter shuts down prints errors."""
+    """Close all open archives: a file collected during the interpreter's shutdown prints errors."""
     while _open:
         close_later(_open.popitem()[1])
     close_left()

@@ -1,6 +1,7 @@
-"""Signatures of archives: Ed25519 over the digests of content, circumstances and bytes, in a file beside the archive.
+"""Signatures of archives: Ed25519 over the digests of content, circumstances and bytes, in a separate file.
 
-A seal detects damage; whoever edits a file on purpose can make a new one. A signature needs the private key.
+A signature lies beside its archive. A seal detects damage; whoever edits a file on purpose can make a new seal. A
+signature needs the private key.
 """
 
 from __future__ import annotations
@@ -132,7 +133,7 @@ def verify_signature(path: Given, key: str | Path) -> str:
 
 
 def coverage_note(path: Place) -> str:
-    """Describe what a verified signature covers, if that is less than the whole file."""
+    """Describe the coverage of a verified signature, if that is less than the complete file."""
     return f"; {NARROW}" if _read_signature(path).kind != KIND else ""
 
 
@@ -186,7 +187,7 @@ def signature_of(path: Place) -> Place:
 
 
 def protection(path: Place) -> str:
-    """Describe what a verification without a key has shown."""
+    """Describe the protection that a verification without a key has shown."""
     if _is_there(signature_of(path)):
         return "sealed; signed, and the signature not checked: give --key"
     return "sealed; not signed"
@@ -328,7 +329,7 @@ def _read_small_file(path: Path, file_role: str) -> bytes:
 
 
 def _cryptography() -> tuple[Any, Any]:
-    """Import what is needed of an optional package, late."""
+    """Import the modules of the optional package cryptography, on first use."""
     try:
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric import ed25519

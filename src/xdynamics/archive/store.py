@@ -1,13 +1,10 @@
-"""Where files are: the protocol of a store, the name of a place, and the checks of a path to be read.
+"""The protocol of a store, the names of files and objects in it, and the checks of a path before it is read.
 
-A store: where files are written whole or not at all, listed, locked, and known by what is there.
+A store writes files complete or not at all, lists them, locks them, and identifies them by their content. The program
+knows this protocol alone. The file system is one store (`folder_store`), a bucket of an object store another
+(`object_store`); `folder_store.store_of` says to which store a location belongs.
 
-The program knows this protocol alone. A folder of the file system is one store (`folder_store`), a bucket of an object
-store another (`object_store`); `stores.store_of` says which one a place is of.
-
-Places of files: a path of the file system, or the name of an object like ``s3://bucket/runs/one.nc``.
-
-The checks of a path that an archive is to be read from.
+A location is a path of the file system, or the name of an object like ``s3://bucket/runs/one.nc``.
 """
 
 from __future__ import annotations
@@ -35,7 +32,7 @@ _BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 
 @dataclass(frozen=True)
 class ObjectName:
-    """The name of an object in a bucket, which behaves as the name of a file does; what is there, its store says.
+    """The name of an object in a bucket, with the interface of a file's name; only the store reads the object.
 
     Attributes
     ----------
@@ -55,7 +52,7 @@ class ObjectName:
 
     @property
     def name(self) -> str:
-        """What follows the last slash."""
+        """The part of the name after the last slash."""
         return PurePosixPath(self.key).name
 
     @property
@@ -70,11 +67,11 @@ class ObjectName:
 
     @property
     def parent(self) -> ObjectName:
-        """What precedes the last slash, as a folder."""
+        """The part of the name before the last slash, as a folder."""
         return ObjectName(self.bucket, self.key.rpartition("/")[0])
 
     def with_name(self, name: str) -> ObjectName:
-        """Return another object of the same folder."""
+        """Return another object name in the same folder."""
         return self.parent / name
 
     def with_suffix(self, suffix: str) -> ObjectName:
@@ -92,12 +89,12 @@ GIVEN = (str, PathLike, ObjectName)
 
 
 def resolve_links(location: Place) -> Place:
-    """Return the place that links lead to."""
+    """Return the location that symbolic links lead to."""
     return Path(os.path.realpath(location)) if isinstance(location, Path) else location
 
 
 def location_of(named_location: Given) -> Place:
-    """Return the place that a text or a path names.
+    """Return the location that a text or a path names.
 
     Raises
     ------
@@ -141,7 +138,7 @@ def location_of(named_location: Given) -> Place:
 
 
 def check_file_name(name: str) -> None:
-    """Check that a text can name a file in a folder, and no other place.
+    """Check that a text can name a file in a folder, and no other folder.
 
     Raises
     ------
@@ -209,7 +206,7 @@ FOLDER = "a directory"  # as a kind
 
 
 class TakenError(ArchiveError):
-    """Another process wrote what this one was about to write: what is there is whole, and of the other."""
+    """Another process wrote the file that this one was about to write; that file is complete."""
 
 
 class LockedError(InputError):
@@ -237,7 +234,7 @@ class NewFile(Generic[Name]):
 
 @dataclass(frozen=True)
 class LocalFile:
-    """What is under a name, as a file of this machine, which stays there as long as this object does.
+    """The content of a name as a local file, which stays as long as this object does.
 
     Attributes
     ----------
@@ -267,32 +264,32 @@ class FileBatch(Protocol):
         """Remove the files that have not taken their names."""
 
     def take_names(self) -> None:
-        """Give all files their names; if that fails, the error says which have theirs."""
+        """Give all files their names; if that fails, the error lists the files that have theirs."""
 
 
 class Store(Protocol[Name]):
-    """Files by name, each whole or not at all. Every fault is one line that names the place, the cause and the remedy."""
+    """Files by name, each complete or absent. Every fault is one line that names location, cause and remedy."""
 
     def check_source(self, location: Name) -> None:
         """Check that there is a file to read."""
 
     def check_target(self, location: Name, model: Model | None = None) -> None:
-        """Check before any work that a file can be written to a place, and that nothing is lost there."""
+        """Check before any work that a file can be written to a location without loss."""
 
     def check_no_table(self, location: Name, tables: list[str]) -> None:
-        """Check that a place holds none of the measured tables that a record keeps, recognised by its text."""
+        """Check that a location has none of the measured tables of a record, recognised by their texts."""
 
     def kind(self, location: Name) -> str | None:
-        """Return what is at a place: nothing (``""``), a file (None), or anything else in words (``"a directory"``)."""
+        """Return the kind of a location: nothing (``""``), a file (None), or other words (``"a directory"``)."""
 
     def stamp(self, location: Name) -> Any:
-        """Return what distinguishes a file from another under its name; None where there is none."""
+        """Return the stamp that distinguishes versions of a file under one name; None without a file."""
 
     def names(self, folder: Name) -> list[Name]:
         """List the files and folders of a folder in order, without temporary ones; none where there is no such folder."""
 
     def content(self, location: Name, max_bytes: int) -> bytes:
-        """Read a small file whole; one of over `max_bytes` bytes is refused."""
+        """Read a small file completely; one of over `max_bytes` bytes is refused."""
 
     def local_file(self, location: Name) -> LocalFile:
         """Return a file as one of this machine."""
@@ -301,7 +298,7 @@ class Store(Protocol[Name]):
         """Return a path of the disk on which a file is written before it takes its name."""
 
     def taking_name(self, location: Name, batch: Any = None) -> AbstractContextManager[NewFile[Name]]:
-        """Lend a temporary file, which takes its name whole when the `with` block is done.
+        """Lend a temporary file, which takes its name, complete, when the `with` block is done.
 
         What is new stays alone under its name, and what replaces replaces what was there when the block began: of two
         writers one is told by `TakenError`, where the store can tell them apart. Files of a `batch` reach the disk
@@ -309,16 +306,16 @@ class Store(Protocol[Name]):
         """
 
     def batch(self, locations: Sequence[Name]) -> FileBatch:
-        """Return what gives files of these places their names together."""
+        """Return the batch that gives files at these locations their names together."""
 
     def check_each(self, locations: Sequence[Name]) -> None:
         """Check all targets, as `check_target` does; several at once where each waits for an answer."""
 
     def check_empty(self, location: Name) -> None:
-        """Check that a place is an empty folder, or does not exist."""
+        """Check that a location is an empty folder, or does not exist."""
 
     def taking_folder(self, location: Name) -> AbstractContextManager[Path]:
-        """Lend a temporary folder, which takes its name whole when the `with` block is done."""
+        """Lend a temporary folder, which takes its name, complete, when the `with` block is done."""
 
     def made_folder(self, location: Name) -> Name:
         """Return a folder, made if it does not exist."""
@@ -333,7 +330,7 @@ class Store(Protocol[Name]):
         """Remove a file, or a folder that is empty; raises OSError or `ArchiveError` if it cannot be removed."""
 
     def remove_folder(self, folder: Name) -> None:
-        """Remove a folder with all that is in it; what cannot be removed stays."""
+        """Remove a folder with its content; entries that cannot be removed stay."""
 
     def clear(self, folder: Name) -> None:
-        """Remove what dead processes left half-written in a folder."""
+        """Remove half-written files of dead processes in a folder."""

@@ -1,15 +1,9 @@
-"""Values as they are stored, and as readers get them: texts of many members, chunks by index, arrays read when used.
+"""Lazy arrays of archives: values that are read on use, by one thread at a time, and decoded for the reader.
 
-Texts of many members as numbers in a file: outcomes as flags, digests as bytes; readers get the texts.
+xarray asks for values by index. A list of indices is read in stretches of chunks and selected in memory: the library
+looks up each number of a list by itself, at 60 microseconds each; a stretch it copies at memory's speed.
 
-A digest of 32 digits takes 16 bytes, an outcome one; in memory, as texts of one width, 128 and 80. The digest of such a
-variable is that of its texts, so that an archive has the same content digest in whatever form it keeps them.
-
-Elements of a stored variable by index: read in stretches of chunks, and chosen in memory.
-
-The library looks up each number of a list by itself, at 60 microseconds each; a stretch it copies at memory's speed.
-
-Values of archives as xarray asks for them: read when they are used, by one thread at a time.
+Texts of many members are stored as numbers (see `text_encoding`); the reader gets the texts.
 """
 
 from __future__ import annotations
@@ -83,7 +77,7 @@ def _nonnegative_indices(rows: Array, length: int) -> NDArray[np.int64]:
 
 
 def _stretch_sizes(variable: netCDF4.Variable[Any], axis: int) -> tuple[int, int]:
-    """Return how many elements along a dimension are stored together, and how many of such parts make a stretch."""
+    """Return the chunk size along a dimension, and the number of chunks that make a stretch."""
     chunks = variable.chunking()
     part = int(chunks[axis]) if isinstance(chunks, list | tuple) else UNCHUNKED
     elements_per_row = prod(variable.shape[:axis] + variable.shape[axis + 1 :])

@@ -1,10 +1,10 @@
-"""Where a new file may be written, and how it takes its name: whole, last, and with the rights of the old one.
+"""Temporary files of archives, and how a finished file takes its name: complete, and with the old file's rights.
 
-Temporary files: those being written are locked, and those that dead processes left are removed.
+Temporary files that are being written are locked; those that dead processes left are removed.
 
-Beside every temporary file stands an empty one with a system lock on it, which is released when its process ends, however
-it does. So no process number is consulted, which may be used again or be of another machine. The lock is not on the file
-itself, because HDF5 puts its own there.
+Beside every temporary file stands an empty file with a system lock on it, which is released when its process ends,
+however it does. So no process number is consulted, which may be used again or be of another machine. The lock is not on
+the temporary file itself, because HDF5 puts its own there.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def _lock_of(part: Path) -> Path:
 
 
 def fitting_name(name: str, *, prefix: str = "", suffix: str = "") -> str:
-    """Return a file's name with a prefix and a suffix; if that is too long, its beginning and a digest take its place."""
+    """Return a file's name with prefix and suffix; a name too long is shortened and given a digest."""
     encoded = os.fsencode(name)
     if len(encoded) + len(prefix) + len(suffix) > LONGEST:
         encoded = encoded[: LONGEST - 32] + b"~" + sha256(encoded).hexdigest()[:16].encode()
@@ -138,6 +138,8 @@ def try_lock(handle: int, *, needed: bool) -> bool:
     On a file system without locks a needed one is not obtained: nothing is removed there, but files are written.
     """
     try:
+        # flock(2) locks the open file description: closing another descriptor of the file, which would release
+        # POSIX locks, does not release this lock
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
@@ -231,7 +233,7 @@ class Batch:
         return self._files[-1]
 
     def take_names(self) -> None:
-        """Have all files reach the disk, and give them their names.
+        """Force all files to the disk, and give them their names.
 
         Raises
         ------
@@ -269,7 +271,7 @@ def _begin_new_file(parts: ExitStack, target: Path) -> NewFile[Path]:
 
 
 def sync_file_systems(paths: list[Path]) -> None:
-    """Have everything written on the file systems of some paths reach the disk.
+    """Force the file systems of some paths to the disk.
 
     Raises
     ------
@@ -326,7 +328,7 @@ def taking_path_name(path: Path, batch: Batch | None = None) -> Iterator[NewFile
 
 
 def _inherit(part: int, old: Path) -> None:
-    """Give a new file mode and owner of the one that it replaces; where an owner cannot be kept, no right is widened."""
+    """Give a new file mode and owner of its predecessor; if the owner cannot be set, no right is widened."""
     try:
         status = old.stat()
     except FileNotFoundError:

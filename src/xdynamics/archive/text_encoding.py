@@ -73,7 +73,7 @@ def encoded_texts(name: str, role: Any, letters: Array) -> EncodedTexts | None:
     role : str
         Of the variable.
     letters : ndarray of S1
-        Along the last dimension, as `seals.letters` gives them.
+        Along the last dimension, as `seals.utf8_letters` gives them.
     """
     if role not in NUMBERED or letters.ndim < 2 or not letters.size:
         return None

@@ -1,6 +1,6 @@
-"""Runs into files: written whole or not at all.
+"""Runs into netCDF files, each written complete or not at all.
 
-A netCDF file while it is filled: variables are defined, appended to, then sealed.
+A file is written in three phases: variables are defined, rows are appended, and the file is sealed.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class Writer:
         self._filled: dict[str, int] = {}
 
     def pack(self, widths: Mapping[str, tuple[str, int]]) -> None:
-        """Compress variables that are going to be defined, as far as readers accept; see `bounds.packed`."""
+        """Compress variables that are going to be defined, as far as readers accept; see `variables_to_compress`."""
         self._packed = variables_to_compress(widths)
 
     @with_library_lock
@@ -171,14 +171,14 @@ class Writer:
 
     @with_library_lock
     def shapes_since(self, earlier_counts: Mapping[str, int]) -> list[tuple[str, Any, tuple[int, ...]]]:
-        """Return name, type and shape of the values that variables were given since they held `earlier_counts`."""
+        """Return name, type and shape of the values appended to variables since `earlier_counts`."""
         return [
             (name, self._seals[name].dtype, (n - earlier_counts.get(name, 0), *self._file.variables[name].shape[1:]))
             for name, n in self._filled.items()
         ]
 
     def since(self, earlier_counts: Mapping[str, int]) -> Iterator[Array]:
-        """Read back the values that variables were given since they held `earlier_counts`, some megabytes at a time."""
+        """Read back the values appended to variables since `earlier_counts`, some megabytes at a time."""
         for name, n in self._filled.items():
             rows = max(1, BACK // prod(self._file.variables[name].shape[1:]))
             for start in range(earlier_counts.get(name, 0), n, rows):
@@ -511,7 +511,7 @@ def _declare_standing(run: xr.Dataset, derived: str | None) -> xr.Dataset:
 
 
 def _attributes_by_standing(attributes: dict[str, Any], result: Standing, derived: str | None) -> dict[str, Any]:
-    """Return attributes that say what a record is, by its standing.
+    """Return the attributes that state the kind of a record, by its standing.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""How far one number of a run may be off, and why: terms, totals, Monte Carlo."""
+"""Error budgets of one number of a run: terms, totals, Monte Carlo."""

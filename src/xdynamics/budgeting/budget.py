@@ -1,6 +1,6 @@
-"""The error budget of one number: every source of error in one table, with totals and a Monte Carlo check.
+"""The error budget of a number: every source of error in one table, with totals and a Monte Carlo check.
 
-Error budgets over the axes of a sweep: one for each member, in one Dataset.
+Over the axes of a sweep there is one budget for each member, all in one Dataset.
 """
 
 from __future__ import annotations
@@ -295,7 +295,7 @@ def error_budget(
 
 
 def _compute_budget(request: BudgetRequest, until_uncertainty: str | None) -> xr.Dataset:
-    """March and put together what a budget is made of, here."""
+    """March the runs of a budget in this process, and return the budget."""
     tasks = _tasks(request, _copies_task)
     parts = BudgetParts.from_results(dict(zip(tasks, results_of(*tasks.values()), strict=True)))
     target, unit = request.target, parse_unit(parts.own_run.units)
@@ -335,7 +335,7 @@ def budget_stage(request: BudgetRequest) -> Stage:
 
 
 def _tasks(request: BudgetRequest, gathered: Gatherer) -> dict[Any, Any]:
-    """Return the tasks of what a budget is put together from: the run, the number in it and in levels, all terms."""
+    """Return the tasks of a budget: its run, the number in it and in levels, and all terms."""
     measurand = request.measurand
     needs = {need for source in request.sources for need in source.needs}
     run = numerical.run_task(measurand)
@@ -368,7 +368,7 @@ def _copy_values(numbers: Callable[..., xr.DataArray]) -> NDArray[np.float64]:
 
 
 def _budget_of_parts(request: BudgetRequest, names: list[Any], *task_results: Any) -> xr.Dataset:
-    """Put a budget together, in a task."""
+    """Return a budget from the results of its tasks; called inside a task."""
     parts = dict(zip(names, task_results, strict=True))
     numbers, budget_parts = parts.pop(DRAWS, None), BudgetParts.from_results(parts)
     _doubt_slopes(budget_parts.terms, request.target)

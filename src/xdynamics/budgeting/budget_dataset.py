@@ -1,8 +1,7 @@
-"""The Dataset of an error budget: its variables, its result in words, and what it was asked for.
+"""The Dataset of an error budget: its request, its sources of error, and its variables of terms and draws.
 
-What an error budget is asked for, read and checked, and the sources of error that it has.
-
-Terms, levels and draws of a budget as variables of its Dataset.
+The request states the number, the sources of error and the draws. Terms, levels and draws become variables, and the
+result is stated in words.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ MIN_DRAWS = 100
 
 @dataclass(frozen=True)
 class BudgetRequest:
-    """What a budget is asked for.
+    """The arguments of a budget, checked.
 
     Attributes
     ----------
@@ -92,7 +91,7 @@ class BudgetRequest:
 
     @property
     def target(self) -> Target:
-        """What is taken of the run."""
+        """The number that is taken from the run."""
         return self.measurand.target
 
     @property
@@ -117,7 +116,7 @@ class BudgetRequest:
 
     @cached_property
     def sources(self) -> list[ErrorSource]:
-        """Its sources of error: of the march, of the model, and declared ones."""
+        """The sources of error of the budget: of the march, of the model, and declared ones."""
         measurand = self.measurand
         sources = [
             *numerical_sources(measurand),
@@ -145,7 +144,7 @@ class BudgetRequest:
         return names
 
     def propagation(self, value: float, terms: Sequence[Term]) -> Propagation:
-        """Return what is drawn: inputs of the model, and other physical terms."""
+        """Return the propagation by drawing: inputs of the model, and other physical terms."""
         added_uncertainties = [
             term.standard for term in terms if term.kind == PHYSICAL and term.name not in self.inputs
         ]
@@ -303,7 +302,7 @@ def _total_scalars(terms: list[Term], variance: Mapping[str, float]) -> dict[str
 
 
 def _input_columns(terms: list[Term], unit: Unit) -> dict[str, TermColumn]:
-    """Return what each term is of: its name, its rule, its input, and how the number changes with that."""
+    """Return name, rule and input of each term, and the sensitivity of the number to the input."""
     sensitivities = [_unit_ratio(unit, term.input_unit) if term.input_unit else "" for term in terms]
     inputs = [term.input_unit.text if term.input_unit else "" for term in terms]
     return {
@@ -343,7 +342,7 @@ def _input_columns(terms: list[Term], unit: Unit) -> dict[str, TermColumn]:
 
 
 def _contributions(terms: list[Term], units: str) -> dict[str, TermColumn]:
-    """Return what each term contributes, in the number's unit."""
+    """Return the contribution of each term, in the number's unit."""
     return {
         "standard_uncertainty": (
             np.array([term.standard for term in terms]),
@@ -408,7 +407,7 @@ def level_variables(compared: LevelComparison, own_run: OwnRun, unit: Unit) -> d
 
 
 def late_variables(late_values: Mapping[str, Any], units: str, second: str) -> dict[str, Any]:
-    """Return as variables what is known of a budget only once it is computed, and is an attribute then too."""
+    """Return as variables the results that are known only after a budget is computed; they become attributes then."""
     words = {
         "result": (
             "1",
@@ -477,7 +476,7 @@ def draw_variables(draws: DrawStatistics, unit: Unit, coverage: float) -> dict[s
 
 @dataclass(frozen=True)
 class BudgetParts:
-    """What a budget is put together from.
+    """The results from which a budget is assembled.
 
     Attributes
     ----------
@@ -499,13 +498,13 @@ class BudgetParts:
 
     @classmethod
     def from_results(cls, parts: Mapping[Any, Any]) -> BudgetParts:
-        """Return it from the results of its tasks; those of terms are under tuples of their names."""
+        """Return the parts from the results of a budget's tasks; terms have tuples of their names as keys."""
         terms = [term for name, row in parts.items() if isinstance(name, tuple) for term in row]
         return cls(parts[OWN], parts[NUMBER], parts.get(COMPARED), terms, parts.get(PROVEN))
 
 
 def budget_dataset(request: BudgetRequest, parts: BudgetParts, monte_carlo: DrawStatistics | None) -> xr.Dataset:
-    """Put a budget together."""
+    """Return the Dataset of a budget from its request, its parts and its draws."""
     model, target, own_run, value = request.measurand.model, request.target, parts.own_run, parts.number.value
     unit, compared = parse_unit(own_run.units), parts.compared
     variables = term_variables(model, target, unit, value, parts.terms)
@@ -557,7 +556,7 @@ def _choice_text(request: BudgetRequest, terms: list[Term]) -> str:
 
 
 def _budget_attributes(request: BudgetRequest, own_run: OwnRun) -> dict[str, Any]:
-    """Return what a budget was asked for."""
+    """Return the arguments of a budget as attributes."""
     target = request.target
     return (
         {"coverage": request.coverage, "seed": request.measurand.seed, "draws": request.draws}

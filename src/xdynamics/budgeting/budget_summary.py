@@ -1,7 +1,4 @@
-"""A summary of a budget in lines of text.
-
-A number rounded to the digits that its uncertainty justifies.
-"""
+"""The summary of a budget in lines of text, with numbers rounded to the digits that their uncertainty justifies."""
 
 from __future__ import annotations
 
@@ -103,7 +100,7 @@ def short_size(value: float, digits: int = 1) -> str:
 
 
 def same_number(first: str, second: str) -> bool:
-    """Whether two results say the same, though earlier versions wrote a small uncertainty with zeros.
+    """Whether two written results are equal, though earlier versions wrote a small uncertainty with zeros.
 
     Examples
     --------
@@ -156,7 +153,7 @@ def budget_lines(budget: xr.Dataset) -> Iterator[str]:
 
 
 def _term_row(budget: xr.Dataset, i: int, unit: str) -> tuple[str, ...]:
-    """Return the words of a term: what it contributes, its share, and how that follows from its input."""
+    """Return a term in words: its contribution, its share, and how both follow from its input."""
     standard, share = float(budget["standard_uncertainty"][i]), float(budget["share"][i])
     slope, slope_unit = float(budget["sensitivity"][i]), _unit_suffix(str(budget["sensitivity_units"].values[i]))
     size = f"{uncertainty_alone(float(budget['input_uncertainty'][i]))}{_unit_suffix(budget['input_units'].values[i])}"
@@ -178,7 +175,7 @@ def terms_by_share(budget: xr.Dataset) -> list[int]:
 
 
 def _unknown_term_lines(budget: xr.Dataset) -> Iterator[str]:
-    """Say why terms are unknown, and what may be asked for instead."""
+    """Explain why terms are unknown, and which number to ask for instead."""
     unknown_rules = (
         budget["term_rule"].values[np.isinf(budget["standard_uncertainty"].values)] if "term_rule" in budget else ()
     )
@@ -188,7 +185,7 @@ def _unknown_term_lines(budget: xr.Dataset) -> Iterator[str]:
 
 
 def _proven_lines(budget: xr.Dataset, unit: str) -> Iterator[str]:
-    """Describe proven bounds of the number, where they were asked for."""
+    """Describe the proven bounds of the number, if the budget has them."""
     if "proven_interval" not in budget:
         return
     low, high = budget["proven_interval"].values.tolist()
@@ -208,7 +205,7 @@ def draws_needed_text(budget: xr.Dataset) -> str:
 
 
 def extreme_lines(budget: xr.Dataset) -> Iterator[str]:
-    """Describe where an extreme is in the run, and how it was found."""
+    """State the time of an extreme, and the rule by which it was located."""
     if (extreme_rule := stated_value(budget, "extreme_rule")) is not None:
         second = _unit_suffix(budget.attrs.get("time_units", SECONDS.text))
         rule = SAID[RULES.index(str(extreme_rule))]

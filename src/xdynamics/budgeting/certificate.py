@@ -149,7 +149,7 @@ def _certificate_stage(request: BudgetRequest) -> Stage:
 def _certificate_dataset(
     model: Model, budget: xr.Dataset, ledger: xr.Dataset, expected_gates: tuple[str, ...] = ()
 ) -> xr.Dataset:
-    """Put a certificate together; an expected gate that there is nothing to decide by is not checked."""
+    """Return a certificate; an expected gate without data to decide it is not checked."""
     gates = _decide_gates(budget, ledger, has_draws=bool(model.uncertain))
     if expected_gates:
         decided = {gate[0]: gate for gate in gates}
@@ -243,7 +243,7 @@ def _numerical_part_reason(bound: float, physical: float, write: Write) -> str:
 
 
 def gate_reasons(certificate: xr.Dataset) -> list[str]:
-    """Return what was looked at for each gate, its numbers rounded, with their unit; those kept have neither."""
+    """Return the reason of each gate with rounded numbers and units; stored reasons have neither."""
     recorded_reasons: dict[str, str] = dict(
         zip(certificate["gate_name"].values.tolist(), certificate["gate_reason"].values.tolist(), strict=True)
     )
@@ -298,7 +298,7 @@ def certificate_of(source: Any) -> xr.Dataset:
 def remake_certificate(
     certificate: xr.Dataset | Given, functions: Mapping[str, Callable[..., float]] | None
 ) -> xr.Dataset:
-    """Return a certificate made again from nothing but itself, with the same numbers; see `documenting.bundling.recheck`.
+    """Return a certificate recomputed from itself alone, with equal numbers; see `documenting.bundling.recheck`.
 
     Raises
     ------
@@ -343,7 +343,7 @@ def remake_certificate(
 
 
 def _with_symmetric_result(certificate: xr.Dataset) -> xr.Dataset:
-    """Write the number of a certificate as earlier versions did: with twice what was drawn on either side."""
+    """Write the number of a certificate as earlier versions did: plus and minus twice its drawn uncertainty."""
     if int(certificate["linear_verdict"]) != NOT_ADEQUATE:
         return certificate
     parts = (certificate[name] for name in ("monte_carlo_standard_uncertainty", "numerical_rss"))

@@ -1,6 +1,6 @@
-"""The problem of a fit: measured records, what is to be found, and the runs that both are compared with.
+"""The problem of a fit: measured records, fitted numbers, the runs of both, and tests of the residuals.
 
-Tests whether the residuals of a fit are noise: their size against the uncertainties, and their order in time.
+Two tests ask whether the residuals are noise: their size against the uncertainties, and their order in time.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class FitRecord:
 
     @property
     def offset_scale(self) -> float:
-        """A time in which what was measured changes a little: some spacings of the record's times."""
+        """A time in which measured values change a little, s: some spacings of the record's times."""
         spacings = np.diff(np.unique(self.data.times))
         return SPACINGS * float(np.median(spacings)) if spacings.size else 1.0
 
@@ -221,7 +221,7 @@ class FitRecord:
         return np.tile(selected, len(self.quantities))
 
     def computed(self, values: Floats, *, require_all: bool = True) -> Floats:
-        """Return what the model computes for rows of parameters in their own units, shape (n, measured values).
+        """Return the model's values for rows of parameters in their own units, shape (n, measured values).
 
         Raises
         ------
@@ -279,7 +279,7 @@ class FitRecord:
         return columns[0] if columns else np.zeros(len(values))
 
     def _times(self, shifts: Floats) -> tuple[Floats, NDArray[np.int64]]:
-        """Return the times of the run that were measured, for each offset, and the place of each reading among them."""
+        """Return the distinct times of the run for all offsets, and the index of each reading among them."""
         times = self.data.times[None, :] - shifts[:, None]
         if OFFSET in self.names and self.is_offset(OFFSET):
             times = np.clip(times, *self._span)  # slopes at an end are looked for a little outside of it
@@ -287,7 +287,7 @@ class FitRecord:
         return run_times, places.reshape(times.shape)
 
     def likely_offset(self, values: Floats, low: float, high: float) -> float:
-        """Return the offset between bounds at which a run with given numbers differs least from what was measured."""
+        """Return the offset between bounds at which a run with given numbers differs least from the measured values."""
         spacing = self.offset_scale / SPACINGS / 2.0
         begin, end = self._span
         count = int(np.clip((end - begin) / spacing, 2, 10 * MAX_TRIED_OFFSETS))
@@ -310,7 +310,7 @@ class FitRecord:
         return float(tried_offsets[int(np.argmin(np.nan_to_num(squares, nan=np.inf)))])
 
     def _unchanged(self, members: int) -> dict[str, Any]:
-        """Return what is varied where the offset alone is fitted: a parameter, which keeps its value."""
+        """Return the axis of runs where the offset alone is fitted: a parameter at its constant value."""
         import xarray as xr
 
         name, part = next(iter(self.model.statement.parameters.items()))
@@ -404,7 +404,7 @@ class Fitting:
         return np.concatenate(residuals), np.concatenate(slopes)
 
     def squares(self, scaled: Floats, share: float) -> Floats:
-        """Return what is made small at many starts, over a share of the time; infinite if a run ends before."""
+        """Return the sum of losses at many starts, over a share of the time; infinite if a run ends before."""
         sums = np.zeros(len(scaled))
         for k, record in enumerate(self.records):
             places = self.number_indices(k)
@@ -445,7 +445,7 @@ class Fitting:
 
 
 def with_slopes(record: FitRecord, values: Floats, scales: Floats) -> tuple[Floats, Floats]:
-    """Return what the model computes, and its slopes by every parameter, shape (measured values, n)."""
+    """Return the model's values, shape (measured values,), and slopes by parameters, (measured values, n)."""
     n = len(values)
     rows = np.tile(values, (1 + n * len(SIDES), 1))
     for i in range(n):

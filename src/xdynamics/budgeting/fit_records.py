@@ -1,4 +1,4 @@
-"""The arguments of a fit, checked: measured records, the models they are compared with, numbers, bounds and scales."""
+"""The arguments of a fit, checked: measured records, their models, numbers, bounds and scales."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ def _check_measured_columns(table: Any, units: Mapping[str, Unit], ledger: Ledge
 
 
 def timed_names(model: Model) -> tuple[str, ...]:
-    """Name what has times: events, contacts and frictions."""
+    """Name the parts of a model with event times: events, contacts and frictions."""
     statement = model.statement
     return (*statement.events, *statement.contacts, *statement.frictions)
 
@@ -200,7 +200,7 @@ def timed_names(model: Model) -> tuple[str, ...]:
 def fit_bounds(
     records: Sequence[FitRecord], numbers: Sequence[FittedNumber], bounds: Mapping[str, Sequence[Any]]
 ) -> tuple[Floats, Floats]:
-    """Read bounds, in each number's own unit; those of a record's own number hold for every record's.
+    """Read lower and upper bounds, shape (n,), in each number's unit; of one per record they hold for all records.
 
     Raises
     ------
@@ -248,7 +248,7 @@ def _bound_values(record: FitRecord, name: str, ends: Any) -> Floats:
 def starts_with_offsets(
     records: Sequence[FitRecord], numbers: Sequence[FittedNumber], start: Floats, low: Floats, high: Floats
 ) -> Floats:
-    """Return where a search begins: at the model's own values, and at the offset by which its run differs least from what was measured."""
+    """Return the start of a search: the model's own values, with the likely offset of each record."""
     starts = start.copy()
     for i, number in enumerate(numbers):
         record = owner_record(records, number)
@@ -265,7 +265,7 @@ def starts_with_offsets(
 def number_scales(
     records: Sequence[FitRecord], numbers: Sequence[FittedNumber], start: Floats, low: Floats, high: Floats
 ) -> Floats:
-    """Return the scale of each number; for one that begins at zero that of its bounds, uncertainty or unit."""
+    """Return the scale of each number, shape (n,); for a start of zero that of its bounds, uncertainty or unit."""
     scales = np.abs(start)
     for i, number in enumerate(numbers):
         record = owner_record(records, number)

@@ -64,7 +64,7 @@ def fit_lines(fit: xr.Dataset) -> Iterator[str]:
 
 
 def _common_unit(fit: xr.Dataset) -> str:
-    """Return the unit of what was fitted, if all of it has one."""
+    """Return the common unit of all fitted quantities; empty if they differ."""
     units = {
         str(variable.attrs["units"]) for name, variable in fit.data_vars.items() if str(name).startswith("residual_")
     }
@@ -72,14 +72,14 @@ def _common_unit(fit: xr.Dataset) -> str:
 
 
 def parameter_names(fit: xr.Dataset) -> list[tuple[str, str]]:
-    """Return the names of what was found, each with the record whose own it is; empty if all share it."""
+    """Return the names of fitted numbers, each with the record it belongs to; empty if all records share it."""
     names = fit["parameter_name"].values.astype(str).tolist()
     records = fit["parameter_record"].values.astype(str).tolist() if "parameter_record" in fit else [""] * len(names)
     return list(zip(names, records, strict=True))
 
 
 def _interval_lines(fit: xr.Dataset, names: Sequence[str], units: Sequence[str]) -> Iterator[str]:
-    """Say intervals where they are not what one standard uncertainty says: of profiles, of few values."""
+    """State intervals that one standard uncertainty does not describe: of profiles, or of few values."""
     profile = fit.attrs.get("intervals") == "profile"
     has_few_values = not isfinite(float(fit.attrs["chi_square"])) and int(fit.attrs["degrees_of_freedom"]) < FEW
     if "interval" not in fit or not (profile or has_few_values):

@@ -44,7 +44,7 @@ class Bands:
 
 
 class Estimates(Protocol):
-    """What was found, in the units of the numbers."""
+    """Fitted numbers in their units, with their uncertainties."""
 
     @property
     def values(self) -> Floats:
@@ -145,7 +145,7 @@ def record_variables(problem: Fitting, fitted: Sequence[Model]) -> dict[str, Any
 
 
 def residual_variables(problem: Fitting, residual: Floats, bands: Bands) -> dict[str, Any]:
-    """Return what was measured, what the fitted model has there with its uncertainties, and the difference, as variables.
+    """Return measured values, fitted values with their uncertainties, and residuals as variables.
 
     Where there are several records, a quantity that one of them has not is nan along its rows.
     """

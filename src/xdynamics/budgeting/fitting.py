@@ -219,7 +219,7 @@ def _check_choices(starts: Any, seed: Any, loss: str, intervals: str, coverage: 
 
 
 def _search_robust(problem: Fitting, best: Search, loss: str, low: Floats, high: Floats) -> tuple[Fitting, Search]:
-    """Search on with a robust loss, whose scale is what good residuals tell, until it does not change."""
+    """Continue a search with a robust loss, whose scale follows the residuals, until the scale is constant."""
     robust = loss_by_name(loss)
     for _ in range(RESCALED):
         spread = residual_spread(best.residual)
@@ -247,7 +247,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class FitEstimates:
-    """What a search found, in the units of the numbers."""
+    """The estimates of a search, in the units of the numbers."""
 
     values: Floats
     deviations: Floats

@@ -1,6 +1,6 @@
-"""The number that a budget is about: a quantity at a time, at an occurrence of an event, or its extreme in a run.
+"""The measurand of a budget: a quantity at a time, at an occurrence of an event, or its extreme in a run.
 
-What a budget says of the run that its number is of.
+The budget also states which run the number was taken from.
 """
 
 from __future__ import annotations
@@ -252,7 +252,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Measurand:
-    """A number of a run: the model, what is taken of its run, and the settings of the march.
+    """A number of a run: the model, the target in its run, and the settings of the march.
 
     Attributes
     ----------

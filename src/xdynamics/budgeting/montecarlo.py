@@ -1,6 +1,6 @@
 """Propagation of distributions by drawing, and a test of linear budgets: JCGM 101:2008.
 
-Runs with inputs drawn from the declared distributions, of a given number or until they suffice.
+Runs are marched with inputs drawn from the declared distributions: a given number of runs, or as many as suffice.
 """
 
 from __future__ import annotations
@@ -229,7 +229,7 @@ class Propagation:
         return self.measurand.numbers(axes, **settings)
 
     def added_to(self, input_numbers: Floats | None, draws: int) -> Floats:
-        """Add what is not an input of the model to the number in each of these runs.
+        """Add the drawn effects of terms that are no inputs of the model to the number of each run.
 
         Raises
         ------

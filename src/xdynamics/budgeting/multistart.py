@@ -1,18 +1,18 @@
-"""Searches of a fit: from the model's own values, over growing parts of the data, and from drawn starts.
+"""Searches of a fit from several starts, robust losses of its residuals, and intervals of its fitted numbers.
 
-Losses of a fit: how much a residual counts that is many times its uncertainty.
+A search starts from the model's own values, over growing parts of the data, or from drawn starts.
 
-With z the square of a residual over its scale, a loss rho(z) takes the place of z in the sum of squares; near zero it is z.
-A residual has the influence psi(r) = r rho'(z): bounded, of `cauchy` falling again, so that an outlier moves the estimate by
-no more than a good value does. The scales are those at which an estimate from normal residuals is 95 % as sharp as that of
-least squares (Holland, Welsch 1977, doi:10.1080/03610927708827533).
+A loss bounds the influence of a residual many times its uncertainty. With z the square of a residual over its scale, a
+loss rho(z) takes the place of z in the sum of squares; near zero it is z. A residual has the influence psi(r) = r
+rho'(z): bounded, of `cauchy` falling again, so that an outlier moves the estimate by no more than a good value does.
+The scales are those at which an estimate from normal residuals is 95 % as sharp as that of least squares (Holland,
+Welsch 1977, doi:10.1080/03610927708827533).
 
-Intervals of fitted numbers: by their covariance, or by the profile of the sum of squares.
-
-A profile holds one number at a value, fits all others again, and asks how much larger the smallest sum of squares is. It
-needs no law to be linear: its ends may lie at unlike distances (Bates, Watts 1988, Nonlinear Regression Analysis and Its
-Applications, section 6.1). Where the data have no uncertainties their variance is that of the residuals, and few of them tell
-it badly: Student's t takes the place of the normal distribution.
+An interval of a fitted number follows from the covariance, or from the profile of the sum of squares. A profile fixes a
+number at a value, fits all others again, and asks how much larger the smallest sum of squares is. It needs no law to be
+linear: its ends may lie at unlike distances (Bates, Watts 1988, Nonlinear Regression Analysis and Its Applications,
+section 6.1). Where the data have no uncertainties, their variance is that of the residuals, which few residuals
+determine badly: Student's t takes the place of the normal distribution.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Loss:
         return LOSS_WIDTHS[self.name] * self.spread
 
     def sizes(self, residuals: Floats) -> Floats:
-        """Return what each residual adds to the sum that is made small."""
+        """Return the loss of each residual, its addend in the minimised sum."""
         z = (residuals / self.scale) ** 2
         if self.name == "soft_l1":
             z = 2.0 * (np.sqrt(1.0 + z) - 1.0)
@@ -103,7 +103,7 @@ def loss_by_name(name: str) -> Loss:
 
 
 def residual_spread(residuals: Floats) -> float:
-    """Return the standard deviation of good residuals: the median size over that of normal ones."""
+    """Return the standard deviation of good residuals, of any shape: their median size over that of normal ones."""
     return float(np.median(np.abs(residuals))) / NORMAL
 
 
@@ -121,11 +121,11 @@ FARTHEST = 8.0  # largest such factor
 
 
 class Problem(Protocol):
-    """What searches need to know of a fit."""
+    """The interface of a fit that searches need."""
 
     @property
     def loss(self) -> Loss:
-        """What a residual counts."""
+        """The loss of a residual."""
 
     def weighted_residuals(self, scaled: Floats, share: float = 1.0) -> tuple[Floats, Floats]:
         """Return weighted residuals and their slopes, for the data up to a share of their time."""
@@ -184,7 +184,10 @@ def searches(
 
 
 def drawn_starts(rng: np.random.Generator, start: Floats, low: Floats, high: Floats) -> Floats:
-    """Return starts around a given one; the farthest third of them by factors, or between bounds if there are any."""
+    """Return starts around a given one, shape (starts, n), within the bounds.
+
+    The widest of them differ from it by factors, or lie anywhere between bounds if there are any.
+    """
     shape = LOOKED_AT, start.size
     width = np.array(START_WIDTHS)[np.arange(LOOKED_AT) % len(START_WIDTHS), None]
     offsets = rng.uniform(-1.0, 1.0, shape)
@@ -278,7 +281,7 @@ WIDEST = 3.0  # largest factor from one value to the next
 
 @dataclass(frozen=True)
 class ProfilePoint:
-    """The problem in which one number is held at a value."""
+    """The problem of a fit in which one number is fixed at a value."""
 
     problem: Problem
     held_index: int
@@ -286,7 +289,7 @@ class ProfilePoint:
 
     @property
     def loss(self) -> Loss:
-        """That of the problem."""
+        """The loss of the full problem."""
         return self.problem.loss
 
     def all_numbers(self, free: Floats) -> Floats:
@@ -367,7 +370,7 @@ def _profile_end(problem: Problem, best: Search, low: Floats, high: Floats, i: i
 
 
 def _profile_rise(point: ProfilePoint, free: Floats, best: Search, low: Floats, high: Floats) -> tuple[float, Floats]:
-    """Return by how much the sum of squares is larger with one number held, and the others there."""
+    """Return the rise of the sum of squares with one number fixed, and the other numbers fitted there."""
     from xdynamics.faults import InputError
 
     try:
@@ -383,6 +386,6 @@ def _profile_rise(point: ProfilePoint, free: Floats, best: Search, low: Floats, 
 
 
 def intervals_as(values: Floats, deviations: Floats, half: float) -> Floats:
-    """Return intervals of estimates by their standard uncertainties."""
+    """Return intervals of estimates, shape (n, 2), `half` standard uncertainties to either side."""
     ends: Any = values[:, None] + half * deviations[:, None] * np.array([-1.0, 1.0])
     return np.asarray(ends, float)

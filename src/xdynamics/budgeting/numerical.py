@@ -1,10 +1,10 @@
-"""Numerical errors of one number: truncation, rounding, interpolation, location of events.
+"""Numerical errors of a number: truncation, rounding, interpolation, location of events.
 
-The events that a run met before its number: runs that met different ones are different motions, not better and worse ones.
+Runs that met different events are different motions, neither better nor worse: the events met before the number are
+compared first.
 
-Rounding by the twin of a run: the same steps with numbers of 31 digits, whose number differs by rounding alone.
-
-Rounding by time reversal: a symmetric method undoes its own steps, except for rounding.
+Rounding is measured by the twin of a run: the same steps with numbers of 31 digits, whose number differs by rounding
+alone. It is also measured by time reversal: a symmetric method undoes its own steps, except for rounding.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class MetEvents(NamedTuple):
         )
 
     def in_words(self, second_run: MetEvents) -> str:
-        """Say which events were met unequally often.
+        """Describe the events that were met unequally often.
 
         Examples
         --------
@@ -181,7 +181,7 @@ def _reversed_value(run: xr.Dataset, name: str, row: int, velocities: set[str]) 
 
 
 def _is_reversible(run: xr.Dataset, model: Model) -> bool:
-    """Return whether a run of equal steps is undone by the same steps with the velocities reversed."""
+    """Return whether equal steps with reversed velocities undo the steps of a run."""
     irreversible_parts = (
         model.statement.states,
         model.events,
@@ -243,7 +243,7 @@ class Estimate(NamedTuple):
 
     @classmethod
     def from_run(cls, measurand: Measurand, run: xr.Dataset) -> Estimate:
-        """Take the number out of a run.
+        """Evaluate the number in a run, with its interpolation and location errors.
 
         Raises
         ------
@@ -313,7 +313,7 @@ class LevelComparison:
 
     @classmethod
     def blank(cls, levels: Levels) -> LevelComparison:
-        """Return what is known of the levels before they are marched."""
+        """Return the comparison of levels before these are marched, with nan for their numbers."""
         return cls(levels, np.full(LEVELS, np.nan), Judged(0, np.nan, np.nan, ""), ("",) * LEVELS)
 
 
@@ -343,7 +343,7 @@ def _interpolation_term(measurand: Measurand, run: xr.Dataset, number: Estimate)
 
 
 def _inner_rule(extreme: Extreme | None) -> str:
-    """Describe how a number inside a step was found, and how its error is estimated."""
+    """Describe how a number inside a step was computed, and how its error is estimated."""
     step_rule = "a shortened step against two of half its length, extrapolated"
     if extreme is None:
         return step_rule
@@ -357,7 +357,7 @@ def _inner_rule(extreme: Extreme | None) -> str:
 
 
 def march_own_run(model: Model, settings: dict[str, Any]) -> xr.Dataset:
-    """March the run that a number is of; force samples are kept only if the settings ask for them."""
+    """March the run of a number; force samples are recorded only if the settings ask for them."""
     return march_model(model, **{"force_samples": "none"} | settings)
 
 
@@ -506,7 +506,7 @@ def _spread_of_copies(measurand: Measurand, run: xr.Dataset, value: float) -> Te
 
 
 def _nudged(model: Model, rng: np.random.Generator) -> Model:
-    """Return a model whose numbers are the same or one spacing smaller; the model itself if it tolerates no change."""
+    """Return a model with numbers randomly one spacing smaller; the model itself if it tolerates no change."""
     numbers = {
         "parameters": {name: entry.quantity for name, entry in model.statement.parameters.items()},
         "initial": dict(model.statement.initial),

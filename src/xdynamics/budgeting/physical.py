@@ -1,8 +1,8 @@
-"""Physical terms of one number: uncertain parameters, initial values, declared discrepancies.
+"""Physical errors of a number: uncertain parameters, initial values, measured tables, declared discrepancies.
 
-Slopes of one number by every uncertain input, from the variational equations of its run.
+Slopes of the number by every uncertain input come from the variational equations of its run, or from differences.
 
-Effects of the uncertainties of measured tables on a number: row by row, and of all rows together.
+The uncertainties of a measured table act row by row, and as one error common to all rows.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def _variational_equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...
 
 
 def _initial_changes(path: Variations, inputs: tuple[str, ...]) -> Floats:
-    """Return the initial change: 1 for a variable whose initial value is the input, or what an expression of it has."""
+    """Return the initial change: 1 for the varied initial value, or the slopes of expressions at the start."""
     model = path.equations.model
     names, followed = variables(model), model.slopes_at_start(inputs)
     change = np.array(
@@ -424,7 +424,7 @@ def _discrepancy(declared: Discrepancy, unit: Unit) -> Term:
 
 
 def covariance(model: Model, terms: list[Term]) -> Floats:
-    """Return the covariance matrix of the terms' contributions, with the model's correlations of inputs."""
+    """Return the covariance of the terms' contributions, shape (n, n), with the model's correlations of inputs."""
     root = np.array([_signed_contribution(term) for term in terms])[:, None] * _correlation_root(model, terms)
     return product(root, root.T)
 
@@ -539,7 +539,7 @@ def independent_rows_term(copies: TableCopies, sizes: Floats) -> Term:
 
 
 def common_term(copies: TableCopies, sizes: Floats) -> Term:
-    """Return the term of what is common to all rows: one input, whose standard uncertainty moves the whole table.
+    """Return the term of an error common to all rows: one input that shifts the complete table.
 
     If every row has the same uncertainty, it is that one, with its unit; otherwise the input is a pure number with an
     uncertainty of 1.

@@ -29,7 +29,7 @@ BEYOND = 1e-3  # of the time to an event, by which a proof goes further, so that
 
 
 class ProvenBounds(NamedTuple):
-    """What is proven of a number, in its unit.
+    """Proven bounds of a number, in its unit.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class ProvenBounds(NamedTuple):
     text: str
 
     def error(self, value: float) -> float:
-        """Return what a number is off by at most."""
+        """Return the largest possible error of a number within the bounds."""
         # a difference is rounded once, so that the next float is a bound of the exact one
         return float(np.nextafter(max(value - self.low, self.high - value), np.inf))
 
@@ -78,7 +78,7 @@ def proven_task(measurand: Measurand, run: Task) -> Task:
 
 
 def certain(model: Model) -> Model:
-    """Return a model with numbers as they are written alone, whose events do not end a run: up to there it is the same."""
+    """Return a model without uncertainties and without events that end a run: until such an event it is unchanged."""
     statement = model.statement
     parameters, starts = (
         {name: replace(part, spread=None) for name, part in parts.items()}
@@ -118,7 +118,7 @@ def _prove_bounds(model: Model, target: Target, run: xr.Dataset) -> ProvenBounds
 
 
 def proven_variables(proven: ProvenBounds, value: float, unit: str) -> Mapping[str, Any]:
-    """Return as variables what is proven of a number."""
+    """Return the proven bounds of a number as variables."""
     interval = np.array([proven.low, proven.high])
     error = proven.error(value)
     return {

@@ -1,6 +1,6 @@
-"""One source of error of a number, and its size.
+"""Terms of an error budget: one source of error of a number, and its size.
 
-Sources of error of a number: each is computed alone, left out, or put together with others into a budget.
+Each source of error is computed alone, left out, or combined with others into a budget.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class Declared:
     description: str = ""
 
     def term(self, target: Target, unit: Unit) -> Term:
-        """Return it as a term of a budget.
+        """Return the stated uncertainty as a term of a budget.
 
         Raises
         ------

@@ -108,7 +108,7 @@ def certify(model_file: str, output: str, changes: tuple[str, ...], **options: A
     "-o", "--output", required=True, metavar="FOLDER", help="The folder to write; it must be empty or not exist."
 )
 def bundle(certificate: str, output: str) -> None:
-    """Put a certificate into a folder with its model, run, ledger, figures and scripts; one line makes it again."""
+    """Write a certificate into a folder with its model, run, ledger, figures and scripts; one line remakes it."""
     from xdynamics.documenting.bundling import bundle as bundled
 
     say([f"bundle    {bundled(output, certificate)}"])
@@ -156,7 +156,7 @@ def _make_and_save(
     quantity: str,
     **arguments: Any,
 ) -> Any:
-    """Make evidence of one number, print its summary, and keep it."""
+    """Compute evidence of one number, print its summary, and save it."""
     from xdynamics import archive
     from xdynamics.archive.store import location_of
     from xdynamics.documenting.summary import summary

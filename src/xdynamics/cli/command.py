@@ -1,8 +1,8 @@
-"""The command `xdynamics`: its treatment of errors, warnings, signals and lost streams, and what all its verbs use.
+"""The command `xdynamics`: errors, warnings, signals and streams, as all its verbs treat them.
 
-Standard streams that may be closed, full or cut off while a command works, without harm to its results.
+Standard streams may be closed, full or cut off while a command works; its results are not harmed.
 
-What people type in the place of a verb, and the command that they meant.
+A mistyped verb is answered with the verb that was probably meant.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CLOSED = "it is closed"
 
 
 class Stream:
-    """A stream that never fails: after the first error nothing more is written, and the reason is kept.
+    """A stream that never fails: after the first error it writes nothing more, and remembers the reason.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Stream:
         return len(text)
 
     def flush(self) -> None:
-        """Flush what was written."""
+        """Flush the stream, unless it was lost."""
         if not self.lost:
             with self._failing():
                 self._stream.flush()
@@ -89,7 +89,7 @@ class Streams(NamedTuple):
 
 @contextmanager
 def surviving_streams() -> Iterator[Streams]:
-    """Put streams that never fail in the place of standard output and error."""
+    """Replace standard output and error by streams that never fail, inside a `with` block."""
     _reserve_descriptors()
     output, error = sys.stdout, sys.stderr
     streams = Streams(Stream(output), Stream(error))
@@ -148,7 +148,7 @@ def verb_meant(word: str, verbs: Sequence[str]) -> str:
 
 
 def command_meant(arguments: Sequence[str], verbs: Sequence[str]) -> str:
-    """Return the whole command that was meant by one without a verb that is known; empty if that is not clear.
+    """Return the probable complete command for one without a known verb; empty if that is unclear.
 
     Examples
     --------
@@ -189,11 +189,11 @@ class _Verb(click.Command):
         )
 
     def get_short_help_str(self, limit: int = 45) -> str:  # noqa: ARG002 - it is wrapped, not cut
-        """Return the first sentence of what it does, whole."""
+        """Return the first sentence of the verb's help, uncut."""
         return " ".join((self.help or "").split("\n\n")[0].split()).removesuffix(".")
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the verb's own options, then those of the march, by what they belong to."""
+        """Write the verb's own options, then those of the march, by subject."""
         sections: dict[str, list[tuple[str, str]]] = {"Options": []}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
@@ -204,7 +204,7 @@ class _Verb(click.Command):
                 formatter.write_dl(rows)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Do it; note whether a file is made, beside which the report is secondary."""
+        """Run the verb; note whether it writes a file, beside which the printed report is secondary."""
         ctx.meta[WRITES] = self.makes or bool(ctx.params.get("output"))
         return super().invoke(ctx)
 
@@ -214,7 +214,7 @@ def _hush(ctx: click.Context, _option: click.Parameter, quiet: bool) -> None:
 
 
 class _Command(click.Group):
-    """Turns wrong input into one line and exit code 2, damage found and Ctrl-C into exit code 1, SIGTERM into 143, SIGHUP into 129."""
+    """Exits in one line: 2 for wrong input, 1 for damage or Ctrl-C, 143 for SIGTERM, 129 for SIGHUP."""
 
     command_class = _Verb
 
@@ -288,7 +288,7 @@ class _Command(click.Group):
 
 
 def _with_example(error: click.UsageError) -> str:
-    """Return what is wrong with a command; where the name of what it writes is missing, with one that would do."""
+    """Return the error of a command; where `--output` is missing, with an example of it."""
     text, option = error.format_message(), getattr(error, "param", None)
     if not (isinstance(error, click.MissingParameter) and option is not None and option.name == "output"):
         return text
@@ -313,7 +313,7 @@ def _memory_words() -> str:
 
 @contextmanager
 def _terminable() -> Iterator[list[int]]:
-    """Let SIGTERM and SIGHUP do what Ctrl-C does: end a march as an outcome, clean up, leave; list the signals received."""
+    """Let SIGTERM and SIGHUP act as Ctrl-C does: end a march as an outcome, clean up, exit; list received signals."""
     received: list[int] = []
 
     def terminate(number: int, frame: FrameType | None) -> None:
@@ -340,7 +340,7 @@ def _terminable() -> Iterator[list[int]]:
 
 
 def complain(error: Exception | str) -> None:
-    """Print an error or a warning in one line, in the place of progress, or an error with numbered faults."""
+    """Print an error or a warning in one line over the progress line; an error may have numbered faults."""
     cleared = "\r\033[K" if sys.stderr.isatty() else ""
     click.echo(f"{cleared}xdynamics: {escaped(str(error), lines=isinstance(error, Exception))}", err=True)
 
@@ -385,7 +385,7 @@ def _as_json(ctx: click.Context, _option: click.Parameter, is_json: bool) -> Non
 
 
 def print_json(subject: Any, **files: str | None) -> None:
-    """Print a record, evidence, a model or plain data as JSON where it is asked for, and the files that were written."""
+    """Print a record, evidence, a model or plain data as JSON if `--json` is given, with the written files."""
     if click.get_current_context().meta.get(JSON):
         from xdynamics.documenting.json_data import json_text, plain_data_of
 

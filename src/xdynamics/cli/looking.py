@@ -252,7 +252,7 @@ def page_of(method: Method) -> Iterable[str]:
 
 
 def _data_of(method: Method) -> dict[str, Any]:
-    """Return what is known of a method as plain data; an infinite limit is none, nan one that nobody knows."""
+    """Return the properties of a method as plain data; an infinite limit is None, nan an unknown one."""
     from xdynamics.methods.table import step_kind
     from xdynamics.stability import decay_limit, oscillator_limit
 

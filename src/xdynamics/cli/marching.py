@@ -188,7 +188,7 @@ def read_changed_model(model_file: str, changes: tuple[str, ...], tables: str = 
 
 
 def _kept_uncertainties(model: Model, requested_changes: Mapping[str, str]) -> Iterator[str]:
-    """Say of what was set without an uncertainty that it keeps the model's."""
+    """State for each value set without an uncertainty that the model's uncertainty still applies."""
     from xdynamics.units import unit_suffix
 
     for name, text in requested_changes.items():

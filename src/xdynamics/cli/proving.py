@@ -76,7 +76,7 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
 
 
 def _audited(archive: str, verdict: dict[str, str]) -> bool:
-    """Say what contradicts itself in a run's record, and add it to its verdict; whether nothing does."""
+    """Print the contradictions in a run's record, and add them to its verdict; whether there are none."""
     from xdynamics.archive import open_run
     from xdynamics.evidence.audit import audit as audited
     from xdynamics.evidence.evidence_dataset import FAILED

@@ -1,8 +1,10 @@
-"""The options of the command line for a march: made from the table of keywords, for every verb that marches.
+"""Options of the command line for a march, a cluster of marches, and measured data.
 
-Options of the verbs that march many runs: on which cluster, or on how many processes.
+The options of a march are made from the table of keywords, for every verb that marches.
 
-The options of verbs that read measured data: how a file is laid out that does not say it.
+Verbs that march many runs have options for a cluster, or for a number of processes.
+
+Verbs that read measured data have options for the layout of a file that does not state it.
 """
 
 from __future__ import annotations
@@ -137,7 +139,7 @@ def absolute_tolerances(texts: Iterable[str], option: str = "--atol") -> dict[st
 
 
 def names_in(text: str) -> list[str]:
-    """Return names between commas, those of elements whole.
+    """Return the names between commas; commas in brackets of elements do not separate.
 
     Examples
     --------
@@ -180,7 +182,7 @@ def clustered(verb: Callable[..., None]) -> Callable[..., None]:
 
 
 def goes_on(folder: str) -> str:
-    """Return what an interrupted command says of a folder of results."""
+    """Return the hint of an interrupted command that its results stay in a folder."""
     return f"what is done is kept in '{folder}', and the same command goes on with it"
 
 
@@ -194,7 +196,7 @@ KEPT = click.option(
 def make_evidence(
     make: Callable[..., xr.Dataset], *arguments: Any, scheduler: str | None, workers: int | None, **options: Any
 ) -> xr.Dataset:
-    """Make evidence here, or as a graph on a cluster, with progress.
+    """Compute evidence in this process, or as a graph on a cluster, with progress.
 
     Raises
     ------
@@ -256,7 +258,7 @@ def measured_data(verb: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def reading_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what these options say, as `compare` and `fit` take it."""
+    """Return the options of a measured file's layout, as `compare` and `fit` take them."""
     layout_options = {
         name: options[name] for name in _OPTIONS if name != "gaps" and options.get(name) not in (None, ())
     }

@@ -125,7 +125,7 @@ def sweep(
 
 
 def _check_varied(grid: Mapping[str, Any], ranges: tuple[str, ...], changes: tuple[str, ...]) -> None:
-    """Refuse a sweep in which nothing varies, or of which one thing is said twice."""
+    """Refuse a sweep in which nothing varies, or one quantity is both set and varied."""
     if not grid and not ranges:
         raise InputError("nothing varies; give --axis NAME=VALUES, like --axis 'c=0:2e-3:41 kg m-1', or --draw")
     repeated = [text.partition("=")[0] for text in changes if text.partition("=")[0] in grid]

@@ -57,7 +57,7 @@ def bundle(
     functions: Mapping[str, Callable[..., float]] | None = None,
     license: str = LICENSE,  # noqa: A002 - as RO-Crate calls it
 ) -> Place:
-    """Put a certificate into a folder of its own, with everything that it was made from and that reproduces it.
+    """Write a certificate into a folder with its model, run, ledger, figures and the scripts that reproduce it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The report of a bundle: a number, its model in formulas, convergence, budget, events, ledger, how to reproduce it."""
+"""The report of a bundle: a number, its model in formulas, convergence, budget, events, ledger, reproduction."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def _convergence_section(certificate: xr.Dataset) -> PageSection:
 
 
 def _total_rows(certificate: xr.Dataset) -> list[list[str]]:
-    """Return what all terms are together, and what was drawn."""
+    """Return the totals of all terms, and the results of draws."""
     unit = unit_suffix(str(certificate["value"].attrs["units"]))
     together = {
         "numerical, sum of bounds": "numerical_bound",

@@ -1,7 +1,4 @@
-"""A model as formulas and tables.
-
-The parts of a document, and how each is written in HTML and in Markdown.
-"""
+"""A model as formulas and tables, and the blocks of a document in HTML and in Markdown."""
 
 from __future__ import annotations
 
@@ -31,12 +28,12 @@ class Paragraph:
     strong: str = ""
 
     def html(self) -> str:
-        """Return it as HTML."""
+        """Return the paragraph as HTML."""
         head = f"<strong>{escape(self.strong)}</strong> " if self.strong else ""
         return f"<p>{head}{escape(self.text)}</p>"
 
     def markdown(self) -> str:
-        """Return it as Markdown."""
+        """Return the paragraph as Markdown."""
         return f"{f'**{self.strong}** ' if self.strong else ''}{self.text}"
 
 
@@ -48,7 +45,7 @@ class Formula:
     caption: str = ""
 
     def html(self) -> str:
-        """Return it as HTML: an image with the LaTeX as its text."""
+        """Return the formula as HTML: an image with the LaTeX as its text."""
         span = f'<span class="said">{escape(self.caption)}</span>' if self.caption else ""
         return (
             f'<p class="formula"><img src="{_embedded(formula_svg(self.latex), "svg+xml")}"'
@@ -56,7 +53,7 @@ class Formula:
         )
 
     def markdown(self) -> str:
-        """Return it as Markdown."""
+        """Return the formula as Markdown."""
         return f"{f'{self.caption}: ' if self.caption else ''}$${self.latex}$$"
 
 
@@ -68,13 +65,13 @@ class TextTable:
     rows: Sequence[Sequence[str]]
 
     def html(self) -> str:
-        """Return it as HTML."""
+        """Return the table as HTML."""
         head = "".join(f"<th>{escape(cell)}</th>" for cell in self.header)
         rows = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
         return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
     def markdown(self) -> str:
-        """Return it as Markdown."""
+        """Return the table as Markdown."""
         lines = [self.header, ["---"] * len(self.header), *self.rows]
         return "\n".join(
             "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row) + " |" for row in lines
@@ -89,14 +86,14 @@ class PictureBlock:
     caption: str
 
     def html(self) -> str:
-        """Return it as HTML with the picture embedded."""
+        """Return the block as HTML with the picture embedded."""
         return (
             f'<figure><img src="{_embedded(self.content, "png")}"'
             f' alt="{escape(self.caption)}"><figcaption>{escape(self.caption)}</figcaption></figure>'
         )
 
     def markdown(self) -> str:
-        """Return it as Markdown with the picture embedded."""
+        """Return the block as Markdown with the picture embedded."""
         return f"![{self.caption}]({_embedded(self.content, 'png')})"
 
 
@@ -107,11 +104,11 @@ class CodeBlock:
     text: str
 
     def html(self) -> str:
-        """Return it as HTML."""
+        """Return the code as HTML."""
         return f"<pre>{escape(self.text)}</pre>"
 
     def markdown(self) -> str:
-        """Return it as Markdown."""
+        """Return the code as Markdown."""
         return "\n".join(f"    {line}" for line in self.text.splitlines())
 
 
@@ -250,7 +247,7 @@ def _energy_formulas(model: Model) -> Iterator[Block]:
 
 
 def _dimension_table(model: Model) -> Iterator[Block]:
-    """Yield what a model's quantities are along, and which elements are linked."""
+    """Yield the dimensions of a model's quantities, and its linked elements."""
     shapes = model.shapes
     rows = []
     for name, extent in shapes.extents.items():

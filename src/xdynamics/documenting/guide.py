@@ -157,7 +157,7 @@ def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:
 
 
 def _contents(verbs: Iterable[str]) -> Iterator[str]:
-    """List all pages: those on a subject with what they are about."""
+    """List all pages, those on a subject with a description."""
     yield "Pages: xdynamics help PAGE"
     yield from (f"  {name:<9} {description}" for name, description in PAGES_ABOUT.items())
     yield "Sections of a model file: xdynamics help SECTION"
@@ -174,7 +174,7 @@ def topic_named(word: str) -> str:
 
 
 def topics() -> dict[str, Callable[[], Iterable[str]]]:
-    """Return every topic with what prints its page."""
+    """Return every topic with the function that prints its page."""
     return {
         "model": _model_page,
         "language": _language_page,

@@ -38,7 +38,7 @@ def json_text(data: Any) -> str:
 
 
 def plain_data_of(subject: xr.Dataset | Model | Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a verb yields as plain data.
+    """Return the result of a verb as plain data.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def _full_record_data(record: xr.Dataset, kind: str) -> dict[str, Any]:
 
 
 def _model_data(model: Model) -> dict[str, Any]:
-    """Return what `check` tells of a model."""
+    """Return the result of `check` for a model."""
     try:
         scales: dict[str, Any] = _full_record_data(spectrum_of(model), MODES)
     except InputError as error:
@@ -134,5 +134,6 @@ def _json_value(data: Any) -> Any:
     if isinstance(data, np.generic):
         return _json_value(data.item())
     if isinstance(data, float) and not math.isfinite(data):
+        # RFC 8259, section 6: JSON has neither nan nor infinities
         return None if math.isnan(data) else "inf" if data > 0 else "-inf"
     return data

@@ -1,16 +1,10 @@
-"""The pages of the manual on runs, evidence, archives, fits, JSON, precision, and words.
+"""The manual's pages on runs, evidence, archives, fits, JSON, precision, and words.
 
-The guide's pages on runs and their files, on how a march finds events and contacts, on evidence, and on many runs.
+The guide's pages treat runs and their files, events and contacts in a march, evidence, many runs, and fits.
 
-The page `xdynamics help archives`: runs in files, by time and many together, with xarray alone where that is enough.
-
-The guide's page on fits.
-
-The page `xdynamics help json`: what is in the JSON that verbs print.
-
-The page `xdynamics help precision`: runs whose numbers have 31 digits.
-
-The page `xdynamics help words`: names of records and of evidence that do not explain themselves.
+The page `xdynamics help archives` treats runs in files, by time and many together, with xarray alone where that is
+enough; `xdynamics help json` the JSON that verbs print; `xdynamics help precision` runs whose numbers have 31 digits;
+`xdynamics help words` names of records and of evidence that do not explain themselves.
 """
 
 from __future__ import annotations
@@ -120,7 +114,7 @@ OF_FILES = {
 
 
 def words_page() -> Iterator[str]:
-    """Yield the lines of the page: each word with what it means."""
+    """Yield the lines of the page: each word with its meaning."""
     yield from wrapped_lines(
         "Names that do not explain themselves; … stands for the name of a quantity or an event. All others: help record."
     )

@@ -1,16 +1,7 @@
-"""The pages of help on parts of a model: bodies, constraints, delays, joints, quantities with dimensions.
+"""Help pages on parts of a model: bodies, constraints, delays, joints, quantities with dimensions.
 
-Lines of help no wider than a window usually is.
-
-The page of help on rigid bodies, before the keys of their section.
-
-The page of help on constraints, before the keys of their section.
-
-The page of help on delayed values, before the section that says what was before the start.
-
-The page of help on joints, before the keys of their section.
-
-The page of help on quantities with dimensions.
+The pages on bodies, constraints and joints stand before the keys of their section. The page on delayed values stands
+before the section that states the values before the start. Lines are no wider than a window usually is.
 """
 
 from __future__ import annotations
@@ -25,7 +16,7 @@ WIDTH = 100  # of a line
 
 
 def wrapped_lines(text: str, hang: int = 0) -> list[str]:
-    """Return lines of at most `WIDTH` characters, those after the first indented by `hang`; words stay whole.
+    """Return lines of at most `WIDTH` characters, those after the first indented by `hang`; no word is broken.
 
     Examples
     --------
@@ -39,7 +30,7 @@ BODIES_PAGE = page_text("bodies.txt")
 
 
 def bodies_page(section: Iterator[str]) -> Iterator[str]:
-    """Explain what bodies stand for, and then the keys of their section."""
+    """Explain the coordinates and forces of bodies, and then the keys of their section."""
     yield from BODIES_PAGE.splitlines()
     yield from section
 
@@ -48,7 +39,7 @@ CONSTRAINTS_PAGE = page_text("constraints.txt")
 
 
 def constraints_page(section: Iterator[str]) -> Iterator[str]:
-    """Explain how constraints are kept, and then the keys of their section."""
+    """Explain how constraints are satisfied, and then the keys of their section."""
     yield from CONSTRAINTS_PAGE.splitlines()
     yield from section
 
@@ -57,7 +48,7 @@ DELAYS_PAGE = page_text("delays.txt")
 
 
 def delays_page(section: Iterator[str]) -> Iterator[str]:
-    """Explain delayed values, and then the keys of the section of what was before the start."""
+    """Explain delayed values, and then the keys of the section with the values before the start."""
     yield from DELAYS_PAGE.splitlines()
     yield from section
 
@@ -66,7 +57,7 @@ JOINTS_PAGE = page_text("joints.txt")
 
 
 def joints_page(section: Iterator[str]) -> Iterator[str]:
-    """Explain what joints keep and what is recorded of them, and then the keys of their section."""
+    """Explain the constraints of joints and their records, and then the keys of their section."""
     yield from JOINTS_PAGE.splitlines()
     yield from section
 
@@ -163,7 +154,7 @@ CLOSING = (
 
 
 def shapes_page() -> Iterator[str]:
-    """Explain dimensions, relations, and what expressions do along them."""
+    """Explain dimensions, relations, and expressions along them."""
     yield from wrapped_lines(
         "A quantity may have named dimensions. Expressions broadcast by these names, as xarray does. A whole model:"
     )

@@ -104,7 +104,7 @@ def _start_text(model: Model, name: str, value: Quantity) -> str:
 
 
 def _first_elements(lines: Iterable[Line]) -> Iterator[str]:
-    """Yield what is said of the first elements of each quantity, and how many others there are."""
+    """Yield the lines of the first elements of each quantity, and the number of the others."""
     for _, group in groupby(lines, itemgetter(0)):
         texts = [text for _, text in group]
         shown_texts = texts if len(texts) <= MOST_ELEMENTS + 1 else texts[:MOST_ELEMENTS]

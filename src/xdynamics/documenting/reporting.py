@@ -1,6 +1,6 @@
 """The last stage of a pipeline: records into a folder, each with its figure and its summary in words.
 
-A report as one file: of each record its title, its figure and its summary, as HTML or PDF.
+A report can be one file, HTML or PDF: the title, the figure and the summary of each record.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ STYLE = (
 
 
 def is_page(path: Place) -> bool:
-    """Whether a report is asked for as one file."""
+    """Whether a report is to be one file, by its suffix."""
     return path.suffix.lower() in ENDINGS
 
 
@@ -252,7 +252,7 @@ def _computed_stages(records: Sequence[xr.Dataset], tell: Tell | None) -> list[x
 
 @contextmanager
 def _progress() -> Iterator[Tell | None]:
-    """Show how far a graph is on a terminal, if it takes longer than a second; yield what is told of one on a cluster."""
+    """Show the progress of a graph on a terminal after one second; yield a function for events of a cluster."""
     if "dask" not in sys.modules or not sys.stderr.isatty():
         yield None
         return

@@ -1,4 +1,4 @@
-"""The manual as a site: every page of the guide, verbs, methods, models with their pictures, and the functions of Python."""
+"""The manual as a site of pages: the guide, verbs, methods, models with their pictures, functions of Python."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _MODEL = re.compile(
 
 @dataclass(frozen=True)
 class SitePage:
-    """One page: its place in the list at the side, its title, and what is on it, as HTML."""
+    """One page of the site: its group in the side list, its title, and its content as HTML."""
 
     group: str
     name: str
@@ -105,7 +105,7 @@ def _page_html(page: SitePage, pages: Iterable[SitePage]) -> str:
 
 
 def _index_html(pages: Iterable[SitePage]) -> str:
-    """Return the first page: what stands where, with the first sentence of each."""
+    """Return the first page: links to all pages, with the first sentence of each."""
     parts, group = (
         [
             "<p>Numerical dynamics as self-describing xarray datasets. This is what <code>xdynamics help</code> says.</p>"
@@ -134,7 +134,7 @@ def _page_description(name: str) -> str:
 
 
 def _topic_body(name: str) -> Callable[[], str]:
-    """Return what makes the page of a topic, with links to the topics it names."""
+    """Return the content of a topic's page, with links to the topics it names."""
     topic_pages = topics()
 
     def linked(match: re.Match[str]) -> str:

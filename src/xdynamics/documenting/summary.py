@@ -1,10 +1,11 @@
-"""The summary of a run, in lines of text.
+"""The summary of a run, in lines of text, with remarks that follow from its attributes.
 
-The work of forces of velocities alone: one that drives a motion which it should brake has a wrong sign somewhere.
+The work of forces of velocities alone is tested: one that drives a motion which it should brake has a wrong sign
+somewhere.
 
-Remarks on a run that follow from its attributes alone, in lines of text: each says a thing only where it is so.
+A remark states a fact only where the attributes imply it.
 
-What a description of a run shows of quantities with dimensions: the rest is not parted into variables.
+Of quantities with dimensions a summary shows the first elements: the rest is not split into variables.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ def at_rest_remark(attributes: Attributes) -> Iterator[str]:
 
 
 def double_double_remark(attributes: Attributes) -> Iterator[str]:
-    """Say where the other half of numbers is, if they are sums of two floats."""
+    """Return where the second floats of numbers are recorded, if numbers are sums of two floats."""
     if precision_of(attributes) == DOUBLE_DOUBLE:
         yield "numbers   of 31 digits, x + rest_x: `xdynamics help precision`"
 
@@ -134,7 +135,7 @@ def step_size_remarks(attributes: Attributes) -> Iterator[str]:
 
 
 def table_kinks_remark(attributes: Attributes) -> Iterator[str]:
-    """Count the kinks of tables that are no events, and say what else could be done about them."""
+    """Count the kinks of tables that are no events, with the alternatives."""
     if count := attributes.get("run_kinks_landed_on"):
         yield (
             f"kinks     {count} at points of tables of {attributes['solver_switches_landed_on']}, landed on, without"
@@ -192,7 +193,7 @@ def first_elements(run: Any) -> Any:
 
 
 def of_motion(run: Any) -> list[str]:
-    """Name what a march goes on from: coordinates, velocities, states, what controllers hold."""
+    """Name the variables from which a march continues: coordinates, velocities, states, states of controllers."""
     return [
         str(name)
         for name, entry in run.variables.items()  # to look up one of them as a DataArray takes time with their number
@@ -254,7 +255,7 @@ def _summary_lines(run: xr.Dataset) -> list[str]:
 
 
 def _ending_lines(label: str, attributes: Mapping[Any, Any], method: str = "") -> Iterator[str]:
-    """Say how a run ended in one line, and what there is to remark in others."""
+    """State how a run ended in one line, followed by remarks."""
     sentence, remarks = ending_words(attributes)
     yield f"{label:<10}{method}{sentence}"
     yield from textwrap.wrap(
@@ -295,7 +296,7 @@ def _summarising() -> Iterator[Any]:
 
 
 def _partial_lines(run: xr.Dataset) -> Iterator[str]:
-    """Describe what is no whole run: a part of one, states at asked times, a Dataset of another origin."""
+    """Describe a Dataset that is no complete run: a part of a run, states at wanted times, or foreign data."""
     attributes = run.attrs
     yield str(attributes.get("title", "a record without a title"))
     kind_name = str(attributes.get("summary") or "no run")
@@ -311,7 +312,7 @@ def _partial_lines(run: xr.Dataset) -> Iterator[str]:
 
 @of_shown_elements
 def details(run: xr.Dataset, *, with_settings: bool = True) -> list[str]:
-    """Describe a run: its summary, parameters with their descriptions; whole, settings, equations and digests too."""
+    """Describe a run: summary, parameters with descriptions, and of a complete run settings, equations, digests."""
     lines = [*summary(run), *(["parameters"] if is_run(run.attrs) else [])]
     for name, variable in run.variables.items():
         if variable.attrs.get("role") == "parameter" and not variable.dims:
@@ -357,7 +358,7 @@ def details(run: xr.Dataset, *, with_settings: bool = True) -> list[str]:
 
 
 def shortened_setting(value: Any) -> str:
-    """Cut the equations of methods with many stages; the archive has them whole."""
+    """Cut the equations of methods with many stages; the archive has them in full."""
     text = str(value)
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} … ({len(text)} characters)"
 
@@ -422,7 +423,7 @@ def _state_text(run: xr.Dataset, name: str, row: int) -> str:
 
 
 def _state_texts(run: xr.Dataset, names: list[str], first: list[str], row: int) -> Iterator[str]:
-    """Write a state of a row; of a long one some numbers, the first that are asked for, and how many are left out."""
+    """Write the state of a row; of a long state the first numbers, and how many are left out."""
     shown_names = names if len(names) <= MOST_SHOWN else first[:MOST_SHOWN]
     for name in shown_names:
         yield _state_text(run, name, row)
@@ -431,7 +432,7 @@ def _state_texts(run: xr.Dataset, names: list[str], first: list[str], row: int) 
 
 
 def _involved(run: xr.Dataset, names: list[str], i: int) -> list[str]:
-    """Return those of some numbers that belong to the elements of an event; all where it names none."""
+    """Return the numbers of an event's elements among some numbers; all where the event has no elements."""
     shapes, (quantity, *labels) = (
         model_of_record(run, None).shapes,
         words_of_flag(run["event_detector"][[i]])[0].split(DOT),

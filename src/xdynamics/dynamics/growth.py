@@ -5,7 +5,8 @@ integrated together by the twelve stages of `dop853` until the next row, in piec
 requires; an event multiplies tangent vectors by a matrix. After every piece the vectors are factorised as Q R
 (Gram-Schmidt, modified): the logarithm of R's diagonal is how much each has grown. Vectors are in units of `Law.sizes`.
 
-What the growth of tangent vectors reads and writes: laws, rows of a run, coefficients, vectors, sums.
+The arguments of compiled code are `GrowthLaw`, `Rows`, `GrowthScheme`, `Tangent` and `Grown`: laws, rows of a run,
+coefficients, vectors, sums.
 """
 
 from __future__ import annotations
@@ -165,7 +166,7 @@ DONE, STIFF, LOST = range(3)  # outcome of a block: complete, too many pieces, n
 
 @jit_separate
 def differences_at(law: GrowthLaw, state: Floats, slopes: Floats) -> None:
-    """Use central differences along each vector in place of products with derivatives."""
+    """Compute the slopes of tangent vectors by central differences along each, without derivatives of the law."""
     n, first = state.shape[1], law.coordinates
     for c in range(1, state.shape[0]):
         for i in range(first, n):
@@ -204,7 +205,7 @@ def finish_piece(scheme: GrowthScheme, tangent: Tangent, h: float) -> float:
 
 @jit_separate
 def combine(state: Floats, slopes: Floats, a: Floats, s: int, h: float, stage: Floats) -> None:
-    """Combine the slopes of the stages before into a stage."""
+    """Write stage s of an explicit Runge-Kutta step, state + h sum a[s, j] slopes[j], shape (1 + m, n), to `stage`."""
     rows, n = state.shape
     for c in range(rows):
         for i in range(n):
@@ -289,7 +290,10 @@ def replace_vanished(vectors: Floats, c: int) -> None:
 
 @jit_inline
 def orthonormalise(vectors: Floats, upper: Floats) -> None:
-    """Factorise the vectors, from the second row on, as Q R; one that depends on those before it has 0 in R."""
+    """Factorise the rows of `vectors` from the second on, m of n numbers, as Q R; Q replaces them, R is `upper`.
+
+    Modified Gram-Schmidt. A vector that depends on those before it has 0 on the diagonal of R.
+    """
     rows, n = vectors.shape
     for c in range(1, rows):
         squared_length = 0.0

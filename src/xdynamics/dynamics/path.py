@@ -67,7 +67,7 @@ NO_MAP = (
 
 
 def steps_over_impacts(run: xr.Dataset, model: Model) -> bool:
-    """Whether contacts act over whole steps in a run of a model, without events that tell what they took."""
+    """Whether contacts act over complete steps in a run, without located events for their impulses."""
     touching = bool(model.contacts or model.assemblies)
     return touching and not METHODS[str(run.attrs["solver_method"])].stepper.locates
 
@@ -283,7 +283,7 @@ class RunPath:
         return numbers, np.concatenate(matrices)
 
     def _event_instants(self) -> Iterator[tuple[tuple[str, ...], IntArray, IntArray]]:
-        """Yield the names of simultaneous events, and the rows before and after all instants with the same names."""
+        """Yield the names of simultaneous events, and the rows before and after all instants with these names."""
         run = self.run
         rows = [rows_named(run, name).tolist() for name in ("event_row_before", "event_row_after")]
         names_at: dict[tuple[int, int], list[str]] = {}

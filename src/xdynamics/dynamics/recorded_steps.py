@@ -1,19 +1,13 @@
-"""What a record has of its steps, to repeat one: accepted times, rows, closed links, models, columns.
+"""The steps of a record, read so that they can be repeated: accepted times, rows, closed links, models, columns.
 
-The accepted times of a record.
+Recorded steps may reach from each row to the next, or rows may be left out between them; this is checked.
 
-Whether recorded steps reach from one row to the next, or rows were left out between them.
+Closed links of an assembly are read by row: a step goes on with them, and states alone do not tell which they are. A
+march knows where slips began, and how fast links met. Where friction wedges, forces exist for more than one choice of
+links that hold and slide, and the choice of the march depends on that history.
 
-Closed links of many that a record lists by row: what its steps go on with, which states alone do not tell.
-
-A march knows where slips began, and how fast links met: where friction wedges, forces exist for more than one choice of
-links that hold and slide, and which one it took depends on that.
-
-The models of records, read once.
-
-Columns of a record stacked, for functions of many of them at once: in memory, or chunk by chunk.
-
-The times that somebody asks for, in any of the ways to say them.
+A model is read from its record once. Columns are stacked for functions of many of them at once: in memory, or chunk by
+chunk. Wanted times are read in every form that a caller may state them in.
 """
 
 from __future__ import annotations
@@ -100,6 +94,18 @@ def locate_steps(
     accepted: AcceptedTimes, requested_times: Floats, *, after_event: bool
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Find the row from which each time's step starts, and the times at both ends of that step.
+
+    Parameters
+    ----------
+    accepted : AcceptedTimes
+    requested_times : ndarray, shape (k,), in the run's unit of time
+    after_event : bool
+        Whether an event's time is that of the last of its rows, with the state after the event.
+
+    Returns
+    -------
+    tuple of ndarray, shape (k,)
+        Rows, and the times of each row and of the next.
 
     Raises
     ------
@@ -208,13 +214,13 @@ class RowLinks:
     link_states: IntArray
 
     def links_at(self, rows: Any) -> ListedLinks:
-        """Return those of some rows."""
+        """Return the closed links of some rows."""
         first, last = (np.searchsorted(self.rows, rows, side=side) for side in ("left", "right"))
         return ListedLinks(np.stack([first, last - first]).astype(float), self.link_states)
 
 
 def links_read(run: xr.Dataset, model: Model) -> dict[str, Any]:
-    """Return what closed links are found from, as it is stored; nothing where the record does not list them."""
+    """Return the stored variables of closed links; empty if the record does not list closed links."""
     names = link_names(model)
     column_names = [*names, NUMBER]
     if not names or not all(name in run.variables for name in column_names):
@@ -266,7 +272,7 @@ def _numbers_below(count: int) -> str:
 
 
 def _refuse_links(name: str, values: Any, wrong: Any, needed: str) -> None:
-    """Refuse closed links as no march lists them, naming the first; of order `wrong` is told of all but the first."""
+    """Refuse values of closed links that no march writes, naming the first; `wrong` may lack the first value."""
     if not wrong.any():
         return
     in_order = values.size - wrong.size
@@ -308,7 +314,7 @@ def blockwise(
     height: int,
     later: Callable[[], Any],
 ) -> Any:
-    """Apply a function lazily to stacked columns, and to what is the same for all of them."""
+    """Apply a function lazily to stacked columns, and to an argument common to all blocks."""
     import dask.array
 
     da: Any = dask.array  # its functions are not typed
@@ -323,7 +329,7 @@ def blockwise(
 
 
 def stack_columns(columns: list[Any]) -> Floats:
-    """Return the numbers of some variables along `step`, a row for each of their elements."""
+    """Return the numbers of variables along `step`, shape (elements of all variables, rows)."""
     parts = [np.asarray(column.transpose(STEPS, ...)) for column in columns]
     return np.concatenate([flattened_rows(part).T for part in parts])
 

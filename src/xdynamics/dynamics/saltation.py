@@ -8,7 +8,7 @@ model's assignment, for an impact without friction Newton's law in the metric of
 
 Events of one kind are evaluated together: k of them along the first axis of every array.
 
-What ticks of controllers do to a small change of a run: derivatives of what they set, at times that do not move.
+A controller's tick maps a small change by the derivatives of the values that it sets, at a time that does not move.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class FlowStates:
 
 @dataclass(frozen=True)
 class SimultaneousEvents:
-    """Instants of a run at which the same events happen.
+    """Instants of a run at which one set of events happens.
 
     Attributes
     ----------
@@ -347,7 +347,7 @@ def with_ticks(variations: Variations) -> Variations:
 
 
 def tick_rows(variations: Variations, model: Model) -> tuple[IntArray, IntArray]:
-    """Return the rows of a run that begin with what a tick has set, and the actions at each, as bits of a number.
+    """Return the rows of a run that begin with a tick's changes, and the actions at each, as bits of a number.
 
     Raises
     ------
@@ -368,7 +368,7 @@ def tick_rows(variations: Variations, model: Model) -> tuple[IntArray, IntArray]
 
 
 def _states_before_ticks(variations: Variations, rows: IntArray) -> dict[str, Floats]:
-    """Return the states just before ticks: of the row itself, but for what controllers held in the row before."""
+    """Return the states just before ticks: of the row itself, with controller values of the row before."""
     model = variations.equations.model
     state, earlier, first = (
         variations.row(rows),

@@ -94,7 +94,7 @@ class StepInterpolator:
 
     @classmethod
     def of_run(cls, run: Any, functions: Any, rule: str, model: Model | None = None) -> StepInterpolator:
-        """Check that a Dataset is a whole run record, in the units of its model.
+        """Check that a Dataset is a complete run record, in the units of its model.
 
         Raises
         ------
@@ -160,7 +160,7 @@ class StepInterpolator:
 
     @cached_property
     def quantities(self) -> tuple[Block, ...]:
-        """What the record has a variable each for: of one with dimensions its quantities, else their elements."""
+        """The variables of the record: quantities with dimensions at once, or elements where the record has these."""
         used = self.layout.used
         return used.blocks if model_dimensions(self.run) else tuple(Block(name, "") for name in used)
 
@@ -211,7 +211,7 @@ class StepInterpolator:
         return self.described(times, rows, state_numbers)
 
     def _in_pieces(self, where: Floats, rows: NDArray[np.int64]) -> Floats:
-        """Evaluate states at once: of many numbers one after the other, so that they stand in no second array as a whole."""
+        """Evaluate states in pieces, which are written right into the result: no second full array is made."""
         count, max_columns = rows.size, max(1, PIECE // self._height)
         if count <= max_columns:
             return self._evaluated(where, stack_columns(self._columns(rows)), self._links)
@@ -231,7 +231,7 @@ class StepInterpolator:
         return state_numbers
 
     def blank(self, count: int) -> xr.Dataset:
-        """Return what `dataset` gives at so many times, without its values."""
+        """Return the result of `dataset` at a number of times, without its values."""
         return self.described(np.full(count, np.nan), np.zeros(count, np.int64), np.full((self._height, count), np.nan))
 
     @property
@@ -335,7 +335,7 @@ class StepInterpolator:
 
     @cached_property
     def _past(self) -> Past:
-        """The steps of the whole run, for delayed values."""
+        """The steps of the complete run, for delayed values."""
         contact_states = state_names(self.model, by_element=not model_dimensions(self.run))
         used = (quantity.name for quantity in self.quantities)
         names = ("time", "step_size", "regime", "row_kind", *contact_states, *used)
@@ -355,7 +355,7 @@ class StepInterpolator:
     def defects(
         self, rows: NDArray[np.int64], parts: int, shifts: Mapping[str, Floats] | None = None
     ) -> dict[str, Floats]:
-        """Return the difference of one step from each row less `parts` in its place, by variable, in recorded units.
+        """Return one step from each row less `parts` short steps instead, by variable, in recorded units.
 
         `shifts`, shape (k, ...) or (1, ...), are added to what the parts start from: to the rests where numbers have such.
         """
@@ -400,7 +400,7 @@ class StepInterpolator:
 
     @cached_property
     def _factors(self) -> Floats:
-        """Factors from internal numbers to those of the record, a row for each; one row where all are the same."""
+        """Factors from internal to recorded numbers, one row per number; a single row if all are equal."""
         factors = record.factors(self.layout, self.settings.scales)[:, np.newaxis]
         return factors[:1] if (factors == factors[0]).all() else factors
 

@@ -1,6 +1,6 @@
-"""The tangent vectors of a run, carried along by `growth`: its law with derivatives, its rows and events.
+"""Tangent vectors of a run and its Lyapunov exponents, each with an uncertainty from its own convergence.
 
-Lyapunov exponents from the growth of tangent vectors, each with an uncertainty from its own convergence.
+`growth` carries the vectors along; its law with derivatives, rows and events are prepared here.
 """
 
 from __future__ import annotations
@@ -256,7 +256,7 @@ def _mean(times: Floats, growth: Floats, begin: float, end: float) -> Floats:
 
 
 def _finite_time(local: LocalGrowth) -> float:
-    """Return the logarithm of the largest singular value of the whole run's map of tangent vectors, over the time."""
+    """Return the logarithm of the largest singular value of the complete run's tangent map, over the time."""
     vector = np.ones((local.total_growth.shape[0], 1))
     largest = 0.0
     for _ in range(100):  # power iteration; nearly equal singular values need not be distinguished

@@ -1,4 +1,4 @@
-"""The change of a run with its inputs: its variational equations, through events and impacts.
+"""The change of a run with its inputs: its variational equations, through events, impacts and constraints.
 
 With M a = F and x' = r, a small change z of coordinates, velocities and states that comes from inputs p obeys
 
@@ -8,10 +8,9 @@ These linear equations are solved on the run's own steps by Gauss's collocation,
 method (Hairer, Lubich, Wanner, Geometric Numerical Integration, 2006, II.1.3 and VI.9), about states recomputed
 inside the steps. For the effect of an event on a change see `saltation`.
 
-Small changes of a motion that constraints keep: multipliers change with it, and the start follows where it may.
-
-Of R a + bias = 0 and M a = F + R^T u the changes obey R da = -(dR a + dbias) and M da = dF - dM a + dR^T u + R^T du, which is
-linear in da and du (Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed., section VII.1).
+Where constraints hold, multipliers change with the motion, and the start follows where it may. Of R a + bias = 0 and M
+a = F + R^T u the changes obey R da = -(dR a + dbias) and M da = dF - dM a + dR^T u + R^T du, which is linear in da and
+du (Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed., section VII.1).
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ def independent_conditions(model: Model) -> list[int]:
 def trees_of_constraints(
     model: Model, differentials: Mapping[str, Mapping[str, Node]]
 ) -> Iterator[tuple[tuple[str, Any, str], Node]]:
-    """Yield rows, multipliers, and the derivatives of rows and biases, by kind, place, and what they are taken by."""
+    """Yield rows, multipliers, and derivatives of rows and biases, each keyed by kind, place and variable."""
     for k, condition in enumerate(conditions(model)):
         yield (MULTIPLIER, k, ""), Name(constraint_force(condition.name))
         for name, tree in condition.row.items():
@@ -176,7 +175,7 @@ class NotVariedError(Exception):
 
 
 def refuse_ticks(model: Model) -> None:
-    """Refuse a model whose ticks forget what was held, so that a change of it has no exponent.
+    """Refuse a model with controllers: a tick discards the former values, so that their change has no exponent.
 
     Raises
     ------
@@ -283,7 +282,7 @@ FORCE, MASS, INERTIA, RATE, ACCELERATION = ("force", "mass", "inertia", "rate", 
 
 @lru_cache(maxsize=16)
 def _derivative_trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[str, Any, str], Node]:
-    """Return all derivatives by kind, place, and the name that they are taken by."""
+    """Return all derivatives, keyed by kind, place and the variable of differentiation."""
     differentials, states = (
         input_differentials(model, parameters),
         {rate(name): name for name in model.statement.states},
@@ -377,7 +376,7 @@ class Variations:
     def _maps_of_steps(
         self, rows: NDArray[np.int64], starts: Floats, sizes: Floats, reached: NDArray[np.int64]
     ) -> tuple[Floats, Floats]:
-        """Return the effect of consecutive steps: the matrix by which a change is multiplied, and what is added."""
+        """Return the effect of consecutive steps on a change: matrix and added term, with a leading axis of steps."""
         nodes, weights, ends = gauss(self.order // 2 + 2)
         times = (starts[:, None] + sizes[:, None] * nodes).ravel()
         states = self.states(times, np.repeat(rows, len(nodes)))
@@ -430,7 +429,7 @@ class Variations:
 
 
 def compose_maps(matrices: Floats, added: Floats) -> tuple[Floats, Floats]:
-    """Compose k maps z -> whole z + added in sequence, pairwise."""
+    """Compose k maps z -> A z + b in sequence, pairwise: matrices A and added terms b, along the first axis."""
     while len(matrices) > 1:
         if len(matrices) % 2:
             matrices = np.concatenate([matrices, np.eye(matrices.shape[-1])[None]])
@@ -444,7 +443,8 @@ def compose_maps(matrices: Floats, added: Floats) -> tuple[Floats, Floats]:
 def gauss(stages: int) -> tuple[Floats, Floats, Floats]:
     """Return nodes, weights of the stages, and weights of the end of Gauss's collocation on [0, 1], of order 2 s.
 
-    Hairer, Nørsett, Wanner, Solving Ordinary Differential Equations I, 1993, II.7.
+    Of shapes (s,), (s, s) and (s,) for s stages. Hairer, Nørsett, Wanner, Solving Ordinary Differential Equations I,
+    1993, II.7.
     """
     from numpy.polynomial import legendre
 

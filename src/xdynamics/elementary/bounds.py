@@ -1,20 +1,16 @@
-"""Two bounds of a value, and what rounds them outward.
+"""Bounds of values in interval arithmetic: outward rounding, and the motion between two states of a step.
 
-Margins of bounds over computed values, in single runs and in lanes: for rounding, and for what lies between.
+Rounding is that of IEEE 754's double precision. Margins cover rounding, and what lies between computed values; they are
+the same in single runs and in lanes.
 
-Rounding is that of IEEE 754's double precision.
+Between two states, variables are bounded by Hermite's polynomials through them. Of a coordinate the states hold q, v,
+a, of a first-order state x and its rate r; w is the width of the piece between the states, `error` how far its end may
+be off, and `part` 1 where the piece is not the whole step.
 
-Bounds of the variables of a motion between two of its states: by Hermite's polynomials through them.
-
-Of a coordinate the states hold q, v, a, of a first-order state x and its rate r; w is the width of the piece between
-the states, `error` how far its end may be off, and `part` 1 where the piece is not the whole step. For methods that leave
-a polynomial of their own see `elementary.bounds`.
-
-Bounds of the variables of a motion on a piece of a step, by the polynomial that the method leaves of the whole step.
-
-The polynomial is given by its coefficients in s, which runs from 0 to 1 over the step. On the piece it is moved so that it
-passes both states, in proportion to s between them: where the states are on it, it is the polynomial itself. Its Bernstein
-coefficients on the piece bound it (Farouki 2012, The Bernstein polynomial basis, Comput. Aided Geom. Des. 29, 379).
+Where a method leaves a polynomial of the whole step, variables are bounded by that. The polynomial is given by its
+coefficients in s, which runs from 0 to 1 over the step. On the piece it is moved so that it passes both states, in
+proportion to s between them: where the states are on it, it is the polynomial itself. Its Bernstein coefficients on the
+piece bound it (Farouki 2012, The Bernstein polynomial basis, Comput. Aided Geom. Des. 29, 379).
 """
 
 from __future__ import annotations
@@ -76,7 +72,7 @@ def maximum(x: Number, *further_numbers: Number) -> Number:
 
 
 def sound_interval(low: Number, high: Number, flaw: Integer) -> Interval:
-    """Return an interval; what is none may be anything."""
+    """Return an interval, unbounded where the bounds are reversed or nan."""
     # false for nan, too: both bounds are then infinite
     sound = low <= high
     return Interval(choose(sound, low, -inf), choose(sound, high, inf), choose(sound, flaw, UNBOUNDED))
@@ -281,7 +277,7 @@ def _enclose_on_curves(
 def _enclose_value(
     margin: Number, piece: Piece, curves: Sequence[PolynomialBounds], ends: Sequence[Sequence[Number]]
 ) -> Interval:
-    """Enclose what the last polynomial is of; it is also the slope of one before. At one state it is the number there."""
+    """Enclose a value by the last polynomial, also where that is a former slope; at one state return its number."""
     *earlier_curves, curve = curves
     end_values = ends[len(earlier_curves)]
     low, high, off = curve.low, curve.high, curve.off

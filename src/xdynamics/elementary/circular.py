@@ -82,6 +82,7 @@ def reduce_exactly(x: Number) -> tuple[Number, Number, Integer]:
     # the angle is a whole mantissa times 2**exponent: a bias of 1023, and 52 places
     exponent = (word >> 52) - 1075
     exponent = choose(exponent > -53, exponent, -53)  # no smaller angle needs this
+    # with the leading 1 of a normal number, which IEEE 754 does not store
     mantissa = (word & FRACTION) | (1 << 52)
     first = whole_quotient(exponent)
     shift = exponent - first * LIMB

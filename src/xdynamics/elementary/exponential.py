@@ -87,9 +87,10 @@ def exp_anywhere(x: Number) -> Number:
 
 
 def split_mantissa(x: Number) -> tuple[Number, Integer, Number, Number]:
-    """Write a normal x > 0 as 2**k (1 + r)/c with c from a table: return k, the place of c, and r in two parts."""
+    """Write a normal x > 0 as 2**k (1 + r)/c with c from a table: return k, the index of c, and r in two parts."""
     word = bits(x)
     fraction = word & FRACTION
+    # the seven leading bits of the fraction, rounded: from 0 to 128
     table_index = (fraction + (1 << 44)) >> 45
     # the distance from the center has 44 bits, and c has 9: both the difference and the product are exact
     part = (number(fraction | ONE) - table_entry("center", table_index)) * table_entry("inverse", table_index)

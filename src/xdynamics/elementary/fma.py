@@ -1,4 +1,4 @@
-"""The fused multiply-add x*y + z, rounded once: IEEE 754 gives it one result, so it is the same on every machine.
+"""The fused multiply-add x*y + z, rounded once, as IEEE 754 defines it on every machine.
 
 Where a processor has it, it is one instruction. Elsewhere it is made of whole numbers here, and not by the C library:
 the product of two significands has 106 bits, the other term is put beside it among 256, and what falls below these is

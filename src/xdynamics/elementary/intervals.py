@@ -128,7 +128,7 @@ def _interval_root(arithmetic: Intervals, a: Interval) -> Interval:
 
 
 def _enclose_choice(_: Intervals, a: Interval, b: Interval, c: Interval) -> Interval:
-    """Take the branch that a condition says, or both where it is undecided."""
+    """Return the branch of a decided condition, or the hull of both where it is undecided."""
     always, never = a.low == 1.0, a.high == 0.0
     both = Interval(minimum(b.low, c.low), maximum(b.high, c.high), maximum(BREAKS, _worse_flaw(b, c)))
     branches = zip(b, c, both, strict=True)
@@ -151,7 +151,7 @@ def _enclose_tangent(arithmetic: Intervals, a: Interval) -> Interval:
 
 
 def _within_one(a: Interval) -> Interval:
-    """Return what an arcsine is defined for."""
+    """Return the part of an interval within the domain of arcsine, flagged if it reaches beyond."""
     low, high = (minimum(1.0, maximum(-1.0, x)) for x in a[:2])
     return Interval(low, high, choose((a.low < -1.0) | (a.high > 1.0), UNBOUNDED, a.flaw))
 

@@ -1,9 +1,9 @@
-"""The numbers that elementary functions are written for: floats, arrays, and lines of a program that is being written.
+"""The numbers that elementary functions are written for: floats, arrays, and lines of a program in the making.
 
 Only operations that IEEE 754 makes the same on every machine: + - * / and square roots rounded to nearest, comparisons,
 choices, and exact work on the 64 bits of a number. A function written so serves Python, NumPy and machine code.
 
-A number that stands for a line of LLVM text; arithmetic with it writes further lines.
+`LaneValue` stands for a line of LLVM text; arithmetic with it writes further lines.
 """
 
 from __future__ import annotations
@@ -239,7 +239,7 @@ class LaneValue:
         return self._lines.line("w", f"bitcast {self._lines.kind('n')} {self.text} to {self._lines.kind('w')}")
 
     def number(self) -> LaneValue:
-        """Return the number that has these bits."""
+        """Return the number with these bits."""
         return self._lines.line("n", f"bitcast {self._lines.kind('w')} {self.text} to {self._lines.kind('n')}")
 
     def converted(self) -> LaneValue:
@@ -360,7 +360,7 @@ def bits(x: Number) -> Integer:
 
 
 def number(w: Integer) -> Number:
-    """Return the number that has these bits."""
+    """Return the number with these bits."""
     if isinstance(w, int):
         return _FLOATS.unpack(_WHOLES.pack(w))[0]
     return w.view(np.float64) if isinstance(w, np.ndarray) else w.number()
@@ -375,6 +375,7 @@ def choose(truth: Truth, yes: Any, no: Any) -> Any:
 
 def minimum_of_two(x: Number, y: Number) -> Number:
     """Return the smaller; nan if either is."""
+    # nan alone differs from itself; a nan in y fails the comparison and is chosen
     return choose((x < y) | (x != x), x, y)
 
 
@@ -470,12 +471,14 @@ def modulo(x: Number, y: Number) -> Number:
     remainder = choose(turns == 0.0, x, (x - product) - lost)
     beyond = ((remainder < 0.0) & (y > 0.0)) | ((remainder > 0.0) & (y < 0.0))  # a quotient that was rounded up
     remainder = choose(beyond, remainder + y, remainder)
+    # IEEE 754 makes x - x the zero 0.0; Python's % gives a zero with the sign of y
     remainder = choose(remainder == 0.0, choose(y < 0.0, -0.0, 0.0), remainder)
     return choose(absolute(turns) < LARGEST_TURNS, remainder, NAN)
 
 
 def quotient(x: Number, y: Number) -> Number:
     """Return x/y, also of floats by zero."""
+    # Python's division by zero raises; x*inf is IEEE 754's quotient, also its nan for x = 0
     return x * math.copysign(math.inf, y) if isinstance(y, float) and y == 0.0 else x / y
 
 

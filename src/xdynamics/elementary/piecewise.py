@@ -1,11 +1,9 @@
-"""Look-up in piecewise cubic polynomials, as functions of any kind of number.
+"""Look-up in piecewise polynomials, for any kind of number: cubic tables, and the past of a march.
 
 A table has five rows: the origins of its pieces, and their coefficients from the cubic one down.
 
-Look-up in the past of a march, as functions of any kind of number: a polynomial in s of every accepted step.
-
-A piece is one step: where it begins, its length, the number of the stretch between breaking points that it is in, then
-the coefficients of all components, power by power.
+The past of a march has a polynomial in s for every accepted step. A piece is one step: its start, its length, the
+number of its stretch between breaking points, then the coefficients of all components, power by power.
 """
 
 from __future__ import annotations
@@ -56,7 +54,7 @@ def bend_at(read: Read, x: Number, piece: Integer) -> Number:
 
 
 def cube_at(read: Read, x: Number, piece: Integer) -> Number:
-    """Return a sixth of the third derivative of a piece, the same at every x."""
+    """Return a sixth of the third derivative of a piece, which is constant on it."""
     _, cubic, *_ = _coefficients(read, x, piece)
     return cubic
 
@@ -106,7 +104,7 @@ def past_at(read: Read, count: Integer, x: Number, component: int, components: i
 
 
 def past_slope_at(read: Read, count: Integer, x: Number, component: int, components: int, degree: int) -> Number:
-    """Return the time derivative of a component at a time, in the same way."""
+    """Return the time derivative of a component at a time, of the last of `count` pieces that begins by then."""
     piece = last_piece_begun(read, count, x)
     h = read(LENGTH, piece)
     s = (x - read(BEGIN, piece)) / h

@@ -1,9 +1,7 @@
 """The sets of elementary functions by name: a run uses one set, and records its name.
 
-The elementary functions, from arithmetic that is the same on every machine.
-
-Each is one sequence of operations, for floats, arrays and written programs alike, and at most 1 ulp from the true
-value. In place of a branch both results are computed and one is chosen; work that few arguments need is skipped by
+Each function is one sequence of operations, for floats, arrays and written programs alike, and at most 1 ulp from the
+true value. In place of a branch both results are computed and one is chosen; work that few arguments need is skipped by
 `usually`. Reduction and polynomials are those of fdlibm (Ng 1993), tables as Tang proposed (1989,
 doi:10.1145/63522.214389), and rounding errors are kept as a second number (Dekker 1971, doi:10.1007/BF01397083).
 """
@@ -34,7 +32,7 @@ SETS: Mapping[str, Mapping[str, Callable[..., Number]]] = {
 
 
 def kept_set(name: str | None) -> str:
-    """Return the set that a record names; the newest if there is none of that name, as for archives with `libm`.
+    """Return the set that a record names; the newest if that name is unknown, as for archives with `libm`.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Evidence from runs: states between steps, comparisons, diagnoses, refinements, validation, modes and stable steps."""
+"""Evidence from runs: states, comparisons, diagnoses, refinements, validation, modes and stable steps."""

@@ -1,8 +1,8 @@
-"""What a run's record alone tells of faults that no second march sees, since it marches the same way.
+"""An audit of a run: contradictions between its record and its model, which no second march would reveal.
 
-An acting event that stands at zero, leaves it in its own direction and is not met; events of one detector that crowd
-together in time; contacts that pull, are penetrated, or hold more than friction can. Each is a contradiction between
-the record and the model that stands in it, whatever method made it, and whenever.
+A second march has the faults of the first, since it marches in the same way. The contradictions are: an acting event
+that stands at zero, leaves it in its own direction and is not met; events of one detector that crowd together in time;
+contacts that pull, are penetrated, or hold more than friction can. Method and date of the march do not matter.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def gates_of(model: Model) -> list[str]:
 
 
 def audited_columns(run: xr.Dataset, model: Model) -> xr.Dataset:
-    """Return what an audit reads of a record: times, flags, events, the state, forces and gaps of contacts."""
+    """Return the columns that an audit reads: times, flags, events, the state, forces and gaps of contacts."""
     owners = {reaction.owner for reaction in reactions(model)}
     audited_names = {
         column_name_of(owner) for owner in owners for column_name_of in (contact_force, contact_gap, friction_force)
@@ -95,7 +95,7 @@ def audited_columns(run: xr.Dataset, model: Model) -> xr.Dataset:
 
 
 def _questions(model: Model) -> Iterator[tuple[str, Look, str]]:
-    """Yield the gates of a model's runs: the name, how it is looked into, and what is said of one that passes."""
+    """Yield the gates of a model's runs: name, search for faults, and reason of a pass."""
     if has_acting(model):
         yield EVENTS, _unmet_events, "every acting event at zero was met or left in time"
     if reactions(model) or model.assemblies:
@@ -108,7 +108,7 @@ def has_acting(model: Model) -> bool:
 
 
 def contradiction(run: xr.Dataset, functions: Functions = None) -> str:
-    """Return what contradicts itself in a record, in words; nothing if all gates are passed, or cannot be checked."""
+    """Return the contradictions in a record, in words; empty if no gate failed."""
     return "; ".join(gate.reason for gate in audit(run, functions) if gate.verdict == FAILED)
 
 
@@ -124,7 +124,7 @@ def gate_lines(diagnosis: xr.Dataset) -> Iterator[str]:
 
 
 def _gate(name: str, look: Look, run: xr.Dataset, model: Model, passed: str) -> Gate:
-    """Put a question to a record; one that lacks a column leaves it open."""
+    """Search a record for faults of one gate; a record that lacks a column leaves the gate unchecked."""
     try:
         faults = list(look(run, model))
     except KeyError as missing:
@@ -133,7 +133,7 @@ def _gate(name: str, look: Look, run: xr.Dataset, model: Model, passed: str) -> 
 
 
 def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
-    """Say which acting events stand at zero, leave it in their direction and are not met, or crowd together."""
+    """Yield acting events that stand at zero and leave it in their direction unmet, or crowd together."""
     acting = {
         name: event.function
         for name, event in model.events.items()
@@ -204,7 +204,7 @@ def _tree_columns(run: xr.Dataset, model: Model, trees: list[Node]) -> list[Floa
 
 
 def _broken_contacts(run: xr.Dataset, model: Model) -> Iterator[str]:
-    """Say which contacts pull, are penetrated, or hold more than friction can, in any row."""
+    """Yield contacts that pull, are penetrated, or exceed their friction, in any row."""
     times, second = run["time"].values, unit_suffix(str(run["time"].attrs["units"]))
     for reaction in reactions(model):
         for violation, excess in _excesses(run, model, reaction):
@@ -226,7 +226,7 @@ def _steps_over_impacts(run: xr.Dataset) -> bool:
 
 
 def _excesses(run: xr.Dataset, model: Model, reaction: Reaction) -> Iterator[tuple[str, Floats]]:
-    """Yield what a contact or friction may do too much, and by how much it does in every row, beyond what is left of zero."""
+    """Yield each violation of the law of contact by a reaction, and its size in every row beyond rounding."""
     if _steps_over_impacts(run):
         return  # its impulses are those of whole steps
     if reaction.sort == NORMAL:

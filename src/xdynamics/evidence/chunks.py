@@ -1,9 +1,10 @@
-"""A run's rows as they are stored, and what of them is needed to repeat steps.
+"""Rows of a stored run: which chunks of a file hold them, and which rows a repeated step needs.
 
-Variables along a dimension as they are stored: in memory, or in chunks of a file, each of which is read once.
+Variables along a dimension are read as they are stored: from memory, or from chunks of a file, each of which is read
+once.
 
-Where elements of a quantity with dimensions are variables of their own they lie in the same chunks: whichever is read first,
-the others are taken from the chunk, too.
+Elements of a quantity with dimensions are stored in one array. Where they are read as variables of their own, the first
+read of a chunk also supplies the other elements of that chunk.
 """
 
 from __future__ import annotations
@@ -119,7 +120,7 @@ class StoredColumns:
 
     @cached_property
     def _elements_by_array(self) -> dict[str, list[str]]:
-        """The kept variables that are elements of one stored array, by its name."""
+        """The cached variables that are elements of one stored array, by that array's name."""
         sources: dict[str, list[str]] = {}
         for name in self._cached_names:
             if (source := _source(self.run.variables[name])) is not None:
@@ -127,14 +128,14 @@ class StoredColumns:
         return sources
 
     def _chunk_neighbours(self, column: _Column, chunk: int) -> Iterator[_Column]:
-        """Yield the kept columns whose values lie in the same chunk of a file and are not read yet."""
+        """Yield the cached columns whose values lie in the same chunk of a file and are not read yet."""
         for name in self._elements_by_array.get(_source(column.variable) or "", ()) if self._room > 0 else ():
             neighbour = self._column(name)
             if chunk not in neighbour.read and np.array_equal(neighbour.borders, column.borders):
                 yield neighbour
 
     def _read_missing_chunks(self, columns: Sequence[_Column], begin: int, end: int) -> None:
-        """Read what is missing of some rows, all chunks at once."""
+        """Read the chunks of some rows that are not in memory, all at once."""
         missing = [(column, chunk) for column in columns for chunk in column.missing_chunks(begin, end)]
         if not missing:
             return
@@ -158,7 +159,7 @@ class StoredColumns:
                 self._keep_chunk(column, chunk)
 
     def _forget_chunks(self, column: _Column, row: int) -> None:
-        """Forget the chunks before a row, but for those that are kept."""
+        """Forget the chunks before a row, except cached ones."""
         for chunk in [
             chunk for chunk in column.read if column.borders[chunk + 1] <= row and chunk not in column.kept_chunks
         ]:
@@ -257,7 +258,7 @@ class Chunks(StoredColumns):
 
     @classmethod
     def of(cls, run: xr.Dataset | Chunks, functions: Functions = None) -> Chunks:
-        """Return the rows of a run; what is that already, as it is."""
+        """Return the rows of a run; `Chunks` are returned unchanged."""
         return run if isinstance(run, Chunks) else cls(run, model_of_record(run, functions))
 
     @cached_property
@@ -267,7 +268,7 @@ class Chunks(StoredColumns):
 
     @cached_property
     def _borders(self) -> list[int]:
-        """The rows at which chunks of any column that is kept begin, and how many rows there are."""
+        """The rows at which chunks of any cached column begin, and the number of rows at the end."""
         borders: list[int] = np.unique(
             np.concatenate([self._column(name).borders for name in self._cached_names])
         ).tolist()
@@ -286,7 +287,7 @@ class Chunks(StoredColumns):
         return rows
 
     def nearby_record(self, rows: Any) -> tuple[xr.Dataset, Rows]:
-        """Return a record in memory in which steps from and to some rows can be repeated, and where these rows are in it.
+        """Return a record in memory that repeats steps between some rows, and the positions of these rows in it.
 
         It has all columns that are kept, of these rows, of their neighbours, and of all rows at the same times. Of a
         run in memory it is the run.
@@ -309,7 +310,7 @@ class Chunks(StoredColumns):
         return xr.Dataset(rowless_variables | links | columns, attrs=self.run.attrs), np.searchsorted(needed_rows, rows)
 
     def load_variables(self, run: xr.Dataset) -> xr.Dataset:
-        """Return a record of some of the variables in memory; those that are kept are not read again."""
+        """Return a record with its variables in memory; cached ones are not read again."""
         rows = np.arange(self.size)
         read = {
             name: (run.variables[name].dims, self.values_at(name, rows), run.variables[name].attrs)
@@ -319,7 +320,7 @@ class Chunks(StoredColumns):
         return run.assign(read).compute()
 
     def _with_neighbours(self, rows: Rows) -> Rows:
-        """Add the rows before and after, and all at the same times: which of them a time belongs to is then decided alike."""
+        """Add neighbouring rows, and all rows at equal times, so that a time finds the same row as in the full run."""
         needed_rows = np.unique(np.clip(np.concatenate([rows - 1, rows, rows + 1]), 0, self.size - 1))
         while True:
             # rows at one time may go on for long: added until there are no more

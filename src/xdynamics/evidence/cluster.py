@@ -1,6 +1,7 @@
-"""A cluster of processes on which stages are computed: connected, checked, watched, and left as it was.
+"""The dask cluster that computes stages: connected, checked, watched, and left as it was.
 
-Whether the processes that a script starts would run the script again.
+Before processes are started, the calling script is checked for a main guard: without it, every process that the script
+starts would run the script again.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ GUARD = 'if __name__ == "__main__":'
 
 
 def check_main_guard() -> None:
-    """Check that processes may be started here: each imports the script first, all but what stands below its guard.
+    """Check that processes may be started: each imports the script first, except what its main guard protects.
 
     Without one, each would start processes of its own, is refused, and is started anew, for ever.
 
@@ -100,7 +101,7 @@ def connected() -> Any:
 
 
 def log_worker_event(topic: str, entry: Any) -> None:
-    """Leave a small note with the scheduler, where this process works for one: what came of a task, for who asks later."""
+    """Log a task's event with the scheduler, if this process works for one; the client reads it later."""
     distributed: Any = sys.modules.get("distributed")
     if distributed is None:
         return
@@ -109,7 +110,7 @@ def log_worker_event(topic: str, entry: Any) -> None:
 
 
 def worker_events(topic: str) -> list[Any]:
-    """Return what workers noted under a topic; nothing if dask computes in this process, or the cluster is gone."""
+    """Return the events that workers logged under a topic; none without a cluster."""
     try:
         client = connected()
         if client is None:
@@ -120,7 +121,7 @@ def worker_events(topic: str) -> list[Any]:
 
 
 def environment() -> dict[str, str]:
-    """Return what has to be the same in all processes, for the same bits and for objects that are sent between them."""
+    """Return the versions that must agree between processes, for equal bits and for objects sent between them."""
     versions = {name: version(name) for name in ("xdynamics", "numpy", "llvmlite")}
     python = ".".join(map(str, sys.version_info[:2]))
     return versions | {"Python": python, "math functions": NAME, "engine": source_digest()[:12]}
@@ -153,7 +154,7 @@ def check_workers(client: Any) -> None:
 
 
 def _environments(client: Any) -> dict[str, Any]:
-    """Return each worker's environment; where one was lost while it was asked, ask those that are there then."""
+    """Return each worker's environment; if a worker was lost meanwhile, ask the remaining workers again."""
     for _ in range(ASKED):
         environments: dict[str, Any] = client.run(environment, on_error="return")
         if not any(isinstance(answer, OSError) for answer in environments.values()):
@@ -172,7 +173,7 @@ def _environment_faults(worker: str, mine: dict[str, str], theirs: Any) -> Itera
 
 
 def cluster(where: str | int | None = None) -> AbstractContextManager[Any]:
-    """Have stages and sweeps computed on a cluster as long as the context lasts; what they come to is the same.
+    """Have stages and sweeps computed on a cluster as long as the context lasts; results are unchanged.
 
     Its workers are asked first for their versions, math functions and engine; where they differ from those here, or the
     cluster is gone, that is an error of a few words.
@@ -218,7 +219,7 @@ def cluster(where: str | int | None = None) -> AbstractContextManager[Any]:
 
 @contextmanager
 def cluster_of(scheduler: str | None, workers: int | None) -> Iterator[Any]:
-    """Connect to a cluster, or start processes here, and check them; None where neither is asked for.
+    """Connect to a cluster, or start processes here, and check them; None without a scheduler and workers.
 
     Parameters
     ----------
@@ -291,7 +292,7 @@ def _quiet_end() -> Iterator[None]:
 
 
 def _is_news(log_record: logging.LogRecord) -> bool:
-    """Whether what the library tells is not the loss of the cluster, which is said in one line."""
+    """Whether a log record is no report of the lost cluster, which one line of this package reports."""
     cancelled = (
         log_record.exc_info
         and log_record.exc_info[0] is not None
@@ -301,7 +302,7 @@ def _is_news(log_record: logging.LogRecord) -> bool:
 
 
 def _is_awaited(log_record: logging.LogRecord) -> bool:
-    """Whether what is told is not the end of a wait for results that are not wanted any more."""
+    """Whether a log record is no report that a wait for results has ended because nobody wants them."""
     return not (
         log_record.exc_info and log_record.exc_info[0] is not None and log_record.exc_info[0].__name__ == "AllExit"
     )
@@ -309,7 +310,7 @@ def _is_awaited(log_record: logging.LogRecord) -> bool:
 
 @contextmanager
 def reached(client: Any) -> Iterator[None]:
-    """Say in one line that a cluster is gone, or that its workers died of a task.
+    """Raise in one line that a cluster is gone, or that its workers died of a task.
 
     Raises
     ------

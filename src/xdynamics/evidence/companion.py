@@ -43,7 +43,7 @@ TIGHTER = 10.0  # factor between tolerances
 
 @dataclass(frozen=True)
 class Tighter:
-    """What a record's model is marched by once more.
+    """The tighter settings by which a record's model is marched once more.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ def _state_names(states: xr.Dataset) -> list[str]:
 
 
 def check_whole(run: xr.Dataset) -> None:
-    """Check that a record is a whole run, unchanged since it was marched.
+    """Check that a record is a complete run, unchanged since it was marched.
 
     Raises
     ------
@@ -304,7 +304,7 @@ def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Compani
 
 @contextmanager
 def _no_tighter() -> Iterator[None]:
-    """Say of settings that no march can have that there is no tighter run."""
+    """Raise that settings at their limit allow no tighter run."""
     try:
         yield
     except InputError as error:

@@ -1,10 +1,10 @@
-"""A piece of evidence as one Dataset: its kind, the runs it is made from, and every number with its unit.
+"""A result of evidence as one Dataset: its kind, the runs behind it, gates, and every number with its unit.
 
-Gates: questions that a record or a number has to pass, with what became of each and why.
+A gate is a question that a record or a number has to pass, stored with its answer and the reason.
 
-Residuals over a scale common to all times, never over the expected value at one time, which may pass zero.
+Residuals are divided by a scale common to all times, never by the expected value at one time, which may pass zero.
 
-Events of one name in two runs: which of them correspond.
+Events of one name in two runs are paired by their times.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def evidence_dataset(
     attributes : mapping
         Further attributes of the Dataset.
     unchanged : mapping, optional
-        For lazy variables, tests whether values are their result; see `archive.marched`.
+        For lazy variables, tests whether values are their result; see `archive.integrity.marched`.
     shapes : Shapes, optional
         Of the model: what is said of elements is put together, and told as people write them.
     """
@@ -129,7 +129,7 @@ def attrs_of(units: str, long_name: str, role: str) -> dict[str, Any]:
 
 
 def stated_value(evidence: xr.Dataset, name: str) -> Any:
-    """Return what is stated as an attribute, or as a variable where it was known after marching only; None if it is not."""
+    """Return an attribute, or the variable of that name if its value came after marching; None without either."""
     value = evidence.attrs.get(name)
     if value is None and name in evidence.variables:
         value = evidence[name].values[()]
@@ -147,7 +147,7 @@ PASSED, FAILED, NOT_CHECKED = GATES = ("passed", "failed", "not_checked")
 
 
 class Gate(NamedTuple):
-    """A question, what became of it, one of `GATES`, and why."""
+    """A question, its verdict, one of `GATES`, and the reason."""
 
     name: str
     verdict: str
@@ -155,7 +155,7 @@ class Gate(NamedTuple):
 
 
 def gate_variables(gates: Sequence[tuple[str, str, str]], question: str) -> dict[str, Any]:
-    """Return gates as variables of a Dataset; `question` says in words what a gate asks."""
+    """Return gates as variables of a Dataset; `question` states the question of all gates."""
     names, verdicts, reasons = zip(*gates, strict=True)
     return {
         "gate_name": ((GATE,), np.array(names), attrs_of("1", question, "name")),
@@ -189,7 +189,7 @@ def divide_by_scale(residual: Any, scale: Any) -> Any:
 
 
 def root_mean_square(numbers: Any) -> Any:
-    """Return the root of the mean square along the first axis, of each element the same as of it alone."""
+    """Return the root mean square along the first axis; each element has the bits that it has alone."""
     contiguous_squares = np.ascontiguousarray(np.moveaxis(np.asarray(numbers) ** 2, 0, -1))  # where NumPy sums pairwise
     return np.sqrt(np.mean(contiguous_squares, axis=-1))
 

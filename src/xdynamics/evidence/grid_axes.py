@@ -1,6 +1,8 @@
-"""What a sweep says of its axes, and which numbers are kept along them; of sweeps put together, too.
+"""The axes of a sweep: which numbers run along them, and how far rounding alone separates these numbers.
 
-What rounding leaves of the numbers of a sweep: such as the height at a landing, noise about zero and no number.
+Axes are read from a sweep, or from several sweeps put together.
+
+The rounding floor of a number, such as the height at a landing, is the size below which its differences are noise.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ def is_sweep(data: Any) -> bool:
 
 
 def sweep_of(data: Any) -> xr.Dataset:
-    """Return a sweep as this package reads it, whoever opened or put it together.
+    """Return a sweep in this package's own form, whether opened here, by xarray, or concatenated.
 
     Texts that plain xarray leaves as numbers are texts. Where sweeps were put together along a setting that each of them
     has one value of, ``xr.concat([one, other], "solver_rtol")``, that is an axis like any other.
@@ -75,7 +77,7 @@ def sweep_axis_names(sweep: xr.Dataset) -> list[str]:
 
 
 def member_number_names(sweep: xr.Dataset) -> list[str]:
-    """Name the numbers kept of members, without their rules and uncertainties."""
+    """Name the recorded numbers of members, without their rules and uncertainties."""
     axes = {*sweep_axis_names(sweep)}
     return [
         str(name)
@@ -105,7 +107,7 @@ def vanishing(sweep: xr.Dataset) -> list[str]:
 
 
 def rounding_floors(sweep: xr.Dataset) -> dict[str, xr.Variable]:
-    """Return what rounding alone can leave of each number where it should be zero, in its unit; lazy where the sweep is.
+    """Return the size that rounding alone may give each number, in its unit; lazy where the sweep is.
 
     That is some spacings of what else has its dimension at most, be it recorded, an axis or a parameter, or of the way that
     a rate of it, or a rate of that, leads until the end.

@@ -34,7 +34,7 @@ _WRITTEN: set[Place] = set()  # by this process
 
 @dataclass(frozen=True)
 class ResultForm:
-    """How results of a kind are put into lists, texts and numbers, and read from them."""
+    """How results of a kind are encoded as lists, texts and numbers, and decoded."""
 
     encode: Callable[[Any], Any]
     decode: Callable[[Any], Any]
@@ -74,7 +74,7 @@ class Keep:
         return None if keep is None else cls(folder_named(keep))
 
     def task(self, task: Task, form: ResultForm) -> Task:
-        """Return a task whose result is kept: read at once if it is there, so that nothing is marched for it."""
+        """Return a task whose result is stored in the folder; a stored result is read, and nothing is marched."""
         location = self.folder / f"{task.name}{SUFFIX}"
         if location.name in self.present:
             with suppress(ArchiveError, InputError, OSError, ValueError, KeyError, TypeError, RecursionError):
@@ -84,7 +84,7 @@ class Keep:
         return replace(task, call=partial(_keep_result, task.call, form, location), lasting=False)
 
     def blocks(self, numbers: xr.DataArray) -> xr.DataArray:
-        """Return lazy numbers along one dimension, of which each block is kept."""
+        """Return lazy numbers along one dimension, with every block stored in the folder."""
         import dask.array
 
         da: Any = dask.array  # its functions are not typed
@@ -120,7 +120,7 @@ def _unchanged_result(result: Any) -> Any:
 
 
 def _keep_result(call: Callable[..., Any], form: ResultForm, location: Place, *needs: Any) -> Any:
-    """Return a result, which is remembered, and write it; of two processes with one task both have the same."""
+    """Return a result, remember it and write it to its file; two processes with one task write equal files."""
     result = REMEMBERED.result(location.stem, partial(call, *needs))
     if location not in _WRITTEN or store_of(location).kind(location) is not None:
         content = json.dumps(form.encode(result))
@@ -133,7 +133,7 @@ def _keep_result(call: Callable[..., Any], form: ResultForm, location: Place, *n
 
 
 def _read_result(location: Place) -> Any:
-    """Return what a file holds.
+    """Return the result in a file, refused if it is of another version or damaged.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Normal modes, time scales and stable steps of a model about one of its states.
 
-The state about which a model is linearised: its initial one, or a row of a run.
+The model is linearised about its initial state, or about a row of a run.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def operating_point(subject: Any, row: int | None) -> tuple[Model, dict[str, flo
 
 
 def model_and_row(run: xr.Dataset, row: int | None) -> tuple[Model, int]:
-    """Return the model of a record, and which row is asked for, without reading a row.
+    """Return the model of a record and the requested row's index, without reading a row.
 
     Raises
     ------
@@ -207,7 +207,7 @@ def _linearised_modes(model: Model, state: Mapping[str, float], runs: Sequence[s
 
 @dataclass(frozen=True)
 class Spectrum:
-    """What follows from a linearisation.
+    """Eigenvalues, modes and time scales of a linearisation.
 
     Attributes
     ----------

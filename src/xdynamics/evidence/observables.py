@@ -38,7 +38,7 @@ Rows = NDArray[np.int64]
 
 
 def observables_of(model: Model) -> tuple[str, ...]:
-    """Name what can be observed at any time: coordinates, velocities, states, energies, declared observables."""
+    """Name the observables at any time: coordinates, velocities, states, energies, declared observables."""
     layout = layout_of(model)
     return (
         *layout.used,
@@ -47,7 +47,7 @@ def observables_of(model: Model) -> tuple[str, ...]:
 
 
 def quantities_of(model: Model) -> tuple[str, ...]:
-    """Name what can be observed at any time by quantities."""
+    """Name the observables at any time, quantities with dimensions at once."""
     layout = layout_of(model)
     return tuple(block.name for block in (*layout.used.blocks, *_observed_blocks(layout)))
 
@@ -81,7 +81,7 @@ def is_comparable(model: Model, name: str) -> bool:
 
 
 def comparable(model: Model) -> tuple[str, ...]:
-    """Name what can be observed without accelerations, which contacts change within a step."""
+    """Name the observables that read no accelerations, which contacts change within a step."""
     layout, observables = layout_of(model), observables_of(model)
     if not reactions(model):
         return observables
@@ -156,7 +156,7 @@ def _evaluate_derived(
 
 
 def _derived_blocks(model: Model, names: Sequence[str]) -> list[Block]:
-    """Return energies and observables that are asked for as blocks: of an element one of its own."""
+    """Return the blocks of energies and observables; a single element has a block of its own."""
     computed = layout_of(model).computed
     return [computed.block(name) if DOT not in name else Block(name, "derived") for name in names]
 
@@ -286,7 +286,7 @@ def rate_tree(model: Model, name: str) -> Node | None:
 
 @lru_cache(maxsize=16)
 def _motion_terms(model: Model) -> Mapping[str, Node | Function]:
-    """Return what the motion assigns, by names: of many elements it is looked up in, not put together for each."""
+    """Return the assignments of the motion by name; with many elements each is made on look-up."""
     return {term.name: term.value for term in motion(model.elements)}
 
 

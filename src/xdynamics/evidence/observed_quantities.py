@@ -1,4 +1,7 @@
-"""Energies and observables of models with dimensions, evaluated as whole quantities: the bits of element by element."""
+"""Energies and observables of models with dimensions, evaluated for all elements of a quantity at once.
+
+Each element has the bits of its own evaluation.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +70,7 @@ class ObservedQuantities:
     def of(
         cls, model: Model, names: Sequence[str], times: Floats, regimes: Floats, math_functions: str
     ) -> ObservedQuantities | None:
-        """Return what evaluates some elements; None where they are to be evaluated by themselves.
+        """Return an evaluator of some elements' quantities; None where elements are to be evaluated singly.
 
         That is so without dimensions, where expressions read what is not known of the state alone (drives, forces, contacts,
         delayed values), and with elementary functions of older records.
@@ -150,7 +153,7 @@ class ObservedQuantities:
 
     @property
     def knows_rates(self) -> bool:
-        """Whether forces read nothing but what is known of the state."""
+        """Whether forces read nothing but the known quantities of the state."""
         return self._motion is not None
 
     @cached_property
@@ -189,7 +192,7 @@ class ObservedQuantities:
         parameter_values: Mapping[str, Floats | float],
         states: Mapping[str, Floats],
     ) -> tuple[dict[str, Floats | float], Shapes]:
-        """Return forces, accelerations and rates beside what they are of, in SI units, and the shapes of all."""
+        """Return forces, accelerations and rates with the quantities they read, in SI units, and all shapes."""
         values = {**parameter_values, **self.values_in_si(states)}
         known_dims = {**self.all_shapes.dims, **{name: (*dims, AT) for name, _, dims in assignments}}
         shapes = replace(self.all_shapes, dims=known_dims)
@@ -280,7 +283,7 @@ class ObservedQuantities:
         return float(self.model.units[block.first].factor)
 
     def values_in_si(self, states: Mapping[str, Floats]) -> dict[str, Floats | float]:
-        """Return what expressions read, in SI units, of states in recorded ones."""
+        """Return the values that expressions read, in SI units, from states in recorded units."""
         blocks = layout_of(self.model).used.blocks
         return {**self.values, **{block.name: states[block.name] * self._unit_factor(block) for block in blocks}}
 
@@ -295,7 +298,7 @@ class ObservedQuantities:
 
     @cached_property
     def _requested_slices(self) -> list[tuple[str, slice]]:
-        """The quantity of each name, and which of its numbers are asked for: one, or of the quantity itself all."""
+        """The quantity of each name, and the slice of its requested numbers: one element, or all."""
         computed = layout_of(self.model).computed
         blocks = [computed.block(name) for name in self.names]
         numbers = [block.number(name) for block, name in zip(blocks, self.names, strict=True)]
@@ -305,7 +308,7 @@ class ObservedQuantities:
         ]
 
     def requested_numbers(self, values: Mapping[str, Floats]) -> Floats:
-        """Return the numbers that were asked for, of whole quantities: shape (numbers, k)."""
+        """Return the requested numbers from the values of complete quantities: shape (numbers, k)."""
         return np.concatenate([values[name][numbers] for name, numbers in self._requested_slices])
 
 

@@ -66,7 +66,7 @@ def march_model(
 
 
 def _open_kept_run(prepared: March, path: Place) -> xr.Dataset | None:
-    """Return the run of a march as it was kept before; None if there is none, or what is there is damaged or another."""
+    """Open the stored run of a march; None if there is none, or the file is damaged or of another march."""
     with suppress(ArchiveError, InputError):
         if store_of(path).kind(path) is None:
             run = archive.open_run(path)

@@ -1,6 +1,6 @@
 """Tasks of stages: calls in dask's graph, each named by a digest of everything that its result depends on.
 
-Results of tasks that are remembered in this process, in a bounded number of bytes.
+A process remembers the results of its tasks, up to a bounded number of bytes.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ REMEMBERED = Memory()  # of this process
 
 
 def _result_size(result: Any) -> int:
-    """Return the bytes of a result, about; of a dataclass those of its fields, which may be whole runs."""
+    """Return the approximate bytes of a result; of a dataclass the sum over its fields, which may be runs."""
     from dask.sizeof import sizeof
 
     if is_dataclass(result) and not isinstance(result, type):
@@ -119,7 +119,7 @@ class Task:
 
     @classmethod
     def of(cls, kind: str, call: Callable[..., Any], needs: tuple[Task | Gathered, ...], *inputs: Any) -> Task:
-        """Return a task that is named by what it needs and by further inputs, which are compared as they are printed."""
+        """Return a task named by its needs and by further inputs, which are compared as printed."""
         words = repr((kind, [task.name for task in needs], inputs))
         return cls(f"{kind}-{sha256(words.encode()).hexdigest()[:32]}", call, needs)
 
@@ -192,7 +192,7 @@ def _gather_blocks(finish: Callable[..., Any], extra: tuple[Any, ...], blocks: A
 
 
 def results_of(*tasks: Task) -> list[Any]:
-    """Return the results of tasks, computed one after the other here; what no other task needs is forgotten at once."""
+    """Return the results of tasks, computed in turn in this process; a result is freed after its last use."""
     order: dict[str, Task] = {}
 
     def visit(task: Task) -> None:

@@ -1,10 +1,11 @@
 """Stages as graphs: a Dataset that is described before anything is marched, with one task for each march.
 
-A task is named by a digest of everything that its result depends on. So tasks that several stages need are one in a
-``dask.compute`` of them all, and results are remembered by their names as long as there is room: numbers of one stage that
-are computed one after the other march once. Only what a variable holds leaves the tasks; runs stay where they were marched.
+A task is named by a digest of everything that its result depends on. A task that several stages need is therefore
+computed once in a ``dask.compute`` of these stages. Results are remembered by their names as long as there is room:
+numbers of one stage that are computed one after the other march once. Only the values of variables leave the tasks;
+runs stay where they were marched.
 
-Tasks that are given runs: what is still to be marched comes from its own task, other runs go along with the call.
+A task that is given runs takes unmarched ones from their own tasks; marched runs are arguments of the call.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class Stage:
 
 
 def lazy_stage(stage: Stage) -> xr.Dataset:
-    """Put dask arrays behind the template of a stage; attributes that are variables to be computed are left out."""
+    """Put dask arrays into the template of a stage; attributes that become variables are left out."""
     load_dask_whole()
     import dask.array
     from dask.highlevelgraph import HighLevelGraph
@@ -88,7 +89,7 @@ def lazy_stage(stage: Stage) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class _Described:
-    """What a lazy stage was as it was made, to know whether it is that still.
+    """A lazy stage as it was made, by which later edits are recognised.
 
     Attributes
     ----------
@@ -125,7 +126,7 @@ def _lazy_data(dataset: xr.Dataset) -> Iterator[tuple[Any, Any]]:
 
 
 def _collection(dataset: xr.Dataset) -> Any:
-    """Return a lazy stage as one delayed Dataset; of what is no stage, or one no longer, the arrays by name.
+    """Return a lazy stage as one delayed Dataset; of any other Dataset the lazy arrays by name.
 
     Not the Dataset itself: it would be sent to a cluster with its origin, whose digests are of its values.
     """
@@ -135,7 +136,7 @@ def _collection(dataset: xr.Dataset) -> Any:
 
 
 def _with_values(dataset: xr.Dataset, values: Any) -> xr.Dataset:
-    """Return what was computed of a collection as a Dataset."""
+    """Return the computed values of a collection as a Dataset."""
     if not isinstance(values, dict):
         return record.whole_of(values)
     return archive.evaluated(dataset, values)
@@ -200,7 +201,7 @@ def subject_of(run: xr.Dataset) -> str:
 def _stage_values(
     name: str, dims: tuple[Hashable, ...], shape: tuple[int, ...], stage: xr.Dataset, *, blank: float | str = ""
 ) -> Any:
-    """Return what a stage has under a name, as a variable or an attribute, in the size that was stated.
+    """Return a stage's variable or attribute of a name, in the stated shape.
 
     Beyond its end there is nan, -1 of whole numbers; of what it has not, `blank`.
 

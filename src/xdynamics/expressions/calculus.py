@@ -1,9 +1,10 @@
-"""Derivatives by textbook rules, on the package's own tree.
+"""Derivatives of expressions by textbook rules on the package's own tree, and coefficients of polynomials.
 
 A derivative becomes arithmetic of a run. In a computer-algebra system the order of terms depends on its version; these
-rules keep the order in which the expression was written, whatever is installed. The tests compare them with one.
+rules keep the order in which the expression was written, whatever is installed. The tests compare the rules with such a
+system.
 
-Expressions as polynomials in one of their names.
+An expression that is a polynomial in one of its names is read as the coefficients of its powers.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Expressions of many elements that differ in numbers alone, folded into one expression of the element's number.
 
-A function that is written with arrays makes an expression of each element. Elements of one family have the same tree: it
-differs in numbers, and in which elements it reads. Both become tables along a dimension, and tables become parameters and
+A function that is written with arrays makes an expression of each element. Elements of one family have equal trees but
+for numbers and for the elements that they read. Both become tables along a dimension, and tables become parameters and
 ``take(y, y_index, 3*index(terms) + 1)``. Sums and extremes are folded as soon as they are made, so that all pairs of
-bodies are as many small trees and never one large one.
+bodies are as many small trees and never one large tree.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class IrregularError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class _ValueTable:
-    """Numbers in the place of one, or elements of a quantity in the place of one.
+    """A table of numbers, or of a quantity's elements, that replaces a node which differs between elements.
 
     Attributes
     ----------
@@ -283,7 +283,7 @@ def _families(nodes: Sequence[Node]) -> list[list[int]]:
 
 
 class Unfolding:
-    """Tables of numbers and elements as what a model has: parameters, and elements by number.
+    """Tables of numbers and elements in a model's terms: parameters, and elements by number.
 
     Parameters
     ----------
@@ -489,7 +489,7 @@ class Unfolding:
 
 @dataclass(frozen=True)
 class _Sequence:
-    """Whole numbers as multiples of functions of their position, and a number.
+    """Integers as a constant plus multiples of functions of their position.
 
     Attributes
     ----------
@@ -536,7 +536,7 @@ def _sum(parts: Sequence[Node], constant: int) -> Node:
 
 
 def _sequence(values: Any, positions: Any, size: int) -> _Sequence:
-    """Return whole numbers as a function of their positions: even, around, in blocks that repeat, and these at once.
+    """Return integers as a function of their positions: linear, cyclic, in repeated blocks, or combined.
 
     Raises
     ------
@@ -583,7 +583,7 @@ def _candidates(values: Any, positions: Any, size: int) -> Iterator[_Sequence]:
 def _repeat_in_blocks(
     steps: tuple[tuple[int, int, int, int], ...], length: int
 ) -> tuple[tuple[int, int, int, int], ...]:
-    """Return a rule of positions within blocks as one of all positions: what goes on for ever begins again."""
+    """Return a rule of positions within blocks as a rule of all positions, which begins again in each block."""
     return tuple((factor, divisor, modulus or length // divisor, shift) for factor, divisor, modulus, shift in steps)
 
 

@@ -1,9 +1,8 @@
 """The value of a tree at one or many states, by the same operations as compiled code.
 
-Expressions as a list of operations in the order of evaluation, with common subexpressions computed once.
-
-For evaluating the same long expressions many times without compiling them: derivatives of forces by many coordinates
-share most of their parts. Every value has the bits that `evaluate` gives.
+A tape is the list of operations of several expressions in the order of evaluation, with common subexpressions computed
+once. It serves long expressions that are evaluated many times without being compiled: derivatives of forces by many
+coordinates share most of their parts. Every value has the bits that `evaluate` gives.
 """
 
 from __future__ import annotations
@@ -223,6 +222,7 @@ def _array_arithmetic(math_functions: str) -> Arithmetic:
     return Arithmetic(
         _OPERATORS | {"/": np.divide},
         {
+            # nan if either is: a nan in y fails the comparison and is chosen
             "min": lambda x, y: np.where((x < y) | np.isnan(x), x, y),
             "max": lambda x, y: np.where((x > y) | np.isnan(x), x, y),
         },
@@ -297,7 +297,7 @@ class Tape:
         return {name: results[slot] for name, slot in self._named.items()}
 
     def _slot_of(self, node: Node) -> int:
-        """Return the place of a node's value, after adding the operations that compute it."""
+        """Return the slot of a node's value, after adding the operations that compute it."""
         links = []
         while isinstance(node, Binary) and id(node) not in self._seen:  # a sum may have any length
             links.append(node)
@@ -309,7 +309,7 @@ class Tape:
         return slot
 
     def _leaf_slot(self, node: Node) -> int:
-        """Return the place of the value of a node that is not binary."""
+        """Return the slot of the value of a node that is not binary."""
         slot = self._computed_slot(node)
         self._seen[id(node)] = slot, node
         return slot

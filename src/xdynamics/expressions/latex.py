@@ -1,6 +1,6 @@
-"""Expressions as LaTeX, for figures.
+"""Expressions as LaTeX, for figures, in the form in which people would write them.
 
-Expressions as people would write them, for print alone: what is computed and digested stays as it was derived.
+An expression is simplified for print alone: computation and digests use the expression as it was derived.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _ZERO, _ONE = Number(0.0), Number(1.0)
 
 
 def simplified(node: Node) -> Node:
-    """Return the same expression with numbers multiplied out, nested products opened and signs drawn together.
+    """Return an equal expression with numbers multiplied out, nested products flattened, signs combined.
 
     Names keep their order, and none is cancelled against another, so that it is read as what was written; only a product
     with 0 goes. Its value has other bits.
@@ -73,7 +73,7 @@ def _write_sum(node: Node) -> Node:
 
 
 def _merge_whole_numbers(products: list[_Product]) -> list[_Product]:
-    """Add up a sum of whole numbers alone."""
+    """Add up a sum that consists of whole numbers alone."""
     if not all(product.is_whole and not product.above and not product.below for product in products):
         return products
     total = sum((product.coefficient for product in products), Fraction(0))
@@ -301,7 +301,7 @@ def _upright_word(word: str | int) -> str:
 
 
 def _symbol_latex(name: str) -> str:
-    r"""Set a name: a letter with an index, ``v_y``, as such; a word upright, and whole with what follows it.
+    r"""Write a name: a letter with a subscript, ``v_y``, as such; a word upright, together with its subscripts.
 
     Examples
     --------

@@ -1,8 +1,6 @@
-"""Parsing of text into a syntax tree: words, numbers and signs, read from the left.
+"""Parsing of text into a syntax tree: tokens from the left, and errors that state their position.
 
-What was probably meant by a text that cannot be read: numbers with units, marks of derivatives, signs of print.
-
-Words, numbers and signs of an expression, taken from the left, and errors that say where one stands.
+An error message proposes the text that was probably meant: numbers with units, marks of derivatives, signs of print.
 """
 
 from __future__ import annotations
@@ -56,7 +54,7 @@ _IMPLIED = re.compile(rf"{_NUMBER} *(?=[A-Za-z_(])|(?<=\)) *(?=[A-Za-z0-9_(])")
 
 
 def likely_correction(source: str, is_readable: Callable[[str], bool]) -> str:
-    """Return what to write in the place of a text that cannot be read, as the end of a message; empty if that is not known.
+    """Return the probable correction of an unreadable text, as the end of a message; empty if unknown.
 
     Examples
     --------
@@ -204,7 +202,7 @@ class Tokens:
         return InputError(f"expression {_quoted_excerpt(self.source)} cannot be read at column {column}: {problem}")
 
     def fault(self, column: int, problem: str) -> InputError:
-        """Return the error of what is read, and wrong."""
+        """Return the error for a problem at a column of the source."""
         return InputError(f"expression {_quoted_excerpt(self.source)}, column {column}: {problem}")
 
 
@@ -392,7 +390,7 @@ class _Reader(Tokens):
         return self._call_of(token, arguments)
 
     def _read_delayed(self, token: Token) -> Node:
-        """Read what is delayed and by how much, an expression or a quantity in quotes, after the parenthesis."""
+        """Read a delayed value and its delay, an expression or a quantity in quotes, after the parenthesis."""
         if self.next.text == ")":
             raise self.fault(token.column, f"'{DELAYED}' is written {_FORM}, and here has 0 arguments")
         delayed_value = self._number_tree(self._read_comparison())
@@ -425,7 +423,7 @@ class _Reader(Tokens):
             raise self.fault(token.column, f"the delay {token.text} is no quantity: {error}") from None
 
     def _read_entries(self) -> tuple[str | int, ...]:
-        """Read the labels and whole numbers in brackets."""
+        """Read the labels and integers in brackets."""
         self.take_token()
         entries: list[str | int] = []
         while True:
@@ -448,7 +446,7 @@ class _Reader(Tokens):
         return tuple(entries)
 
     def _reduction_of(self, token: Token, arguments: list[Node]) -> Node:
-        """Return a function along dimensions; the last arguments are their names, or whole numbers."""
+        """Return a function along dimensions, whose last arguments are their names, or integers."""
         function, column = token.text, token.column
         arity, max_dims, numbers = ALONG[function]
         extra = 1 if function in ("shift", "take") else 0

@@ -45,7 +45,7 @@ class PreciseArray:
         return cls(floats, np.zeros_like(floats))
 
     def of_parts(self, rule: Callable[[Floats], Floats]) -> PreciseArray:
-        """Return what a rule that only moves elements makes of both parts."""
+        """Return the result of a rule that only moves elements, applied to both parts."""
         return PreciseArray(rule(self.high), rule(self.low))
 
     def __neg__(self) -> PreciseArray:
@@ -62,7 +62,7 @@ class PreciseArray:
 
 
 def _apply_rule(rule: Callable[..., Any], *values: Any) -> PreciseArray:
-    """Return what a rule of double-double arithmetic makes of values."""
+    """Return the result of a rule of double-double arithmetic."""
     double_doubles = rule(*(DoubleDouble(part.high, part.low) for part in map(PreciseArray.from_value, values)))
     return PreciseArray(*(np.atleast_1d(np.asarray(part, float)) for part in np.broadcast_arrays(*double_doubles)))
 

@@ -1,4 +1,4 @@
-"""Checks that a function traced as expressions gives the same again, traced and with numbers, and leaves its argument."""
+"""Checks of a traced function: it repeats its result, traced and with numbers, and leaves its argument alone."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _are_equal_floats(first: Any, second: Any) -> bool:
 
 
 def check_repeats(function_name: str, words: Sequence[str], first: Sequence[Node], second: Sequence[Node]) -> None:
-    """Refuse a function whose two traces with the same names differ.
+    """Refuse a function whose two traces with equal names differ.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""A Python function whose numpy, math and builtins take traced numbers; the function and its modules stay as they are."""
+"""Substitution of numpy, math and builtins in a Python function, so that it takes traced numbers.
+
+The function and its modules stay as they are.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ _OF_MATH = {
 
 
 class Substitution:
-    """Functions with numpy's, math's and Python's own in place of which stand those for traced numbers.
+    """Functions in which numpy's, math's and Python's own are replaced by those for traced numbers.
 
     Attributes
     ----------
@@ -77,7 +80,7 @@ class Substitution:
         return new
 
     def _of_library(self, value: Any) -> Any:
-        """Return what stands for a function of numpy, math or Python."""
+        """Return the replacement of a function of numpy, math or Python."""
         if value is np.interp:
             return self._interp
         if value is np.r_:
@@ -147,7 +150,7 @@ class _Module:
 
 
 class _JoiningIndex:
-    """What stands for ``numpy.r_``."""
+    """The replacement of ``numpy.r_``."""
 
     def __getitem__(self, parts: Any) -> Any:
         values = parts if isinstance(parts, tuple) else (parts,)
@@ -198,7 +201,7 @@ def _array(values: Any, *array_arguments: Any, **options: Any) -> Any:
 
 
 def _array_maker(value: float) -> Callable[..., Any]:
-    """Return a maker of arrays that unknown numbers may be put into."""
+    """Return a function that makes arrays whose elements may become traced numbers."""
 
     def made(shape: Any, *_: Any, **__: Any) -> Any:
         return array_of(np.full(shape, value).astype(object))
@@ -222,5 +225,5 @@ def _names(code: CodeType) -> set[str]:
 
 
 def table_values(tables: Mapping[str, Points], t: float) -> dict[str, float]:
-    """Return what the tables give at a time."""
+    """Return the values of tables at a time."""
     return {word: float(np.interp(t, *points)) for word, points in tables.items()}

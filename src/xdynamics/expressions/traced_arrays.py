@@ -1,6 +1,6 @@
-"""Arrays of traced numbers: numpy's functions of them, element by element, and the tables that they read.
+"""Arrays of traced numbers: numpy's functions, element by element, and the tables that traced functions read.
 
-numpy's universal functions for traced numbers, with the methods that numpy gives them: `np.add.at`, `np.subtract.outer`.
+numpy's universal functions have the methods that numpy gives them: `np.add.at`, `np.subtract.outer`.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def _repeated(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:
 
 
 def _ended(x: Any, xp: Any, fp: Any, tables: dict[str, Points], left: Any, right: Any) -> Any:
-    """Return a value of a table, with those that are said beyond its ends; else it is held there."""
+    """Return a value of a table with `left` and `right` beyond its ends, else with constant extrapolation."""
     value = _interpolated(x, xp, fp, tables)
     if right is not None:
         value = choice(x > float(xp[-1]), right, value)
@@ -489,7 +489,7 @@ class UniversalFunction(partial):  # type: ignore[type-arg]
     """A function of numpy that takes numbers and arrays element by element, some of them traced."""
 
     def __new__(cls, ufunc: np.ufunc) -> UniversalFunction:
-        """Return what stands for one of numpy's."""
+        """Return the replacement of a universal function of numpy."""
         return super().__new__(cls, of_numpy, ufunc)
 
     def __getattr__(self, word: str) -> Any:
@@ -515,7 +515,7 @@ class UniversalFunction(partial):  # type: ignore[type-arg]
         return self._along({}, "reduceat", array, places, options)
 
     def at(self, array: Any, places: Any, *values: Any) -> None:
-        """Change elements in place one after the other, also one that is named twice."""
+        """Change elements in place one after the other; an index that occurs twice is applied twice."""
         if not _is_unknown(array, *values):
             self.args[0].at(array, places, *values)
             return

@@ -1,12 +1,10 @@
-"""Tracing of Python functions: called once with names in place of numbers, they write themselves down as expressions.
+"""Tracing of Python functions: called with names in place of numbers, they write themselves as expressions.
 
 A branch on a value, by `if`, `while` or `int`, cannot be traced and is refused; `numpy.where` can.
 
-Functions of numpy that the language of expressions has under a name of its own.
-
-Functions of scipy that a traced function calls: which one, and what to write in its place.
-
-Numbers of functions, which are real: numpy drops imaginary parts where it makes floats.
+Functions of numpy are written under the names that the language of expressions has for them. A call of a scipy function
+is refused, with the expression to write in its place. Traced numbers are real: numpy drops imaginary parts where it
+makes floats.
 """
 
 from __future__ import annotations
@@ -89,7 +87,7 @@ OTHER = f"takes numbers, which are not known yet; {TABULATED}"
 
 
 def scipy_remedy(trace: TracebackType | None) -> str:
-    """Say which function of scipy an error came from, and what to write in its place; nothing if from none.
+    """Return which scipy function an error came from, and its replacement; empty if from none.
 
     Parameters
     ----------
@@ -112,7 +110,7 @@ def _remedy_of_call(module: str, function: str) -> str:
 
 
 def special_remedy(name: str) -> str:
-    """Say what to write in the place of a function of scipy.special, which works element by element."""
+    """Return how to replace a function of scipy.special, which works element by element."""
     return f"the function calls {SCIPY}.special.{name}, which {REMEDIES['special']}"
 
 
@@ -139,7 +137,7 @@ TABLE = "numpy.interp(t, x, y) in the place of an interpolator of scipy"
 
 
 class WholeNumberError(InputError):
-    """An unknown number stands where Python needs a whole one: as an index, or in `range`."""
+    """An unknown number is used where Python needs an integer: as an index, or in `range`."""
 
 
 class Traced:
@@ -270,7 +268,7 @@ _ARRAYS = np.ndarray
 
 
 def traced(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function with names in place of numbers.
+    """Call a function with traced numbers as its arguments; a call of scipy is refused with a remedy.
 
     Raises
     ------

@@ -1,13 +1,13 @@
-"""The syntax tree: eight kinds of node, compared and hashed by content.
+"""The syntax tree of expressions: eight kinds of node, compared and hashed by content.
 
-Two of them, `Element` and `Along`, are for quantities with dimensions; in the trees of single elements they do not occur.
+Two of them, `Element` and `Along`, are for quantities with dimensions; in the trees of single elements they do not
+occur.
 
 A sum or product of n terms is n - 1 binary nodes, each the left operand of the next. Code that descends a tree handles
 such a chain in a loop, by `chain`, so a sum may have any length; only nesting costs a level of recursion.
 
-Conditions of choices: comparisons joined by `and` and `or`, and turned round.
-
-The language has comparisons as the first argument of `where` alone; what joins them is written as choices within choices.
+The language has comparisons as the first argument of `where` alone. Conditions joined by `and` or `or`, and
+their opposites, are therefore written as choices within choices.
 """
 
 from __future__ import annotations
@@ -219,7 +219,7 @@ def chain(node: Node) -> tuple[Node, list[Binary]]:
 
 
 def summands(tree: Node) -> list[Node]:
-    """Return the terms that an expression is the sum of, for the size of what cancels in it.
+    """Return the terms of a sum, whose sizes show how much cancels.
 
     Examples
     --------
@@ -258,7 +258,7 @@ def size(node: Node) -> int:
 
 
 def text_of(node: Node) -> str:
-    """Print an expression so that parsing it again gives the same tree."""
+    """Print an expression so that parsing the text gives an equal tree."""
     match node:
         case Number():
             is_whole = node.value == int(node.value) and node.value < 1e15
@@ -323,7 +323,7 @@ def _limited(node: Node) -> bool:
 
 
 def _text_along(node: Along) -> str:
-    """Print values, dimensions, and how far; what stands beyond the end comes last."""
+    """Print a function along dimensions: values, dimensions, shift, and last the value beyond the end."""
     arity, _, numbers = ALONG.get(node.function, (len(node.arguments), 1, 0))
     values = [text_of(argument) for argument in node.arguments]
     words = [*values[:arity], *node.dims, *([str(node.places)] if numbers else []), *values[arity:]]
@@ -349,7 +349,7 @@ def _text_of_chain(node: Binary) -> str:
 
 
 def _parenthesise(node: Node, needed: int) -> str:
-    """Print with parentheses where the node binds less tightly than its place needs."""
+    """Print a node with parentheses if it binds less tightly than its parent needs."""
     text = text_of(node)
     return f"({text})" if _strength(node) < needed else text
 

@@ -1,1 +1,1 @@
-"""Records for others: xarray's accessor and backend, CSV."""
+"""Records for other programs: xarray's accessor and backend, CSV."""

@@ -1,6 +1,7 @@
-"""What a notebook shows of a record: its summary, and its variables by their roles, in a page that stays small.
+"""A record in a notebook: its summary, its variables by their roles, in a page that stays small.
 
-What xarray's verbs do not know of a run asked for a time: that its rows are steps, and what gives states between them.
+xarray's verbs do not know that the rows of a run are steps. Where they are asked for a time, a note says what gives
+states between the rows.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ REMEDY = (
 
 
 def show_time_notes() -> None:
-    """Let errors of verbs that are asked for times of a run name `run.dynamics.at`, and refuse those that do nothing."""
+    """Wrap xarray's verbs for times of a run: errors name `run.dynamics.at`, and verbs without effect are refused."""
     for kind in (xr.Dataset, xr.DataArray):
         for verb in (*NOTED, *REFUSED):
             method = getattr(kind, verb)
@@ -145,7 +146,7 @@ def _refusing(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _requested_times(arguments: tuple[Any, ...], keywords: Mapping[str, Any]) -> Any:
-    """Return the times that are asked for: by name, in a mapping, as those of another record, or all; None where none are."""
+    """Return the requested times: by name, in a mapping, of another record, or all; None if none are."""
     first = arguments[0] if arguments else {name: keywords[name] for name in ("other", "group") if name in keywords}
     if isinstance(first, str):  # groupby("time")
         return ... if first == "time" else None

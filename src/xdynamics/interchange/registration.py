@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def register() -> None:
-    """Register the accessor with xarray; what answers is imported when it is asked."""
+    """Register the accessor with xarray; its implementation is imported on first use."""
     import xarray as xr
 
     if not hasattr(xr.Dataset, "dynamics"):

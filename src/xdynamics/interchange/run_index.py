@@ -1,4 +1,4 @@
-"""Archived runs of a folder as one Dataset: how each was marched and ended, and chosen numbers, read when they are used."""
+"""Archived runs of a folder as one Dataset: settings, endings and chosen numbers, read when they are used."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ Functions = Mapping[str, Callable[..., float]]
 
 
 class _Number(NamedTuple):
-    """A number of runs: its unit in this one, what it is, and how it is read of a run; nothing if it takes a diagnosis."""
+    """A number of runs: its unit, its description, and how a run gives it; None if that takes a diagnosis."""
 
     units: str
     long_name: str
@@ -154,7 +154,7 @@ def _paths(runs: Any) -> tuple[list[str], bool]:
 
 
 def _heads(paths: Sequence[str], *, is_chosen: bool) -> tuple[dict[str, xr.Dataset], list[str]]:
-    """Open files without reading them; what is no run is an error if it was chosen, else named."""
+    """Open files without reading them; a file without a run is an error if it was chosen, else listed."""
     heads, left_out = {}, []
     for path in paths:
         try:
@@ -189,7 +189,7 @@ def _run_names(paths: list[str]) -> list[str]:
 
 
 def _describe_runs(heads: Mapping[str, xr.Dataset]) -> dict[str, Any]:
-    """Return what records say of themselves, as variables along `member`."""
+    """Return the descriptive attributes of records as variables along `member`."""
     runs = [*heads.values()]
     texts = {"title": "title of the run", "run_outcome": "how the run ended", "model_digest": "sha256 of the model"}
     texts |= {ROOT_DIGEST: "content digest of the run"}
@@ -258,7 +258,7 @@ def _scalar_number(value: Any) -> float:
 
 
 def _unit_factor(name: str, attributes: Mapping[Any, Any], units: str) -> float:
-    """Return what brings numbers to a unit."""
+    """Return the factor that converts numbers to a unit."""
     given_unit, common_unit = parse_unit(str(attributes["units"])), parse_unit(units)
     if given_unit.dimension != common_unit.dimension:
         raise InputError(f"'{name}' is in '{units}' in one run and in '{given_unit.text}' in another; open them apart")
@@ -269,7 +269,7 @@ def _unit_factor(name: str, attributes: Mapping[Any, Any], units: str) -> float:
 def _requested_words(
     keep: Any, heads: Sequence[xr.Dataset], functions: Functions | None
 ) -> dict[str, tuple[str, str, list[float]]]:
-    """Return the unit of every wanted number, what it is, and what brings each run's to that unit."""
+    """Return unit, description and each run's conversion factor of every wanted number."""
     row = [keep] if isinstance(keep, str) or not isinstance(keep, Sequence) else list(keep)
     if not all(isinstance(word, str) for word in row):
         raise InputError(f"keep is {str(keep)[:60]}, needs words like 'end'")
@@ -294,7 +294,7 @@ def _requested_words(
 
 
 class _RunNumbers:
-    """The numbers that a run has, by name, told from its header."""
+    """The numbers that a run has, by name, from its header alone."""
 
     def __init__(self, run: xr.Dataset, functions: Functions | None, of_runs: dict[Any, Any]) -> None:
         self.run, self.functions, self.of_runs = run, functions, of_runs
@@ -356,7 +356,7 @@ class _RunNumbers:
         return None
 
     def _run_quantities(self) -> Mapping[str, RunQuantity]:
-        """Return what takes a diagnosis, told once for all runs of a model by one method."""
+        """Return the numbers that need a diagnosis, listed once for all runs of a model by one method."""
         key = tuple(str(self.run.attrs[name]) for name in ("model_digest", "solver_method", "solver_step_control"))
         if key not in self.of_runs:
             model, recorded_settings = model_of_record(self.run, self.functions), recorded_arguments(self.run).items()

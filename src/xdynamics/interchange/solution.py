@@ -28,7 +28,7 @@ MOST_ROWS = 4  # of a solution that is printed
 
 @dataclass(frozen=True)
 class Solution:
-    """What scipy calls the parts of a solution; numbers are in the units of the run.
+    """A solution under scipy's names; numbers are in the units of the run.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ def _element_labels(run: xr.Dataset, name: str) -> list[str]:
 
 
 def _events_by_detector(run: xr.Dataset, y: Floats | None, names: list[str]) -> tuple[list[Floats], list[Floats]]:
-    """Return times of and states after the events of each detector; of states at wanted times what stands beside them."""
+    """Return times and states after each detector's events; of sampled states, those recorded beside them."""
     if "event_detector" not in run:
         return [], []
     labels = str(run["event_detector"].attrs.get("flag_meanings", "")).split()

@@ -113,7 +113,7 @@ class TableColumn:
 
 
 def kinds_of(data: xr.Dataset) -> list[str]:
-    """Return what tables of a Dataset can be of, what one asks for first at the beginning."""
+    """Return the kinds of tables of a Dataset, the most wanted first."""
     if data.attrs.get(EVIDENCE) == SWEEP:
         return [MEMBERS, PARAMETERS]
     if AXES in data.attrs:  # of two sweeps
@@ -196,7 +196,7 @@ def frame(data: xr.Dataset, dim: str) -> pd.DataFrame:
 
 
 def _table_kind(kind_word: str, kinds: Sequence[str]) -> str:
-    """Return the table that a word stands for: ``event`` and ``events`` are the same."""
+    """Return the table that a word names, in singular or plural: ``event`` and ``events``."""
     by_word = {word: kind for kind in kinds for word in (kind, ROWS.get(kind, kind), kind[:-1])}
     if kind_word not in by_word:
         raise InputError(f"there is no table of {kind_word!r} here; there are {', '.join(kinds)}")
@@ -241,7 +241,7 @@ def _table_columns(data: xr.Dataset, kind: str) -> Iterator[TableColumn]:
 
 
 def _column_rank(name: str, variable: xr.Variable) -> int:
-    """Return what a column comes by: values of axes, times, names and kinds, numbers, sentences."""
+    """Return the rank of a column in its table: axis values, times, names and kinds, numbers, sentences."""
     role = str(variable.attrs.get("role"))
     if role in AHEAD:
         return AHEAD[role]
@@ -251,7 +251,7 @@ def _column_rank(name: str, variable: xr.Variable) -> int:
 
 
 def _level_columns(study: xr.Dataset) -> Iterator[TableColumn]:
-    """Yield the columns of a convergence record: what was varied, then of each observable what is said of it at a level."""
+    """Yield the columns of a convergence record: the varied quantity, then the numbers of each observable."""
     numbers = [name for name in map(str, study.variables) if f"difference_{name}" in study]
     number_names = [f"{prefix}{name}" for name in numbers for prefix in OF_LEVEL]
     further_names = [name for name in map(str, study.variables) if name.startswith(("event_count_", DEFECT))]
@@ -304,7 +304,7 @@ def _shown_units(units: str, values: NDArray[Any], variable: xr.Variable) -> str
 
 
 def _index_words(data: xr.Dataset, dim: str, k: int) -> str:
-    """Say which of several numbers along a further dimension a column has."""
+    """Return which of several numbers along a further dimension a column has, in words."""
     if dim == AT:
         unit = str(data.variables[AT_TIME].attrs.get("units", "1"))
         time_words = (
@@ -320,7 +320,7 @@ def _index_words(data: xr.Dataset, dim: str, k: int) -> str:
 
 
 def _parameter_columns(data: xr.Dataset) -> Iterator[TableColumn]:
-    """Yield what is known of each parameter."""
+    """Yield the columns of a table of parameters."""
     parameters = [
         (str(name), variable)
         for name, variable in data.variables.items()
@@ -544,7 +544,7 @@ def _check_package(ending: str) -> None:
 
 
 def write_table(made: pd.DataFrame, path: Place) -> str:
-    """Write a table into a file of the kind that its ending says; return a line that describes it.
+    """Write a table in the format of the file's suffix; return a line that describes it.
 
     Raises
     ------
@@ -558,7 +558,7 @@ def write_table(made: pd.DataFrame, path: Place) -> str:
 
 
 def write_content(content: bytes, path: Place) -> None:
-    """Write a file, whole or not at all.
+    """Write a file completely or not at all.
 
     Raises
     ------
@@ -614,6 +614,7 @@ def _latex(made: pd.DataFrame) -> bytes:
 
 
 def _cell(value: Any) -> str:
+    # nan alone differs from itself
     return "" if value != value else repr(value) if isinstance(value, float) else " ".join(str(value).split())
 
 

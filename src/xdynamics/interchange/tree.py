@@ -1,4 +1,4 @@
-"""A run as a tree of plain tables: a view of the flat record, which stays the format that runs are reproduced from."""
+"""A run as a tree of plain tables: a view of the flat record, from which alone a run is reproduced."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _node_table(variables: dict[Any, Any], run: xr.Dataset) -> xr.Dataset:
 def states_on_side(
     run: xr.Dataset, side: str, places: NDArray[np.int64], roles: Collection[str] = ON_SIDES
 ) -> dict[str, xr.Variable]:
-    """Return what is known of the rows ``before`` or ``after`` some events, along `event`, as ``before_y``.
+    """Return the states in the rows ``before`` or ``after`` some events, along `event`, named as ``before_y``.
 
     Parameters
     ----------

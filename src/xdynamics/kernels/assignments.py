@@ -137,14 +137,14 @@ class Assignments:
         return self._known[key]
 
     def load(self, location: Location, name: str = "") -> Operand:
-        """Read a place, or reuse what was read from it before."""
+        """Read a location once, and reuse the value for further reads."""
         if location not in self._loaded:
             self._loaded[location] = name or f"{self._prefix}l{len(self._loaded)}"
             self.lines.append(Load(self._loaded[location], location))
         return self._loaded[location]
 
     def store(self, location: Location, value: Operand) -> None:
-        """Write to a place."""
+        """Write a value to a location."""
         self.lines.append(StoreTo(location, value))
 
     def _write_binary(self, node: Binary, left: Operand) -> Operand:
@@ -190,7 +190,7 @@ class Assignments:
 
 
 class FusedAssignments(Assignments):
-    """The same with sums of a product and what stands before it rounded once, and with products for quotients by numbers.
+    """Assignments with fused multiply-adds, and with products by reciprocals for quotients by numbers.
 
     A long polynomial ``c + d*(c_1 + d*(c_2 + …))`` is one of d**4 in four parts from c_2 on, which do not wait for each
     other; what rounding leaves of them is small beside the first terms.

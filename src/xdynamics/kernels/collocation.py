@@ -1,22 +1,16 @@
-"""A step of Radau IIA in every lane, solved as `march.implicit.radau` solves the equations of a single run.
+"""Steps of Radau IIA in every lane, solved as `march.implicit.radau` solves the equations of a single run.
 
-Each line here performs the operations of one there, or in `march.implicit.radau` and `kernels.linear`, in order.
-A lane whose iteration has ended waits for the others; one whose iteration fails is left to the single march.
+Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. Each line here performs the operations of one there, or in
+`kernels.linear`, in order. A lane whose iteration has ended waits for the others; one whose iteration fails is left to
+the single march. The simplified Newton iterations are lines of text, for one run and for runs in lanes:
+`march.implicit.radau` uses them as functions of numbers, this module in all lanes at once.
 
-The simplified Newton iterations of Radau IIA as lines of text, for one run and for runs in lanes.
+`RadauMemory` is what a step leaves in a lane for the next step, with the lines that read and write it.
 
-Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. `march.implicit.radau` uses them as functions of numbers,
-`kernels.collocation` in all lanes at once.
-
-What a step of Radau IIA keeps in a lane, and the lines that read and write it.
-
-Small linear systems written out, for lanes whose pivots differ: the operations of `kernels.linear`, in their order.
-
-Matrices are lists of columns; a number is its parts, one if it is real, two if it is complex. Where the single march
-skips an operation because a number is zero, a lane keeps its old value: subtracting a zero can change the sign of a
-zero.
-
-The linear systems of Radau IIA written out for lanes: `march.implicit.radau`, line by line.
+Small linear systems are written out, because pivots differ between lanes: the operations of `kernels.linear`, in their
+order. Matrices are lists of columns; a number is its parts, one if it is real, two if it is complex. Where the single
+march skips an operation because a number is zero, a lane keeps its old value: subtracting a zero can change the sign of
+a zero.
 """
 
 from __future__ import annotations
@@ -125,7 +119,7 @@ class RadauMemory:
         return Formulas(self.places, prefix, {**CONSTANTS, **(operands or {})})
 
     def vector_location(self, name: str, i: int) -> Location:
-        """Return the place of an element of a vector."""
+        """Return the location of an element of a vector."""
         return Location("w", self._first[name] + i)
 
     def load_vectors(self, f: Formulas, name: str) -> list[list[Operand]]:
@@ -139,7 +133,7 @@ class RadauMemory:
                 f.store(self.vector_location(name, k * self.used + i), value)
 
     def update_numbers(self, f: Formulas, updates: Mapping[str, str], **operands: Operand) -> None:
-        """Write numbers of the lane, each from what it had before."""
+        """Write numbers of the lane, each from the lane's former numbers."""
         values = {name: f.formula(text, **operands) for name, text in updates.items()}
         for name, value in values.items():
             f.store(self.places[name], value)
@@ -162,7 +156,7 @@ def lengths(layout: Layout) -> dict[str, int]:
 
 
 def memory_width(layout: Layout) -> int:
-    """Return the length of that memory in all."""
+    """Return the total length of a lane's memory."""
     return len(KEPT) + sum(lengths(layout).values())
 
 
@@ -226,7 +220,7 @@ def _pivot_of_column(lines: Assignments, column: list[Entry], first: int) -> tup
 
 
 def _pivoted(lines: Assignments, pivot: Entry, size: Operand) -> Entry:
-    """Return what a pivot is kept as: a complex one inverted, over its size first, which neither over- nor underflows."""
+    """Return a pivot as it is stored: a complex one inverted, divided by its size first against over- and underflow."""
     if len(pivot) == 1:
         return pivot
     x, y = (lines.compute("divide", part, size) for part in pivot)
@@ -236,7 +230,7 @@ def _pivoted(lines: Assignments, pivot: Entry, size: Operand) -> Entry:
 
 
 def _divide_by_pivot(lines: Assignments, number: Entry, pivot: Entry) -> Entry:
-    """Return a number over a pivot as it is kept."""
+    """Return a number divided by a stored pivot."""
     return (lines.compute("divide", *number, *pivot),) if len(pivot) == 1 else _entry_product(lines, number, pivot)
 
 
@@ -383,7 +377,7 @@ def solve_complex_lanes(
 
 
 def _load_factors(f: Formulas, memory: RadauMemory, *planes: int) -> tuple[Columns, list[Operand]]:
-    """Read the factors of a matrix, whose parts are in these planes, and its row exchanges."""
+    """Read the factors of a matrix, whose parts are in given planes, and its row exchanges."""
     size, square = memory.size, memory.size * memory.size
     parts = [[f.load(memory.vector_location("matrix", p * square + k)) for k in range(square)] for p in planes]
     entries = list(zip(*parts, strict=True))
@@ -467,7 +461,7 @@ class CollocationStep:
         return (self._linearise(), factorisation(self._memory), self._correct(), self._estimate_again(), *polynomials)
 
     def begin(self, operands: dict[str, Operand]) -> tuple[Instruction, ...]:
-        """Write what precedes the iteration: what is kept of the previous step, and the starting values."""
+        """Write the lines before the iteration: the memory of the previous step, and the starting values."""
         f, u = self._memory.formulas("_begin_", operands), self._used
         f.write(_RECALL)
         f.write("relative = where(last_step > 0, width/last_step, 0)")

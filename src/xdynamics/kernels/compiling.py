@@ -1,8 +1,9 @@
-"""What numba compiles: the engine's functions are declared here, and given to numba when a text is to be made.
+"""Declarations of the engine's functions, which are given to numba when a text is to be made.
 
 In a process that finds machine code, which is nearly every one, numba is never imported: that would take a third of the
 time of a first run. Declared functions stay as they are written, and are called from Python only where compiling is
-switched off (NUMBA_DISABLE_JIT). Before numba compiles any of them, `install_numba_functions` puts numba's in their places.
+switched off (NUMBA_DISABLE_JIT). Before numba compiles any of them, `install_numba_functions` puts numba's in their
+places.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _IN_CODE: dict[Any, Any] = {}  # those that numba has
 
 
 def declare(function: Any, made: Callable[[], Any]) -> Any:
-    """Note what numba is to compile in the place of a function, which is returned as it is."""
+    """Register how numba compiles a function, which is returned unchanged."""
     _WAITING[function] = made
     return function
 
@@ -54,7 +55,7 @@ def jit_separate(function: Any) -> Any:
 
 
 def jit_uncounted(function: Any) -> Any:
-    """Declare the same of a function that takes many arrays at every call, of which it counts no references."""
+    """Declare a function that takes many arrays at every call, compiled without counting their references."""
     return declare(function, lambda: _by_numba(function, **UNCOUNTED))
 
 
@@ -64,7 +65,7 @@ def noinline(function: Any) -> Any:
 
 
 def in_code(plain: Any, name: str, made: Callable[[str], Any]) -> Any:
-    """Declare what compiled code does by an instruction of its own, and Python by a function.
+    """Declare a function that compiled code replaces by an instruction, and Python calls as it is.
 
     Parameters
     ----------
@@ -106,7 +107,7 @@ def _by_numba(function: Any, **options: Any) -> Any:
 
 
 def install_numba_functions() -> None:
-    """Put numba's functions in the places of those that are declared, wherever one of them looks a name up."""
+    """Replace declared functions by numba's, in every module that looks one of them up."""
     scopes = {id(function.__globals__): function.__globals__ for function in (*_WAITING, *_IN_CODE)}
     for function in [*_WAITING]:
         _IN_CODE[function] = _WAITING[function]()
@@ -124,7 +125,7 @@ _KEYS = count(1)
 
 
 def keys_of(functions: Iterable[Any]) -> list[int]:
-    """Return keys of `UNCOMPILED` that no other function has, in the place of addresses."""
+    """Return new keys of `UNCOMPILED` for functions, which stand for their addresses."""
     keyed = {next(_KEYS): function for function in functions}
     UNCOMPILED.update(keyed)
     return list(keyed)

@@ -1,4 +1,4 @@
-"""How the result of a step is put where constraints hold: positions by Newton's method, then velocities.
+"""Projection of a step's result onto constraints: positions by Newton's method, then velocities.
 
 The state is projected along the directions in which the multipliers act, so that nothing else changes and the order of
 a method stays (Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed., section VII.2).
@@ -38,7 +38,7 @@ OPEN, TURNS, FARTHEST = range(len(PROGRESS))
 
 
 def constraint_projection(layout: Layout) -> tuple[Program, ...]:
-    """Write the programs that put a state in `z` where constraints hold, and evaluate the forces there; none without any."""
+    """Write the programs that project a state in `z` onto constraints, and evaluate the forces there."""
     if not layout.model.constraints:
         return ()
     progress_array = "held"
@@ -152,7 +152,7 @@ def _change_sizes(lines: Assignments, layout: Layout, condition: Condition) -> I
 
 
 def _rate_change_sizes(lines: Assignments, layout: Layout, condition: Condition) -> Iterator[Operand]:
-    """Yield the sizes of the terms of a rate's change: what a rate at rest is measured by."""
+    """Yield the sizes of the terms of a rate's change, the measure of a rate at rest."""
     for name, tree in condition.row.items():
         acceleration_value = lines.load(Location("y", layout.record.offset_of(acceleration(name))))
         yield lines.compute("abs", lines.compute("multiply", lines.value(tree), acceleration_value))
@@ -209,7 +209,7 @@ class _ResidualJudge:
         further: Iterable[Operand] = (),
         swept: Iterable[Operand] = (),
     ) -> tuple[Operand, Operand]:
-        """Return by how much residuals are over what rounding leaves, the greatest, and the greatest over all sizes."""
+        """Return the greatest residual beyond rounding, and the greatest residual relative to its size."""
         lines = self.lines
         value = lines.compute("abs", lines.value(tree))
         size: Operand = 0.0

@@ -1,4 +1,4 @@
-"""A program of floats as one of sums of two floats: the same lines, with the rest of every number beside it."""
+"""Programs of sums of two floats: the lines of a program of floats, with the rest of every number beside it."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ class EnginePart:
 
 @contextmanager
 def _making() -> Iterator[None]:
-    """Note that this thread makes a part, inside of which another may be made."""
+    """Mark this thread as making a part, inside of which another may be made."""
     _MAKERS.append(threading.get_ident())
     try:
         yield
@@ -149,7 +149,7 @@ def _text_origin(carried: str) -> str:
 
 @lru_cache(maxsize=1)
 def toolchain_versions() -> str:
-    """Return what a text depends on besides its sources: versions of numba and LLVM, and the platform."""
+    """Return the toolchain that determines a text besides its sources: versions of numba and LLVM, and platform."""
     version = ".".join(map(str, llvm.llvm_version_info))
     return f"numba {metadata.version('numba')}, LLVM {version}, {llvm.get_process_triple()}"
 

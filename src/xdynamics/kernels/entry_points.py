@@ -1,8 +1,8 @@
-"""How functions that numba compiled are called in machine code: numbers as in C, arrays through a table of words.
+"""Calls of functions that numba compiled: numbers as in C, arrays through a table of words.
 
 A function of numbers alone has these as its arguments, so that compiled code can call it by its address. One that takes
 arrays, or named tuples of them, has one argument: the address of a table of words of eight bytes. A number is one word,
-an array is the address of its first element and then its shape. Here stands the Python that fills the table; the LLVM
+an array is the address of its first element and then its shape. The Python in this module fills the table; the LLVM
 text that reads it is `kernels.numba_text`.
 """
 
@@ -39,7 +39,7 @@ class ArrayElements(NamedTuple):
 
 
 class Fields(NamedTuple):
-    """A named tuple, and what its fields are."""
+    """A named tuple, and the kinds of its fields."""
 
     tuple_type: type
     kinds: tuple[Any, ...]
@@ -49,7 +49,7 @@ Kind = Scalar | ArrayElements | Fields
 
 
 class Signature(NamedTuple):
-    """What a compiled function returns and takes."""
+    """The results and arguments of a compiled function."""
 
     result: Scalar
     arguments: tuple[Kind, ...]

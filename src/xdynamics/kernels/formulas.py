@@ -1,8 +1,7 @@
-"""Programs written as lines of text, whose names stand for values known where they are written.
+"""Formulas: programs written as lines of text, whose names stand for values known where the lines are written.
 
-Step control as lines of text: the error test, the factor of the next step, its bounds.
-
-`march.control` and `march.tolerance_sizes` use them as functions of numbers, `kernels.lane_step` in all lanes at once.
+Step control is such text: the error test, the factor of the next step, its bounds. `march.control` and
+`march.tolerance_sizes` use it as functions of numbers, `kernels.lane_step` in all lanes at once.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ def split_assignments(text: str) -> list[list[str]]:
 def compiled_function_of(
     text: str, argument_names: str, results: str, constants: Mapping[str, float] | None = None
 ) -> Any:
-    """Compile lines as a function of numbers for the engine, inlined where it is called: what programs compute too.
+    """Compile lines that programs compute too as a function of numbers for the engine, inlined at its calls.
 
     Parameters
     ----------

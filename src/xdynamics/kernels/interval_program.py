@@ -169,7 +169,7 @@ def write_bounds(
 
 
 class _IntervalPrinter:
-    """Gives every value of the assignments a place, and every assignment a row."""
+    """Gives every value of the assignments a slot, and every assignment a row."""
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
@@ -220,7 +220,7 @@ class _IntervalPrinter:
         )
 
     def _moving_variables(self) -> Mapping[str, tuple[int, ...]]:
-        """Return for each moving name what its row computes, and by which places of the state."""
+        """Return the operation of each moving name's row, and the indices of the state that it reads."""
         record, moving_variables = (
             self._layout.record,
             dict[str, tuple[int, ...]](t=(TIME,)) | {REGIME_NUMBER: (PHASE,)},
@@ -253,7 +253,7 @@ class _IntervalPrinter:
         )
 
     def _convert_to_rows(self, lines: Assignments, value: Operand, *, of_slopes: bool = False) -> int:
-        """Turn the assignments so far into rows; return the place of a value."""
+        """Convert the assignments so far to rows; return the slot of a value."""
         for line in lines.lines:
             if isinstance(line, Load) and line.location.array == "p":
                 self._add_row(line.target, CONSTANT, line.location.offset, constant=line.location.offset < self._fixed)
@@ -287,7 +287,7 @@ class _IntervalPrinter:
             self._constant.add(slot)
 
     def _slot_of(self, value: Operand) -> int:
-        """Return the place of a value; a number gets one when it first occurs."""
+        """Return the slot of a value; a number gets one when it first occurs."""
         # as text, since 0.0 and -0.0 would be one key
         key = value if isinstance(value, str) else repr(float(value))
         if key not in self._places:

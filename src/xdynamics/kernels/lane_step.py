@@ -1,12 +1,11 @@
-"""One ordinary step in every lane: aim, propose, judge and accept or reject, as `march.loop` does, without a branch.
+"""Ordinary steps in all lanes: aim, propose, judge, accept or reject, as `march.loop` does, without a branch.
 
-The step to the end is reported too. A step that is not ordinary (an event, a step that cannot be shortened, a number that is not finite) changes
-nothing in its lane and is reported; the single march then makes it. So each line here performs the operations of one in
-`march.loop`, `march.control` or `march.control`, in the same order, and a lane has the bits of a single run.
+The step to the end is reported too. A step that is not ordinary (an event, a step that cannot be shortened, a number
+that is not finite) changes nothing in its lane and is reported; the single march then makes it. So each line here
+performs the operations of a line in `march.loop` or `march.control`, in the same order, and a lane has the bits of a
+single run.
 
-The numbers of a lane: which they are, where they stand, and how many there are.
-
-Lines of text in all lanes: their names are numbers of a lane, or values of earlier lines.
+The names in lines of text are numbers of a lane, whose places and count are stated here, or values of earlier lines.
 """
 
 from __future__ import annotations
@@ -80,7 +79,7 @@ def of_smooth(layout: Layout, memory: int) -> int:
 
 
 def is_solved(layout: Layout) -> bool:
-    """Whether a step solves equations in lanes, by iterations that keep what they know for the next one."""
+    """Whether a step solves equations in lanes, by iterations with a memory for the next step."""
     return layout.scheme is not None and layout.scheme.method.solver == SIMPLIFIED
 
 
@@ -117,7 +116,7 @@ class LaneWriter:
         self.body += write.lines
 
     def keep(self, text: str) -> None:
-        """Write lines whose values go to the lane; each line sees what the lane had before."""
+        """Write lines whose values go to the lane; each line reads the lane's former values."""
         write = self.begin_formulas()
         stores = [
             StoreTo(self.places[target], write.formula(expression)) for target, expression in split_assignments(text)
@@ -134,7 +133,7 @@ class LaneWriter:
     def write_components(
         self, count: int, text: str, places: dict[str, Location], name: str, **operands: Operand
     ) -> None:
-        """Write lines for every component of vectors; store what they compute for one of them."""
+        """Write lines for every component of vectors; store the values of one of them."""
         write = self.component(text, places, **operands)
         write.store(places[name], write.known[name])
         self.body.append(Loop("i", count, tuple(write.lines)))
@@ -210,7 +209,7 @@ class LaneWriter:
         return tops
 
     def norms(self, orders: Mapping[str, int]) -> None:
-        """Find the largest ratios of a state, its slopes and coefficients of some orders to what is allowed as errors."""
+        """Compute the largest ratios of a state, its slopes and coefficients of some orders to allowed errors."""
         tops = self.tops(Location("y")) if any(self.adaptive_atol) else {}
         first, used, n = of_collocation(self.layout), self.layout.used.size, self.layout.coordinates.size
         names = ("size", "slope", *orders)
@@ -409,7 +408,7 @@ class _StepWriter(LaneWriter):
         self.known["step"] = self.known["foreseen"]
 
     def propose(self, programs: tuple[Program, ...]) -> tuple[Program, ...]:
-        """Make the step by the lines of the method, which work on what a lane has behind its other numbers."""
+        """Make the step by the lines of the method, whose working memory lies behind a lane's other numbers."""
         layout, first, curve = self.layout, of_collocation(self.layout), curve_size(self.layout)
         self.body.append(ProgramCall("propose", "at", "y", "z"))
         self.load("finite_step", Location("at", UNSOUND))
@@ -490,7 +489,7 @@ class _StepWriter(LaneWriter):
         return norm
 
     def _settle_tolerances(self, first: int) -> None:
-        """Let tolerances follow: `march.tolerance_sizes.settle_tolerances`; those of a lane that did not move stay."""
+        """Update following tolerances as `march.tolerance_sizes.settle_tolerances`; not in lanes that did not move."""
         used = self.layout.used.size
         tops = self.tops(Location("w", first + used))
         for begin, end, kind, follows in self.pieces():

@@ -1,8 +1,7 @@
 """The law of a march: what one model and one method compute, as text and as machine code.
 
-Printed laws, kept with their machine code under what they are printed from: a later process prints nothing again.
-
-What a program replaces at run time in the modules that print is not part of the key; such a program must keep nothing.
+A printed law is stored with its machine code under a digest of its sources: a later process prints nothing again. What
+a program replaces at run time in the modules that print is not part of the key; such a program must store nothing.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ _MODULES = ("schema.py",)
 
 @dataclass(frozen=True)
 class Printed:
-    """What a march needs of a law besides its machine code.
+    """The printed parts of a law that a march needs besides its machine code.
 
     Attributes
     ----------
@@ -77,13 +76,13 @@ class Printed:
 
 
 def key_of(layout: Layout, *choices: str) -> str:
-    """Return a digest of what a law and its machine code follow from: form, method, choices, printers and processor."""
+    """Return a digest of the sources of a law's machine code: form, method, choices, printers and processor."""
     origin = (layout.model.form, repr(layout.scheme), *choices)
     return machine.text_digest("printed", *origin, _printers(), *machine.processor())
 
 
 def read(key: str) -> tuple[Printed, bytes] | None:
-    """Return a printed law and its machine code; None if they are not kept."""
+    """Return a printed law and its machine code; None if they are not stored."""
     content = machine.read(_file_name(key))
     if content is None:
         return None
@@ -205,7 +204,7 @@ class Law:
         return (*self._in_precision(programs), *curves)
 
     def _in_precision(self, programs: Sequence[Program]) -> tuple[Program, ...]:
-        """Return programs of the kind of number that is asked for."""
+        """Return programs in the law's kind of number: floats, or sums of two floats."""
         layout = self.layout
         if not layout.is_doubled:
             return tuple(programs)
@@ -238,7 +237,7 @@ class Law:
 
     @property
     def _run_programs(self) -> tuple[Program, ...]:
-        """The programs as they are run, without what nothing reads."""
+        """The programs as run, without lines whose results nothing reads."""
         programs = Law(self.layout, sampled=False).programs if FORCE_SAMPLES in self.unread else self.programs
         if ROW_ENERGIES not in self.unread:
             return programs
@@ -247,12 +246,12 @@ class Law:
 
     @cached_property
     def constraining(self) -> tuple[Program, ...]:
-        """The programs that put the result of a step where constraints hold."""
+        """The programs that project the result of a step onto constraints."""
         return constraint_projection(self.layout)
 
     @cached_property
     def printed(self) -> Printed:
-        """What a march needs of the law besides its machine code: kept with that, or printed now."""
+        """The printed parts of the law that a march needs besides machine code: read from the cache, or printed now."""
         if self._cached_law is not None:
             return self._cached_law[0]
         title = f"A step by {self.scheme.method.name}, and the forces that it asks for."
@@ -278,7 +277,7 @@ class Law:
 
     @cached_property
     def _cached_law(self) -> tuple[Printed, bytes] | None:
-        """What an earlier process printed and compiled for the same form; None for models with Python functions."""
+        """The printed law and machine code of an earlier process; None for models with Python functions."""
         return read(self._cache_key) if self._can_be_kept else None
 
     @cached_property
@@ -297,7 +296,7 @@ class Law:
 
     @property
     def equations(self) -> tuple[NewtonSystem, ...]:
-        """What the step solves by Newton's method."""
+        """The equations of the step that Newton's method solves."""
         return self.printed.equations
 
     @property
@@ -340,7 +339,7 @@ class Law:
 
     @cached_property
     def _sized(self) -> machine.Code:
-        """Code of that program, kept as the others are."""
+        """Machine code of the program of term sizes, cached like the law's."""
         if not self._can_be_kept:
             return machine.compiled(self._llvm_text([self.term_sizes]), [TERM_SIZES], self._python_functions)
         name = f"sizes-{machine.text_digest(self._cache_key, TERM_SIZES)}.o"
@@ -359,7 +358,7 @@ class Law:
 
     @property
     def addresses_inside(self) -> NDArray[np.int64]:
-        """The same with the address of the program for times inside a step, which no march needs."""
+        """The law's addresses with the program for times inside a step, which no march needs."""
         with _LOCK:
             return self._addresses_inside
 
@@ -442,7 +441,7 @@ class Law:
     def stride_address(
         self, lanes: int, *, adaptive: bool, adaptive_atol: tuple[bool, ...] = (), weighs: bool = False
     ) -> int:
-        """Return the address of one ordinary step in that many lanes, compiled; see `lane_step.stride`."""
+        """Return the address of one ordinary step in that many lanes, compiled; see `lane_step.stride_programs`."""
         with _LOCK:
             form = lanes, adaptive, adaptive_atol, weighs
             if form not in self._strides:
@@ -528,7 +527,7 @@ def law_of(layout: Layout, *, sampled: bool, unread: frozenset[str] = frozenset(
 
 @dataclass(frozen=True)
 class _Form:
-    """What a law is written from, and one layout that has it."""
+    """The sources of a law, with one layout that has them."""
 
     key: tuple[Any, ...]
     layout: Layout = field(compare=False)

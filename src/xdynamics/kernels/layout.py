@@ -1,6 +1,7 @@
-"""The place of each number of a march: in the state, in a force evaluation, in a row of the log.
+"""The layout of a march's arrays: the index of each number in the state, a force evaluation, a row of the log.
 
-The polynomial that a step leaves, for the search for events or for delayed values: its degree, and room for it.
+The polynomial that a step leaves, for the search for events or for delayed values, has its degree and its room here
+too.
 """
 
 from __future__ import annotations
@@ -119,7 +120,7 @@ class Layout:
 
     @cached_property
     def applied_forces(self) -> Blocks:
-        """What acts: force components, multipliers of constraints, forces of contacts and friction elements."""
+        """The forces in a record: components, multipliers of constraints, forces of contacts and friction elements."""
         return self.forces + self.multipliers + self.reactions
 
     @cached_property
@@ -129,7 +130,7 @@ class Layout:
 
     @cached_property
     def used(self) -> Blocks:
-        """What a force evaluation uses besides time."""
+        """The arguments of a force evaluation besides time: coordinates, velocities, states."""
         return self.coordinates + self.velocities + self.states
 
     @cached_property
@@ -152,7 +153,7 @@ class Layout:
         return size_array
 
     def divide_by_sizes(self, numbers: Floats, scales: Scales) -> None:
-        """Divide the numbers of a state in SI units by their sizes, in place."""
+        """Divide the numbers of a state in SI units by the sizes of their units, in place."""
         first = 0
         for block in self.used.blocks:
             numbers[first : first + block.size] /= scales.si_factor(self.model.dimensions[block.first])
@@ -164,12 +165,12 @@ class Layout:
 
     @cached_property
     def state(self) -> Blocks:
-        """What a row of the log keeps of a state, and the next step starts from."""
+        """The numbers of a state in a row of the log, from which the next step starts."""
         return self.used + self.accelerations + self.rates + self.constraint_diagnostics + self.applied_forces
 
     @cached_property
     def evaluation(self) -> Blocks:
-        """What a force evaluation gives."""
+        """The results of a force evaluation."""
         return self.accelerations + self.rates + self.constraint_diagnostics + self.applied_forces + self.drives
 
     @cached_property
@@ -182,7 +183,7 @@ class Layout:
 
     @cached_property
     def record(self) -> Blocks:
-        """Everything in a state of the march: what a force evaluation used, what it gave, and what is carried along."""
+        """All numbers in a state of the march: the state, its force evaluation, and compensations of rounding."""
         return self.used + self.evaluation + self.compensation
 
     @cached_property
@@ -217,7 +218,7 @@ class Layout:
 
     @cached_property
     def constraint_outputs(self) -> dict[str, Node]:
-        """What is zero where constraints hold, residuals of positions and rates; forces and torques in joints."""
+        """Residuals of positions and rates, which are zero where constraints hold; forces and torques in joints."""
         residuals = {
             reaction_names.constraint_residual(condition.name): condition.residual
             for condition in conditions(self.model)
@@ -238,7 +239,7 @@ class Layout:
 
     @cached_property
     def flags(self) -> int:
-        """Number of flags in a row of the log: kind, regime, what reactions do, the side of each switch.
+        """Number of flags in a row of the log: kind, regime, modes of reactions, the side of each switch.
 
         For the points of a table the side is a piece, which takes three flags.
         """
@@ -256,7 +257,7 @@ class Layout:
 
     @cached_property
     def ticking(self) -> tuple[TickChange, ...]:
-        """What actions of controllers set, all of them at one tick from what holds just before it."""
+        """The changes by controllers' actions, all of one tick from the values just before it."""
         return tick_changes(self.model.controllers)
 
     @cached_property
@@ -301,7 +302,7 @@ class Layout:
 
     @property
     def low_parts(self) -> Blocks:
-        """What is left of every number of the state beside the nearest float, where it is kept."""
+        """The rests of time and state beside their nearest floats, where numbers are sums of two floats."""
         if not self.is_doubled:
             return Blocks(())
         return Blocks.from_names("rest", (schema.rest_name("time"),)) + self.used.renamed("rest", schema.rest_name)
@@ -373,7 +374,7 @@ class Layout:
 
     @cached_property
     def derived_quantities(self) -> dict[str, tuple[tuple[str, ...], Node]]:
-        """What `derived` has the elements of: the dimensions of each, and what it is, of a model with dimensions."""
+        """The dimensions and trees of the quantities in `derived`, of a model with dimensions."""
         model = self.model
         observables = {name: model.expanded_by_quantity(tree) for name, tree in model.shaped.observables.items()}
         dims = model.shapes.dims
@@ -405,7 +406,7 @@ def curve_degree(layout: Layout) -> int:
 
 
 def past_degree(layout: Layout) -> int:
-    """Return the degree of the polynomial that is kept of every accepted step for delayed values; 0 without any."""
+    """Return the degree of the polynomial of every accepted step for delayed values; 0 without any."""
     return layout.scheme.interpolant.degree if layout.scheme is not None and layout.model.delays else 0
 
 

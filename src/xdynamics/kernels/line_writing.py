@@ -1,8 +1,7 @@
-"""A method's vector lines as instructions: a line of vectors becomes a loop over their components.
+"""A method's vector lines as programs: the step, the iterations of its equations, the state inside the step.
 
-What a step of a method consists of: its programs, the equations that it solves, its working memory.
-
-A method's vector lines as programs: the step, the iterations of its equations, the state inside the step.
+A line of vectors becomes a loop over their components. A step consists of its programs, the equations that it solves,
+and its working memory.
 """
 
 from __future__ import annotations
@@ -101,7 +100,7 @@ class LineWriter(Walker):
         self._evaluation(line, "forces")
 
     def expand(self, line: TaylorSeries) -> None:
-        """Take the coefficients of the motion as given in `w`."""
+        """Use the coefficients of the motion that are given in `w`."""
         used = self.layout.used.size
         for i in range(line.degree + 1):
             for name in "qvx":
@@ -138,7 +137,7 @@ class LineWriter(Walker):
         return single and is_compressed(self.layout)
 
     def _matrix_entries(self, line: Solve, coupling: Coupling) -> tuple[tuple[int, int, int, int], ...]:
-        """Return what is subtracted from the unit matrix, entry by entry."""
+        """Return the terms subtracted from the unit matrix, entry by entry."""
         targets = [(part.target, i) for part in line.equations for i in range(self._component_count(part.target))]
         unknowns = [(name, i) for name in line.unknowns for i in range(self._component_count(name))]
         return tuple(
@@ -175,7 +174,7 @@ class LineWriter(Walker):
             self._constrain()
 
     def _constrain(self) -> None:
-        """Put the new state where constraints hold; what an estimate reads is that before."""
+        """Project the new state onto constraints; an estimate reads the state before the projection."""
         at_array = self._allocate_array("at_end", len(AT), is_local=True)
         for name, value in (
             ("t", self._scalars.value(parse("t1"))),
@@ -187,12 +186,12 @@ class LineWriter(Walker):
         self._bodies[-1].append(ProgramCall(CONSTRAIN, at_array, "z", "z"))
 
     def ends_given(self) -> None:
-        """Take the state at the end of the step as given in `z`."""
+        """Use the state at the end of the step that is given in `z`."""
         for name in "qvxar":
             self._views[f"{name}1"] = ("z", *self._views[name][1:])
 
     def stages_given(self, begin: int = 0) -> None:
-        """Take the states of two stages as given in `w`."""
+        """Use the states of two stages that are given in `w`."""
         for k, stage in enumerate("23"):
             for name in "qvx":
                 _, first, count = self._views[name]
@@ -227,7 +226,7 @@ class LineWriter(Walker):
     # ---------------------------------------------------------------------------------------------------- in parts
 
     def coefficient(self, weight: Node, inner_derivative: Node | None = None) -> int:
-        """Compute a number of the matrix that all components share, and return its place in `w`."""
+        """Compute a number of the matrix that all components share, and return its index in `w`."""
         value = self._scalars.value(weight)
         if inner_derivative is not None:
             value = self._scalars.compute("multiply", value, self._scalars.value(inner_derivative))
@@ -328,7 +327,7 @@ class LineWriter(Walker):
             self._copy_elements(Location(name), Location(record, first), coordinates)
 
     def _evaluation(self, line: Evaluation, program: str) -> int:
-        """Call the forces at a state; return the place of the derivatives by `linearised`."""
+        """Call the forces at a state; return the index of the derivatives by `linearised`."""
         self.stage += 1
         record, at_array = (
             self._allocate_array(f"f{self.stage}", self.layout.record.size),

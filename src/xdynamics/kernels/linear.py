@@ -1,10 +1,11 @@
-"""Small linear systems in compiled code, without a library whose version or threads could change a bit.
+"""Small linear systems, full and banded, in compiled code.
 
-Linear systems of band matrices in compiled code: LU with partial pivoting within the band, as LAPACK's gbtrf keeps it.
+No library is called, whose version or threads could change a bit.
 
-A column has `height` numbers: from `lower + upper` above the diagonal, where row exchanges fill, to `lower` below it.
-Entry (i, j) is number `j*height + lower + upper + i - j`. As in `kernels.linear` a real matrix is one plane, a complex
-one two planes after it, and the operations are those of that module, in their order, on entries of the band.
+Band matrices are factored as LU with partial pivoting within the band, in the storage of LAPACK's gbtrf. A column has
+`height` numbers: from `lower + upper` above the diagonal, where row exchanges fill, to `lower` below it. Entry (i, j)
+is number `j*height + lower + upper + i - j`. As for full matrices a real matrix is one plane, a complex one two planes
+after it, and the operations are those of full matrices, in their order, on entries of the band.
 """
 
 from __future__ import annotations
@@ -220,7 +221,7 @@ IntArray = NDArray[np.int64]
 
 @jit_separate
 def factorise_band(matrix: Floats, pivots: IntArray, n: int, lower: int, upper: int) -> bool:
-    """Factorise a band matrix as P L U in place, with partial pivoting; row exchanges leave L as it is.
+    """Factorise a band matrix as P L U in place, with partial pivoting; row exchanges leave L unchanged.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from xdynamics.kernels.program import (
 
 @dataclass(frozen=True)
 class LinkRows:
-    """What a loop does at each element: a row of links to all elements before it.
+    """The body of a loop at each element: a row of links to all elements before it.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ def link_rows(line: Loop) -> LinkRows | None:
 
 
 def apart_from_totals(line: Reduction) -> tuple[tuple[Line, ...], tuple[Compute, ...]]:
-    """Return the lines of a pass that do not read its totals, and those that read them, or what others of them compute."""
+    """Return the lines of a pass that are independent of its totals, and those that depend on them."""
     total_names, lines, joining = set(line.totals), list[Line](), list[Compute]()
     for inner in line.body:
         if isinstance(inner, Compute) and total_names.intersection(inner.arguments):
@@ -130,14 +130,14 @@ def _row_location(location: Location, other_index: str, row_index: str) -> Locat
 
 
 def _link_location(location: Location, links: Reduction) -> Location:
-    """Return a place without indices of loops around the rows, which are the same for all of them."""
+    """Return a location without indices of loops around the rows, which are constant over all rows."""
     return replace(
         location, strides=tuple((index, stride) for index, stride in location.strides if index == links.index)
     )
 
 
 def _split_additions(links: Reduction) -> tuple[tuple[tuple[Location, Operand, str], ...], tuple[Line, ...]]:
-    """Return what is added to numbers of the elements of an index, and the other lines."""
+    """Return the additions to numbers of an index's elements, and the other lines."""
     defined = {inner.target: inner for inner in links.body if isinstance(inner, Load | Compute)}
     uses = Counter(_row_operands(links.terms, links.body))
     added, parts = [], set[int]()
@@ -164,7 +164,7 @@ def _split_additions(links: Reduction) -> tuple[tuple[tuple[Location, Operand, s
 
 
 def _row_operands(terms: Iterable[Operand], lines: Iterable[Line]) -> Iterator[Operand]:
-    """Yield what the lines of a row read."""
+    """Yield the operands of a row's lines."""
     yield from terms
     for inner in lines:
         if isinstance(inner, Compute):

@@ -1,9 +1,8 @@
-"""Loops and reductions of one program as LLVM text: one pass after the other, or neighbouring elements side by side.
+"""Loops, reductions and array elements of one program as LLVM text: one pass after the other, or side by side.
 
-Elements of a program's arrays and tables as LLVM text: addresses, loads and stores.
-
-With several runs side by side an element is one number of each run, next to one another. With neighbouring elements of
-one run side by side, one place means an element for each of them: next to one another, some distance apart, or anywhere.
+Elements of a program's arrays and tables become addresses, loads and stores. With several runs side by side an element
+is one number of each run, next to one another. With neighbouring elements of one run side by side, one place means an
+element for each of them: next to one another, some distance apart, or anywhere.
 """
 
 from __future__ import annotations
@@ -96,7 +95,7 @@ class Places:
             lines.lines.append(f"store {kind} {value.text}, ptr {self.pointer(location)}, align 8")
 
     def gather(self, index: str, location: Location) -> None:
-        """Read a whole number of a table: the value of an index from then on."""
+        """Read an integer of a table, which is the value of an index from then on."""
         element_number = self._read_element("w", location)
         self.indices[index] = Index(element_number.text, per_lane=self._differs(location))
 
@@ -159,7 +158,7 @@ class Places:
         return any(self.indices[name].per_lane or self.indices[name].step * stride for name, stride in location.strides)
 
     def _lane_offsets(self, location: Location) -> str | None:
-        """Return how far the lanes' elements are from the first place; None if they are one, or next to one another."""
+        """Return the lanes' offsets from the first element; None if lanes read one element, or adjacent ones."""
         lines = self._lines
         lane_stride = sum(self.indices[name].step * stride for name, stride in location.strides)
         steps = LaneValue(lines, "w", self._lanes_times(lane_stride)) if lane_stride else None
@@ -203,7 +202,7 @@ Pass = Callable[[Index, list[Value]], list[Value]]  # prints one; returns the to
 
 
 def paired_computations(body: Iterable[Instruction]) -> set[tuple[str, tuple[Operand, ...]]]:
-    """Return what is computed together for one argument, such as a sine and a cosine."""
+    """Return the pairs of functions computed together for one argument, such as sine and cosine."""
     computed = {
         (entry.operation, entry.arguments) for entry in body if isinstance(entry, Compute) and entry.operation in PAIRS
     }
@@ -217,7 +216,7 @@ def value_parts(value: Value) -> Sequence[LaneValue]:
 
 
 def rebuild_value(value: Value, parts: Sequence[LaneValue]) -> Value:
-    """Return a number, an interval or a sum, as another value is, of these parts."""
+    """Return a number, an interval or a sum of given parts, of another value's kind."""
     return type(value)(*parts) if isinstance(value, tuple) else parts[0]
 
 
@@ -255,7 +254,7 @@ class LoopText(ABC):
 
     @abstractmethod
     def _width_suffix(self) -> str:
-        """Return what the names of functions end with, where numbers have more lanes than there are runs."""
+        """Return the suffix of functions' names where numbers have more lanes than there are runs."""
 
     @abstractmethod
     def _operations_of_kind(self, kind: str) -> Callable[..., Value]:
@@ -287,7 +286,7 @@ class LoopText(ABC):
 
     @contextmanager
     def _pass_scope(self, line: Loop | Reduction, index: Index, totals: list[Value]) -> Iterator[None]:
-        """Print the lines of one pass; what they compute is forgotten after it."""
+        """Print the lines of one pass; their values are not used after it."""
         places = self._places
         # LLVM refuses a value of a pass where that need not have been executed, as after the loop
         outside = dict(self._values), self._joint, dict(self._pairs), dict(places.indices), dict(places.addresses)
@@ -319,7 +318,7 @@ class LoopText(ABC):
 
     @contextmanager
     def _side_by_side(self, wide: int) -> Iterator[None]:
-        """Let every number be a vector of neighbouring elements; what was computed before is repeated for each."""
+        """Make every number a vector of neighbouring elements; earlier scalars are repeated in each lane."""
         self._outside, self._values, self._lines.lanes = self._values, {}, wide
         pairs, self._pairs = self._pairs, {}
         yield
@@ -360,7 +359,7 @@ class LoopText(ABC):
         return vector_end, totals
 
     def _reads_row(self, line: Reduction) -> bool:
-        """Whether what is summed is part of a row of the log, whose elements are apart."""
+        """Whether a sum reads a row of the log, whose elements are not adjacent."""
         read = {inner.location.array for inner in nested_lines(line.body) if isinstance(inner, Load)}
         return self._program.spread and any(self._program.views.get(name, (name,))[0] == "z" for name in read)
 
@@ -407,7 +406,7 @@ class LoopText(ABC):
         )
 
     def _terms_abreast(self, line: Reduction, index: Index, totals: list[Value]) -> list[Value]:
-        """Print what terms of neighbours need side by side; return totals that they are joined to one after the other."""
+        """Print independent terms of neighbours side by side; return the totals, joined one after the other."""
         wide, kind = self._abreast, f"<{self._abreast} x double>"
         lines, joining = apart_from_totals(line)
         read = {*line.terms, *(name for inner in joining for name in inner.arguments)}
@@ -449,7 +448,7 @@ class LoopText(ABC):
         return merged_totals
 
     def _phis(self, label: str, totals: list[Value], letter: str) -> list[Value]:
-        """Name what totals are where two ways through the text meet."""
+        """Name the totals where two branches of the text meet."""
         parts = [[self._lines.value(part) for part in value_parts(total)] for total in totals]
         return [
             rebuild_value(
@@ -462,7 +461,7 @@ class LoopText(ABC):
     def _merged(
         self, names: list[Value], old: list[Value], entry_block: str, new: list[Value], last_block: str = ""
     ) -> list[str]:
-        """Return lines that say what totals are: as they were, or as a pass left them."""
+        """Return the phi lines of totals: their former values, or those of a pass."""
         lines, phis = self._lines, []
         for name, *alternatives in zip(names, old, new, strict=True):
             for part, first, second in zip(
@@ -494,7 +493,7 @@ class LoopText(ABC):
         return new
 
     def _unroll_limit(self, line: Loop | Reduction, *, goes_on: bool) -> int:
-        """Return up to how many passes are written out; of what passes side by side leave, one: texts of all sizes are alike."""
+        """Return how many passes are written out; of remaining passes one, so that texts of all sizes are alike."""
         if goes_on:
             return 1
         longest = any(isinstance(inner, Loop | Reduction) for inner in line.body)

@@ -1,14 +1,12 @@
-"""The lines of one program as LLVM text, for one run, for runs side by side, and for neighbouring elements of one run.
+"""Programs as LLVM text, with lanes for one run, for runs side by side, or for neighbouring elements of one run.
 
-In lanes every number is a vector with one element for each run or for each neighbour, and an operation acts on each
-element by itself. Nothing is summed across lanes, contracted or reordered, so a lane holds the bits of a single run.
+One lane is what a single run calls. In lanes every number is a vector with one element for each run or for each
+neighbour, and an operation acts on each element by itself. Nothing is summed across lanes, contracted or reordered, so
+a lane holds the bits of a single run.
 
-Rows of links to all elements before one, as LLVM text: the rows of neighbouring elements side by side.
-
-Every two elements meet once. What a link gives to the row's own element is added in its lane; what it gives to the other
-is added for one row after the other, so that each sum is ascending, as in plain loops.
-
-Programs as LLVM text, with any number of lanes: one lane is what a single run calls.
+A row of links joins an element to all elements before it; rows of neighbouring elements go side by side, and every two
+elements meet once. What a link gives to the row's own element is added in its lane; what it gives to the other is added
+for one row after the other, so that each sum is ascending, as in plain loops.
 """
 
 from __future__ import annotations
@@ -150,7 +148,7 @@ class RowText(LoopText):
         return self._lines.line("n", f"load {self._lines.kind('n')}, ptr {where}, align 64")
 
     def _add(self, rows: LinkRows, bound: LaneValue) -> None:
-        """Add what the elements of a tile get to their numbers: of one row after the other, up to its bound."""
+        """Add the contributions to a tile's elements to their numbers: row after row, up to its bound."""
         wide, lines = self._abreast, self._lines
         for k, (location, _, operation) in enumerate(rows.added):
             total = self._places.load(location)
@@ -260,7 +258,7 @@ class ProgramText(RowText):
         self._append_text(f"call void @{line.program}.inner({', '.join(f'ptr {array}' for array in arrays)}, i64 1)")
 
     def _call_engine(self, line: EngineCall) -> None:
-        """Print a call of the engine, which is given the time, and the table entry of `z`: of that, its address alone."""
+        """Print a call of the engine with the time and the table entry of `z`, of which it takes the address alone."""
 
         def load_word(kind: str, array: str, word_index: int) -> str:
             pointer = self._places.pointer(Location(array, word_index))
@@ -438,7 +436,7 @@ def _table_constant(program: str, name: str, numbers: tuple[int, ...]) -> str:
 
 
 def _entry_function(name: str) -> str:
-    """Print the entry point from outside, which reads from the table what its caller does not pass."""
+    """Print the external entry point, which reads from the table the arrays that its caller does not pass."""
     lines = []
     for array in (*ARRAYS, "apart"):
         if array in _GIVEN:
@@ -447,6 +445,7 @@ def _entry_function(name: str) -> str:
         word_index = WORDS * TABLE.index(array) if array in ARRAYS else WORDS * TABLE.index("rows") + 2
         kind = "ptr" if array in ARRAYS else "i64"
         lines.append(f"%{array}_at = getelementptr i64, ptr %table, i64 {word_index}")
+        # invariant.load: no code changes the table, so that LLVM may read a word once for many uses
         lines.append(f"%_{array} = load {kind}, ptr %{array}_at, align 8, !invariant.load !0")
     parameters = ", ".join(f"ptr noalias %_{array}" for array in _GIVEN)
     body = "\n  ".join(lines)

@@ -1,7 +1,6 @@
-"""LLVM text to machine code: compiled at once, kept as an object file, loaded by digest.
+"""LLVM text to machine code: compiled at once, stored as an object file, loaded by digest.
 
-Files that save a compilation: the user's own, written whole or not at all, and trusted only by a keyed digest.
-
+Files that save a compilation are the user's own, written complete or not at all, and trusted only by a keyed digest.
 What is read here is executed. A folder or file that anybody else owns or may write to is therefore never used, no
 matter which variable named it. This is checked on the descriptors that are read, so that nothing can be exchanged
 between check and use. Every file begins with the HMAC-SHA256 (RFC 2104) of its name and content under a secret of the
@@ -84,7 +83,7 @@ def text_digest(*parts: str) -> str:
 
 
 def read(name: str) -> bytes | None:
-    """Return the content of a file; None if it is missing, not the user's own, or not what was written.
+    """Return the content of a file; None if it is missing, not the user's own, or fails its keyed digest.
 
     The bytes that were compared with the digest are the bytes returned: the file is read once.
     """
@@ -126,7 +125,7 @@ def write(name: str, content: bytes) -> None:
 
 
 def caching_obstacle() -> str:
-    """Return why no engine could be kept, before time is spent on compiling one; empty if it could."""
+    """Return why no engine could be stored, before time is spent on compiling one; empty if it could."""
     try:
         _secret(create=True)
         with _open_folder(folder(), create=True), tempfile.NamedTemporaryFile(dir=folder(), suffix=_PART) as probe:
@@ -139,7 +138,7 @@ def caching_obstacle() -> str:
 
 
 def advise(reason: str) -> None:
-    """Warn once per process that nothing can be kept, and say what helps."""
+    """Warn once per process that nothing can be stored, with the remedy."""
     if _ADVISED:
         return
     _ADVISED.append(reason)
@@ -208,7 +207,7 @@ def _read_content(directory: int, name: str) -> bytes | None:
 
 
 def _replace_file(directory: int, part: str, name: str) -> None:
-    """Move a finished part to the place of its file."""
+    """Rename a finished part to its file."""
     if not _POSIX:
         (folder() / part).replace(folder() / name)
         return
@@ -252,7 +251,7 @@ def _secret(*, create: bool) -> bytes:
 
 
 def _found_secret(path: Path) -> None:
-    """Make a secret; if several processes do so at once, the first one's stays."""
+    """Create a secret; of several processes at once, the first one's secret stays."""
     handle, part = tempfile.mkstemp(dir=path.parent, prefix=f"{path.name}-", suffix=_PART)
     try:
         with os.fdopen(handle, "wb") as file:
@@ -314,7 +313,7 @@ def _remove_entry(directory: int, entry: os.DirEntry[str]) -> None:
 
 
 def max_megabytes() -> float:
-    """Return how many MB may be kept: $XDYNAMICS_CACHE_LIMIT, or the default if that is not a valid number."""
+    """Return the limit of the cache, MB: $XDYNAMICS_CACHE_LIMIT, or the default if that is not a valid number."""
     return megabytes(LIMIT, MOST_MEGABYTES)
 
 
@@ -339,7 +338,7 @@ def provide_helpers() -> None:
 
 @lru_cache
 def provide_refusal() -> None:
-    """Make known to LLVM what a program calls that was given no memory."""
+    """Register with LLVM the function that a program calls without memory."""
     llvm.add_symbol(LACKING, ctypes.cast(note_refusal, ctypes.c_void_p).value)
 
 
@@ -385,7 +384,7 @@ class Code:
 
 
 def compiled(text: str, names: Iterable[str], functions: Mapping[str, Callable[..., float]] | None = None) -> Code:
-    """Compile LLVM text, or return the machine code that was kept of it.
+    """Compile LLVM text, or return its cached machine code.
 
     Parameters
     ----------
@@ -496,7 +495,7 @@ def optimise(module: Any, machine: Any, level: int, *, unrolling: bool = True) -
 
 @lru_cache
 def processor() -> tuple[str, str, str]:
-    """Return what machine code depends on besides its text: LLVM's version, the processor and its features."""
+    """Return the target that determines machine code besides its text: LLVM's version, processor and features."""
     version = ".".join(map(str, llvm.llvm_version_info))
     return version, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 

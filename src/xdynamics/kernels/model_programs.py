@@ -1,6 +1,6 @@
 """The functions of a model's law: forces, their derivatives, event functions, energies and observables.
 
-Where a law finds what expressions name: in the state, among the constants, in a table, in the march's past.
+A name in an expression is read from the state, the constants, a table, or the march's past.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def call_python_function(lines: Assignments, function: Function) -> Operand:
 
 
 class LawNames:
-    """Finds what the expressions of a law name: in `at`, in the state, among the constants, in a table.
+    """Resolves the names in a law's expressions: in `at`, in the state, among the constants, in a table.
 
     Any other name is computed where it first occurs, from the assignments `inner`.
     """
@@ -219,7 +219,7 @@ def _motion_in_loops(layout: Layout, staged_names: frozenset[str]) -> tuple[Nest
 
 
 def _new_array(nests: Nests, name: str, dims: tuple[str, ...]) -> Location:
-    """Return the first place of a new array of a program, for a quantity with dimensions."""
+    """Return the first location of a new array of a program, for a quantity with dimensions."""
     location = Location(f"of_{name}")
     nests.local[location.array] = math.prod(nests.shapes.shape(dims))
     return location
@@ -236,7 +236,7 @@ def _stage_drive(nests: Nests, name: str) -> Location:
 
 
 def _state_nests(layout: Layout) -> Nests:
-    """Return what writes expressions of everything in a state of the march."""
+    """Return the writer of expressions of all numbers in a state of the march."""
     names, model, places = LawNames(layout, layout.record), layout.model, dict[str, Location]()
 
     def first_location(name: str) -> Location:
@@ -382,13 +382,13 @@ def touching(layout: Layout) -> Program:
 
 
 def values_of(layout: Layout, trees: Iterable[Node]) -> Program:
-    """Write expressions of a state, and of what forces and accelerations are there."""
+    """Write expressions of a state, and of its forces and accelerations."""
     inner = {assignment.name: assignment.value for assignment in motion(layout.model.elements)}
     return _program_of_trees("values", "Values of expressions at a state.", layout, trees, inner, layout.used)
 
 
 def resets(layout: Layout) -> Program:
-    """Write what events set the state to, in the order of `Layout.resets`, then what controllers do."""
+    """Write the values that events set, in the order of `Layout.resets`, then those of controllers."""
     model = layout.model
     trees = []
     for name, target in layout.resets:
@@ -502,7 +502,7 @@ def write_assignments(
     prefix: str = "_",
     operands: Mapping[str, Operand] | None = None,
 ) -> Assignments:
-    """Write assignments, whose expressions read what is in a state, constants and tables besides each other.
+    """Write assignments, whose expressions read a state, constants, tables and earlier assignments.
 
     They read the state from one of the arrays, the time from one of the numbers of `at`, and what is given by name.
     """

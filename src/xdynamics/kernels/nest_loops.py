@@ -1,8 +1,7 @@
-"""Loops over elements with what is computed in each: scopes, places of elements, and what is known already.
+"""Loops over elements with the values computed in each: indices, scopes, places of elements, and reductions.
 
-Indices of loops over elements, and what is raised where loops cannot be written as they stand.
-
-Reductions along dimensions in loops, and parts that are computed for all elements before loops read them.
+Values that are already computed in an enclosing scope are read there. Parts that loops read are computed for all
+elements before these loops. Loops that cannot be written as they stand raise an error.
 """
 
 from __future__ import annotations
@@ -119,7 +118,7 @@ class NestedLoops:
 
     @property
     def outermost(self) -> Assignments:
-        """Writes what is computed outside all loops."""
+        """The assignments outside all loops."""
         return self._scopes[0]
 
     def compute(self, operation: str, *arguments: Operand) -> Operand:
@@ -151,7 +150,7 @@ class NestedLoops:
         return self.shapes.ordered(set(self._parts.dims[number]))
 
     def _element_location(self, location: Location, dims: tuple[str, ...], env: Env) -> Location:
-        """Return the place of an element of an array."""
+        """Return the location of an element of an array."""
         offset, strides, stride = location.offset, [], 1
         for dim in reversed(dims):
             index = env[dim]
@@ -213,7 +212,7 @@ class NestedLoops:
 
     @contextmanager
     def _unsplit_indices(self, *indices: LoopIndex) -> Iterator[None]:
-        """Give up where an index of these would have to be split."""
+        """Raise if one of some indices would have to be split."""
         try:
             yield
         except SplitError as split:
@@ -223,7 +222,7 @@ class NestedLoops:
 
     @contextmanager
     def _loop_scope(self) -> Iterator[int]:
-        """Write what is in a loop; yield how many loops are around it."""
+        """Open a scope for the lines of a loop; yield its depth."""
         self._scopes.append(Assignments(self._find, f"_{next(self._serial)}_"))
         self._memos.append({})
         try:
@@ -275,7 +274,7 @@ class NestedLoops:
 
 
 class Reductions(NestedLoops):
-    """Writes reductions of expressions: ascending, in the loop over what is left."""
+    """Writes reductions of expressions: ascending, in loops over the remaining dimensions."""
 
     def __init__(self, shapes: Shapes, find: Callable[[Assignments, str], Operand]) -> None:
         super().__init__(shapes, find)
@@ -284,7 +283,7 @@ class Reductions(NestedLoops):
 
     @abstractmethod
     def value(self, number: int, env: Env) -> Operand:
-        """Write what a part of an expression needs at an element; return its operand."""
+        """Write the lines of an expression's part at an element; return its operand."""
 
     def _reduce_part(self, number: int, node: Along, env: Env) -> Operand:
         if self._is_written_out(node.dims):
@@ -390,7 +389,7 @@ class Reductions(NestedLoops):
         return line.totals
 
     def _staged(self, number: int) -> Location:
-        """Compute a part for all its elements before the loops that read it; return the place of the first."""
+        """Compute a part for all its elements before the loops that read it; return its first location."""
         if number not in self._arrays:
             array, dims = self._new_array(number), self._part_dims(number)
             with self._outside_loops():
@@ -408,7 +407,7 @@ class Reductions(NestedLoops):
         return self._orders.get(number, self._part_dims(number))
 
     def _write_part(self, number: int, env: Env) -> Operand:
-        """Write a part for its array: a reduction in the loop over what is left."""
+        """Write a part for its array: a reduction in the loop over the remaining dimensions."""
         node = self._parts.nodes[number]
         reduces = isinstance(node, Along) and node.function in REDUCTIONS and not self._is_written_out(node.dims)
         return self._along_all(number, node, env) if reduces else self.value(number, env)  # type: ignore[arg-type]

@@ -1,13 +1,10 @@
 """Expressions with dimensions as lines with loops: what is computed for every element, however many there are.
 
-Bits are those of the expressions that `shapes.at_element` gives for each element: sums are ascending, from -0.0, to which any
-number can be added without a change.
+Bits are those of the expressions that `shapes.at_element` gives for each element: sums are ascending, from -0.0, to
+which any number can be added without a change.
 
-The order that links of a relation follow: what loops over them need no table of ends for.
-
-What stands at the ends of links, and sums over the links that meet an element, in loops.
-
-Elements that are taken by number in loops: numbers that are sums of what each index gives need a table for each at most.
+Links of a relation in a regular order need no table of their ends. Sums over the links that meet an element are loops.
+Elements are taken by number: of numbers that are sums of one addend for each index, each index needs a table at most.
 """
 
 from __future__ import annotations
@@ -100,7 +97,7 @@ LARGEST_TABLE = 200_000
 
 
 class LinkSums(Reductions):
-    """Writes values at the ends of links, and what links give to the elements there."""
+    """Writes values at the ends of links, and sums of links onto the elements there."""
 
     def _link_end(self, relation: Relation, function: str, link: LoopIndex | Link) -> LoopIndex:
         """Return the element at an end of a link."""
@@ -132,7 +129,7 @@ class LinkSums(Reductions):
         return name
 
     def _onto_sum(self, number: int, node: Along, env: Env) -> Operand:
-        """Write the sum of what links give to an element."""
+        """Write the sum of links onto an element."""
         relation, dim = self.shapes.relations[node.dims[0]], end_dimension(node, self.shapes)
         index = env[dim]
         if isinstance(index, Link):
@@ -150,7 +147,7 @@ class LinkSums(Reductions):
         return self._load_staged(number, env)
 
     def _sum_of_links(self, number: int, runs: Mapping[int, Pattern], index: LoopIndex, env: Env) -> Operand:
-        """Write what an element's links give, whose numbers follow from the element's."""
+        """Write the sum of an element's links, whose numbers follow from the element's."""
         later = [start for start in runs if start > index.first]
         if later and later[0] < index.last:
             raise SplitError(index, later[0])
@@ -170,7 +167,7 @@ class LinkSums(Reductions):
     def _link_operand(
         self, number: int, dim: str, link: LoopIndex, stride_and_shift: tuple[int, int], env: Env
     ) -> Operand:
-        """Read what a link gives, after that was computed for all links."""
+        """Read the value of a link, after it was computed for all links."""
         if isinstance(self._parts.nodes[number], Negative):
             return self.compute(
                 "negative", self._link_operand(self._parts.operands[number][0], dim, link, stride_and_shift, env)
@@ -223,7 +220,7 @@ class LinkSums(Reductions):
             self._nest((dim,), write_element, unsplit=True)
 
     def _sum_over_pairs(self, relation: Relation, i: LoopIndex, sums: Sequence[tuple[int, Env]]) -> list[Operand]:
-        """Write the links to all elements before one: sums of what they give to it, as their second; add to the others.
+        """Write a row of links to all earlier elements: sum their values as second ends, add those of first ends.
 
         Elements come in order, so that each has got all sums before it when the next begin to add to it.
         """
@@ -245,6 +242,7 @@ class LinkSums(Reductions):
                             location, self.compute("add", self._load_element(location, dims, pair_env), term)
                         )
             body = tuple(self._scopes[-1].lines)
+        # -0.0 + x is x for every x; 0.0 + -0.0 would be 0.0
         start = (-0.0,) * len(acting)
         line = Reduction(j.name, i.last, body, tuple(map(str, new)), tuple(now), "newest", start, below=i.name)
         totals_by_sum = dict(zip(acting, self._add_reduction(line), strict=True))
@@ -256,7 +254,7 @@ class LinkSums(Reductions):
         return isinstance(node, Along) and node.arguments[end] != ZERO
 
     def _stage_links(self, number: int, node: Along, relation: Relation) -> None:
-        """Write what links give, and then add it to the elements at their ends, link by link."""
+        """Write the values of links, and then add them to the elements at their ends, link by link."""
         array, dims, dim = self._new_array(number), self._part_dims(number), end_dimension(node, self.shapes)
         acting = [end for end in (0, 1) if node.arguments[end] != ZERO]
         other_dims = tuple(other_dim for other_dim in dims if other_dim != dim)
@@ -319,7 +317,7 @@ class LinkSums(Reductions):
         self._scopes[-1].lines.append(Loop(index, size, body))
 
     def _nested_sums(self) -> set[int]:
-        """Return the parts that depend on what links give."""
+        """Return the parts that depend on sums of links."""
         dependent_parts: set[int] = set()
         for number, operands in enumerate(self._parts.operands):
             if any(operand in dependent_parts or _is_onto(self._parts.nodes[operand]) for operand in operands):
@@ -386,7 +384,7 @@ class TakenNumbers(LinkSums):
         return str(memo[key])
 
     def _index_terms(self, node: Along) -> tuple[int, Terms]:
-        """Return a number, and what each index adds to it.
+        """Return a constant number, and the addend of each index.
 
         Raises
         ------
@@ -415,7 +413,7 @@ class TakenNumbers(LinkSums):
 
 
 def _addends(node: Node) -> list[Node]:
-    """Return what is added in an expression, whatever its sign."""
+    """Return the addends of an expression, whatever their signs."""
     if isinstance(node, Negative):
         return _addends(node.operand)
     if not isinstance(node, Binary) or node.operator not in "+-":
@@ -434,7 +432,7 @@ def _corners(terms: Terms) -> dict[str, IntArray]:
 
 
 def _table_name(word: str, numbers: IntArray) -> str:
-    """Return a name for a table that says what is in it."""
+    """Return a name for a table that depends on its content."""
     return f"{word}_{hashlib.sha256(numbers.tobytes()).hexdigest()[:12]}"
 
 
@@ -460,7 +458,7 @@ class Nests(TakenNumbers):
         self._first_location = first_location
 
     def results(self, results: Iterable[Result]) -> None:
-        """Write quantities to their places; those of the same dimensions, one after the other, share their loops."""
+        """Write quantities to their locations; consecutive ones with common dimensions share their loops."""
         numbered = [(name, dims, self._parts.number(tree), location) for name, dims, tree, location in results]
         for dims, group in groupby(numbered, key=lambda result: result[1]):
             together = list(group)
@@ -474,7 +472,7 @@ class Nests(TakenNumbers):
             self._nest(dims, write_group)
 
     def value(self, number: int, env: Env) -> Operand:
-        """Write what a part of an expression needs at an element; return its operand."""
+        """Write the lines of an expression's part at an element; return its operand."""
         nodes, operands, links = self._parts.nodes, self._parts.operands, []
         while (
             isinstance(nodes[number], Binary) and self._known_operand(number, env) is None

@@ -1,9 +1,8 @@
-"""What Newton's method needs of the equations of a step, and the entries of its matrix.
-
-Where a Jacobian has entries, which of its columns are found at once, and in which order it is a narrow band.
+"""The matrix of Newton's method for the equations of a step: its entries, its column groups and its band.
 
 Columns that share no row are one group: the derivative along their sum has the entries of all of them (Curtis, Powell,
-Reid 1974, J. Inst. Maths Applics 13, 117, doi:10.1093/imamat/13.1.117).
+Reid 1974, J. Inst. Maths Applics 13, 117, doi:10.1093/imamat/13.1.117). An order of the unknowns is sought in which the
+Jacobian is a narrow band.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ DIRECT = -1  # in place of a derivative: a coefficient that is multiplied by non
 
 @dataclass(frozen=True)
 class NewtonSystem:
-    """What Newton's method needs of one `solve`, as places in the working memory `w` and in the state `y`.
+    """The parts of one `solve` for Newton's method, as indices of the working memory `w` and the state `y`.
 
     Attributes
     ----------
@@ -88,7 +87,7 @@ class Coupling:
     def entries(
         self, row: int, column: int, target: tuple[str, int], unknown: tuple[str, int]
     ) -> list[tuple[int, int, int, int]]:
-        """Return what is subtracted from one entry of the unit matrix, in the order written."""
+        """Return the terms subtracted from one entry of the unit matrix, in the order written."""
         (name, i), (variable, k) = target, unknown
         of_state, by_state = name[0] == "x", variable[0] == "x"
         entries = []
@@ -112,7 +111,7 @@ class Coupling:
         return entries
 
     def weights(self) -> int:
-        """Compute the coefficients of one vector of velocities and one of states, and return the place of the first.
+        """Compute the coefficients of one vector of velocities and one of states; return the first's index.
 
         Eight: of velocities and of states by themselves, of accelerations by coordinates, velocities and states, of rates.
         """
@@ -144,7 +143,7 @@ class Coupling:
         )
 
     def _coefficient_slot(self, key: tuple[str, ...], weight: Node, inner_derivative: Node | None = None) -> int | None:
-        """Return the place of a coefficient; None if it is zero."""
+        """Return the slot of a coefficient; None if it is zero."""
         if key not in self._places:
             zero = weight == Number(0.0)
             self._places[key] = None if zero else self._coefficient(weight, inner_derivative)
@@ -200,7 +199,7 @@ class Pattern(NamedTuple):
 
 
 def is_compressed(layout: Layout) -> bool:
-    """Whether derivatives of the forces are found group by group; else each is an expression of elements."""
+    """Whether derivatives of the forces are computed by column groups; else each is an expression of elements."""
     by_motion = any(argument != CLOCK for argument in layout.model.looked_up_at.values())
     return has_loops(layout.model) and not by_motion and layout.used.size - layout.coordinates.size > WRITTEN_OUT
 
@@ -258,7 +257,7 @@ def moving_quantities(model: Model) -> list[str]:
 
 
 def column_groups(rows: IntArray, places: IntArray) -> IntArray:
-    """Return for every entry the group of its column, which has a place; columns of a group share no row."""
+    """Return for every entry the group of its column; columns of a group share no row."""
     present = np.bincount(places) > 0
     columns = int(np.count_nonzero(present))
     ranks = (np.cumsum(present, dtype=SHORT) - SHORT(1))[places]
@@ -297,7 +296,7 @@ def _greedy_groups(rows: IntArray, ranks: IntArray, count: int) -> list[int]:
 
 
 def best_band(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: IntArray, columns: IntArray) -> Band:
-    """Return an order of unknowns in which a matrix is a band, as narrow as is found.
+    """Return the order of unknowns with the narrowest band among the orders that are tried.
 
     Parameters
     ----------
@@ -315,7 +314,7 @@ def best_band(shapes: Shapes, unknowns: Sequence[tuple[str, ...]], rows: IntArra
 
 
 def band_as_written(entries: IntArray, coordinates: int, size: int) -> Band | None:
-    """Return the band of a model of single numbers, in the order in which they are written; None where it is as well kept whole.
+    """Return the band of a model of single numbers in their given order; None where a full matrix is as good.
 
     Elimination then takes the same sums in the same order: what it leaves out are zeros, and the numbers are the same.
     """
@@ -337,7 +336,7 @@ def _banded(order: IntArray, rows: IntArray, columns: IntArray) -> Band:
 
 
 def _candidate_orders(shapes: Shapes, unknowns: Sequence[tuple[str, ...]]) -> Iterator[IntArray]:
-    """Yield orders: as they stand, and by places along each dimension, all that belongs to a place side by side.
+    """Yield orders: as given, and by index along each dimension, with all unknowns of an index adjacent.
 
     A dimension is run through from its beginning, or from both ends in turn, which keeps a ring together.
     """
@@ -369,7 +368,7 @@ def _levelled(rows: IntArray, columns: IntArray, count: int) -> IntArray:
 
 
 def _ranks(sequence: IntArray) -> IntArray:
-    """Return the place of each number in a sequence."""
+    """Return the rank of each number in a sequence."""
     ranks = np.empty(sequence.size, SHORT)
     ranks[sequence] = np.arange(sequence.size, dtype=SHORT)
     return ranks

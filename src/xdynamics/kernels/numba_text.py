@@ -1,9 +1,8 @@
-"""Functions that numba compiles, as one LLVM text that stands alone.
+"""Functions that numba compiles, and the entries by which they are called, as one LLVM text that stands alone.
 
-numba translates them for a plain processor and makes no machine code. The text calls neither Python nor numba's runtime:
-what could raise an exception or count references is optimised away, or the text is refused.
-
-The LLVM text of an entry that compiled code or Python calls, as `kernels.entry_points` says; made with numba.
+numba translates them for a plain processor and makes no machine code. The text calls neither Python nor numba's
+runtime: what could raise an exception or count references is optimised away, or the text is refused. An entry is called
+as `kernels.entry_points` says, by compiled code or Python.
 """
 
 from __future__ import annotations
@@ -178,7 +177,7 @@ def _without_collection() -> Iterator[None]:
 
 
 def _link_functions(functions: Sequence[tuple[Any, Signature]]) -> Any:
-    """Return a module of all functions, their entries, and what they call."""
+    """Return a module of all functions, their entries, and their callees."""
     module = llvm.parse_assembly(_SQUARE_ROOT)
     with _plain_processor() as context:
         for function, signature in functions:
@@ -204,7 +203,7 @@ def _check_symbols(module: Any) -> None:
 
 
 class _Library(AOTCodeLibrary):
-    """Compiled functions that are linked as they are: the whole text is optimised once, at the end."""
+    """Compiled functions that are linked without optimisation: the complete text is optimised once, at the end."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = str(self._codegen.target_data)

@@ -47,7 +47,7 @@ class Location:
 
 
 def loop_element(array: str, offset: int = 0, index: str = "i") -> Location:
-    """Return the place of the element of a vector that a loop is at."""
+    """Return the location of the element of a vector that a loop is at."""
     return Location(array, offset, ((index, 1),))
 
 
@@ -66,7 +66,7 @@ class Compute:
 
 @dataclass(frozen=True)
 class Load:
-    """``target = place``."""
+    """``target = location``."""
 
     target: str
     location: Location
@@ -74,7 +74,7 @@ class Load:
 
 @dataclass(frozen=True)
 class StoreTo:
-    """``place = value``."""
+    """``location = value``."""
 
     location: Location
     value: Operand
@@ -82,7 +82,7 @@ class StoreTo:
 
 @dataclass(frozen=True)
 class ProgramCall:
-    """A call of another program of the same text, at another state: its `at` and `y`, and where results go."""
+    """A call of another program of this text at another state: its `at` and `y`, and where results go."""
 
     program: str
     at: str
@@ -106,7 +106,7 @@ class EngineCall:
 
 @dataclass(frozen=True)
 class Gather:
-    """``index = place``, a whole number of one of the program's tables: an index for the places that follow."""
+    """``index = location``, an integer of one of the program's tables: an index for the locations that follow."""
 
     index: str
     location: Location
@@ -122,7 +122,7 @@ class Ordinal:
 
 @dataclass(frozen=True)
 class Loop:
-    """The same lines for every value of an index from 0 to count - 1, ascending.
+    """Lines that are repeated for every value of an index from 0 to count - 1, ascending.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class Loop:
 
     @property
     def independent(self) -> bool:
-        """Whether no pass reads or writes what another writes, so that some can be made side by side."""
+        """Whether no pass reads or writes a location that another pass writes: passes may go side by side."""
         lines = list(nested_lines(self.body))
         counts = {line.index: line.count for line in (self, *lines) if isinstance(line, Loop | Reduction)}
         indices = {*counts, *(line.index for line in lines if isinstance(line, Gather))}
@@ -229,7 +229,7 @@ class Reduction:
 
     @property
     def starts(self) -> tuple[Operand, ...]:
-        """What each total begins as."""
+        """The initial value of each total."""
         return self.start if isinstance(self.start, tuple) else (self.start,) * len(self.totals)
 
 
@@ -262,7 +262,7 @@ def nested_lines(body: Iterable[Instruction]) -> Iterator[Instruction]:
 
 
 def named_arrays(line: Instruction) -> set[str]:
-    """Return the arrays that a line names: that of its place, or those that it hands to another program."""
+    """Return the arrays that a line names: that of its location, or those that it hands to another program."""
     match line:
         case Load() | StoreTo():
             return {line.location.array}

@@ -1,9 +1,8 @@
 """A program as Python: what a record quotes, and what runs where nothing is compiled.
 
-The operations of the laws: each is one function of numbers, and how it is written in Python.
-
-All are operations of IEEE 754 or functions of `elementary`, and the same everywhere: for floats, for arrays and for
-numbers that stand for lines of LLVM text.
+Each operation of a law is one function of numbers, with its spelling in Python. All are operations of IEEE 754 or
+functions of `elementary`, and the same everywhere: for floats, for arrays and for numbers that stand for lines of LLVM
+text.
 """
 
 from __future__ import annotations
@@ -124,7 +123,7 @@ PYTHON: dict[str, Any] = {
 
 
 def python_of_set(math_functions: str) -> dict[str, Any]:
-    """Return what printed Python calls, with the elementary functions of a set."""
+    """Return the functions that printed Python calls, with the elementary functions of a set."""
     functions = {
         f"_{name}" if name == "power" else name: _as_numpy_float(function)
         for name, function in SETS[math_functions].items()
@@ -208,7 +207,7 @@ class _PythonPrinter:
                 self._reduction(line)
 
     def _print_pass(self, line: Loop | Reduction, inner: list[str]) -> None:
-        """Print a loop of these lines."""
+        """Print a loop over given lines."""
         passes = str(line.count)
         if isinstance(line, Reduction) and (line.below or line.above):
             passes = line.below or f"{line.above} + 1, {line.count}"

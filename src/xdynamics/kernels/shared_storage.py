@@ -1,21 +1,21 @@
-"""Large arrays of a program that share memory: where one is read for the last time, another one may begin.
+"""Storage of a program's large arrays: shared memory, copies that are saved, and allocation on the heap.
 
-A state at which a method evaluates forces is a position, a velocity, an acceleration and a force for each coordinate, of
-which later stages read the velocity and the acceleration alone, and not of every stage. So the position of the next one
-stands where the force of the last one was, and what is read no more makes room, as registers of a compiler do. The new
-state and its error are written last: until then stages may stand there, too.
+Where an array is read for the last time, another one may begin. A state at which a method evaluates forces is a
+position, a velocity, an acceleration and a force for each coordinate, of which later stages read the velocity and the
+acceleration alone, and not of every stage. So the position of the next one stands where the force of the last one was,
+and what is read no more makes room, as registers of a compiler do. The new state and its error are written last: until
+then stages may stand there, too.
 
-What the lines of a program read and write, part by part of its arrays, with those of programs that it calls.
+What the lines of a program read and write is listed part by part of its arrays, with those of programs that it calls.
 
-Copies of vectors that machine code need not make: a vector stands where its copy goes, if nothing tells the difference.
+Some copies of vectors are saved in machine code: a vector stands where its copy goes, if no line tells the difference.
+The lines of a method give every vector a name of its own, and the last of them copy some to the new state. As text that
+is what a reader wants; for large models a step is as fast as its numbers come from memory, and half of them were
+copies.
 
-The lines of a method give every vector a name of its own, and the last of them copy some to the new state. As text that is
-what a reader wants; for large models a step is as fast as its numbers come from memory, and half of them were copies.
-
-Large arrays of a program, which are on the heap: the lines that ask for them, and what happens where there is no room.
-
-A program cannot raise. One that was given no memory calls a function of this module, and returns as if a number were
-missing. It is called on the thread on which the program runs, so what it notes belongs to one call of compiled code.
+Large arrays are on the heap. A program cannot raise: one that was given no memory calls a function of this module, and
+returns as if a number were missing. It is called on the thread on which the program runs, so what it notes belongs to
+one call of compiled code.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ Spans = dict[str, tuple[str, int]]  # by name: in which array it stands, and fro
 
 @dataclass(frozen=True)
 class LineEffect:
-    """What a line reads and writes, by the names that it has for arrays.
+    """The reads and writes of a line, by its names of arrays.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class LineEffect:
 def effects_of(
     body: Sequence[Instruction], callees: Mapping[str, Program], names: Mapping[str, Part | None]
 ) -> list[LineEffect] | None:
-    """Return what each line does, with those of programs that are called; None where a line may do more.
+    """Return the effects of each line, with those of called programs; None where a line may have others.
 
     `names` has where arrays of a called program stand, None for those that nobody else sees.
     """
@@ -102,7 +102,7 @@ def effects_of(
 
 
 def line_effect_of(line: Instruction, names: Mapping[str, Part | None]) -> LineEffect:
-    """Return what one line reads and writes."""
+    """Return the reads and writes of one line."""
     lines = list(nested_lines((line,)))
     counts = {inner.index: inner.count for inner in lines if isinstance(inner, Loop | Reduction)}
     reads = [
@@ -124,7 +124,7 @@ def _is_copy(line: Instruction) -> bool:
 
 
 def location_parts(location: Location, counts: Mapping[str, int], names: Mapping[str, Part | None]) -> Iterator[Part]:
-    """Yield the part of an array in which a place is, for all values of its indices."""
+    """Yield the part of an array that a location covers, for all values of its indices."""
     array_part = names.get(location.array, (location.array, 0, 0))
     if array_part is None:
         return
@@ -139,7 +139,7 @@ def location_parts(location: Location, counts: Mapping[str, int], names: Mapping
 
 
 def _is_contiguous(location: Location, counts: Mapping[str, int]) -> bool:
-    """Whether a place is every element between its first and its last."""
+    """Whether a location covers every element between its first and its last."""
     return not location.strides or (
         len(location.strides) == 1 and location.strides[0][1] == 1 and counts.get(location.strides[0][0], 0) > 0
     )
@@ -163,7 +163,7 @@ Link = tuple[str, int, str, int, int]  # two arrays with the first elements of p
 
 
 def coalesce_copies(program: Program, callees: Mapping[str, Program], lengths: Mapping[str, int]) -> Program:
-    """Return a program with fewer copies and the same results.
+    """Return a program with fewer copies and unchanged results.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def coalesce_copies(program: Program, callees: Mapping[str, Program], lengths: M
 
 
 def _merge_array(program: Program, source: str, target: str, distance: int) -> Program:
-    """Let a local array be a part of another one."""
+    """Make a local array a part of another one."""
     views = {
         name: (target, first + distance, count) if array == source else (array, first, count)
         for name, (array, first, count) in program.views.items()
@@ -233,7 +233,7 @@ def _is_idle(line: Instruction, spans: Spans) -> bool:
 def _contents_read(
     effects: Sequence[tuple[int, LineEffect]], spans: Spans, sizes: Mapping[str, int], link: Link
 ) -> list[Any]:
-    """Return what every line finds in the arrays that it reads, by the line that wrote it, and what is left in the end.
+    """Return the writer of every value that each line reads, and the writers of the final contents.
 
     Two programs of the same lines that find the same everywhere compute the same, wherever their arrays stand. A line
     that reads where it writes by another name is noted, too: its passes may not be made in any order.
@@ -274,7 +274,7 @@ def _contents_read(
 
 
 def _overlapping_names(effect: LineEffect, atoms: Any) -> list[tuple[str, str]]:
-    """Return pairs of names by which a line reads, or writes twice, and writes the same elements."""
+    """Return pairs of names by which a line reads and writes, or writes twice, common elements."""
     places = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.writes]
     read_names = [(part[0], {atom[:2] for atom in atoms(part)}) for part in effect.reads]
     return [
@@ -340,7 +340,7 @@ class _Lifetime:
 def with_shared_storage(
     program: Program, callees: Mapping[str, Program], lengths: Mapping[str, int], threshold: int
 ) -> Program:
-    """Return a program whose large arrays stand in one, or in its results, as long as they are read; with the same numbers.
+    """Return a program whose large arrays share storage, or use its results, while they are read.
 
     Parameters
     ----------
@@ -373,7 +373,7 @@ def with_shared_storage(
 
 
 def _timed_effects(program: Program, callees: Mapping[str, Program]) -> Times | None:
-    """Return what lines do; of a call all at one time, as the called program is told that its arrays lie apart."""
+    """Return effects by line; those of a call have one time, as the callee is told that its arrays do not overlap."""
     times: Times = []
     for number, line in enumerate(program.body):
         effects = effects_of((line,), callees, {})
@@ -387,7 +387,7 @@ def _timed_effects(program: Program, callees: Mapping[str, Program]) -> Times | 
 
 
 def _separate_results(program: Program, callees: Mapping[str, Program], large: Iterable[str]) -> Program:
-    """Return a program in which what a call reads and what it writes are two arrays, so that they need not be neighbours."""
+    """Return a program in which reads and writes of a call are two arrays, which need not be adjacent."""
     named_parts = list(_named_parts(program))
     begins: dict[str, int] = {}
     for line in program.body:
@@ -420,7 +420,7 @@ def _named_parts(program: Program) -> Iterator[Part]:
 
 
 def _split_arrays(program: Program, begins: Mapping[str, int]) -> Program:
-    """Give the elements of arrays from one on names of their own, of arrays of the same lengths."""
+    """Name the elements of arrays from a given one on as arrays of their own, with unchanged lengths."""
 
     def array_name(array: str, first: int) -> str:
         return f"{array}{APART}" if first >= begins.get(array, first + 1) else array
@@ -536,11 +536,12 @@ def _free_starts(parts: Sequence[_Lifetime], full: Sequence[_Lifetime]) -> Itera
 
 MOST_ON_STACK = 10_000  # numbers of an array; larger ones are on the heap
 LACKING = "xdynamics_lacking"  # what a program calls that was given no memory
+# noalias as a return attribute: no other pointer of the program reaches that memory
 DECLARED = f"declare noalias ptr @malloc(i64)\ndeclare void @free(ptr)\ndeclare void @{LACKING}()"
 
 
 class _Allocation(threading.local):
-    """What programs were given on one thread."""
+    """The state of allocations on one thread."""
 
     refused = False
 
@@ -550,7 +551,7 @@ _ALLOCATION = _Allocation()
 
 @ctypes.CFUNCTYPE(None)
 def note_refusal() -> None:
-    """Note that a program was given no memory."""
+    """Record that a program was given no memory."""
     _ALLOCATION.refused = True
 
 
@@ -565,7 +566,7 @@ def was_refused() -> bool:
 
 
 def refusal_lines(arrays: Sequence[str], unsound: str, lanes: int) -> list[str]:
-    """Return the lines after which arrays are there; without memory for one, the program says so and returns nan.
+    """Return the lines that check allocated arrays; without memory for one, the program reports it and returns nan.
 
     Parameters
     ----------

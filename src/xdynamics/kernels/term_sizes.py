@@ -1,9 +1,9 @@
-"""A program of forces as one of the sizes of their terms: what the rounding of accelerations and rates is a share of.
+"""Sizes of the terms in a program of forces, of which rounding of accelerations and rates is a share.
 
-The size of a sum is the sum of the sizes of its terms, whatever their signs; the size of a product grows as its factors'
-sizes do. Where nothing cancels, a size is the absolute value. What is solved for has the sizes of all that it follows from:
-forces of contacts, friction and constraints are terms among the others (running error analysis; Higham, Accuracy and
-Stability of Numerical Algorithms, 2nd ed., section 3.3).
+The size of a sum is the sum of the sizes of its terms, whatever their signs; the size of a product grows as its
+factors' sizes do. Where nothing cancels, a size is the absolute value. What is solved for has the sizes of all that it
+follows from: forces of contacts, friction and constraints are terms among the others (running error analysis; Higham,
+Accuracy and Stability of Numerical Algorithms, 2nd ed., section 3.3).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _SCALED = ("multiply", "divide")
 
 
 def term_sizes_program(layout: Layout) -> Program:
-    """Write the size of the terms of every acceleration and rate at a state, where `forces` writes these themselves.
+    """Write the term sizes of accelerations and rates at a state, to the locations of `forces`' results.
 
     What contacts of many links add is no part of it: they bear what the other terms press them with.
     """
@@ -85,7 +85,7 @@ class _TermSizes:
                 yield line
 
     def _size_location(self, location: Location) -> Location:
-        """Return the place of a size: behind all numbers of an array of the program."""
+        """Return the location of a size: behind all numbers of an array of the program."""
         return replace(location, offset=location.offset + self.program.local[location.array])
 
     def _rewrite_store(self, line: StoreTo) -> Iterator[Line]:
@@ -143,7 +143,7 @@ class _TermSizes:
         yield Compute(self._size_of_target(line.target), "choose", (is_left, size, second_size))
 
     def _size_of_product(self, line: Compute) -> Iterator[Line]:
-        """Write the size of a product, or of a quotient: what the size of either operand makes of it."""
+        """Write the size of a product, or of a quotient, from the sizes of its operands."""
         left, right = line.arguments
         (size, first), (second_size, second) = map(self._size_of, line.arguments)
         yield from (*first, *second)

@@ -1,6 +1,7 @@
-"""Reasons to doubt the accuracy of a finished run, stated in its outcome so that nobody takes its digits on trust.
+"""Doubts about the accuracy of a finished run, stated in its outcome so that nobody takes its digits on trust.
 
-Errors that given absolute tolerances, or given steps, do not control, and the variables in which they matter.
+Given absolute tolerances, or given steps, leave some errors uncontrolled: the variables in which these matter are
+named.
 """
 
 from __future__ import annotations
@@ -155,7 +156,7 @@ def _given_atols(tolerances: Tolerances, layout: Layout) -> Floats:
 
 
 def _largest_estimates(march: March) -> Floats:
-    """Return the largest estimated error of each variable in any kept step; nan where none is known.
+    """Return the largest estimated error of each variable in any recorded step; nan where none is known.
 
     Steps are as short as the strictest tolerance requires: other errors are far below what theirs would allow.
     """
@@ -361,7 +362,7 @@ def _switch_count_doubts(march: March) -> Iterator[str]:
 
 
 def smooth_switch_remark(march: March) -> str:
-    """Return which switches declared smooth were stepped over, and what that costs."""
+    """Return which switches declared smooth were stepped over, how often, and the remedy."""
     counts, times = march.passed
     if not counts.any():
         return ""
@@ -455,7 +456,7 @@ def _event_position_doubts(march: March) -> Iterator[str]:
 
 
 def _implied_condition_doubts(model: Model) -> Iterator[str]:
-    """Report conditions that others imply but for a share which is too small to be kept."""
+    """Report conditions that are implied by others except for a remainder too small to be enforced."""
     implied = implied_at_start(model.statement) if model.constraints else ()
     if implied and len(conditions(model)) - len(implied) < independent_counts(model)[0]:
         names = ", ".join(f"'{conditions(model)[condition_index].name}'" for condition_index in implied)
@@ -489,7 +490,7 @@ def _stopped_slip_doubts(march: March) -> Iterator[str]:
 
 
 def _held_link_doubts(march: March) -> Iterator[str]:
-    """Report that bodies which were to bounce for ever were held, by forces of which the method loses its order."""
+    """Report bodies whose endless bounces ended in rest, by forces for which the method loses its order."""
     method, model = march.settings.method, march.model
     curved = curved_contacts(model) if march.held_links and Trait.HELD_LINKS in method.refuses else []
     if curved:

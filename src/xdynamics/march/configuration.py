@@ -144,7 +144,7 @@ def _logged_columns(model: Model, requested_log: Any) -> str | tuple[str, ...]:
 
 
 def _default_log(model: Model) -> str:
-    """Return what is logged where nothing is asked for: of a large model with dimensions its states alone."""
+    """Return the default log: of a large model with dimensions its states alone."""
     large = bool(model.shapes.dims) and 2 * len(model.statement.coordinates) + len(model.statement.states) > MOST_LOGGED
     return STATES if large else FULL
 
@@ -177,13 +177,13 @@ def rerun(model: Model, **requested_settings: Any) -> Model:
 
 
 def _join_with_run(defaults: Mapping[str, Any], requested: dict[str, Any]) -> dict[str, Any]:
-    """Join the two, and what holds where neither says it."""
+    """Merge requested settings into those of `[run]`, over the defaults of both."""
     requested = {key: _in_unit_of(defaults.get(key), value) for key, value in requested.items()}
     return {"force_samples": "all", "scales": None} | merge_settings(defaults, requested)
 
 
 def _in_unit_of(default: Any, value: Any) -> Any:
-    """Give a text without a unit, as it comes from a command line, the unit of the time that the model's file says."""
+    """Give a text without a unit, as from a command line, the unit of the model file's value."""
     if isinstance(value, str) and isinstance(default, str) and is_number(value) and not is_number(default):
         return f"{value} {unit_text(default)}".strip()
     return value
@@ -287,7 +287,7 @@ def _default_estimator(method: Method, tolerances: Tolerances | None) -> str:
 
 
 def _method_of_order(method: Method, order: int | None, tolerances: Tolerances | None, lowest_rtol: float) -> Method:
-    """Return a method of the order that is asked for, or that its tolerance asks for.
+    """Return a method of the requested order, or of the order that its tolerance suits.
 
     Raises
     ------
@@ -336,7 +336,7 @@ def _switch_treatment(model: Model, choice: str | None) -> str:
 
 
 def _default_summation(method: Method, model: Model, precision: str | None) -> str:
-    """Return the default summation: compensated where rounding is what is left of the error, in long runs and tight ones."""
+    """Return the default summation: compensated where rounding remains of the error, in long or tight runs."""
     if precision == DOUBLE_DOUBLE or (model.constraints and method.kept):
         return PLAIN
     return COMPENSATED if (method.symplectic or method.stepper.compensates) and updates(method) else PLAIN

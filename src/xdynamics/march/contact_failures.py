@@ -1,7 +1,4 @@
-"""Why a contact problem had no solution, in words.
-
-Why contacts of many links ended a march, in words.
-"""
+"""Reasons why a contact problem had no solution, in words: of contacts, and of contacts of many links."""
 
 from __future__ import annotations
 
@@ -161,7 +158,7 @@ def balance_inconsistency(march: March) -> str:
 
 
 def law_violation(march: March) -> str:
-    """Say which contact pulls, holds more than friction can, slips against its friction, or is penetrated."""
+    """Return which contact pulls, exceeds its friction, slips against it, or is penetrated."""
     run = march.run
     detector = march.layout.watched[int(run.balance[OWNER])]
     dimension = function_dimension(march.model, detector)
@@ -262,7 +259,7 @@ def _link(march: March) -> str:
 
 
 def _of_closed(march: March, gap: Dimension) -> str:
-    """Say what is wrong with forces, gaps or energy of closed links."""
+    """Describe a fault in forces, gaps or energy of closed links."""
     run, count = march.run, int(march.run.closed[0])
     match int(run.counters[FAULT]):
         case broad_phase.STRAINED:

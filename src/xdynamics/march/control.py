@@ -1,7 +1,4 @@
-"""Step control: the error test, the next step, the first step.
-
-Judge a trial, and land the march on its end.
-"""
+"""Step control: the error test, the verdict on a trial, the first and the next step, and the landing on the end."""
 
 from __future__ import annotations
 
@@ -109,7 +106,7 @@ def largest_ratio(run: Run, width: float) -> float:
 
 @jit_inline
 def term_rounding(run: Run, i: int, width: float) -> float:
-    """Return what rounding of its terms, whose sizes were found, makes of a variable in a step."""
+    """Return the rounding of a variable in a step by its terms, whose sizes are known."""
     n, rounding = run.plan[0].coordinates, run.plan[0].rounding
     if i < n:
         return float(_of_coordinate(rounding, width, state_slope(run, run.probe, n + i)))
@@ -118,7 +115,7 @@ def term_rounding(run: Run, i: int, width: float) -> float:
 
 @jit_separate
 def forget_rounding(run: Run) -> None:
-    """Forget sizes of what has moved by no more than the rounding of forces since the start: it has rested, and is let go."""
+    """Reset to zero the sizes of variables that moved by no more than the rounding of forces since the start."""
     plan, now = run.plan[0], run.now[0]
     if not plan.follows or plan.rounding == 0.0:
         return
@@ -133,12 +130,13 @@ def forget_rounding(run: Run) -> None:
 def shortest_step(run: Run) -> float:
     """Return the shortest step that may be tried where the march stands."""
     t = run.now[0].t
+    # t + h is rounded to the spacing of floats at t: of a shorter step too few digits would be left
     return max(run.plan[0].min_step, SPACINGS * (np.nextafter(t, np.inf) - t))
 
 
 @jit_inline
 def step_factors(run: Run) -> tuple[float, float, float]:
-    """Return the factor after an accepted step, what the next one remembers, and the factor after a rejected one."""
+    """Return the factor after an accepted step, the controller's memory, and the factor after a rejected step."""
     plan, now = run.plan[0], run.now[0]
     if run.kept[0].growth > 0.0:  # the stepper proposes it
         return _predicted(run.kept[0].growth, plan.least, plan.greatest)

@@ -156,7 +156,7 @@ def _at_rest(columns: Floats, n: int, *, doubled: bool) -> Floats:
 
 
 def _in_internal_units(numbers: Floats, factors: Floats) -> Floats:
-    """Return recorded numbers in internal units: the same array where these are the same."""
+    """Return recorded numbers in internal units; the array itself where all factors are 1."""
     return numbers if not len(numbers) or (factors == 1.0).all() else numbers / factors
 
 
@@ -265,7 +265,7 @@ class PartsAbreast:
 def step_start_rows(
     time: Floats, low: NDArray[np.int64], high: NDArray[np.int64], times: Floats, *, last_at_time: bool
 ) -> NDArray[np.int64]:
-    """Return the row at the start of the step to each time, between two rows; see `row_search.rows_of_times`."""
+    """Return the row at the start of the step to each time, between two rows; see `step_parts.rows_of_times`."""
     rows = np.empty(times.size, np.int64)
     engine().rows_of_times(np.ascontiguousarray(time), low, high, np.ascontiguousarray(times), last_at_time, rows)
     return rows

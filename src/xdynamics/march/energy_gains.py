@@ -1,4 +1,4 @@
-"""Impacts that create energy, as Newton's law of restitution may with Coulomb friction: which ones, and how much."""
+"""Impacts that create energy, as Newton's law of restitution may with Coulomb friction, and the energy gained."""
 
 from __future__ import annotations
 

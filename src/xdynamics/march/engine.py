@@ -52,7 +52,7 @@ class Lanes(NamedTuple):
 
     march: Callable[..., bool]  # `lanes.march_lanes`, to be called with the runs
     gather: Callable[..., None]  # `lanes.gather_rows`
-    parts: Callable[..., None]  # `lanes.parts_of_steps`, to be called with a run
+    parts: Callable[..., None]  # `step_parts.parts_of_steps`, to be called with a run
 
 
 class Solvers(NamedTuple):

@@ -1,15 +1,13 @@
-"""Further entries of the compiled engine, besides `loop.march`: many marches, states inside steps.
+"""Entries of the compiled engine besides `loop.march`: many marches, states inside steps, growth of errors.
 
-How far a state inside a step is from a more accurate one.
+A state inside a step is judged by its distance from a more accurate one.
 
-States inside steps over impacts of many links: each impulse of the step is spread over it, as a force that is constant.
+Inside a step over impacts of many links, each impulse of the step is spread over it, as a force that is constant. So
+recorded forces act, which are means over steps, and links are solved for once, not for each time inside.
 
-So recorded forces act, which are means over steps, and links are solved for once, not for each time inside.
-
-Growth of an error in a state along a run: two marches side by side from one of its rows, and their distance.
-
-Both take the same steps of the Bogacki-Shampine pair of order 3 and 2 (1989, Applied Mathematics Letters 2, 321), as
-long as two digits of their distance allow: the distance is the tangent map of the motion times a vector, by differences.
+The growth of an error along a run is the distance of two marches side by side from one of its rows. Both take the same
+steps of the Bogacki-Shampine pair of order 3 and 2 (1989, Applied Mathematics Letters 2, 321), as long as two digits of
+their distance allow: the distance is the tangent map of the motion times a vector, by differences.
 """
 
 from __future__ import annotations
@@ -88,7 +86,7 @@ def steps_over_links(run: Run) -> bool:
 
 @jit_separate
 def part_with_impulses(run: Run, steps: Columns, k: int, s: float) -> bool:
-    """Make the part `s` of a step, of which `steps` has start, end, size, time and run; whether its impulses were found."""
+    """Make the part `s` of a step (start, end, size, time, run in `steps`); whether impulses have a solution."""
     run.trial[0].rest, run.kept[0].since = 0.0, BEGUN
     # times inside one step stand side by side: its impulses are found once, and kept in `whole`
     if k == 0 or s == 1.0 or steps[0, k] != steps[0, k - 1] or steps[4, k] != steps[4, k - 1]:
@@ -104,7 +102,7 @@ def part_with_impulses(run: Run, steps: Columns, k: int, s: float) -> bool:
 
 @jit_separate
 def keep_changes(run: Run) -> None:
-    """Keep what impulses of the step that was just made changed velocities by."""
+    """Store the velocity changes by impulses of the step just made."""
     n = run.plan[0].coordinates
     for i in range(n):
         run.whole[i] = run.z[n + i] - run.half[n + i] if run.counters[TOGETHER] > 0 else 0.0
@@ -441,7 +439,7 @@ def states_inside(
 
 
 def follow_growths(address: Any, states: Floats, moves: Floats, work: Floats, growth_rows: Floats) -> None:
-    """Follow the growth of an error along a run from each state; see `perturbation.follow_error`.
+    """Follow the growth of an error along a run from each state; see `follow_error`.
 
     Parameters
     ----------
@@ -495,7 +493,7 @@ def stand_at_state(run: Run, states: Floats, k: int) -> None:
 
 @jit_separate
 def set_slopes_at_state(run: Run, states: Floats, k: int) -> None:
-    """Do the same for slopes alone, without touching force terms; a time alone stands for the state that is there."""
+    """Set the run to a time and a state for slopes alone, without force terms; `states` of one row keeps the state."""
     used, t, size, doubled = run.plan[0].used, states[0, k], run.y.shape[0], run.plan[0].doubled > 0
     for i in range(0 if states.shape[0] == 1 else size if doubled else used):
         run.y[i] = states[1 + i, k] if 1 + i < states.shape[0] else 0.0
@@ -575,10 +573,10 @@ def step_by_newton(address: Any, _t: float, _t1: float, _h: float, y: Any, z: An
 
 
 def step_by_radau(address: Any, t: float, t1: float, h: float, y: Any, z: Any, sample: int) -> None:
-    """Make a step by `march.implicit.radau`, in the same way."""
+    """Make a step by `march.implicit.radau`, compiled once for all callers by address."""
     radau_step(run_at(address), t, t1, h, floats_at(y), floats_at(z), sample)
 
 
 def step_by_series(address: Any, _t: float, _t1: float, _h: float, y: Any, z: Any, sample: int) -> None:
-    """Make a step by `march.series`, in the same way."""
+    """Make a step by `march.series`, compiled once for all callers by address."""
     series_step(run_at(address), floats_at(y), floats_at(z), sample)

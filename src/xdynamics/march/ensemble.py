@@ -129,7 +129,7 @@ class Runs:
 
     @property
     def last_rows(self) -> NDArray[np.int64]:
-        """Number of each run's last row among those kept."""
+        """Index of each run's last row in the rows of all runs, shape (n,)."""
         return self.first_row[1:] - 1
 
     def events_of(self, run: int) -> NDArray[Any]:
@@ -162,7 +162,7 @@ def march_many(
     lanes: int | None = None,
     room: Room | None = None,
 ) -> Runs:
-    """March a model many times with different numbers; every run is the same, to the bit, as when marched alone.
+    """March a model many times with different numbers; every run has, to the bit, the result of a single march.
 
     Parameters
     ----------

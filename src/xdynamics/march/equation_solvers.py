@@ -1,4 +1,4 @@
-"""What solves the equations of a step: where its code is, the arrays that it works on, what a record says of it."""
+"""Solvers of the equations of a step: their code, the arrays that they work on, and their columns in a record."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Solver(NamedTuple):
 
 
 def solver_of(method: Method) -> Solver:
-    """Return what solves the equations of a method's steps."""
+    """Return the solver of the equations of a method's steps."""
     return _SOLVERS[method.solver]
 
 

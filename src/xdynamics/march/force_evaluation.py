@@ -1,16 +1,11 @@
-"""Force evaluations at a state, and their storage.
+"""Force evaluations at a state: their storage, times to 31 digits, unit quaternions, and reset values.
 
-Times to 31 digits, where numbers are sums of two floats: a float as ever, and what is left of the time beside it.
+Where numbers are sums of two floats, a time is a float and the rest of the time beside it. The grid, nodes and ends lie
+at the floats at which they lie without rests, so that the rows of both runs belong together; a rest may therefore be
+larger than half a spacing.
 
-The grid, nodes and ends lie at the floats at which they lie without rests, so that the rows of both runs belong together;
-a rest may therefore be larger than half a spacing.
-
-Attitudes: quaternions of unit length, to which they are brought back after every step.
-
-A step by a method of order p followed by that projection is one of order p (Hairer, Lubich, Wanner, Geometric Numerical
-Integration, 2nd ed., IV.4).
-
-What events and controllers set a state to.
+Attitudes are quaternions of unit length, to which they are brought back after every step. A step by a method of order p
+followed by that projection is one of order p (Hairer, Lubich, Wanner, Geometric Numerical Integration, 2nd ed., IV.4).
 """
 
 from __future__ import annotations
@@ -36,7 +31,7 @@ SPLITTER = 134217729.0  # 2**27 + 1: it parts a float into halves of 26 bits
 
 @jit_inline
 def time_rest(run: Run, t: float) -> float:
-    """Return what is left of a time: of the state's or of the trial's; any other is a float."""
+    """Return the rest of a time: of the state's or of the trial's; any other time is a float."""
     now, trial = run.now[0], run.trial[0]
     if t == now.t:
         return float(now.rest)
@@ -61,7 +56,7 @@ def set_step(run: Run, t: float, t1: float, h: float) -> None:
 
 @jit_inline
 def grid_rest(start: float, start_rest: float, step: float, step_rest: float, number: int) -> float:
-    """Return what start + number*step is more than its float, by exact products and sums (Dekker 1971, Knuth)."""
+    """Return the rest of start + number*step beside its float, by exact products and sums (Dekker 1971, Knuth)."""
     count = float(number)
     product = count * step
     scaled_count, scaled_step = SPLITTER * count, SPLITTER * step
@@ -85,7 +80,7 @@ def evaluate_forces(run: Run, t: float, state: State) -> None:
 
 @jit_separate
 def evaluate_held(run: Run, t: float, state: State, h: float) -> None:
-    """Evaluate the forces at a state, which is put where constraints hold, if there are any, after a step or none (0)."""
+    """Evaluate the forces at a state after its projection onto constraints, if any; h is the step before, or 0."""
     if run.plan[0].held > 0:
         settle_constraints(run, t, state, h)
     else:
@@ -94,7 +89,7 @@ def evaluate_held(run: Run, t: float, state: State, h: float) -> None:
 
 @jit_separate
 def settle_constraints(run: Run, t: float, state: State, h: float) -> None:
-    """Put a state where constraints hold, after a step or none (0), and evaluate the forces there."""
+    """Project a state onto constraints, and evaluate the forces there; h is the step before, or 0."""
     set_time(run, T, t)
     run.at[H] = h
     call_law(run.law[run.plan[0].held], run, state, state, 0)
@@ -103,7 +98,7 @@ def settle_constraints(run: Run, t: float, state: State, h: float) -> None:
 
 @jit_separate
 def find_term_sizes(run: Run, t: float, state: State) -> None:
-    """Find the sizes of the terms of accelerations and rates at a state; they are stored in `probe`, where these would be."""
+    """Compute the term sizes of accelerations and rates at a state, stored in `probe` in place of these."""
     time = run.at[T]
     run.at[T] = t
     call_law(run.law[run.law.shape[0] - 2], run, state, run.probe, 0)
@@ -128,13 +123,13 @@ def state_slope(run: Run, state: State, i: int) -> float:
 
 @jit_inline
 def leaves_samples(run: Run) -> bool:
-    """Whether force samples are counted and not kept, since no column of the record shows them."""
+    """Whether force samples are counted and not stored, since no column of the record shows them."""
     return run.base[0].room == 0
 
 
 @jit_separate
 def keep_sample(run: Run, t: float, state: State, first: int) -> None:
-    """Store a force evaluation of the trial, from place `first` of its samples on."""
+    """Store a force evaluation of the trial, from index `first` of its samples on."""
     used, samples, evaluated = run.plan[0].used, run.samples, run.log_samples.shape[0] - 3 - run.plan[0].used
     forces = used + run.plan[0].evaluated - evaluated  # the last of them
     if run.plan[0].samples == 0 or leaves_samples(run):
@@ -184,7 +179,7 @@ def normalise_quaternion(run: Run, k: int, length: float) -> None:
 
 @jit_separate
 def put_reset_value(run: Run, k: int, state: State) -> None:
-    """Put a value that was computed into its place of a state."""
+    """Write a computed reset value into a state, with its own compensation: 0, or the rest of a sum of two floats."""
     first_compensation = run.plan[0].used + run.plan[0].evaluated
     state[run.targets[k, 1]] = run.resets[k]
     if first_compensation < state.shape[0]:  # rounding carried for the value before is not that of the new one

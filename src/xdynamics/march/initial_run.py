@@ -251,7 +251,7 @@ def _switch_plan(layout: Layout, settings: Settings) -> dict[str, int]:
 
 
 def _rests_of_grid(model: Model, layout: Layout, step: float) -> dict[str, float]:
-    """Return whether numbers are sums of two, and then what is left of the start and of the step."""
+    """Return whether numbers are sums of two floats, and the rests of the start and of the step."""
     if not layout.is_doubled:
         return {"doubled": 0, "start_rest": 0.0, "step_rest": 0.0}
     return {"doubled": 1, "start_rest": quantity_rest(model.statement.initial["t"]), "step_rest": rest_of_time(step)}
@@ -264,7 +264,7 @@ def _left_polynomial(law: Law) -> dict[str, int]:
 
 
 def _constraint_plan(model: Model, law: Law) -> dict[str, int]:
-    """Return the number of the program for constraints, where a state has what it did, whether it moves the start."""
+    """Return the number of the constraints' program, the index of its correction, and whether it moves the start."""
     if not model.constraints:
         return {"held": 0, "moved": 0, "consistent": 0}
     projection_index = law.layout.record.offset_of(PROJECTION.name)
@@ -293,7 +293,7 @@ def table_nodes(model: Model, scales: Scales) -> Floats:
 
 
 def _ticks_of(acting: tuple[Action, ...], model: Model, settings: Settings) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the times at which something acts, and what acts at each as bits of a number."""
+    """Return the times of actions, and the actions at each as bits of a number."""
     if not acting:
         return np.empty(0), np.empty(0, np.int64)
     first, last = exact_time(model.statement.initial["t"]), exact_value(settings.until)
@@ -332,7 +332,7 @@ def _law_parameters(model: Model, scales: Scales, *, doubled: bool) -> dict[str,
 
 
 def _constant_rest(model: Model, name: str) -> float:
-    """Return what is left of a constant beside the nearest float."""
+    """Return the rest of a constant beside the nearest float."""
     if name in model.statement.parameters:
         return quantity_rest(model.statement.parameters[name].quantity)
     if name == "pi":
@@ -341,17 +341,17 @@ def _constant_rest(model: Model, name: str) -> float:
 
 
 def quantity_rest(quantity: Quantity) -> float:
-    """Return what is left of a quantity in SI units beside the nearest float."""
+    """Return the rest of a quantity in SI units beside the nearest float."""
     return nearest(exact_value(quantity.value) * quantity.unit.factor).low
 
 
 def rest_of_time(time: float) -> float:
-    """Return what is left of a time beside its float."""
+    """Return the rest of a time beside its float."""
     return nearest(exact_value(time)).low
 
 
 def _node_rests(model: Model, settings: Settings, nodes: Floats) -> Floats:
-    """Return what is left of every node and of the end; breakpoints of tables are floats as they are."""
+    """Return the rests of every node and of the end; breakpoints of tables are plain floats."""
     if settings.precision != DOUBLE_DOUBLE:
         return np.empty(0)
     low_parts = {time: rest_of_time(time) for time in (*settings.nodes, settings.until)}
@@ -371,7 +371,7 @@ def _limits_domain(model: Model) -> bool:
 
 
 def _moving_trees(model: Model) -> Iterator[Node]:
-    """Yield what moves a model, without functions in Python."""
+    """Yield the forces, masses and rates of a model, without functions in Python."""
     parts = [part for terms in forces_by_coordinate(model).values() for part in terms.values()]
     rates = [state.rate for state in model.shaped.states.values()]
     for part in (*parts, *model.shaped.mass_entries.values(), *rates):

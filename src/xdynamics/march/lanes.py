@@ -1,11 +1,10 @@
 """Many runs side by side: each in a lane of vector code, which takes the next run when its own ends.
 
 `kernels.lane_step` makes ordinary steps in all lanes at once. Any other step, and the start, is made by the run's
-own `Run` in the single march, from the same state, and the lane goes on after it: so each run is the same, to the bit, as alone.
+own `Run` in the single march, from the same state, and the lane goes on after it: so each run is the same, to the bit,
+as alone.
 
-What a run is put into a lane with, and taken out of it with.
-
-Rows and events of runs side by side: kept in turn, then sorted into one run after the other.
+Rows and events of runs side by side are stored in turn, then sorted into one run after the other.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ IntArray = NDArray[np.int64]
 
 @jit_uncounted
 def put_in_lane(run: Run, blocks: Any, lane: int) -> None:
-    """Put a run into a lane, from its current state."""
+    """Load a run into a lane, from its current state."""
     now, plan, used, (step_numbers, y, _, p, pieces, w) = run.now[0], run.plan[0], run.plan[0].used, blocks
     w[L.t, lane], w[L.h, lane], w[L.norm, lane], w[L.tried, lane] = now.t, now.h, now.norm, now.norm
     w[L.step, lane], w[L.step_log, lane], w[L.rejected, lane] = now.step, now.step_log, float(now.rejected)
@@ -89,7 +88,7 @@ def aim_behind(run: Run, w: Floats, lane: int) -> None:
 
 @jit_uncounted
 def lend_to_lane(run: Run, step_numbers: Floats, y: Floats, p: Floats, pieces: IntArray, lane: int) -> None:
-    """Put state, parameters and tables of a run into a lane."""
+    """Load state, parameters and tables of a run into a lane."""
     step_numbers[REGIME, lane] = run.at[REGIME]
     for i in range(run.y.shape[0]):
         y[i, lane] = run.y[i]
@@ -107,7 +106,7 @@ def needs_single_march(run: Run) -> bool:
 
 @jit_uncounted
 def take_out_of_lane(run: Run, y: Floats, states_before: Floats, w: Floats, lane: int) -> None:
-    """Take a run out of its lane, complete, or so that the single march goes on from its state; its last row is written."""
+    """Unload a run from its lane, finished or for the single march to continue; its last row is written."""
     now, used = run.now[0], run.plan[0].used
     accepted = np.int64(w[L.accepted, lane])
     rejected = np.int64(w[L.done, lane]) - now.rows - now.trials - accepted
@@ -237,7 +236,7 @@ def gather_rows(
     to_rows: Floats,
     to_flags: Flags,
 ) -> None:
-    """Sort rows of many runs, kept in turn, into one run after the other.
+    """Sort the interleaved rows of many runs into one run after the other.
 
     Parameters
     ----------
@@ -455,7 +454,7 @@ def lacks_room(run: Run, lanes: int, lane_counters: IntArray, events: Any, keepi
 
 @jit_uncounted
 def cross_lane_node(run: Run, y: Floats, states_before: Floats, pieces: IntArray, w: Floats, lane: int) -> None:
-    """After a node, put the far side's forces into a lane, as in `loop.cross_node`; `states_before` keeps the near side."""
+    """After a node, load the far side's forces into a lane, as `loop.cross_node` does; near side in `states_before`."""
     now, t = run.now[0], w[L.t, lane]
     for i in range(run.y.shape[0]):
         states_before[i, lane] = run.z[i] = y[i, lane]

@@ -57,20 +57,20 @@ class Log(NamedTuple):
         return {f"log_{name}" if name != "base" else name: array for name, array in self._asdict().items()}
 
     def follow(self, *counts: int) -> None:
-        """Have it filled from its beginning, behind so many rows, trials, events and samples."""
+        """Start filling the log from its beginning, after given counts of rows, trials, events and samples."""
         self.base[0], self.links[:] = (*counts, self.base[0]["room"]), 0
 
     def lend(self, run: Run) -> None:
-        """Have a run write to this log from now on."""
+        """Let a run write to this log from now on."""
         run.put(**self.arrays_by_name())
 
     @property
     def closed_rows(self) -> NDArray[np.float64]:
-        """What has been written of closed links, shape (numbers, rows)."""
+        """The written rows of closed links, shape (numbers, rows)."""
         return self.closed[:, : int(self.links[0]) if self.links.size else 0]
 
     def make_ready(self, row: int, rows: int, sampled: int) -> None:
-        """Have the system provide the memory of some rows to come at once: page by page costs twice as much."""
+        """Let the system provide the memory of some future rows at once: page by page costs twice as much."""
         for array, first, count in ((self.rows, row, rows), (self.samples, sampled * row, sampled * rows)):
             memory = _memory_of(array)
             if memory is None or not count:
@@ -172,7 +172,7 @@ def is_empty(run: Run) -> bool:
 
 @jit_separate
 def overwrite_log(run: Run) -> None:
-    """Have the log overwritten, but for events."""
+    """Start the log from its beginning again, except for events."""
     now, base = run.now[0], run.base[0]
     base.rows, base.trials, base.samples = now.rows, now.trials, now.samples
     for i in range(run.log_links.shape[0]):
@@ -248,7 +248,7 @@ def note_trial(run: Run, h: float, norm: float, reason: int) -> None:
 
 @jit_separate
 def first_of_group(run: Run, row: int) -> int:
-    """Return the first of the newest events, those after a row; earlier runs may have others in the same log."""
+    """Return the first of the newest events after a row; the log may also have events of earlier runs."""
     first, first_possible = run.now[0].events - run.base[0].events, max(0, -run.base[0].events)
     while first > first_possible and run.log_events[first - 1].row_before == row:
         first -= 1
@@ -308,7 +308,7 @@ def allocate(
     samples_kept: bool = True,
     by_rows: bool = False,
 ) -> Log:
-    """Return an empty log for `rows` rows, with `sampled` force samples a step, whether these are kept or counted alone.
+    """Return an empty log for `rows` rows, with `sampled` force samples a step, stored or counted alone.
 
     If `one_by_one`, substeps are trials too; if `by_rows`, numbers of a row stand side by side.
     """

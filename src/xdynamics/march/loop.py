@@ -1,7 +1,7 @@
-"""The time loop: aim, propose, judge, accept or reject; where there may be an event, `events.dispatch` takes over.
+"""The time loop: aim, propose, judge, accept or reject; near an event `events.dispatch` takes over.
 
-Each phase is a procedure on a run and states only what changes. Compiled once for all models: the code of a model and
-a method is called by the addresses in `run.law`.
+Each phase is a procedure on a run and states only what changes. The loop is compiled once for all models: the code of a
+model and a method is called by the addresses in `run.law`.
 """
 
 from __future__ import annotations
@@ -201,7 +201,7 @@ def begin_march(run: Run) -> None:
 
 @jit_separate
 def begin_constraints(run: Run) -> None:
-    """Put the start where constraints hold, if that was asked for; else end a run that begins elsewhere."""
+    """Project the start onto constraints if that was requested; else end a run whose start violates them."""
     now, plan = run.now[0], run.plan[0]
     copy_numbers(run.y, run.z)
     settle_constraints(run, now.t, run.z, 0.0)
@@ -258,7 +258,7 @@ def aim_at_grid(run: Run, node: float) -> None:
 
 @jit_inline
 def aim_freely(run: Run, node: float) -> None:
-    """Take the step that control proposes, or the rest up to the next node."""
+    """Aim at the end of the step that control proposes, or at the next node."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     if plan.series > 0:
         choose_series_step(run)
@@ -272,7 +272,7 @@ def aim_freely(run: Run, node: float) -> None:
 
 @jit_separate
 def landing_rest(run: Run) -> float:
-    """Return what is left of the time that the trial aims at."""
+    """Return the rest of the time that the trial aims at."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     if trial.landing in (AT_NODE, AT_BOTH):
         return float(run.node_rests[now.node])

@@ -38,7 +38,7 @@ def changing_arrays(run: Run) -> dict[str, Array]:
 
 
 def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
-    """Restore such arrays in a run of the same model and settings, which then goes on the same, to the bit.
+    """Restore such arrays in a run of equal model and settings, which then continues with equal bits.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def _named_final_numbers(run: Run) -> tuple[str, Floats]:
 
 
 def rest_on(run: Run, numbers: Floats) -> None:
-    """Let the arrays of a march that has ended be parts of the numbers that its record keeps, instead of copies."""
+    """Make the arrays of a finished march views of its record's numbers, instead of copies."""
     if numbers.nbytes < LARGE:
         return
     first = 0
@@ -89,7 +89,7 @@ def rest_on(run: Run, numbers: Floats) -> None:
 
 
 def march_apart(march: Callable[[Run, int], None], run: Run, rows: int) -> None:
-    """March as many rows; what a start alone needs is given back after it, before a step is made."""
+    """March for a number of rows; memory of the start alone is released before a step is made."""
     if run.probe.nbytes >= LARGE and not run.now[0].rows:
         march(run, 0)
         _unwrite_arrays(run, OF_START)
@@ -103,7 +103,7 @@ def give_back_memory(run: Run) -> None:
 
 
 def _unwrite_arrays(run: Run, names: Iterable[str]) -> None:
-    """Put pages that are not written in the place of arrays that nothing reads any more."""
+    """Replace arrays that nothing reads any more by unwritten pages."""
     for name in names:
         if (array := getattr(run, name)).nbytes >= LARGE:
             run.put(**{name: unwritten(array.size)})

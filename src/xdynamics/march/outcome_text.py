@@ -1,6 +1,6 @@
-"""How a run ended, in words: its outcome, and the name of the first quantity that was not finite in a failed step.
+"""The outcome of a run in words, with the first quantity that was not finite in a failed step.
 
-The coordinate, velocity or state that made a test fail.
+A failed test is explained by the coordinate, velocity or state that made it fail.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ def _sliding(march: March) -> str:
 
 
 def _crowding(march: March) -> str:
-    """Say which events act without end at one time, and the remedy; nothing if it is a switch hidden in a force."""
+    """Describe events that act without end at one time, with a remedy; empty if a hidden switch does."""
     limits = march.run.departures["limit"]
     if not limits.size or not (limits > -np.inf).any():
         return ""
@@ -300,7 +300,7 @@ def _chattering(march: March) -> str:
 
 
 def _jump_text(march: March, switch: Detector | Switch) -> str:
-    """Say where a force switches."""
+    """Describe where a force switches."""
     quantity, labels = split_element_name(switch.name)
     owner, function = quantity.split(".")
     kind = function.split("_")[0]
@@ -318,13 +318,13 @@ def _jump_text(march: March, switch: Detector | Switch) -> str:
 
 
 def _equation(function: Node) -> str:
-    """Say where an expression is zero; of a difference, where both are equal."""
+    """Write the equation of an expression's zero; for a difference, that of both sides."""
     sides = (function.left, function.right) if isinstance(function, Binary) and function.operator == "-" else None
     return " = ".join(map(text_of, sides)) if sides else f"{text_of(function)} = 0"
 
 
 def _finite_cause(march: March) -> str:
-    """Say why a march cannot go on though everything is finite."""
+    """Explain why a march cannot continue though all numbers are finite."""
     norm, plan = float(march.now.norm), march.run.plan[0]
     match int(march.now.status):
         case status if status == REASON_ERROR:
@@ -363,7 +363,7 @@ def _finite_cause(march: March) -> str:
 
 
 def _unresolved(march: March) -> str:
-    """Say why an error is too large at the shortest step: a singularity is one cause, the rounding of terms another."""
+    """Explain an error too large at the shortest step: by a singularity, or by rounding of terms."""
     run, plan, name = march.run, march.run.plan[0], of_error(march)
     i, n = march.layout.used.index(name), march.layout.coordinates.size
     singular = "the solution has a singularity here, or t is too large for its time scale"
@@ -380,7 +380,7 @@ def _unresolved(march: March) -> str:
 
 
 def _unmet(march: March) -> str:
-    """Say that the result of a step could not be put where constraints hold."""
+    """State that the result of a step could not be projected onto constraints."""
     constraint_names = ", ".join(f"'{name}'" for name in march.model.constraints)
     remedy = (
         "they contradict each other, or the motion is singular here"
@@ -391,13 +391,13 @@ def _unmet(march: March) -> str:
 
 
 def _violated(march: March) -> str:
-    """Say that constraints do not hold at the start."""
+    """State that constraints are violated at the start."""
     constraint_names = ", ".join(f"'{name}'" for name in march.model.constraints)
     return f"constraints ({constraint_names}) do not hold at the start; give values that satisfy them, or [initial] consistent = true"
 
 
 def _row_failure(march: March) -> Failure:
-    """Name the energy or observable that is not finite in the last row, which was not kept."""
+    """Name the energy or observable that is not finite in the last row, which was not recorded."""
     column = march.bad_values
     bad = ", ".join(f"{name} is {column[name]}" for name in march.layout.derived if not isfinite(column[name]))
     for name in march.layout.drives:
@@ -493,7 +493,7 @@ def _at_end_of_table(march: March) -> str:
 
 
 def _state_failure(march: March, state: dict[str, float]) -> Failure:
-    """Examine a proposed state: drives, forces, then accelerations and what follows from them."""
+    """Examine a proposed state: drives, forces, then accelerations and quantities that follow from them."""
     layout = march.layout
     for name in layout.drives:
         if _leaves_table(march, name):

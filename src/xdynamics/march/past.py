@@ -1,10 +1,11 @@
-"""The past of a march with delays: a polynomial of every accepted step, and the breaking points that are still to come.
+"""The past of a march with delays: a polynomial of every accepted step, and the breaking points to come.
 
 Where the motion has a jump or a kink, a delayed value has one a delay later, and the motion one that is smoother by a
-derivative: the march lands on such points up to the order of the method (Hairer, Norsett, Wanner, Solving ODEs I, section
-II.17). Between two of them lies a stretch, and a step reads delayed values on its own side of the points that it lands on.
+derivative: the march lands on such points up to the order of the method (Hairer, Norsett, Wanner, Solving ODEs I,
+section II.17). Between two of them lies a stretch, and a step reads delayed values on its own side of the points that
+it lands on.
 
-Room for the past of a march with delays, and what is known of it before the march.
+Before the march, room is made for its past, and the delays and known breaking points are listed.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ ROUNDING = 8.0 * EPS  # of a time: two breaking points that differ by less are o
 
 @jit_separate
 def begin_past(run: Run) -> None:
-    """Have no past at the start, and the breaking points that follow from the start and from tables before it."""
+    """Begin with an empty past, and the breaking points of the start and of tables before it."""
     if run.delays.shape[0] == 0:
         return
     book = run.book[0]
@@ -48,14 +49,14 @@ def begin_past(run: Run) -> None:
 
 @jit_separate
 def echo(run: Run, t: float, level: int) -> None:
-    """Note the breaking points that follow from one, a delay later each; `level` is of the derivative that jumps there."""
+    """Add the breaking points one delay after a given one; `level` is the derivative that jumps there."""
     for k in range(run.delays.shape[0]):
         add_break(run, t + run.delays[k].time, level + 1)
 
 
 @jit_separate
 def add_break(run: Run, t: float, level: int) -> None:
-    """Note a breaking point to come, in its place among the others, unless it is smoother than the method can tell."""
+    """Insert a future breaking point in order of time, unless it is smoother than the method's order resolves."""
     book = run.book[0]
     if level > book.most:
         return
@@ -86,7 +87,7 @@ def soonest(run: Run, node: float) -> float:
 
 @jit_separate
 def pass_breaks(run: Run, t: float, level: int) -> None:
-    """Leave behind the breaking points that the march has landed on, and note what follows; a node has a level or -1."""
+    """Remove the breaking points at the march's landing, and add their echoes; a node has a level or -1."""
     book, lowest_level = run.book[0], np.int64(level)
     close = ROUNDING * max(abs(t), abs(run.plan[0].start))
     passed = 0
@@ -128,7 +129,7 @@ def note_past(run: Run) -> None:
 
 @jit_separate
 def enter_past(run: Run, until: float) -> None:
-    """Set every delay to the pieces of the past that a step from here to a time reads, or to what was before the start.
+    """Set every delay to the pieces of the past that a step up to a time reads, or to the history.
 
     They are those of the stretch in which the step begins to read, and all that begin before it ends to: a stretch ends,
     too, at breaking points that are too smooth for a step to end a delay later.
@@ -179,13 +180,13 @@ PIECES, BREAKS = 256, 64  # for which there is room at first
 
 
 class Past(NamedTuple):
-    """The steps of a run that is over: their pieces, and the numbers that belong to these."""
+    """The steps of a finished run: their pieces, and the counts of these."""
 
     pieces: Floats
     book: NDArray[Any]
 
     def lend(self, run: Run) -> None:
-        """Have a run of the same model and method read them."""
+        """Let a run of equal model and method read this past."""
         lend_past(run, self.pieces, self.pieces.size)
         run.book[...] = self.book
 
@@ -270,7 +271,7 @@ def drop_old(run: Run) -> None:
 
 
 def trim_past(run: Run) -> None:
-    """Keep no more of the past than what is known and may still be needed."""
+    """Reduce the past to the pieces that are known and may still be needed."""
     if run.delays.size:
         drop_old(run)
         size = int(run.book[0].pieces * run.book[0].width)
@@ -285,7 +286,7 @@ def fit_past_room(run: Run, past: int, breaks: int) -> None:
 
 
 def lend_past(run: Run, past: Floats, size: int) -> None:
-    """Have a run write its past to new memory, and begin it with another."""
+    """Give a run new memory for its past, which begins with given pieces."""
     # pieces are the end of `tables`, as programs find them by places in that array
     first = int(run.book[0].first)
     tables = np.append(run.tables[:first], np.zeros(size))

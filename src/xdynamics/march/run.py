@@ -3,9 +3,7 @@
 Named numbers are fields of arrays of one record, because compiled code cannot pass records around; fields are
 read and set as ``run.now[0].t``. The bytes of everything except the log and addresses are a march's whole memory.
 
-How long the arrays of a run live, and what their elements are, as the run's annotations say it.
-
-The named numbers of a march with delays.
+The run's annotations state how long each array lives, and what its elements are.
 """
 
 from __future__ import annotations
@@ -22,7 +20,7 @@ from xdynamics.kernels.program import TABLE, WORDS
 
 
 class ArrayKind(NamedTuple):
-    """What the elements of an array are, and how many dimensions it has; the name tells compiled code kinds apart.
+    """The type of an array's elements and its number of dimensions; compiled code tells kinds apart by name.
 
     With `either_order` the elements along the last dimension may be as far apart as the first one is long.
     """
@@ -52,7 +50,7 @@ class Within(NamedTuple):
 
 
 class Array(NamedTuple):
-    """What the annotation of an array of a run says."""
+    """The annotation of an array of a run."""
 
     kind: ArrayKind
     lifetime: Lifetime
@@ -77,7 +75,7 @@ Log = Annotated[T, Lifetime.LOG]
 
 
 def record_type(floats: str, integers: str) -> np.dtype[Any]:
-    """Return the type of a row of named numbers, floats and then whole ones."""
+    """Return the type of a row of named numbers, floats before integers."""
     fields = [(name, "f8") for name in floats.split()] + [(name, "i8") for name in integers.split()]
     return np.dtype((np.record, fields))
 
@@ -293,7 +291,7 @@ class Run:
     located: Passing[Trials]  # the trial that ends at an event
     g: Floats  # event functions at y
     g1: Passing[Floats]  # at z
-    region: Passing[Floats]  # see `events.event_free_region`
+    region: Passing[Floats]  # see `events.enclosures.set_region`
     box_variables: Given[Lists]  # of its box the sort, the coordinate or row, the place of its bounds
     half: Passing[Floats]  # the state after half a step
     whole: Passing[Floats]  # the state after a whole one, to judge two halves
@@ -431,7 +429,7 @@ class Run:
     law: Address[IntArray]  # of a step, 0 where nothing is solved
     functions: Address[
         IntArray
-    ]  # of operations on intervals, see `events.interval_operations.operation_addresses`, and entries of the engine
+    ]  # of operations on intervals, see `events.enclosures.operation_addresses`, and entries of the engine
     base: Log[Bases]  # the counts of `now` at the log's first row
     log_flags: Log[Flags]  # kind, regime
     log_samples: Log[LogRows]  # `Layout.sample`: time, step, stage, state, results
@@ -452,7 +450,7 @@ class Run:
         self.put(**arrays)
 
     def twins(self, count: int) -> Twins:
-        """Return runs like this one, to be marched side by side: what changes is copied, the rest is shared."""
+        """Return runs like this one, to be marched side by side: changing arrays are copied, others shared."""
         shared = (Lifetime.GIVEN, Lifetime.ADDRESS)
         names = [name for name, array in ARRAYS.items() if array.lifetime not in shared and not array.owner]
         arrays = [getattr(self, name) for name in names]

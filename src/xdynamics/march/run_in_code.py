@@ -1,13 +1,12 @@
-"""A run as numba compiles it: one pointer to a table of its arrays. Imported when the engine is compiled, and only then.
+"""A run as numba compiles it: one pointer to a table of its arrays, and calls by address in compiled code.
 
-Passed as a tuple of numba's arrays, a run is some 300 numbers at every call, and compiling the loop takes a minute.
-Through the table it is one number: ``run.y`` is the place of three words in it, and ``run.y[i]`` reads the array's address
-and then the element. The compiler is given facts that hold for these arrays alone: the table never changes
-while code runs, nor does a plan, and a write to one kind of array changes no array of another kind.
+The module is imported when the engine is compiled, and only then. Passed as a tuple of numba's arrays, a run is some
+300 numbers at every call, and compiling the loop takes a minute. Through the table it is one number: ``run.y`` is the
+place of three words in it, and ``run.y[i]`` reads the array's address and then the element. The compiler is given facts
+that hold for these arrays alone: the table never changes while code runs, nor does a plan, and a write to one kind of
+array changes no array of another kind.
 
-What `march.calls` names, as numba compiles it: calls by addresses, and runs behind them.
-
-Imported when the engine is compiled, and only then.
+Calls by addresses, and runs behind addresses, are compiled here under the names of `march.calls`.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ class RunType(types.Type):
 
 
 class ArrayType(types.Type):
-    """The type of one of a run's arrays: the place of its three words in the table."""
+    """The type of one of a run's arrays: the index of its three words in the table."""
 
     def __init__(self, kind: str) -> None:
         super().__init__(name=f"xdynamics.{kind}")
@@ -62,7 +61,7 @@ class ArrayType(types.Type):
 
 
 class RowType(types.Type):
-    """The type of a row with named fields, which is accessed in place."""
+    """The type of a row with named fields, accessed without a copy."""
 
     def __init__(self, kind: str) -> None:
         super().__init__(name=f"xdynamics.{kind}.row")
@@ -132,7 +131,7 @@ class _OfRow(AttributeTemplate):
 
 
 def _known_sizes(array: ArrayType) -> int:
-    """Return how many sizes the table has: in place of the last one of an array of either order is a distance."""
+    """Return how many sizes the table has; of an array of either order a stride replaces the last size."""
     return 1 if KINDS[array.kind].either_order else array.ndim
 
 

@@ -1,8 +1,8 @@
-"""Drive a march from Python: settings, blocks, interruption, outcome. Python sees blocks, never steps.
+"""A march driven from Python: settings, blocks, interruption, outcome. Python sees blocks, never steps.
 
 Ctrl-C while a run is marched: the first ends it with what is recorded, the second raises.
 
-Marches that begin alike, as in a loop over one model: what they begin with is made once, and copied for each.
+Marches that begin alike, as in a loop over one model, share one template of their first arrays, copied for each.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ FEW = 64  # numbers of a state, and parameters, of which what a march begins wit
 
 
 def recurs(model: Model, settings: Settings, layout: Layout) -> bool:
-    """Whether what a march begins with is small, and given by what equal settings have in common.
+    """Whether the first arrays of a march are small, and determined by settings that equal marches share.
 
     Equal floats may stand for unequal numbers, as they were written, and 0.0 for -0.0; times of controllers, of tables and
     nodes follow from these.
@@ -180,12 +180,12 @@ class March:
 
     @cached_property
     def passages(self) -> Passages:
-        """Its last rows, where switches are too many to be located."""
+        """The last rows of the march, where switches are too many to be located."""
         return Passages(self.model, self.settings, self.layout)
 
     @cached_property
     def thinning(self) -> Thinning | None:
-        """The choice of rows; None where all are kept."""
+        """The selection of recorded rows; None where all are recorded."""
         if self.times is not None:
             return RowsAroundTimes(self.times, self.settings.scales.si_factor(TIME))
         nodes = np.array(self.settings.nodes) / self.settings.scales.si_factor(TIME)
@@ -256,7 +256,7 @@ class March:
 
     @contextmanager
     def _memory(self) -> Iterator[None]:
-        """Say in one sentence that the system gives no memory."""
+        """Raise in one sentence that the system gives no memory."""
         try:
             yield
         except MemoryError as fault:
@@ -291,7 +291,7 @@ class March:
 
     @property
     def outcome(self) -> Outcome:
-        """How the run ended, as the loop reports it; `outcome_text.ending` says what failed."""
+        """The outcome of the run, as the loop reports it; `outcome_text.ending` explains a failure."""
         return OUTCOMES[INTERRUPTED if self.now.status == RUNNING else int(self.now.status)]
 
     @property
@@ -321,7 +321,7 @@ class March:
         )
 
     def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Continue from the memory of a march of the same model and settings.
+        """Continue from the memory of a march of equal model and settings.
 
         Raises
         ------
@@ -391,7 +391,7 @@ class March:
         return LogBlock(log, rows, trials, events, samples)
 
     def _look_at_the_end(self, block: LogBlock) -> None:
-        """Find out, while the log is available, which event stopped the run, what was not finite, where it rested."""
+        """Determine from the log which event stopped the run, which number was not finite, where the run rested."""
         status = _status(self.run)
         if status == STEP_LIMIT or self.interrupted:
             self.chattering = chattering(self.run.detectors, block.log.events[: block.events])
@@ -419,7 +419,7 @@ class March:
 
     @property
     def _unread(self) -> frozenset[str]:
-        """What the law computes and nothing reads; small samples cost nothing."""
+        """The results of the law that nothing reads; small samples cost nothing."""
         settings = self.settings
         are_small = 8 * self.layout.sample_width * settings.scheme.samples < LARGE
         is_read = {ROW_ENERGIES: settings.energies}

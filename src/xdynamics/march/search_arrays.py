@@ -147,7 +147,7 @@ def _contact_tables(m: int, n: int) -> dict[str, NDArray[Any]]:
 
 
 def _targets(law: Law) -> list[tuple[int, int]]:
-    """Return what sets it and the place in the state of everything that is set: an event, or -1 - the action of a controller."""
+    """Return the setter and the index in the state of each set number: an event, or -1 minus a controller's action."""
     events, used = list(law.layout.model.events), law.layout.used
     targets = [(events.index(name), used.index(target)) for name, target in law.layout.resets]
     return targets + [(-1 - change.action, used.index(change.target)) for change in law.layout.ticking]

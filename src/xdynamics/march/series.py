@@ -1,4 +1,4 @@
-"""Steps of Taylor series: the series at a state is computed once, for every step that begins there, and for its size."""
+"""Steps of Taylor series: the series at a state serves every step that begins there, and gives the step size."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def may_be_rounding(run: Run) -> bool:
 
 @jit_separate
 def lengthen(run: Run) -> None:
-    """Foresee the step again with what rounding of terms makes of one of that length, which is allowed, too."""
+    """Choose the step again with the rounding of terms over its length, which the tolerances also allow."""
     now, plan = run.now[0], run.plan[0]
     for _ in range(LONGER):
         find_term_sizes(run, now.t + now.step, run.y)
@@ -125,7 +125,7 @@ def lengthen(run: Run) -> None:
 
 @jit_inline
 def whole_power(base: float, exponent: int) -> float:
-    """Return a whole power by squaring from the highest bit on: as `Assignments.power` writes it."""
+    """Return an integer power by squaring from the highest bit on: as `Assignments.power` writes it."""
     if exponent == 0:
         return 1.0
     bit = 1
@@ -150,7 +150,7 @@ def coarse_log2(x: float) -> float:
 
 @jit_inline
 def norms_at_start(run: Run, width: float) -> tuple[float, float]:
-    """Return the largest ratios of the state and its slopes to what is allowed as errors; keep what they are multiplied by.
+    """Return the largest ratios of the state and its slopes to allowed errors; store the weights.
 
     With a width, what rounding of terms makes of a step of that length is allowed, too.
     """
@@ -168,7 +168,7 @@ def norms_at_start(run: Run, width: float) -> tuple[float, float]:
 
 @jit_inline
 def norms_of(run: Run, order: int) -> tuple[float, float]:
-    """Return the largest ratios of the last two coefficients to what is allowed as errors."""
+    """Return the largest ratios of the last two coefficients to allowed errors."""
     plan, (norm_before, norm_last) = run.plan[0], (0.0, 0.0)
     for i in range(plan.used):
         norm_before = larger(norm_before, _ratio(run.w[(order - 1) * plan.used + i], run.half[i]))

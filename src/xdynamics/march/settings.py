@@ -1,10 +1,8 @@
 """The settings of a march, checked before anything is computed.
 
-How events are located, and judged at instants where their functions are zero: by names, and as a record has it.
+Settings of event location, and of event functions that are zero at an instant, are given by name, and recorded by name.
 
-What does not go with numbers that are sums of two floats, and what to do about it.
-
-What does not go with delayed values, and what to do about it.
+Settings that do not go with numbers that are sums of two floats, or with delayed values, are refused with a remedy.
 """
 
 from __future__ import annotations
@@ -72,7 +70,7 @@ EVENT_STARTS = (JUDGED, WAITING)
 
 
 def precision_faults(settings: Any, model: Model) -> list[str]:
-    """List what settings ask for that numbers of that precision do not have."""
+    """List settings that numbers of their precision do not support."""
     if settings.precision not in PRECISIONS:
         return [f"precision is {settings.precision!r}; there are {', '.join(map(repr, PRECISIONS))}"]
     if settings.precision != DOUBLE_DOUBLE:
@@ -90,7 +88,7 @@ def _of_sums(settings: Any, model: Model) -> list[str]:
 
 
 def _beyond_float64(settings: Any, model: Model) -> list[tuple[bool, str]]:
-    """Return what is asked for that is made of single floats, and what to do about it."""
+    """Return requested features that use single floats, each with a remedy."""
     on_interpolant = [name for name, event in model.events.items() if event.root_state == INTERPOLANT]
     return [
         (
@@ -142,7 +140,7 @@ def _beyond_float64(settings: Any, model: Model) -> list[tuple[bool, str]]:
 
 
 def check_alone(model: Model, settings: Any = None) -> None:
-    """Check a model and settings for many runs at once: refuse delayed values, whose past is kept for one run alone.
+    """Check a model and settings for many runs at once: delayed values are refused, as a past belongs to one run.
 
     Raises
     ------
@@ -159,7 +157,7 @@ def check_alone(model: Model, settings: Any = None) -> None:
 
 
 def delay_faults(settings: Any, model: Model) -> list[str]:
-    """List what settings ask for that a march with delayed values does not have."""
+    """List settings that a march with delayed values does not support."""
     if not model.delays:
         return []
     second = unit_suffix(model.time_unit)
@@ -183,7 +181,7 @@ def delay_faults(settings: Any, model: Model) -> list[str]:
 
 
 def _long_step_faults(settings: Any, shortest: float, second: str) -> list[str]:
-    """Refuse given steps beyond the shortest delay: they would read what they are about to find."""
+    """Refuse given steps beyond the shortest delay: they would read values of the step itself."""
     given_steps = settings.step if isinstance(settings.step, tuple) else (settings.step or 0.0,)
     longest = max((step for step in given_steps if isinstance(step, float | int)), default=0.0)
     if not longest > shortest * (1.0 + 1e-12):
@@ -194,7 +192,7 @@ def _long_step_faults(settings: Any, shortest: float, second: str) -> list[str]:
 
 
 def _interpolation_faults(settings: Any) -> list[str]:
-    """Refuse estimators by which steps are of a higher order than what they interpolate by."""
+    """Refuse estimators that raise the order of steps above that of their interpolant."""
     method, scheme = settings.method, settings.scheme
     if scheme.order > scheme.interpolant.order + 1:
         estimated = f" with estimator = '{settings.estimator}'" if scheme.steps > 1 else ""
@@ -225,7 +223,7 @@ def _short_table_faults(model: Model, times: NDArray[np.float64], second: str) -
 
 
 def _state_change_faults(settings: Any, model: Model) -> list[str]:
-    """Refuse what changes states behind steps, and numbers that are sums."""
+    """Refuse delayed values where states are changed after steps, or numbers are sums of two floats."""
     faults = []
     if model.constraints or model.bodies:
         owner = (
@@ -283,7 +281,7 @@ class Pacing:
     max_steps: int = MOST_STEPS
 
     def faults(self, second: str) -> list[str]:
-        """List what cannot be used; `second` is the unit text that follows a time."""
+        """List invalid settings; `second` is the unit text that follows a time."""
         faults = []
         lowest_ratio, highest_ratio = self.growth_limits
         if not 0 < self.safety < 1:

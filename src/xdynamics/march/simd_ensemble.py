@@ -1,8 +1,7 @@
-"""Many runs side by side: which of them can be, and their arrays; `march.lanes` marches them.
+"""Many runs of one law: their inputs, logs and results, and which of them march side by side in `march.lanes`.
 
-One thread's part of many runs: their inputs and their results.
-
-Many runs, each by a march of its own: those that may slide along switches that are not located, and those with a past.
+One thread marches a part of the runs. Runs that may slide along switches that are not located, and runs with a past,
+are marched one after the other.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ LOG_ROWS, FEWEST_ROWS, LOG_BYTES = 1 << 14, 64, 1 << 24
 
 @dataclass
 class EnsemblePart:
-    """What one thread marched, in internal units, with the pieces of its log."""
+    """The runs that one thread marched, in internal units, with the pieces of its log."""
 
     ends: NDArray[Any]
     lasts: Floats
@@ -114,7 +113,7 @@ def copy_log_start(log: Log, rows: int, events: int) -> Log:
 
 
 def take_out_log(run: Run, log: Log, *, logs: bool) -> Log:
-    """Copy what is kept out of the log, and have it filled from its beginning."""
+    """Copy the recorded part of the log, and let it be filled from its beginning."""
     now, base = run.now[0], log.base[0]
     rows, events = int(now.rows - base.rows) if logs else 0, int(now.events - base.events)
     log_part = copy_log_start(log, rows, events)
@@ -253,7 +252,7 @@ class _Rows(NamedTuple):
 
     @classmethod
     def allocate(cls, room: Room, number: int, sources: NDArray[np.int64], flags: int, lanes: int) -> _Rows:
-        """Return room for rows, or for none where no columns are kept."""
+        """Return room for rows, or for none where no columns are recorded."""
         count = rows_of_many(ROW_ROOM, lanes * len(sources)) if len(sources) else 0
         shapes = {"rows": (count, len(sources), lanes), "flags": (count, flags, lanes), "owners": (count, lanes)}
         kinds = {"rows": np.float64, "flags": np.int8, "owners": np.int64}
@@ -286,7 +285,7 @@ def _column_sources(layout: Layout, columns: Sequence[str]) -> NDArray[np.int64]
 def _merge_rows(
     log: Log, layout: Layout, counts: NDArray[np.int64], sources: NDArray[np.int64], pieces: list[_Rows], room: Room
 ) -> Log:
-    """Put the rows of all runs into a log, one run after the other; columns that were not kept are undefined."""
+    """Merge the rows of all runs into a log, one run after the other; unrecorded columns are undefined."""
     places, total = np.concatenate([[0], np.cumsum(counts)[:-1]]), int(counts.sum())
     rows, flags = (
         room.take("log", (layout.row.size, total), np.float64),

@@ -1,8 +1,7 @@
 """Steps of many logs, repeated side by side and shortened to end at times inside them.
 
-The past of a march with delays, made again from the rows of its log: for states between them.
-
-The rows of runs at which steps to wanted times begin; an entry of the engine.
+The rows at which steps to wanted times begin are looked up by an entry of the engine. For a march with delays, its past
+is made again from the rows of its log.
 """
 
 from __future__ import annotations
@@ -132,7 +131,7 @@ def parts_of_steps(
     time_indices: IntArray,
     interior_states: Floats,
 ) -> None:
-    """Repeat steps of many logs, each shortened to end at a time inside it, as `entries.states_inside` does.
+    """Repeat steps of many logs, each shortened to end at a time inside it, as `engine_entries.states_inside` does.
 
     Parameters
     ----------

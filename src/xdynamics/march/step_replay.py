@@ -109,7 +109,7 @@ class _Retrace(Walker):
         vectors[line.rate] = {name: result[rate(name)] for name in layout.states}
 
     def expand(self, line: TaylorSeries) -> None:
-        """Take the coefficients that the last trial left."""
+        """Use the coefficients of the last trial."""
         n, m = self._layout.coordinates.size, self._layout.states.size
         places = {"q": range(n), "v": range(n, 2 * n), "x": range(2 * n, 2 * n + m)}
         for i in range(1, line.degree + 1):

@@ -1,9 +1,9 @@
-"""Rows of a march that are kept: every n-th of its grid, those of events and requested nodes, and both ends.
+"""Rows of a march that are recorded: every n-th of its grid, those of events and requested nodes, both ends.
 
-The march fills every row of its blocks, and rows are left out before they become a record: the rows that are kept have
-the bits of the whole march.
+The march fills every row of its blocks, and rows are left out before they become a record: the recorded rows have the
+bits of the complete march.
 
-Some rows of the whole run, independent of its blocks: those by which a march is judged when it is over.
+Witnesses are rows of the complete run, independent of its blocks, by which a march is judged when it is over.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Witnesses:
         return states
 
     def put_in(self, state: Floats, k: int) -> Floats:
-        """Put one of them in the state of a march, and return its time, as the entries of the engine take it."""
+        """Write a witness row into the state of a march, and return its time in the shape of engine entries."""
         self._state(k, state)
         return self._rows[k, 1:2, None]
 
@@ -82,7 +82,7 @@ class Witnesses:
         )
 
     def put_end_in(self, state: Floats) -> None:
-        """Put the last state of the record in that of a march."""
+        """Write the last state of the record into the state of a march."""
         for part, state_part in self._parts(-1, state):
             state_part[:] = part
 
@@ -120,12 +120,12 @@ class Witnesses:
         return 1 << max(0, (rows // self._most).bit_length())
 
     def put(self, rows: Floats, errors: Floats) -> None:
-        """Take those of another march, a column for each."""
+        """Replace the witnesses by those of another march, a column for each."""
         self._count = rows.shape[1]
         self._rows[: self._count], self._errors[: self._count] = rows.T, errors.T
 
     def take(self, block: LogBlock, rows: int) -> None:
-        """Take some rows of the newest block; with it there are so many."""
+        """Add rows of the newest block, which brings the march to `rows` rows."""
         first, stride = rows - block.rows, self.stride(rows)
         retained = np.flatnonzero(self._rows[: self._count, 0] % stride == 0)
         if len(retained) < self._count:
@@ -179,12 +179,12 @@ class LogRows:
         return self.closed[0].astype(np.int64) if len(self.closed) else np.zeros(0, np.int64)
 
     def of_row(self, number: int) -> LogRows:
-        """Return what belongs to the row of a given number, without the row."""
+        """Return closed links, samples and trials of a row of given number, without the row."""
         owners = self.samples[1], self.trials["step"], self._rows_of_closed()
         return self.selection(np.zeros(0, np.int64), *(np.flatnonzero(owner == number) for owner in owners))
 
     def last(self, number: int, *, copied: bool) -> LogRows:
-        """Return the last row, whose number is given, and what belongs to it."""
+        """Return the last row, whose number is given, with its closed links, samples and trials."""
         rows, flags = self.rows[:, -1:], self.flags[:, -1:]
         if copied:
             rows, flags = rows.copy(), flags.copy()
@@ -192,7 +192,7 @@ class LogRows:
 
 
 class Thinning:
-    """The rows of a march kept so far; the newest row waits until it is known whether it is the last.
+    """The rows of a march recorded so far; the newest row waits until it is known whether it is the last.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ class Thinning:
         }
 
     def go_on_from(self, memory: Mapping[str, Array]) -> None:
-        """Continue from the memory of the same march's thinning."""
+        """Continue from the memory of this march's thinning."""
         self.kept_row_count = int(memory["kept_rows"][0])
         names = ("rows", "flags", "samples", "trials", "closed")
         is_waiting = "waiting_rows" in memory
@@ -227,7 +227,7 @@ class Thinning:
         self.kept_row_count, self.waiting = row_count, None
 
     def thinned(self, run: Run, block: LogBlock, *, last: bool) -> LogBlock:
-        """Return a copy of the kept part of a block; with `last` the march is over, and its last row an end."""
+        """Return a copy of the recorded part of a block; with `last` the march is over, and its last row an end."""
         log, first = block.log, int(block.log.base[0]["rows"])
         new = LogRows(
             log.rows[:, : block.rows],
@@ -294,7 +294,7 @@ class Thinning:
         return self.thinned(run, LogBlock(empty, 0, 0, 0, 0), last=True)
 
     def _want(self, marks: Array, run: Run, parts: list[LogRows], begin: int) -> None:
-        """Mark the first row and those of the kept grid, events and requested nodes; not the one that waited."""
+        """Mark the first row and those of the thinned grid, events and requested nodes; not the waiting row."""
         part, first = parts[-1], begin + len(parts) - 1
         is_kept = marks[len(parts) - 1 :]
         plan, now, t = run.plan[0], run.now[0], part.rows[0]
@@ -340,7 +340,7 @@ class RowsAroundTimes(Thinning):
 
 
 def _newest(parts: list[LogRows], number: int) -> LogRows:
-    """Return the newest row, whose number is given, and what belongs to it.
+    """Return the newest row, whose number is given, with its closed links, samples and trials.
 
     The row of the last part stays in its log: that is not filled again before the block after the next one.
     """

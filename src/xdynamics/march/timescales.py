@@ -111,7 +111,7 @@ def jacobian_at(march: March, row: int) -> Floats:
 
 
 def _scaled_derivatives(march: March, row: int) -> Floats:
-    """Return the same of a march whose numbers are put aside."""
+    """Return the scaled derivatives of the motion at a row, from a march whose state may be overwritten."""
     n = march.layout.used.size
     derivatives = np.zeros((1 + n, n))
     engine().fastest_rates(march.run, march.witnesses.states([row]), derivatives)

@@ -1,7 +1,8 @@
-"""Sizes of variables and the fastest time scale of the motion, without units, as measures for tolerances that follow.
+"""Sizes of variables and the fastest time scale of the motion, as measures for tolerances that follow them.
 
-A size is the largest absolute value so far. What starts at rest or at zero has none yet: its size is what the forces
-about the start make of it in the fastest time scale, and never less than a small part of the largest of its kind.
+Both need no units. A size is the largest absolute value so far. What starts at rest or at zero has none yet: its size
+is what the forces about the start make of it in the fastest time scale, and never less than a small part of the largest
+of its kind.
 """
 
 from __future__ import annotations
@@ -81,7 +82,7 @@ def begin_sizes(run: Run) -> float:
 
 @jit_separate
 def natural_sizes(run: Run, y: State) -> float:
-    """Let `variable_size` know the size of each variable, now or after a time scale of the motion; return that time.
+    """Prepare `variable_size`: sizes of variables now, or after a time scale of the motion; return that time.
 
     Of a million variables sizes are not kept: they would take as much memory as the state.
     """
@@ -114,7 +115,7 @@ def variable_size(run: Run, y: State, i: int) -> float:
 
 @jit_inline
 def own_size(run: Run, y: State, i: int, time: float) -> float:
-    """Return the size of a variable by itself: what it is, or what its slopes make of it in a time."""
+    """Return the size of a variable by itself: its value, or the change by its slopes in a time."""
     n = run.plan[0].coordinates
     slope, second = abs(state_slope(run, y, i)), abs(state_slope(run, y, n + i)) if i < n else 0.0
     return max(abs(y[i]), slope * time, second * time * time)

@@ -51,7 +51,7 @@ def propose_step(run: Run, t1: float, h: float) -> None:
 
 @jit_inline
 def advance_step(run: Run, t: float, t1: float, h: float, y: State, z: State, sample: int) -> None:
-    """Make one step by the lines of the method, and store its force evaluations from place `sample` on."""
+    """Make one step by the lines of the method, and store its force evaluations from index `sample` on."""
     set_step(run, t, t1, h)
     solver = run.law[run.law.shape[0] - 1]
     if solver != 0:
@@ -66,7 +66,7 @@ advance_step_apart = noinline(advance_step)
 
 @jit_separate
 def make_half_steps(run: Run, t1: float, h: float) -> None:
-    """Make two half steps, and a whole one for comparison: the difference over 2**p - 1 is the error of the two."""
+    """Make two half steps, and a full one for comparison: the difference over 2**p - 1 is the error of the two."""
     plan, t = run.plan[0], run.now[0].t
     width = plan.stages * (run.log_samples.shape[0] - 2)
     middle = t + h / 2.0

@@ -1,6 +1,7 @@
-"""Motion along a switch that is not located, as where there are too many: it passes to and fro in almost every step.
+"""Motion along switches that are not located: passages to and fro in almost every step.
 
-Motion that rests on a switch at which a force jumps: passages to and fro, each within what can be resolved.
+Switches are not located where there are too many. Motion may rest on a switch at which a force jumps: each passage is
+then within the resolution of the march.
 """
 
 from __future__ import annotations
@@ -64,12 +65,12 @@ def unlocated(model: Model) -> tuple[Switch, ...]:
 
 
 def may_slide(model: Model, settings: Settings) -> bool:
-    """Whether a march has to be looked at now and then, because it may go on without end along such a switch."""
+    """Whether a march is inspected at intervals, because it may slide along an unlocated switch without end."""
     return settings.adaptive and bool(unlocated(model))
 
 
 class Passages:
-    """The last rows of a march, at certain numbers of rows: these are fixed, so that a run ends where its copies end.
+    """The last rows of a march at fixed numbers of rows, so that a run ends where its copies end.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ class Passages:
         return min(max(FIRST, 1 << rows.bit_length()), (rows // self.pause + 1) * self.pause)
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """Return what a march that goes on needs, by name."""
+        """Return the arrays that a continued march needs, by name."""
         return {RETAINED: self.last} if self.last.size else {}
 
     def go_on_from(self, memory: Mapping[str, NDArray[Any]]) -> None:

@@ -1,4 +1,7 @@
-"""The Euler family: first order, one force evaluation a step; they differ in the velocity that moves the position."""
+"""The Euler family: first order, one force evaluation a step.
+
+Its methods differ in the velocity that moves the position.
+"""
 
 from xdynamics.methods.method import Method
 from xdynamics.model import Trait

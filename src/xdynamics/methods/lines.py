@@ -2,7 +2,7 @@
 
 The first letter of a name tells the kind of vector: q, v, a of the motion, x, r of the first-order states.
 
-The walk through a method's lines; subclasses that run, print or analyse them define what each kind of line does.
+`Walker` goes through a method's lines; subclasses that run, print or analyse them define what each kind of line does.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class VectorStatement:
-    """``v1 = v + h*a``: one vector from vectors of the same length."""
+    """``v1 = v + h*a``: one vector from vectors of equal length."""
 
     target: str
     expression: Node
@@ -184,12 +184,12 @@ class Interpolant:
 
     @property
     def lines(self) -> tuple[Line, ...]:
-        """Its lines."""
+        """The lines of the interpolant."""
         return read_lines(self.text)
 
     @property
     def polynomials(self) -> tuple[Line, ...]:
-        """Its lines, with one for each coefficient in s: ``qs0, qs1, …``, ``vs0, …`` and ``xs0, …``, of the same degree.
+        """The lines, with one for each coefficient in s: ``qs0, qs1, …``, ``vs0, …`` and ``xs0, …``, of one degree.
 
         It is evaluated by `lines`, whose nested form keeps its digits; by these coefficients it is bounded.
         """
@@ -197,7 +197,7 @@ class Interpolant:
 
     @property
     def degree(self) -> int:
-        """Of the polynomial in s, the highest of those of its vectors."""
+        """The degree of the polynomials in s, the highest of all vectors."""
         last = self.polynomials[-1]
         assert isinstance(last, VectorStatement)  # noqa: S101 - that of the highest power of the states
         return int(last.target[2:])
@@ -306,7 +306,7 @@ def _parse_statement(line: str) -> VectorStatement | Evaluation:
 
 
 def _with_total(node: Node, total: Node) -> Node:
-    """Put a sum in the place that was kept for it."""
+    """Substitute a sum for its placeholder."""
     if isinstance(node, Binary):
         return Binary(node.operator, _with_total(node.left, total), _with_total(node.right, total))
     return total if node == Name(_TOTAL) else node
@@ -354,7 +354,7 @@ class Walker(ABC):
 
     @abstractmethod
     def assign(self, line: VectorStatement) -> None:
-        """Handle one vector from vectors of the same length."""
+        """Handle one vector from vectors of equal length."""
 
     @abstractmethod
     def evaluate(self, line: Evaluation) -> None:

@@ -1,6 +1,7 @@
 """Time-stepping methods: their update equations, which are also the code that runs, and their properties.
 
-The methods that a name may have meant: by spelling, by synonyms, by what other programs call them.
+A method is read by name. An unknown name is answered with methods of similar spelling, with synonyms, and with the
+names that other programs use.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ class Method:
 
     @cached_property
     def solver(self) -> str:
-        """What solves the equations of a step: `steppers.NOTHING`, `NEWTON` or `SIMPLIFIED`."""
+        """The solver of a step's equations: `steppers.NOTHING`, `NEWTON` or `SIMPLIFIED`."""
         return self.stepper.solver(self.statements)
 
     def equations(self, model: Model | None = None) -> str:
@@ -186,7 +187,7 @@ class Method:
 
 
 def unknown_method(name: str, methods: Mapping[str, Method]) -> str:
-    """Say that there is no such method, and which of some may have been meant; the beginning of a message."""
+    """Return the beginning of a message that a method is unknown, with the methods that may have been meant."""
     return f"method {name!r} is not known; {similar(name, {key: method.synonyms for key, method in methods.items()})}"
 
 

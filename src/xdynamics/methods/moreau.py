@@ -1,4 +1,4 @@
-"""Moreau's time-stepping: contacts by impulses over whole steps, without events."""
+"""Moreau's time-stepping: contacts by impulses over complete steps, without events."""
 
 from xdynamics.methods.composition import POSITION_VERLET, REFUSES
 from xdynamics.methods.method import Method

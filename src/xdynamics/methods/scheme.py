@@ -1,6 +1,6 @@
 """A method with its estimator: how steps are made, judged and interpolated.
 
-The sums of a method's lines that lead from the old state to the new one, for compensated summation.
+For compensated summation the sums that lead from the old state to the new one are read from the method's lines.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Scheme:
 
     @property
     def steps(self) -> int:
-        """Steps made in one trial: with step doubling a whole one and two halves, of which the halves are continued."""
+        """Steps made in one trial: with step doubling a full one and two halves, of which the halves are continued."""
         return 3 if self.estimator in (STEP_DOUBLING, EXTRAPOLATED) else 1
 
     @property

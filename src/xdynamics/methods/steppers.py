@@ -1,8 +1,8 @@
-"""How a method makes its steps: by its lines, by its lines over contacts, by collocation, by jets.
+"""Steppers: how a method makes its steps, by its lines, by its lines over contacts, by collocation or by jets.
 
-A stepper knows what is not in the lines of its method, and answers what a march asks of it: which programs make a step,
-what solves its equations, where derivatives may come from, what a step keeps for the next one, who chooses that, which
-force evaluations are made, and for which models there are no steps.
+A stepper knows what is not in the lines of its method, and answers a march's questions: which programs make a step,
+what solves its equations, where derivatives may come from, what a step leaves for the next step, who chooses that,
+which force evaluations are made, and for which models there are no steps.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Programs_co = TypeVar("Programs_co", covariant=True)
 
 
 class StepWriter(Protocol[Programs_co]):
-    """What writes the programs of steps, for a model and a method."""
+    """The writer of a step's programs, for a model and a method."""
 
     def by_lines(self) -> Programs_co:
         """Write the lines of the method, and those of its estimate."""
@@ -41,11 +41,11 @@ class StepWriter(Protocol[Programs_co]):
         """Write the lines of the method, and the expansion of the motion that they read."""
 
     def by_stages(self, stages: int) -> Programs_co:
-        """Write what the solver of that many stages asks for."""
+        """Write the programs that a solver of a number of stages needs."""
 
 
 class Stepper:
-    """What steps have in common.
+    """The common interface of steppers.
 
     Attributes
     ----------
@@ -78,11 +78,11 @@ class Stepper:
         return writer.by_lines()
 
     def solver(self, update: Iterable[Line]) -> str:
-        """Return what solves the equations of a step."""
+        """Return the solver of the equations of a step."""
         return NEWTON if any(isinstance(line, Solve) for line in update) else NOTHING
 
     def evaluations(self, update: Sequence[Line], estimate: Sequence[Line]) -> int:
-        """Count the force evaluations of a step that are kept; of equations, those of one iteration."""
+        """Count the stored force evaluations of a step; of equations, those of one iteration."""
         return sum(map(_evaluations_of_line, (*update, *estimate)))
 
     def refusals(self, _model: Model) -> list[str]:
@@ -104,7 +104,7 @@ LINES = Lines()
 
 @dataclass(frozen=True)
 class TimeStepping(Lines):
-    """The lines, then impulses of contacts over the whole step: no impact is located."""
+    """The lines, then impulses of contacts over the complete step: no impact is located."""
 
     locates: ClassVar[bool] = False
 
@@ -190,11 +190,11 @@ class Collocation(Stepper):
         return writer.by_stages(len(self.c))
 
     def solver(self, _update: Iterable[Line]) -> str:
-        """Return what solves the equations of a step."""
+        """Return the solver of the equations of a step."""
         return SIMPLIFIED
 
     def evaluations(self, update: Sequence[Line], _estimate: Sequence[Line]) -> int:
-        """Count the force evaluations of a step that are kept: those of its estimate are not."""
+        """Count the stored force evaluations of a step: those of its estimate are not stored."""
         return super().evaluations(update, ())
 
 
@@ -222,11 +222,11 @@ class Jets(Stepper):
         return writer.by_series(self.degree)
 
     def solver(self, _update: Iterable[Line]) -> str:
-        """Return what makes a step besides its lines."""
+        """Return the code that makes a step besides its lines."""
         return SERIES
 
     def refusals(self, model: Model) -> list[str]:
-        """List why a model has no such steps: forces that are found by iteration have no series."""
+        """List why a model has no such steps: forces from an iteration have no series."""
         if not model.assemblies:
             return []
         assembly_names = ", ".join(f"'{name}'" for name in model.assemblies)

@@ -50,6 +50,6 @@ class Methods(dict[str, Method]):
 
 
 def step_kind(method: Method) -> str:
-    """Return what a method's steps are, in words."""
+    """Return the kinds of a method's steps, in words."""
     words = {"symplectic": method.symplectic, "symmetric": method.symmetric, "implicit": bool(method.solves)}
     return ", ".join(word for word, is_so in words.items() if is_so) or "plain"

@@ -14,7 +14,7 @@ Weights = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Tableau:
-    """The coefficients of an explicit Runge-Kutta method, kept as texts, so that the equations have them as written.
+    """The coefficients of an explicit Runge-Kutta method as texts, so that equations print them as written.
 
     Stage 1 is the state at the start of a step, whose forces are known from the last step. The last line of the update
     evaluates those at its end; if the last stage of the tableau is that same evaluation, it is not done twice.

@@ -1,7 +1,8 @@
 """Contacts of many bodies: what the gap of a link reads, and where each link of an assembly has it.
 
-A contact over a dimension or a relation says one gap for all its links. Its first link is the pattern: the numbers that
-it reads are `PatternInput`s, each of an element that is the same for all links, or follows the link or one of its two ends.
+A contact over a dimension or a relation states one gap for all its links. Its first link is the pattern. The numbers
+that the pattern reads are `PatternInput`s, each of an element that all links share, or that follows the link or one of
+its two ends.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Checks of bodies: units of what they are made of, inertias that a body can have, attitudes of unit length.
+"""Checks of bodies, joints and the motion: units, dimensions of M a = F, inertias, attitudes of unit length.
 
-Checks of the dimensions of M a = F: masses, forces, potentials, functions in Python.
+A body must have an inertia that a rigid body can have. Masses, forces, potentials and functions in Python must have the
+dimensions of their terms in M a = F.
 """
 
 from __future__ import annotations
@@ -129,7 +130,7 @@ def _axis_parts(label: str, trees: Iterable[Node], unit: str) -> Iterator[Part]:
 
 
 def _constant_parts(name: str, body: Body) -> Iterator[Part]:
-    """Yield what does not change as a body moves."""
+    """Yield the constant quantities of a body."""
     if body.mass is not None:
         yield f"mass of body '{name}'", body.mass, "kg"
     for row in body.inertia:
@@ -140,7 +141,7 @@ def _constant_parts(name: str, body: Body) -> Iterator[Part]:
 
 
 def _acting_parts(name: str, body: Body) -> Iterator[Part]:
-    """Yield what acts on a body, and where."""
+    """Yield the forces and torques on a body, with their points."""
     for key, push in body.forces.items():
         yield from _axis_parts(f"force '{key}' of body '{name}'", push.force, "N")
         if isinstance(push.at, tuple):
@@ -150,7 +151,7 @@ def _acting_parts(name: str, body: Body) -> Iterator[Part]:
 
 
 def check_constants(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
-    """Check that what has to be constant in a body is, and the units of what reads no definition."""
+    """Check that constants of bodies are constant, and units of quantities that read no definition."""
     constants = {*statement.parameters, *statement.arrays, *statement.unit_constants, "pi"}
     _check_joints(statement, dimensions, ledger)
     for name, body in statement.bodies.items():
@@ -183,7 +184,7 @@ def _check_joints(statement: Statement, dimensions: Mapping[str, Dimension], led
 
 
 def check_bodies(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
-    """Check the units of what acts on bodies as it is written, and of what else reads definitions."""
+    """Check the units of forces and torques on bodies as written, and of quantities that read definitions."""
     constants = {*statement.parameters, *statement.arrays, *statement.unit_constants, "pi"}
     for name, body in statement.bodies.items():
         for label, tree, unit in _acting_parts(name, body):

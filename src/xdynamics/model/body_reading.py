@@ -1,6 +1,7 @@
-"""Reading of bodies: what they stand for is put among the entries of a model, before these are read.
+"""Reading of bodies: the entries that each body adds to a model, and the functions of bodies in expressions.
 
-Functions of bodies in expressions: where a point of one is, how fast it moves, where a direction in it points.
+The entries are added before any entry of the model is read. The functions give the position and velocity of a point of
+a body, and a direction that is fixed in it.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ _CALLED = re.compile(rf"\b(?:{'|'.join(FUNCTIONS)})\s*\(")
 
 
 def with_functions(tables: Mapping[str, Any], source: Source, ledger: Ledger) -> dict[str, Any]:
-    """Return sections of a statement with bodies in which their functions are written out; what is wrong is noted."""
+    """Return sections of a statement with the functions of bodies written out; faults are noted."""
     functions = _Functions(tables["bodies"], source)
     body_functions = {name: getattr(functions, name) for name in FUNCTIONS}
 
@@ -130,7 +131,7 @@ _PARTS = ("x", "y", "z"), (("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", 
 
 
 def with_bodies(statement: Mapping[str, Any], source: Source, ledger: Ledger) -> dict[str, Any]:
-    """Return a statement with what its bodies stand for among the entries of its sections.
+    """Return a statement with the entries of its bodies among those of its sections.
 
     Quantities of mass and inertia become parameters, and values at the start those of `[initial]`. What is wrong is noted.
     """
@@ -169,7 +170,7 @@ def with_bodies(statement: Mapping[str, Any], source: Source, ledger: Ledger) ->
 
 
 def _with_forces(regimes: Any, forces: list[str]) -> Any:
-    """Return regimes in all of which those forces of bodies act that none names, and so what bodies do by turning."""
+    """Return regimes in which forces of bodies act that no regime names, including gyroscopic terms."""
     if not isinstance(regimes, Mapping):
         return regimes
     lists = [entry["forces"] for entry in regimes.values() if isinstance(entry, Mapping) and "forces" in entry]
@@ -183,7 +184,7 @@ def _with_forces(regimes: Any, forces: list[str]) -> Any:
 
 
 def _put_body_entries(name: str, body: Body, tables: dict[str, Any], ledger: Ledger) -> None:
-    """Put what a body stands for into the sections, where nothing has its names."""
+    """Add the entries of a body to the sections, and note names that are already taken."""
     for title, entries in tables_of_body(name, body).items():
         for key, entry in entries.items():
             if key in tables[title]:
@@ -208,7 +209,7 @@ def _check_body_name(name: str) -> None:
 
 
 def _check_keys(body: Body) -> None:
-    """Refuse what keys do not go together, and points that there are not."""
+    """Refuse contradictory keys, and points that do not exist."""
     if (body.mass is None) == (body.pivot is None):
         raise InputError(
             "has a mass and a pivot; about a fixed point its inertia alone counts, so leave mass out"
@@ -240,7 +241,7 @@ def _point_names(body: Body) -> tuple[str, ...]:
 
 
 def _parametrised(name: str, entry: Any, parameters: dict[str, Any]) -> dict[str, Any]:
-    """Return the entry of a body with parameters in the places of its quantities, which are put among the others."""
+    """Return the entry of a body with its quantities as names of parameters, which are added to `parameters`."""
     check_keys(entry, SECTIONS["bodies"].fixed_keys, ("inertia",))
     plain = dict(entry)
 
@@ -282,7 +283,7 @@ def _check_symmetry(rows: Sequence[Any]) -> None:
 
 
 def _put_body_start(name: str, body: Body, start: Any, initial: dict[str, Any], source: Source) -> None:
-    """Put the start of a body among the initial values, unless they have it already."""
+    """Add the start of a body to the initial values, unless they have it already."""
     check_keys(start, _STARTS, ())
     if body.pivot and (moving_keys := [key for key in ("position", "velocity") if key in start]):
         raise InputError(f"initial has a {moving_keys[0]}, and the body has a pivot, which is at rest")

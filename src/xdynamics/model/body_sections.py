@@ -1,6 +1,6 @@
-"""What stands inside a body of a model file: its inertia, its points, the forces and torques that act on it.
+"""Rigid bodies: their sections in a model file, and the coordinates, states, masses and forces that they add.
 
-Rigid bodies: what each stands for among coordinates, states, masses, definitions and forces.
+A section of a body has its inertia, its points, and the forces and torques that act on it.
 
 A body ``frame`` has the position ``frame_r`` of its centre of mass, and the attitude q = ``frame_q0`` + ``frame_q``, a
 unit quaternion of a scalar and a vector that turns components in the body to those in space. Its angular velocity w in
@@ -283,7 +283,7 @@ def point_velocity(name: str, pivot: Triple | None, arm: Triple | None) -> Node:
 
 
 def tables_of_body(name: str, body: Body) -> Tables:
-    """Return what a body stands for, as entries of sections of a model file."""
+    """Return the entries of a body for the sections of a model file."""
     dims, w = [*body.dims, AXIS], Name(velocity(quasi_coordinate(name)))
     q0, q = Name(scalar_part(name)), Name(vector_part(name))
     rate0 = negative(Binary("/", Along("dot", (q, w), (AXIS,)), TWO))
@@ -387,7 +387,7 @@ def arm_of(body: Body, body_point: Name | Triple) -> Triple | None:
 
 
 def torques_of_potential(potential: Node, bodies: Mapping[str, Body], shapes: Shapes) -> dict[str, Node]:
-    """Return what a potential does to bodies that it turns: the torque of every quasi-coordinate that it has one for.
+    """Return the torques of a potential, by the quasi-coordinates of the bodies that it turns.
 
     Where V changes by g0 dq0 + g.dq, it changes by w.(q0 g - g0 q + g x q)/2 in time, of which that is the negative.
     """

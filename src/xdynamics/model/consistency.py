@@ -58,7 +58,7 @@ def check_statement(statement: Statement) -> dict[str, Dimension]:
 
 
 def check_written(statement: Statement) -> dict[str, Dimension]:
-    """Check what can be checked on a statement as it is written, whether it has dimensions or not; as `check_statement`.
+    """Check a statement as written, with or without dimensions; as `check_statement`.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def check_written(statement: Statement) -> dict[str, Dimension]:
 
 
 def check_made(statement: Statement, dimensions: dict[str, Dimension], *, motion: bool = False) -> None:
-    """Check what is checked on single numbers: uncertainties, contacts, perhaps a motion; as `check_statement`."""
+    """Check uncertainties and contacts, perhaps the motion, of a statement of single numbers; as `check_statement`."""
     ledger = Ledger(f"model '{statement.name}'", ModelError)
     if motion:
         check_motion(statement, dimensions, ledger)
@@ -235,7 +235,7 @@ def _check_action(
 def _check_controller(
     name: str, controller: Controller, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
 ) -> None:
-    """Check the times of a controller, and the dimensions of what it computes."""
+    """Check the times of a controller, and the dimensions of its outputs and states."""
     time, label = statement.time_unit, f"controller '{name}'"
     for key in ("every", "phase", "delay"):
         value = getattr(controller, key)
@@ -337,7 +337,7 @@ def _check_spreads(statement: Statement, dimensions: Mapping[str, Dimension], le
 def _check_drive(
     name: str, drive: Any, statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger
 ) -> None:
-    """Check what a table is looked up at: a smooth expression of what moves, in the unit of its first column."""
+    """Check a table's argument: a smooth expression of moving quantities, in the unit of the first column."""
     with ledger.entry(f"drive '{name}'"):
         argument, moving = expand(drive.argument, statement.definitions), _moving_names(statement)
         text, read = text_of(drive.argument), free_names(argument)
@@ -359,12 +359,12 @@ def _check_drive(
 
 
 def _moving_names(statement: Statement) -> set[str]:
-    """Return what changes along a motion besides time."""
+    """Return the names that change along a motion besides time."""
     return {*statement.coordinates, *map(velocity, statement.coordinates), *statement.states}
 
 
 def _check_pictured(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
-    """Check what figures show: places in a plane, a period computed from parameters, angles."""
+    """Check the quantities in figures: places in a plane, a period computed from parameters, angles."""
     first: tuple[Dimension, ...] = ()
     for k, pair in enumerate(statement.pictured.plane, 1):
         with ledger.entry(f"figure: pair {k} of plane"):

@@ -1,8 +1,10 @@
-"""Constraints, checked before the first update: what they may read, and that the motion starts where they hold.
+"""Checks of constraints, contacts, dry friction and delays, made before the first update.
 
-Names and dimensions of contacts and dry friction, checked before the first update.
+Constraints: the quantities that they may read, and that the motion starts where they are satisfied.
 
-Checks of delayed values: where they stand, what is delayed, by how much, and what it was before the start.
+Contacts and dry friction: their names and dimensions.
+
+Delayed values: where they may stand, what is delayed, by how much, and the values before the start.
 """
 
 from __future__ import annotations
@@ -89,7 +91,7 @@ def check_contacts(statement: Statement, dimensions: Dimensions, ledger: Ledger)
 
 
 def _remedy_for_many(statement: Statement) -> str:
-    """Say what to write for more forces than are written out."""
+    """Return how to declare more forces than can be written out one by one."""
     if not statement.frictions:
         return "many contacts are those of a dimension or a relation"
     counts = Counter(split_element_name(name)[0] for name in statement.frictions)
@@ -102,7 +104,7 @@ def _remedy_for_many(statement: Statement) -> str:
 
 
 def _check_assemblies(statement: Statement, dimensions: Dimensions, ledger: Ledger) -> None:
-    """Refuse what contacts of many links cannot have."""
+    """Refuse keys that contacts of many links cannot have."""
     many = f"contacts have more than {MOST_REACTIONS} links together, and then"
     for name, contact in statement.assemblies.items():
         for key in ("slip", "friction", "static"):
@@ -335,7 +337,7 @@ def _check_delay(delay_tree: Node, constants: set[str], statement: Statement) ->
 
 
 def _check_delayed(delayed_tree: Node, moving: set[str], statement: Statement) -> None:
-    """Refuse to delay what does not move, what delays itself, and tables with jumps, or kinks where no time is known."""
+    """Refuse delays of constants, of their own values, and of tables with jumps, or with kinks at unknown times."""
     names = free_names(delayed_tree)
     if has_delays(delayed_tree):
         raise InputError("reads a definition with another delayed value; write one delay, the sum of both")
@@ -356,7 +358,7 @@ def _check_delayed(delayed_tree: Node, moving: set[str], statement: Statement) -
 
 
 def _elsewhere(statement: Statement) -> Iterator[tuple[str, Node]]:
-    """Yield the expressions that cannot have delayed values, with what each is."""
+    """Yield the expressions that cannot have delayed values, with their descriptions."""
     for name, force in statement.forces.items():
         if force.potential is not None:
             yield f"potential of '{name}'", force.potential
@@ -378,7 +380,7 @@ Floats = NDArray[np.float64]
 
 
 def check_constraints(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
-    """Check what every constraint reads, then where the motion starts."""
+    """Check the expressions of every constraint, then the start of the motion."""
     if not statement.constraints:
         return
     if statement.assemblies:
@@ -400,7 +402,7 @@ def check_constraints(statement: Statement, dimensions: Mapping[str, Dimension],
 
 
 def _check_reads(constraint: Constraint, statement: Statement) -> None:
-    """Refuse what cannot be kept: a condition of nothing that moves, of velocities, with kinks, of measured drives."""
+    """Refuse conditions of constants alone, of velocities, with kinks, or of measured drives."""
     tree = expand(constraint.condition, statement.definitions)
     if constraint.holds is None:
         check_velocity("rolls", tree, statement)
@@ -525,7 +527,7 @@ class _ConditionsAtStart:
         return {part: values[part] / length for parts, length in lengths for part in parts}
 
     def nearest_state(self) -> dict[str, float] | None:
-        """Return the nearest state where all conditions hold, in the metric of the mass; None if none is found."""
+        """Return the nearest state that satisfies all conditions, in the metric of the mass; None without one."""
         names, values = list(self.statement.coordinates), dict(self.values)
         for which, owners in ((0, names), (1, [velocity(name) for name in names])):
             for _ in range(MOST_TURNS):
@@ -548,7 +550,7 @@ class _ConditionsAtStart:
 
 
 def over_mass(mass: Floats, forces: Floats, names: Sequence[str]) -> Floats:
-    """Return what forces accelerate.
+    """Return the accelerations by forces, the solution of M a = F.
 
     Raises
     ------

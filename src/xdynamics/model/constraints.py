@@ -4,15 +4,14 @@ Each condition keeps a rate at zero, R v + … = 0: the time derivative of `hold
 and the multipliers u solve M a = F + R^T u, R a + bias = 0, so R M^-1 R^T u = -(R M^-1 F + bias) (Hairer and Wanner,
 Solving Ordinary Differential Equations II, 2nd ed., section VII.1, index 1). That matrix is factored as L D L^T, sparse
 where conditions share no coordinate: along a chain of rods the cost grows as the rods do. A small pivot belongs to a
-condition that others imply: accelerations do not depend on how its force is shared, for which see `implied_conditions`.
+condition that others imply: accelerations do not depend on how its force is shared (see `Sharing`).
 
-Solving with the mass matrix, as trees: M u = right, by division or by the factors L D L^T.
+Systems M u = right with the mass matrix are solved as trees: by division, or by the factors L D L^T.
 
-How the force of conditions that imply each other is shared, which the motion does not tell: the least of all shares.
-
-Where R M^-1 R^T has no full rank, multipliers u and u + N z accelerate alike, for every z and N of its null space. Taken is
-the least norm of all, each multiplier weighed by its diagonal entry, which is what it accelerates by itself: so the share
-does not depend on how a condition is written, in which unit or times which number.
+Where R M^-1 R^T has no full rank, the motion does not determine how conditions that imply each other share their force:
+multipliers u and u + N z accelerate alike, for every z and N of its null space. The share of least norm is taken, each
+multiplier weighed by its diagonal entry, which is what it accelerates by itself. So the share does not depend on how a
+condition is written, in which unit or times which number.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ class Assignment(NamedTuple):
 
 
 def mass_factors(model: Model) -> Iterator[Assignment]:
-    """Write what solving with the mass needs: the factors of a full one, M = L D L^T; a diagonal one divides."""
+    """Return the assignments that solving with the mass reads: factors M = L D L^T of a full mass, none if diagonal."""
     if not model.mass_is_full:
         return
     mass = [[model.expanded(entry) for entry in row] for row in model.mass]
@@ -152,7 +151,7 @@ class Sharing:
         return lines, vectors
 
     def null_vectors(self) -> Iterator[Assignment]:
-        """Write what spans the null space."""
+        """Return the assignments of vectors that span the null space."""
         yield from self._spanned[0]
 
     def least_norm(self, forces: Sequence[str], basic: Sequence[str]) -> Iterator[Assignment]:
@@ -304,7 +303,7 @@ def _factored(entries: dict[tuple[int, int], Node], n: int) -> Iterator[Assignme
 
 
 def correction_assignments(model: Model) -> Iterator[Assignment]:
-    """Write what takes residuals back, to first order, and rates: ``_shift_<coordinate>`` and ``_slow_<coordinate>``."""
+    """Return first-order corrections of residuals, ``_shift_<coordinate>``, and rates, ``_slow_<coordinate>``."""
     model = model.elements
     yield from mass_factors(model)
     yield from multiplier_assignments(model)
@@ -319,7 +318,7 @@ def correction_assignments(model: Model) -> Iterator[Assignment]:
 
 
 def projection_assignments(model: Model) -> Iterator[Assignment]:
-    """Write ``_shift_<coordinate>``, by which residuals ``_off0, …`` elsewhere are taken back along these gradients."""
+    """Return ``_shift_<coordinate>``, which corrects given residuals ``_off0, …`` along the gradients here."""
     model = model.elements
     yield from mass_factors(model)
     yield from multiplier_assignments(model)
@@ -343,7 +342,7 @@ def state_corrections(model: Model) -> dict[str, Node]:
 def keep_conditions(
     model: Model, free: Mapping[str, Node], lags: Sequence[Node], targets: Mapping[str, str], forces: Sequence[str]
 ) -> Iterator[Assignment]:
-    """Add to accelerations, or to other changes of the coordinates, what multipliers do to keep the conditions.
+    """Add the effect of multipliers, which satisfy the conditions, to accelerations or other changes of coordinates.
 
     Parameters
     ----------
@@ -435,5 +434,5 @@ def _factor_name(i: int, p: int) -> str:
 
 
 def inverse_pivot(p: int) -> str:
-    """Name what a multiplier is multiplied by, zero where its condition is one that others imply."""
+    """Name the inverse pivot of a multiplier, which is zero where other conditions imply its own."""
     return f"_slack{p}"

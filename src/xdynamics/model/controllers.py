@@ -1,6 +1,6 @@
-"""Sampled controllers: what they hold between ticks, what they change at them, and when they tick.
+"""Sampled controllers: their sections in a model file, the values they hold between ticks, and their ticks.
 
-What stands inside a controller of a model file: its outputs and its states, each with keys of their own.
+At a tick a controller changes its outputs and its states, each of which has keys of its own in a model file.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TickChange:
-    """What one action of a controller sets: the value of an expression, all from what holds just before the tick."""
+    """A number that a controller's action sets: the value of an expression of the state just before the tick."""
 
     action: int
     target: str
@@ -103,7 +103,7 @@ class TickChange:
 
 @dataclass(frozen=True)
 class Action:
-    """When something is done: what is computed, or was computed and delayed, takes effect; s after the start."""
+    """A time at which a controller computes values, or delayed values take effect; s after the start."""
 
     owner: str
     first: Fraction
@@ -133,7 +133,7 @@ def zero_rate(name: str, time: Unit) -> Node:
 
 
 def start_values(controllers: Mapping[str, Controller]) -> dict[str, Quantity]:
-    """Return what controllers hold before their first ticks."""
+    """Return the outputs and states of controllers before their first ticks."""
     values: dict[str, Quantity] = {}
     for controller in controllers.values():
         for name, output in controller.outputs.items():
@@ -158,7 +158,7 @@ def pending(output: str, controller: Controller) -> list[str]:
 
 
 def tick_changes(controllers: Mapping[str, Controller]) -> tuple[TickChange, ...]:
-    """Return what every action sets, in the order of `actions`."""
+    """Return the changes by every action, in the order of `actions`."""
     return tuple(_yield_changes(controllers))
 
 
@@ -195,7 +195,7 @@ def limited_value(output: Output) -> Node:
 
 
 def actions(controllers: Mapping[str, Controller]) -> tuple[Action, ...]:
-    """Return when controllers compute, and when what they delay takes effect."""
+    """Return the times at which controllers compute, and at which delayed outputs take effect."""
     timed_actions = []
     for name, controller in controllers.items():
         every, first = exact_time(controller.every), exact_time(controller.phase) if controller.phase else Fraction(0)
@@ -294,7 +294,7 @@ def _multiples(first: Fraction, every: Fraction, count: int) -> Floats:
 
 
 def trees_of(controller: Controller) -> Iterator[tuple[str, Node | None]]:
-    """Yield the expressions of a controller, each with what it sets."""
+    """Yield the expressions of a controller, each with the name that it sets."""
     for name, output in controller.outputs.items():
         yield from ((name, tree) for tree in (output.value, output.minimum, output.maximum))
     yield from ((name, memory.next) for name, memory in controller.states.items())

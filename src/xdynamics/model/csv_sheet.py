@@ -1,8 +1,7 @@
-"""A table as text with any separator and decimal mark, and the names and units of its columns.
+"""A table as text with any separator and decimal mark: its cells, and the names and units of its columns.
 
-Columns of a large table of one form, read at once: every line with the same number of cells, without quotes and gaps.
-
-Lines of a text file as cells: numbers, titles with units, words that are units.
+Cells are numbers, titles with units, or words that are units. The columns of a large regular table, in which every line
+has the same number of cells, without quotes and gaps, are read at once.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _LONGEST = 40  # characters of a label
 
 
 class PlainTable:
-    """The lines of a table below its header, all of them of the same number of cells.
+    """The lines of a table below its header, all with one number of cells.
 
     Parameters
     ----------
@@ -320,7 +319,7 @@ class Sheet:
         return self.rows.elements(column, extent) if isinstance(self.rows, PlainTable) else None
 
     def _column_scale(self, column: int) -> Callable[[float], float]:
-        """Return what a number of a column is in the column's unit; of one without a unit, itself."""
+        """Return the value of a column's number in the column's unit; unchanged without a unit."""
         try:
             return title(self.header[column]).number
         except InputError:
@@ -445,7 +444,7 @@ def _decimal(name: str, separator: str, rows: Sequence[tuple[int, list[str]]]) -
 
 
 def csv_text(columns: dict[str, Any], labels: Collection[str] = ()) -> str:
-    """Write columns, by their titles, as CSV text that reads back as the same numbers; those of labels as they are.
+    """Write columns, by their titles, as CSV text that reads back as equal numbers; labels are written as texts.
 
     Raises
     ------
@@ -476,14 +475,14 @@ def csv_text(columns: dict[str, Any], labels: Collection[str] = ()) -> str:
 
 @dataclass(frozen=True)
 class Cells:
-    """A table in cells: titles, rows of texts, and what kind of file they are from."""
+    """A table in cells: titles, rows of texts, and the kind of its file."""
 
     kind: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
     def text(self, name: str) -> str:
-        """Write it as CSV, with a comment that says where it is from."""
+        """Write the cells as CSV, with a comment that states their file and instrument."""
         buffer = io.StringIO()
         rows = csv.writer(buffer, lineterminator="\n")
         rows.writerow(self.header)

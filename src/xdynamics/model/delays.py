@@ -47,7 +47,7 @@ def value_at_start(name: str) -> str:
 
 
 def argument_before(argument: Node, moving: Iterable[str], delay: int) -> Node:
-    """Return what the table of a drive was looked up at, at the time of a delay."""
+    """Return the argument of a drive's table at the time of a delay."""
     return expand(argument, {name: Name(value_before(delay, name)) for name in ("t", *moving)})
 
 
@@ -71,7 +71,7 @@ def with_delayed_names(tree: Node, delays: tuple[Node, ...], moving: frozenset[s
 
 
 def delayed_rates(delay: int, coordinates: Iterable[str], states: Iterable[str]) -> dict[str, Node]:
-    """Return the time derivatives of what names stand for at the time of a delay."""
+    """Return the time derivatives of delayed values, by their names."""
     rates: dict[str, Node] = {value_before(delay, "t"): ONE}
     for name in coordinates:
         past_value, speed = value_before(delay, name), value_before(delay, velocity(name))
@@ -82,7 +82,7 @@ def delayed_rates(delay: int, coordinates: Iterable[str], states: Iterable[str])
 
 
 def _replace_delayed(tree: Node, replace_call: Callable[[Call], Node]) -> Node:
-    """Return a tree with other trees in the place of its delayed values."""
+    """Return a tree in which delayed values are replaced by other trees."""
     match tree:
         case Call(function="delayed"):
             return replace_call(tree)

@@ -1,4 +1,4 @@
-"""Everything that a march watches for: events, transitions of contacts and friction elements, switches in forces."""
+"""Detectors of a march: events, transitions of contacts and friction elements, switches in forces."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def function_dimension(model: Model, detector: Detector) -> Dimension:
 
 @lru_cache(maxsize=8)
 def _known_dimensions(model: Model) -> Mapping[str, Dimension]:
-    """Return the dimensions of all that functions of detectors name, put together once for many detectors."""
+    """Return the dimensions of all names in functions of detectors, merged once for many detectors."""
     return model.dimensions | reaction_dimensions(model) | delayed_dimensions(model)
 
 
@@ -226,7 +226,7 @@ def function_rate(model: Model, detector: Detector) -> Node:
 
 
 def argument_motion(model: Model, drive: str) -> tuple[Node, Node, Node]:
-    """Return what a drive is looked up at, its rate, and what sets it in motion from rest.
+    """Return the argument of a drive, its rate, and the derivatives that set it in motion from rest.
 
     Of an argument that reads velocities the last is the rate again: how accelerations change is not known.
     """

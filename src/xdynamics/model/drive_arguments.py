@@ -16,7 +16,7 @@ CLOCK = Name("t")
 
 
 def lookup_argument(argument: Node, moving: Container[str]) -> Node:
-    """Return what a table is looked up at: time if its argument is linear in time alone, else the argument itself.
+    """Return the argument of a table's look-up: time if its argument is linear in time alone, else the argument.
 
     The points of ``v*t`` are times that are known before the march, which lands on them.
 

@@ -1,6 +1,6 @@
 """Measured tables: CSV text with units in its header, and the piecewise polynomial through its points.
 
-Slopes at the points of a measured table, in a fixed order of arithmetic that no library's version changes.
+Slopes at the points are computed in a fixed order of arithmetic, which no library's version changes.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ ARGUMENT, VALUE, DOUBTS = "argument", "value", {"uncertainty": "u({0})", "common
 
 @dataclass(frozen=True)
 class Table:
-    """A measured table of two columns, perhaps with columns of uncertainties, kept with its full text.
+    """A measured table of two columns, perhaps with columns of uncertainties, and its full text.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
-"""What numbers the elements of a statement with dimensions have: its parameters, and its values at the start.
+"""The numbers of the elements of a statement with dimensions: parameters and values at the start.
 
-Statements with dimensions and those of their elements, where numbers change: each follows the other.
+A statement with dimensions and the statement of its elements follow each other where numbers change.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class ElementNumbers:
             yield self.shapes.element_at(name, indices), indices
 
     def _elementwise(self, makers: Mapping[str, Callable[[ElementIndices], Part]]) -> dict[str, Part]:
-        """Return what makers make for every element, where it is asked for."""
+        """Return a dictionary of elements whose parts `makers` make on look-up."""
         return Elementwise(self.shapes, makers)
 
     def _element_parameters(self) -> dict[str, Parameter]:
@@ -115,7 +115,7 @@ class ElementNumbers:
         }
 
     def _start_maker(self, name: str, values: Values, parameters: Mapping[str, Parameter]) -> Numbers:
-        """Return what makes the values of a quantity at the start."""
+        """Return the function that makes the values of a quantity's elements at the start."""
         shape = self.shapes.shape(self.shapes.dims.get(name, ()))
         if values.tree is None:
             assert values.unit is not None  # noqa: S101 - numbers have a unit
@@ -128,7 +128,7 @@ class ElementNumbers:
         return Numbers(numbers if dims_of(values.tree, self.shapes) else np.broadcast_to(numbers.flat[0], shape), unit)
 
     def rounding_at_start(self, parameters: Mapping[str, Parameter], initial: Mapping[str, Quantity]) -> dict[str, Any]:
-        """Return what rounding did to each quantity at the start that is given by an expression, in SI units.
+        """Return the rounding errors of initial values that expressions give, in SI units.
 
         Parameters
         ----------
@@ -328,7 +328,7 @@ def _values_agree(first: Values, second: Values) -> bool:
 
 
 def _fill_values(values: Values, quantities: tuple[Quantity, ...], spreads: tuple[Spread | None, ...]) -> Values:
-    """Return the same quantity with numbers of its elements."""
+    """Return the values of a quantity with new numbers for its elements."""
     if values.tree is not None and values.unit is None and not values.dims:
         return replace(values, tree=None, numbers=(quantities[0].value,), unit=quantities[0].unit)
     shared_spreads = spreads[:1] if len(set(spreads)) == 1 else spreads

@@ -1,6 +1,6 @@
-"""A model's elements: what a statement with dimensions is as one of single numbers, and which name has which dimensions.
+"""A model's elements: statements with dimensions as statements of single numbers, and dimensions of names.
 
-Which dimensions everything in a statement has, and whether every expression has those that it may have.
+Every expression is checked to have dimensions that the entry it stands in may have.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from xdynamics.units import Dimension
 
 
 def declared_shapes(statement: Statement, ledger: Ledger) -> Shapes:
-    """Return the dimensions of everything that a statement declares; what cannot be is noted."""
+    """Return the dimensions of all that a statement declares; faults are noted."""
     shapes = statement.bare_shapes
     dims: dict[str, tuple[str, ...]] = {}
     for name, part in statement.coordinates.items():
@@ -64,7 +64,7 @@ def declared_shapes(statement: Statement, ledger: Ledger) -> Shapes:
 
 
 def _with_expression_dims(statement: Statement, shapes: Shapes, ledger: Ledger) -> Shapes:
-    """Add the dimensions of what has those of its expression: definitions, observables, events, contacts, friction."""
+    """Add the dimensions that follow from expressions: definitions, observables, events, contacts, friction."""
     dims = dict(shapes.dims)
     shapes = replace(shapes, dims=dims)
     waiting = dict(statement.definitions)
@@ -91,7 +91,7 @@ def _with_expression_dims(statement: Statement, shapes: Shapes, ledger: Ledger) 
 
 
 def check_shapes(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
-    """Note every expression with a dimension that what it is for has not."""
+    """Note every expression with a dimension that its entry does not have."""
     dims_by_name = shapes.dims
     for name, values in statement.arrays.items():
         _check_tree_dims(f"parameter '{name}'", values.tree, values.dims, shapes, ledger, "add it to dims")
@@ -121,7 +121,7 @@ def check_shapes(statement: Statement, shapes: Shapes, ledger: Ledger) -> None:
 
 
 def _check_targets(reset: Iterable[str], shapes: Shapes) -> None:
-    """Refuse elements that are not there, and what is set twice, alone or as a part of the whole."""
+    """Refuse resets of missing elements, and of elements that are set twice, alone or with their quantity."""
     earlier: dict[str, dict[tuple[int, ...], str]] = {}
     for target in reset:
         quantity, indices = shapes.parse_element(target)
@@ -162,7 +162,7 @@ def check_link_tables(statement: Statement, ledger: Ledger) -> None:
 def _expected_dims(
     statement: Statement, dims_by_name: Mapping[str, tuple[str, ...]]
 ) -> Iterator[tuple[str, Node | None, Iterable[str]]]:
-    """Yield what expressions are for, and the dimensions that they may have."""
+    """Yield expressions with their descriptions, and the dimensions that they may have."""
     names = [*statement.coordinates]
     for (i, j), entry in statement.mass_entries.items() if statement.mass else ():
         label = f"mass of '{names[i]}'" if i == j else f"mass entry ({i + 1}, {j + 1})"
@@ -387,7 +387,7 @@ class Elements(ElementNumbers):
         return sum_terms([at_element(tree, indices, self.shapes) for indices in self.shapes.index_combinations(dims)])
 
     def force_by_coordinate(self, force: Force) -> dict[str, Node | Function]:
-        """Return what a force term is for every coordinate, with dimensions; of a potential, its negative gradient."""
+        """Return a force term by coordinate, with dimensions; of a potential, its negative gradient."""
         if force.potential is not None:
             tree = expand_definitions(force.potential, self.statement.definitions, self.shapes)
             gradients = dict[str, Node | Function](gradient(negative(tree), self.statement.coordinates, self.shapes))
@@ -400,7 +400,7 @@ class Elements(ElementNumbers):
         }
 
     def _link_force_on_ends(self, name: str, tree: Node, relation_name: str) -> Node:
-        """Return what links give to elements of a coordinate: a force to first ends, its opposite to second ones."""
+        """Return the force of links on elements of a coordinate: at first ends, and reversed at second ends."""
         relation, dims = self.shapes.relations[relation_name], self.shapes.dims[name]
         first = tree if relation.source in dims else ZERO
         return Along("onto", (first, negative(tree) if relation.target in dims else ZERO), (relation_name,))
@@ -432,7 +432,7 @@ class Elements(ElementNumbers):
             yield element, replace(event, function=function, reset=reset)
 
     def _target_indices(self, target: str, indices: ElementIndices) -> Iterator[ElementIndices]:
-        """Yield the places of a target that go with a place: along its further dimensions all of them."""
+        """Yield the indices of a reset's target: all elements along dimensions that the event does not have."""
         further = tuple(dim for dim in self.shapes.dims.get(target, ()) if dim not in indices)
         for inner in self.shapes.index_combinations(further):
             yield {**indices, **inner}
@@ -477,5 +477,5 @@ class Elements(ElementNumbers):
 
 
 def _by_element(make: Callable[[str, Part], Iterator[tuple[str, Part]]], parts: Mapping[str, Part]) -> dict[str, Part]:
-    """Return what is made for every element of every part."""
+    """Return the parts that `make` yields for every element of every part."""
     return {element: made for name, part in parts.items() for element, made in make(name, part)}

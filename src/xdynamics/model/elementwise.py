@@ -1,6 +1,6 @@
-"""What a model says of its elements, by their names: made where somebody asks for it.
+"""Trees, masses and numbers of a model by the names of its elements, made where they are first read.
 
-What a model says of its elements, made where somebody asks for it: a model of many bodies has many trees.
+They are lazy because a model of many bodies has many trees.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Part = TypeVar("Part")
 
 
 class Lazy(Mapping[str, Part], Generic[Part]):
-    """A mapping whose names are known, and whose values are made when they are asked for, and kept.
+    """A mapping with known names, whose values are made on first look-up and cached.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Lazy(Mapping[str, Part], Generic[Part]):
 
 
 class Diagonal(Sequence[tuple[Node, ...]]):
-    """A diagonal mass matrix, of which only the diagonal is kept.
+    """A diagonal mass matrix, of which only the diagonal is stored.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def own_mass(mass: Sequence[tuple[Node, ...]], i: int) -> Node:
 
 
 class ForceOfPotential(Force):
-    """A force term of the elements, whose potential is made when it is asked for."""
+    """A force term of the elements, whose potential is made on first use."""
 
     def __init__(self, declared_force: Force, potential: Callable[[], Node], components: Mapping[str, Any]) -> None:
         # frozen: its numbers are those of the other, and nothing sets `potential`, which is found on the class
@@ -119,7 +119,7 @@ Make = Callable[[Mapping[str, int]], Part]
 
 
 def always(part: Part) -> Make[Part]:
-    """Return what makes the same for every element."""
+    """Return a function that gives one part for every element."""
     return lambda _: part
 
 
@@ -203,7 +203,7 @@ class ParameterNumbers:
 
 
 def put_in_si(values: Mapping[str, Any], blocks: Blocks, numbers: NDArray[np.float64]) -> None:
-    """Put quantities or parameters in SI units into an array, in the order of some blocks."""
+    """Write quantities or parameters in SI units into an array of shape (n,), in the order of some blocks."""
     first = 0
     for block in blocks.blocks:
         if isinstance(values, Elementwise) and block.dims and block.name not in values.changed:
@@ -236,7 +236,7 @@ def in_si(values: Mapping[str, Any], blocks: Blocks) -> NDArray[np.float64]:
 
 
 class Elementwise(dict[str, Part]):
-    """A dictionary by names of elements, whose names and values are made when they are asked for.
+    """A dictionary by names of elements, whose names and values are made on look-up.
 
     A model of a million elements is read without one of them. What is asked for is kept as in any dictionary.
 
@@ -302,7 +302,7 @@ class Elementwise(dict[str, Part]):
         return [*self._made_items()]
 
     def _made_items(self) -> Iterator[tuple[str, Part]]:
-        """Yield names with values; those that are missing are made and kept."""
+        """Yield names with values; missing values are made and cached."""
         for block in self.names.blocks:
             numbers = product(*map(range, block.shape))
             for name, indices in zip(block.elements(), numbers, strict=True):
@@ -343,6 +343,6 @@ class Elementwise(dict[str, Part]):
         return dict, (dict(self),)
 
     def _made_values(self) -> dict[str, Part]:
-        """Return what was made so far."""
+        """Return the values made so far."""
         # by the methods of the base class: those of this one would make all elements
         return dict(zip(dict.keys(self), dict.values(self), strict=True))

@@ -1,8 +1,7 @@
-"""Which files a model may take its tables from, and how such a file is read.
+"""The files that a model may take its tables from, and the limits under which such files are read.
 
-Sheets of Excel as text.
-
-Limits on the text of a model, checked before it is parsed: parsing a small file can take gigabytes.
+Sheets of Excel are read as text. The text of a model is checked before it is parsed: parsing a small file can take
+gigabytes.
 """
 
 from __future__ import annotations

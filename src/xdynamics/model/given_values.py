@@ -1,8 +1,7 @@
-"""Numbers of a quantity with dimensions: a list, a table, values by label, or an expression of the element's number.
+"""Values of a quantity with dimensions: lists, tables, values by label, or expressions of the element's number.
 
-Whether the elements of a quantity fit into memory, asked before they are made.
-
-Which form the value of a quantity has: a number with a unit, numbers for elements, or an expression.
+The form of a value is decided first: a number with a unit, numbers for elements, or an expression. Before elements are
+made, their memory is checked.
 """
 
 from __future__ import annotations
@@ -197,7 +196,7 @@ def _by_expression(entry: Mapping[str, Any], dims: tuple[str, ...], shapes: Shap
 
 
 def _times_unit(tree: Node, unit: Unit) -> Node:
-    """Return an expression times a unit, as one that has it itself: units of what it reads are not known yet."""
+    """Return an expression times a unit, so that it has that unit itself: units of its names are not known yet."""
     powers = [f"{constant_of(base)}**{power}" for base, power in zip(BASE, unit.dimension.powers, strict=True) if power]
     return Binary("*", tree, parse("*".join([repr(float(unit.factor)), *powers])))
 
@@ -292,7 +291,7 @@ def _in_one_unit(
 
 
 def _conversion(scale: Scale | None, *, difference: bool) -> Callable[[float], float] | None:
-    """Return what puts bare numbers on a scale into its unit; None where they are in it."""
+    """Return the function that converts bare numbers on a scale to its unit; None where they are in it."""
     if scale is None or scale.is_unit:
         return None
     return scale.difference if difference else scale.value
@@ -301,7 +300,7 @@ def _conversion(scale: Scale | None, *, difference: bool) -> Callable[[float], f
 def _read_by_label(
     values_by_label: Any, scale: Scale | None, dims: tuple[str, ...], shapes: Shapes
 ) -> tuple[tuple[float, ...], Scale]:
-    """Read a table by label, in which what stands for a label has the further dimensions: a table, a list, or one number."""
+    """Read a table by label, whose values along further dimensions are tables, lists, or one number."""
     if not dims or not isinstance(values_by_label, Mapping):
         numbers, scale = _read_nested(values_by_label, scale, shapes.shape(dims), dims)
         return numbers if isinstance(values_by_label, list | tuple) else numbers * prod(shapes.shape(dims)), scale

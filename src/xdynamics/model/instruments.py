@@ -1,6 +1,7 @@
 """Files of instruments as tables: phones, loggers, video tracking, oscilloscopes, rocket motors.
 
-A file that is already a table with units in its header is left as it is. What else is recognised, by its own lines:
+A file is known by its first lines. A file that is already a table with units in its header is left as it is. The other
+formats that are recognised:
 
 ========== ==========================================================================================================
 Vernier    Titles begin with the run, ``Data Set 1:Time(s)`` or ``Latest: Time (s)`` (exports of Graphical Analysis and
@@ -19,8 +20,6 @@ others     Lines before a header, and units in a line of their own below the nam
 ========== ==========================================================================================================
 
 phyphox writes a table with units already: ``"Time (s)";"Acceleration x (m/s^2)"``, with commas, semicolons or tabs.
-
-Files as loggers, oscilloscopes and makers of motors write them, known by their first lines.
 """
 
 from __future__ import annotations
@@ -216,7 +215,7 @@ def _seconds(unit: str) -> str:
 
 
 def _preamble_titles(header: Sequence[str], preamble: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the titles of columns whose units are said in the lines above, the same for all or one for each."""
+    """Return titles of columns with the units of the preamble: one unit for all columns, or one for each."""
     vertical = [cell for cell in preamble["vertical units"] if cell] or ["V"]
     horizontal = _seconds(next((cell for cell in preamble.get("horizontal units", ()) if cell), ""))
     vertical_units = [vertical[min(k, len(vertical) - 1)] for k in range(len(header) - 1)]
@@ -400,7 +399,7 @@ def _renamed(name: str, grid: Cells, reading: Reading) -> Cells:
 
 
 def _count_times(name: str, grid: Cells, reading: Reading) -> Cells:
-    """Count the times from where it is said."""
+    """Count the times from the origin that the reading states."""
     if not reading.time_zero:
         return grid
     names = [name_of_title(title) for title in grid.header]

@@ -1,6 +1,6 @@
-"""What stands inside a joint of a model file: whom it joins, where, about or along which axis.
+"""Joints in a model file: their two bodies, their points, and their axes as directions of unit length.
 
-Directions and attitudes as plain numbers: of unit length, or brought to it.
+Directions and attitudes are plain numbers, which are checked to have unit length or are normalised.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Joint:
 
     @property
     def kind(self) -> str:
-        """Which of the kinds it is."""
+        """The kind of the joint."""
         return next(kind for kind in KINDS if getattr(self, kind))
 
     @property

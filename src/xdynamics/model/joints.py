@@ -40,7 +40,7 @@ Quaternion = tuple[Node, Triple]
 
 
 def with_joints(tables: dict[str, Any], source: Source, ledger: Ledger) -> None:
-    """Put what joints stand for among the constraints and definitions of a statement; what is wrong is noted."""
+    """Add the constraints and definitions of joints to a statement; faults are noted."""
     joint_tables = tables.get("joints")
     if not isinstance(joint_tables, Mapping) or not joint_tables:
         return
@@ -94,7 +94,7 @@ def _check_bodies(joint: Joint, bodies: Mapping[str, Any]) -> None:
 
 
 def tables_of_joint(name: str, joint: Joint) -> dict[str, dict[str, str]]:
-    """Return what a joint stands for, as entries of sections of a model file."""
+    """Return the entries of a joint for the sections of a model file."""
     first, second = map(_point_text, joint.bodies, joint.at)
     separation = f"{first} - ({second})"
     kind, across = joint.kind, _across(joint)

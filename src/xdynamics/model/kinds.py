@@ -1,6 +1,6 @@
-"""Kinds of values in a model file: how each is read, how it is written, and when it need not be.
+"""Kinds of values in a model file: how each is read, how it is written, and when it may be left out.
 
-Functions written in Python, as a model takes them: the function itself, or the description an archive keeps.
+A function written in Python is a value too: the function itself, or the description that an archive stores.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Where expressions have kinks and jumps: the functions that pass through zero there, from the inside out.
+"""Kinks and jumps of expressions: the functions that are zero there, and the smooth expressions beside them.
 
-Expressions on known sides of their switches: smooth, where signs and comparisons become numbers of the march.
+Functions are listed from the inside out. On known sides of its switches an expression is smooth: its signs and
+comparisons become numbers of the march.
 
-`floor`, `ceil`, `round` and `mod` at ticks, where what is a whole number to rounding counts as whole.
-
-A tick at 60 us is three periods of 20 us, and 60e-6/20e-6 is 2.9999999999999996. In forces the switches of these
-functions have the same margin (`kinks.jump_function`). What they give is compared with the same margin: ``mod(t, T) < T/2``
-is not so at a tick in the middle of a period.
+At ticks, `floor`, `ceil`, `round` and `mod` count an argument that is a whole number to rounding as whole. A tick at
+60 us is three periods of 20 us, and 60e-6/20e-6 is 2.9999999999999996. In forces the switches of these functions have
+the same margin (`kinks.jump_function`). Comparisons of their results have the same margin too: ``mod(t, T) < T/2`` is
+false at a tick in the middle of a period.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def jump_function(node: Call) -> Node:
 
 
 def rounded_argument(function: str, arguments: tuple[Node, ...]) -> Node:
-    """Return what is rounded down, or to the nearest whole number."""
+    """Return the argument of the rounding in `floor`, `ceil`, `round` or `mod`."""
     if function == "mod":
         return Binary("/", arguments[0], arguments[1])
     return Negative(arguments[0]) if function == "ceil" else arguments[0]
@@ -240,7 +240,7 @@ class _Sides:
     around: tuple[Node, ...]
 
     def with_decider(self, function: Node) -> _Sides:
-        """Return the same inside of what the side of a function decides."""
+        """Return the sides inside a choice that the side of a function decides."""
         return self if function in self.around else _Sides(self.names, (*self.around, function))
 
     def substitute(self, node: Node) -> Node:
@@ -295,7 +295,7 @@ class _Sides:
         return extremum
 
     def _continued(self, plain: Node, argument: Node, domain: tuple[Node, Node | None]) -> Node:
-        """Keep an argument inside of a domain where a side is held that the motion has left."""
+        """Restrict an argument to its domain, where the march holds a side that the motion has left."""
         functions = dict.fromkeys((*self.around, *self._switch_functions(plain)))
         if not functions:
             return argument
@@ -308,7 +308,7 @@ class _Sides:
         return (function for _, function, *_ in kinks(plain) if function in self.names)
 
     def _where_held(self, functions: Mapping[Node, None], agreed: Node, left: Node) -> Node:
-        """Return one tree where the motion is on the sides that are held, another where it has left one of them."""
+        """Return one tree where the motion is on the sides that the march holds, another where it has left one."""
         tree = agreed
         for function in functions:
             distance = Binary("*", Name(self.names[function]), function)
@@ -323,7 +323,7 @@ def is_root(node: Binary) -> bool:
 
 
 def _whole_on_side(function: str, inner: tuple[Node, ...], side_name: Name) -> Node:
-    """Write `floor`, `ceil`, `round` and `mod` for a known side: the even, or odd, whole number that is near."""
+    """Write `floor`, `ceil`, `round` and `mod` on a known side: by the near even, or odd, whole number."""
     shifted_side = Binary("+", ONE, side_name) if function == "round" else side_name
     halves = Binary("+", Binary("/", rounded_argument(function, inner), TWO), Binary("/", shifted_side, Number(4.0)))
     odd = Binary("/", Binary("-", ONE, side_name), TWO)
@@ -337,7 +337,7 @@ ROUNDING = Number(1e-15)  # of the sizes of what is added up
 
 
 def with_whole_numbers(node: Node) -> Node:
-    """Return an expression in which `floor`, `ceil`, `round` and `mod` take numbers that are nearly whole for whole."""
+    """Return an expression whose `floor`, `ceil`, `round`, `mod` take nearly whole numbers as whole."""
     match node:
         case Negative():
             return Negative(with_whole_numbers(node.operand), node.column)
@@ -362,7 +362,7 @@ def with_whole_numbers(node: Node) -> Node:
 
 
 def _counts_whole_numbers(node: Node) -> bool:
-    """Whether whole numbers are counted anywhere in an expression."""
+    """Whether an expression has `floor`, `ceil`, `round` or `mod` anywhere."""
     return any(isinstance(part, Call) and part.function in CALLED_ALONE for part in every(node))
 
 
@@ -378,7 +378,7 @@ def _compare_rounded(inner: Compare, node: Compare) -> Compare:
 
 
 def _settle_call(call: Call, node: Call) -> Node:
-    """Return a call that is decided where its argument is nearly whole; for `round` where it is nearly half of one."""
+    """Return a call that is decided where its argument is nearly whole; for `round` where twice it is."""
     u, plain = rounded_argument(call.function, call.arguments), rounded_argument(node.function, node.arguments)
     number, margin = (
         (Binary("*", TWO, u), Binary("*", TWO, _margin(plain))) if call.function == "round" else (u, _margin(plain))
@@ -401,7 +401,7 @@ def _margin(node: Node) -> Node:
 
 
 def _size_of_terms(node: Node) -> Node:
-    """Return the sum of the sizes of what an expression is added up from, before whole numbers are taken off."""
+    """Return the sum of the sizes of an expression's terms, before whole numbers are subtracted."""
     match node:
         case Negative():
             return _size_of_terms(node.operand)

@@ -1,10 +1,8 @@
 """The motion about one state: exact derivatives of M a = F and of the rates, as trees and as numbers.
 
-Derivatives of M a = F by every coordinate, velocity and state, as trees and at one state.
-
-Small changes of a state that constraints allow: the motion about a state is linearised along these alone.
-
-Conditions g(t, q, x) = 0 leave changes with (dg/dq) dq + (dg/dx) dx = 0, and their rates the same of (q, v, x).
+Derivatives are by every coordinate, velocity and state. Where constraints hold, the motion is linearised along the
+small changes that they allow: conditions g(t, q, x) = 0 leave changes with (dg/dq) dq + (dg/dx) dx = 0, and their rates
+the corresponding changes of (q, v, x).
 """
 
 from __future__ import annotations
@@ -289,7 +287,7 @@ def tangent_space(model: Model, values: Mapping[str, float]) -> Floats:
 
 
 def _in_order(moves: Floats, following: Floats, speeds: Floats, first: int) -> Floats:
-    """Return changes of (q, v, x): some of those of (q, x), with what velocities follow by, velocities, then the rest."""
+    """Return changes ordered as (q, v, x): coordinates with their velocities' response, velocities, then states."""
     n, count = len(speeds), moves.shape[1] + speeds.shape[1]
     space = np.zeros((n + len(moves), count))
     places = np.r_[0:first, first + speeds.shape[1] : count]
@@ -445,7 +443,7 @@ MAX_TOGETHER = 2_000_000  # numbers of a part of an expression for all direction
 
 
 def is_densely_linked(model: Model) -> bool:
-    """Whether links far outnumber what they link, and the derivatives of forces are known of whole quantities."""
+    """Whether links far outnumber the elements they join, and derivatives of forces are known by quantity."""
     if not moves_by_quantities(model) or model.assemblies or model.drives or model.shaped.bodies:
         return False
     sizes = ((links.first.size, model.shapes.extent(links.source).size) for links in model.shapes.relations.values())

@@ -124,11 +124,11 @@ class Links:
 
     @cached_property
     def _latest(self) -> dict[tuple[Any, ...], Relation]:
-        """The links, kept as long as what declares them."""
+        """The links of relations, cached by their declaration."""
         return {}
 
     def _no_link_cause(self, source: Extent) -> str:
-        """Say why there is no link."""
+        """Return why a relation has no links."""
         if self.csv:
             return f"table '{self.table}' has a header and no rows"
         few = "one element" if source.size == 1 else f"{source.size} elements"

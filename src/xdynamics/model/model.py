@@ -236,7 +236,7 @@ class Model(ModelTrees):
         return cls(**read(equations, sections))
 
     def to_toml(self) -> str:
-        """Return the whole model as TOML, measured tables included."""
+        """Return the complete model as TOML, measured tables included."""
         return self._toml
 
     @cached_property
@@ -410,7 +410,7 @@ class Model(ModelTrees):
             check_end_forces(self._declared, self.shapes)
 
     def _take_statement(self, declared_statement: Statement) -> None:
-        """Take a statement that was read, perhaps with dimensions."""
+        """Check a statement, perhaps with dimensions, and make it the model's own."""
         if not (declared_statement.extents or declared_statement.starting):
             statement = derive_motion(declared_statement)
             self._hold_statement(statement, check_statement(statement), Shapes(), None)
@@ -440,7 +440,7 @@ class Model(ModelTrees):
 
 
 def check_model(model: Any) -> None:
-    """Refuse what is no Model, such as the name of a file.
+    """Refuse an argument that is no Model, such as the name of a file.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""What follows from the statement of a model: forces of potentials, rates, units, what depends on what.
+"""The trees that follow from a model's statement: forces of potentials, rates, units, dependences.
 
-Sections of a model as people read them: by the names of its file, and never changed in place.
+The sections of a model are read by the names of its file, and are never changed in place.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class ReadOnlySection(Mapping[str, Part]):
         return f"<{self._title}: {', '.join([*entry_texts, *(['…'] * (len(self) > SHOWN))]) or 'none'}>"
 
     def _entry_text(self, name: str) -> str:
-        """Return an entry in words: a quantity, a parameter's value, or the unit of what moves."""
+        """Return an entry in words: a quantity, a parameter's value, or the unit of a moving quantity."""
         part: Any = self[name]
         if dims := getattr(part, "dims", ()):
             name = f"{name}({', '.join(dims)})"
@@ -142,7 +142,7 @@ BY_NAME = ("coordinates", "states", "parameters", "initial")  # sections by the 
 
 
 class ModelTrees:
-    """The sections of a statement with what is derived from them; every name that a model says is an attribute."""
+    """The sections of a statement with the trees derived from them; every name of a section is an attribute."""
 
     statement: Statement
     shaped: Statement
@@ -240,7 +240,7 @@ class ModelTrees:
 
     @cached_property
     def form(self) -> str:
-        """The model as TOML without the numbers of parameters, tables and the start: what programs are compiled from."""
+        """The model as TOML without numbers of parameters, tables and the start: the source of compiled programs."""
         statement = self._written_statement
         parameters = {
             name: replace(entry, quantity=Quantity(0.0, entry.quantity.unit), spread=None)
@@ -344,7 +344,7 @@ class ModelTrees:
 
     @cached_property
     def looked_up_at(self) -> dict[str, Node]:
-        """What the table of each drive is looked up at: t where its argument is linear in time, else the argument."""
+        """The argument of each drive's table: t where the argument is linear in time, else its expression."""
         moving = {*self.units, *self.drives} if self.drives else set[str]()
         return {name: lookup_argument(self.expanded(drive.argument), moving) for name, drive in self.drives.items()}
 

@@ -149,7 +149,7 @@ def _force_terms(model: Model) -> Iterator[Assignment]:
 
 @lru_cache(maxsize=64)
 def forces_by_coordinate(model: Model) -> Mapping[str, Mapping[str, Node | Function]]:
-    """Return what every force term is for every coordinate on which it acts: derived from a Lagrangian, for elements."""
+    """Return every force term by the coordinates on which it acts: derived from a Lagrangian, for elements."""
     if not model.shapes.dims or model.shaped.lagrangian is not None:
         return model.force_components
     elements = Elements(model.shaped, model.shapes)
@@ -239,7 +239,7 @@ def constant_values(model: Model, scales: Scales = UNSCALED) -> NDArray[np.float
 
 
 def _unit_constants(model: Model, scales: Scales) -> dict[str, float]:
-    """Return unit constants, pi, and what delayed values are read with."""
+    """Return unit constants, pi, and the constants that delayed values read."""
     dimensions = model.dimensions
     values = {name: float(constant(name).factor) / scales.si_factor(dimensions[name]) for name in CONSTANTS}
     values["pi"] = math.pi
@@ -248,7 +248,7 @@ def _unit_constants(model: Model, scales: Scales) -> dict[str, float]:
 
 
 def _past_constants(model: Model, scales: Scales) -> dict[str, float]:
-    """Return what delayed values are read with: whether their times lie before the start, and the values there."""
+    """Return the constants that delayed values read: flags of times before the start, and the values there."""
     history_flags = {in_history(i): 1.0 for i in range(len(model.delays))}
     names = [name for name in model.moving if name not in model.history]
     return history_flags | {
@@ -301,7 +301,7 @@ def _check_pieces(name: str, drive: Drive, pieces: Table) -> None:
 def motion_inputs(
     model: Model, state: Mapping[str, float], constant_numbers: Mapping[str, float], tables: Iterable[Table]
 ) -> dict[str, float]:
-    """Return what the assignments of the motion read at one state: constants, state, regime, drives and their slopes.
+    """Return the inputs of the motion's assignments at one state: constants, state, regime, drives and slopes.
 
     Parameters
     ----------
@@ -406,7 +406,7 @@ def evaluate_over_states(
 
 
 def _names_in(trees: Iterable[Node], read: Iterable[Assignment]) -> set[str]:
-    """Return what some expressions and assignments read."""
+    """Return the names that some expressions and assignments read."""
     values = [*trees, *(item.value for item in read)]
     return set().union(*(set(it.arguments) if isinstance(it, Function) else free_names(it) for it in values))
 
@@ -442,13 +442,13 @@ def assignments_read(model: Model, trees: Iterable[Node]) -> list[Assignment]:
 
 @lru_cache(maxsize=64)
 def _unassigned_names(model: Model) -> frozenset[str]:
-    """Name what the motion never assigns: it need not be written to know that, which takes long for many bodies."""
+    """Name the inputs of the motion, without writing its assignments, which takes long for many bodies."""
     return frozenset(("t", REGIME_NUMBER, *variables(model), *model.statement.parameters, *CONSTANTS, "pi"))
 
 
 @lru_cache(maxsize=512)
 def _assigned(model: Model) -> frozenset[str]:
-    """Name what the motion assigns."""
+    """Name the targets of the motion's assignments."""
     return frozenset(item.name for item in motion(model.elements))
 
 
@@ -531,7 +531,7 @@ def shapes_of_changes(model: Model) -> Shapes:
 
 
 def changes_of_quantities(model: Model) -> list[Assignment]:
-    """Return the derivatives of what `motion` gives along a direction of the state, by the chain rule."""
+    """Return the derivatives of the results of `motion` along a direction of the state, by the chain rule."""
     shapes, changes = shapes_of_changes(model), list[Assignment]()
     rates: dict[str, Node] = {name: Name(change_name(name)) for name in state_quantities(model)}
     for item in motion(model):
@@ -543,7 +543,7 @@ def changes_of_quantities(model: Model) -> list[Assignment]:
 
 
 def events_of_quantities(model: Model) -> list[Assignment]:
-    """Return the function of each event, and 1 for what is looked for otherwise: ticks, links of contacts."""
+    """Return the function of each event, and 1 for events located otherwise: ticks, links of contacts."""
     functions = list[Assignment]()
     for name, event in model.shaped.events.items():
         assert not isinstance(event.function, Function)  # noqa: S101 - asked before

@@ -1,6 +1,6 @@
-"""Checks of a model's names: what may be called how, and what no two things may be called.
+"""Checks of a model's names: permitted spellings, and a single owner for each name of its record.
 
-Names that the record of a model uses, each with the entry of the model that claims it.
+Every name that the record of a model uses is listed with the entry of the model that claims it.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def _is_used(name: str, parts: Mapping[str, Any]) -> bool:
 
 
 def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield every name that the record of a model uses, each with what claims it."""
+    """Yield every name that the record of a model uses, with the entry that claims it."""
     for variable in (*FIXED, *EVENT_UNCERTAINTIES):
         yield variable.name, "the record"
     for name in OTHER_NAMES:
@@ -189,7 +189,7 @@ def check_names_of_today(statement: Statement) -> None:
 
 
 def check_names(statement: Statement, ledger: Ledger) -> None:
-    """Check that every name may be one, and that no two things in the record have the same."""
+    """Check that every name is permitted, and that no two entries claim one name of the record."""
     if not statement.coordinates and not statement.states:
         ledger.note("has neither coordinates nor states: there is nothing to march")
     if len(statement.events) > MOST_EVENTS:
@@ -270,7 +270,7 @@ def _name_fault(section: str, name: str) -> str:
 
 
 def _entry_kind(section: str) -> str:
-    """Return what an entry of a section is called."""
+    """Return the word for an entry of a section."""
     return _ENTRY_KINDS.get(section, section.removesuffix("s"))
 
 

@@ -73,7 +73,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Authorship:
-    """Who stands for a model and its runs, and under which terms: in ACDD's words, outside of what is computed."""
+    """Authors and terms of a model and its runs, in ACDD's words, which enter no computation."""
 
     creator: str = ""
     institution: str = ""
@@ -84,12 +84,12 @@ class Authorship:
 
     @classmethod
     def from_attributes(cls, attributes: Mapping[Any, Any]) -> Authorship:
-        """Read what the attributes of a record say."""
+        """Read the authorship from the attributes of a record."""
         return cls(**{name: str(attributes[key]) for name, key in _IN_ACDD.items() if key in attributes})
 
     @property
     def attributes(self) -> dict[str, str]:
-        """The attributes of a record that say so (ACDD 1.3, CF 1.11)."""
+        """The attributes of a record that state the authorship (ACDD 1.3, CF 1.11)."""
         return {_IN_ACDD[name]: text for name, text in vars(self).items() if text}
 
 
@@ -212,7 +212,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Output:
-    """What a controller puts out: a value that holds between its ticks, between bounds if it has any."""
+    """An output of a controller: a value that is constant between ticks, limited if bounds are given."""
 
     unit: Unit
     start: Quantity
@@ -224,7 +224,7 @@ class Output:
 
 @dataclass(frozen=True)
 class ControllerState:
-    """What a controller remembers from tick to tick: an integral, a filtered value, a count."""
+    """A state of a controller from tick to tick: an integral, a filtered value, a count."""
 
     unit: Unit
     start: Quantity
@@ -308,7 +308,7 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Observable:
-    """What else is recorded, its unit, if one is chosen, and its description."""
+    """A further recorded expression, its unit, if one is chosen, and its description."""
 
     expression: Node
     unit: Unit | None = None
@@ -320,7 +320,7 @@ ORIGIN = "origin"  # the point 0, 0 of a plane
 
 @dataclass(frozen=True)
 class Pictured:
-    """What figures show of a motion, by the keys of `[figure]`."""
+    """The contents of figures of a motion, by the keys of `[figure]`."""
 
     plane: tuple[tuple[Node, Node], ...] = ()
     bodies: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""What contacts and dry friction add to M a = F, as trees: forces that are solved for together with the accelerations.
+"""What contacts and dry friction add to M a = F, as trees: forces solved for together with the accelerations.
 
 A closed contact and a sticking friction element each constrain one row of the motion: the second derivative of the gap,
 or the first of the slip, is zero. Their forces u are such that R a + bias = 0 with a = M^-1 (F + R^T u), so they solve
@@ -214,7 +214,7 @@ def delassus_assignments(model: Model) -> Iterator[Assignment]:
 
 
 def _answering(model: Model, k: int, reached: list[str]) -> Iterator[Assignment]:
-    """Write what a unit of a reaction does to accelerations, and to the multipliers of constraints."""
+    """Return the response of accelerations and multipliers to a unit of a reaction."""
     reaction, tied = reactions(model)[k], conditions(model)
     reach_name = _reaction_reach if not tied else _pushed
     rows = {reach_name(k, name): Name(_reaction_row(k, name)) if name in reaction.row else ZERO for name in reached}
@@ -226,7 +226,7 @@ def _answering(model: Model, k: int, reached: list[str]) -> Iterator[Assignment]
 
 
 def reaction_table(model: Model) -> tuple[list[Node], ...]:
-    """Return what `march.contacts.delassus` needs of a state: numbers of each reaction, then the matrices, row by row.
+    """Return the numbers that `march.contacts.delassus` reads at a state: of each reaction, then matrices by row.
 
     Returns
     -------

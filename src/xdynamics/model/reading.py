@@ -106,7 +106,7 @@ def _split_arrays(
 
 
 def _read_entries(section: Section, table: Mapping[str, Any], source: Source, ledger: Ledger) -> dict[str, Any]:
-    """Read every entry of a section; what cannot be read is noted, and reading goes on."""
+    """Read every entry of a section; faults are noted, and reading continues."""
     entries = {}
     for name, content in table.items():
         with ledger.entry(f"{section.entry} '{name}'"):
@@ -152,7 +152,7 @@ def _read_start(parts: Mapping[str, Any], section: Mapping[str, Any], ledger: Le
 
 
 def _add_held_states(parts: dict[str, Any], ledger: Ledger) -> None:
-    """Have what controllers hold among the states of a model."""
+    """Add the outputs and states of controllers to the states of a model."""
     controllers = parts["controllers"]
     with ledger.entry("controllers"):
         check_controllers(controllers)

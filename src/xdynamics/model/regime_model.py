@@ -97,7 +97,7 @@ class RegimeModel(Model):
 
     @cached_property
     def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
-        """The components of every force term, with the sides of switches in place of signs and comparisons."""
+        """The components of every force term, in which sides of switches replace signs and comparisons."""
         terms = self.plain.force_components
         return {
             term: {
@@ -108,7 +108,7 @@ class RegimeModel(Model):
         }
 
     def _one_sided_masses(self) -> Sequence[tuple[Node, ...]]:
-        """Return the mass matrix, with the sides of switches in place of signs and comparisons."""
+        """Return the mass matrix, in which sides of switches replace signs and comparisons."""
         mass, owner = self.plain.statement.mass, owner_of_masses(self.plain)
         if not any(switch.owner == owner and not switch.drive for switch in self.switches):
             return mass

@@ -67,7 +67,7 @@ def replace_entries(statement: Statement, sections: Mapping[str, Any], functions
 
 
 def _on_scales(statement: Statement, title: str, entries: Any) -> Any:
-    """Give bare numbers the scale that the file states the quantity on: where it says 20 °C, 25 is 25 °C."""
+    """Give bare numbers the scale on which the file states the quantity: where it has 20 °C, 25 is 25 °C."""
     if title not in ("parameters", "initial") or not isinstance(entries, Mapping):
         return entries
     scaled = dict(entries)

@@ -157,7 +157,7 @@ class Section:
         return values if self.make is None else self.make(**values)
 
     def write(self, part: Any, time: Unit) -> Any:
-        """Return the keys of an entry, with their values as in TOML, or what stands in their place."""
+        """Return the keys of an entry with their values as in TOML, or its short form."""
         if self.value_kind is not None:
             return self.value_kind.write(part, time)
         if self.short_form is not None and (brief := self.short_form(part)) is not None:

@@ -1,6 +1,6 @@
-"""A model file, read and typed but not yet checked.
+"""The statement of a model: a model file, read and typed but not yet checked, with its closed forms.
 
-Closed forms in a model file: what a run should give, and within which bound.
+A closed form states the expected motion of a run, and the bound within which the run should agree.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Statement:
 
     @cached_property
     def bare_shapes(self) -> Shapes:
-        """Dimensions and relations with their links, without what has them; a `ModelError` if one cannot be."""
+        """Dimensions and relations with their links, without the quantities along them; a `ModelError` on faults."""
         ledger = Ledger(f"model '{self.name}'", ModelError)
         shapes = related(self.extents, self.relations, ledger)
         ledger.raise_faults()
@@ -122,7 +122,7 @@ class Statement:
 
     @cached_property
     def calendar(self) -> tuple[str, ...]:
-        """Years and months that expressions read: a law has a place for them only where they are."""
+        """Years and months that expressions read: a law has constants for these alone."""
         calendar_names = self.unit_constants[len(CONSTANTS) :]
         if not calendar_names:
             return ()
@@ -204,7 +204,7 @@ def exact_from(bound: str) -> int:
 
 
 def check_validation(statement: Statement, dimensions: dict[str, Dimension], ledger: Ledger) -> None:
-    """Note what is wrong with names and dimensions of closed forms, which may read time, parameters and unit names.
+    """Note faults in names and dimensions of closed forms, which may read time, parameters and unit names.
 
     Of a statement with dimensions each is checked once, for all elements of its quantity.
     """

@@ -1,9 +1,10 @@
-"""Switches hidden in forces, masses and friction: where the argument of `abs`, `sign`, `min`, `max` or `where` passes through zero.
+"""Switches hidden in forces, masses and friction: zeros of arguments of `abs`, `sign`, `min`, `max`, `where`.
 
-`floor`, `ceil`, `round` and `mod` switch where they jump. On either side a force is smooth, across the switch it is not:
-no method keeps its order over a step that passes one. The same holds for a measured table of a coordinate or velocity with linear or piecewise constant interpolation.
+`floor`, `ceil`, `round` and `mod` switch where they jump. On either side a force is smooth, across the switch it is
+not: no method keeps its order over a step that passes one. The same holds for a measured table of a coordinate or
+velocity with linear or piecewise constant interpolation.
 
-Names of switches hidden in forces; of elements by the element that the function is of: ``drag.sign·3``.
+A switch is named by its function; the switch of an element by the element of the function: ``drag.sign·3``.
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ def switch_labels(
 
 
 def _function_text(name: str, function: Node) -> str:
-    """Print the function of a switch or, of one that jumps at whole numbers, the call itself."""
+    """Print the function of a switch; of a switch that jumps at whole numbers, print the call."""
     return text_of(original_call(name, function) if name in CALLED_ALONE else function)
 
 
@@ -131,7 +132,7 @@ def _homes_of_node(node: Node, model: Model) -> Iterator[tuple[Node, Home]]:
 
 
 def _trees_with_dims(model: Model, owner: str) -> Iterator[Node]:
-    """Yield what a force is for every coordinate, or the rate of a state, with definitions substituted."""
+    """Yield a force by coordinate, or the rate of a state, with definitions substituted."""
     statement = model.shaped
     force = statement.forces.get(owner)
     if force is not None:
@@ -328,7 +329,7 @@ def where_it_decides(switch: Switch, sides: Mapping[Node, str], tree_inside: Nod
 
 
 def bounded_function(model: Model, function: Node) -> Node:
-    """Return the function of a switch with a large number in place of infinity, if it may be infinite.
+    """Return the function of a switch, limited to large finite numbers if it may be infinite.
 
     Of ``min(F, P/v)`` at v = 0 one side is known, and has a value.
     """
@@ -377,7 +378,7 @@ def landed_on(model: Model) -> dict[str, str]:
 
 
 def landed_on_by_default(model: Model) -> dict[str, str]:
-    """Return the tables that are landed on if nothing else is asked for: all, where one has many points; else none."""
+    """Return the tables whose points are landed on by default: all, where one has many points; else none."""
     tables = landed_on(model)
     many = any(len(model.drives[name].table.argument) > MANY_POINTS for name in tables.values())
     return tables if many else {}
@@ -399,7 +400,7 @@ def switch_side(i: int) -> str:
 
 
 def _trees_by_owner(model: Model, *, smooth: bool) -> Iterator[tuple[str, Callable[[], Iterator[Node]]]]:
-    """Yield every force and state, and what makes its trees; of a quantity those of its elements, one after the other."""
+    """Yield every force and state with a function that makes its trees; of a quantity those of all elements."""
     if model.shapes.dims and not _may_switch(model):
         return
     for term, components in model.force_components.items():
@@ -415,7 +416,7 @@ def _trees_by_owner(model: Model, *, smooth: bool) -> Iterator[tuple[str, Callab
 
 
 def bounds_of_friction(model: Model) -> dict[str, list[Node]]:
-    """Return what friction is while it slips, and at most, of every friction element and contact; of elements, of all."""
+    """Return kinetic and static bounds of friction, by friction element and contact, elements joined."""
     bounds: dict[str, list[Node]] = {}
     for name, friction in model.frictions.items():
         bounds.setdefault(split_element_name(name)[0], []).extend((friction.kinetic, friction.static))
@@ -426,7 +427,7 @@ def bounds_of_friction(model: Model) -> dict[str, list[Node]]:
 
 
 def _slips(model: Model, owner: str) -> set[Node]:
-    """Return the slips of what rubs, whose zeros are events of their own: friction may read ``abs(slip)``."""
+    """Return the slips of friction, whose zeros are events of their own: friction may read ``abs(slip)``."""
     parts: dict[str, Friction | Contact] = {**model.frictions, **model.contacts}
     slips = [
         part.slip for name, part in parts.items() if split_element_name(name)[0] == owner and part.slip is not None
@@ -435,12 +436,12 @@ def _slips(model: Model, owner: str) -> set[Node]:
 
 
 def owner_of_masses(model: Model) -> str:
-    """Return what the switches in masses are of, by name: a force or state may be called ``mass``."""
+    """Return the owner's name of switches in masses: a force or state may be called ``mass``."""
     return "mass_matrix" if "mass" in model.shaped.forces or "mass" in model.shaped.states else "mass"
 
 
 def _switching_masses(model: Model) -> Iterator[Node]:
-    """Yield the masses that may switch, definitions substituted; of elements all, if the whole may."""
+    """Yield the masses that may switch, definitions substituted; of a quantity that may switch all elements."""
     if model.shapes.dims and not _call_any(masses_of_quantities(model), SWITCHING):
         return
     for entry in model.statement.mass_entries.values():
@@ -466,7 +467,7 @@ def _rate_trees(model: Model, name: str) -> Iterator[Node]:
 
 
 def _may_switch(model: Model) -> bool:
-    """Whether a model with dimensions has anything that switches; if not, no trees of its elements are asked for."""
+    """Whether a model with dimensions can switch at all; if not, no trees of its elements are made."""
     return bool(model.shaped.drives) or any(
         _call_any(trees, SWITCHING) for _, trees, _ in _quantities_with_trees(model)
     )

@@ -1,6 +1,7 @@
-"""Equations of motion from `sympy.physics.mechanics` as a model: trees are converted node by node, never as text.
+"""Equations of motion and energies from sympy as a model: trees are converted node by node, never as text.
 
-Energies in sympy's indexed symbols as a model: what is indexed has dimensions, a sum over an index is one along them.
+Equations of motion come from `sympy.physics.mechanics`. Energies may have indexed symbols: an indexed symbol is a
+quantity with dimensions, a sum over an index is a sum along a dimension.
 """
 
 from __future__ import annotations
@@ -347,7 +348,7 @@ class IndexedTrees(Trees):
         return Along("sum", (Call("where", (is_element, tree, Number(0.0))),), (dim,))
 
     def _value_at_end(self, tree: Node, index: Any) -> Node:
-        """Return a value at the end of a pair that an index is, or at its place."""
+        """Return a value at the end of a pair whose index is given, or at the index of a sum."""
         end, relation = self._ends.get(index, ("", ""))
         return Along(end, (tree,), (relation,)) if end else tree
 
@@ -384,7 +385,7 @@ class IndexedTrees(Trees):
         return dims
 
     def _convert_element(self, symbol: Any) -> Node:
-        """Convert an indexed symbol: to one element, or to the value at the place of a sum, perhaps some places on."""
+        """Convert an indexed symbol: to one element, or to the value at an index of a sum, perhaps shifted."""
         from sympy import Mod
 
         name, dims = _symbol_name(symbol), self._symbol_dims(symbol)

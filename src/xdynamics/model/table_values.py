@@ -1,8 +1,7 @@
-"""Numbers of a quantity with dimensions from a table: rows in order or by labels, columns, their uncertainties beside them.
+"""Numbers of a quantity with dimensions from tables: of a file, or of numpy, pandas and xarray in memory.
 
-Measured tables passed in Python: DataFrames, DataArrays, mappings of headers to arrays.
-
-Values for elements passed in Python: arrays of numpy and xarray, DataFrames; as a model file would say them.
+Rows of a table are taken in order or by labels; columns of uncertainties stand beside the columns of values.
+DataFrames, DataArrays, and mappings of headers to arrays are written as the tables of a model file.
 """
 
 from __future__ import annotations
@@ -138,7 +137,7 @@ def is_array(value: Any) -> bool:
 
 
 def as_in_file(entry: Any, name: str, dims: tuple[str, ...] | None, shapes: Shapes) -> Any:
-    """Return an entry with lists in the place of arrays, and text in that of a table; others as they are.
+    """Return an entry with arrays as lists and tables as text; other entries are unchanged.
 
     Parameters
     ----------
@@ -173,7 +172,7 @@ def as_in_file(entry: Any, name: str, dims: tuple[str, ...] | None, shapes: Shap
 
 
 def _array_entry(key: str, array: Any, entry: Mapping[str, Any], dims: tuple[str, ...] | None, shapes: Shapes) -> Any:
-    """Return what stands in a file for one key with an array."""
+    """Return the keys of a model file that state an array."""
     if array.dtype.kind not in "biufUO":
         raise InputError(f"{key} has numbers of the kind {array.dtype}, needs real ones")
     if not hasattr(array, "dims"):
@@ -267,7 +266,7 @@ def from_table(
 
 
 def _uncertain_columns(entry: Mapping[str, Any], sheet: Sheet, columns: Sequence[str]) -> list[str]:
-    """Return those of some columns beside which their standard uncertainties stand: ``u(k) [N/m]``.
+    """Return columns with a column of standard uncertainties beside them: ``u(k) [N/m]``.
 
     Raises
     ------

@@ -23,7 +23,7 @@ from xdynamics.units.unit import decimal_text
 
 
 def model_toml(statement: Statement) -> str:
-    """Return TOML that reads back as the same model, whoever stands for it."""
+    """Return TOML that reads back as an equal model, without its authorship."""
     tables, lines = section_tables(statement), []
     tables.pop("about", None)  # a record has it among its attributes, where it can be changed
     for title, body in tables.items():
@@ -142,7 +142,7 @@ _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that ar
 
 
 def _toml_value(value: Any) -> str:
-    """Print one TOML value; a text of several lines is kept as it is, in a literal block."""
+    """Print one TOML value; a text of several lines stays as it is, in a literal block."""
     if type(value) is float:  # first of all: of those there may be very many
         return decimal_text(value)
     if isinstance(value, str):

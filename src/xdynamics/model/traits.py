@@ -37,7 +37,7 @@ class Trait(StrEnum):
 
 @lru_cache(maxsize=64)
 def traits_of(model: Model) -> dict[Trait, str]:
-    """Return the traits of a model, each with a phrase that says where."""
+    """Return the traits of a model, each with a phrase that names the entries that cause it."""
     traits: dict[Trait, str] = {}
     if not model.statement.coordinates:
         traits[Trait.NO_COORDINATES] = "the model has first-order states only"
@@ -104,7 +104,7 @@ def curved_contacts(model: Model) -> list[str]:
 
 
 def _takes_energy(model: Model) -> bool:
-    """Whether impacts or friction take energy, so that bodies may come to be held."""
+    """Whether impacts or friction take energy, so that bodies may come to rest on links."""
     contacts = [*model.contacts.values(), *model.assemblies.values()]
     return bool(model.frictions) or any(contact.restitution != ONE or contact.slip is not None for contact in contacts)
 

@@ -1,6 +1,6 @@
 """The arguments of `simulate` that a record was made with, recovered from its attributes.
 
-Runs that are still to be marched: a verb is given the run that will have been.
+A verb that is given a run before its march reads the settings of the future run.
 """
 
 from __future__ import annotations
@@ -131,12 +131,12 @@ def _exact_times(recorded: Mapping[Any, Any], arguments: Mapping[str, Any]) -> d
 
 
 def _float_with_rest(value: float, remainder: float) -> float:
-    """Return a float that knows what is left of its number."""
+    """Return a float that knows its exact number, the sum of float and rest."""
     return Rounded.from_exact(Fraction(float(value)) + Fraction(float(remainder)), float(value))
 
 
 def precision_of(used: Mapping[Any, Any]) -> str:
-    """Return the kind of numbers of a record: the first word of what it says of them."""
+    """Return the kind of numbers of a record, the first word of its attribute `precision`."""
     return str(used.get("precision", FLOAT64)).partition(",")[0]
 
 
@@ -148,7 +148,7 @@ def _log_asked(used: Mapping[Any, Any]) -> str | list[str]:
 
 
 def _asked_longest(run: xr.Dataset) -> bool:
-    """Whether a longest step was asked for."""
+    """Whether the caller gave a longest step."""
     if "solver_max_step_choice" in run.attrs:
         return str(run.attrs["solver_max_step_choice"]) == "given"
     # version 0.1 did not say
@@ -157,7 +157,7 @@ def _asked_longest(run: xr.Dataset) -> bool:
 
 
 def _recorded_tolerances(run: xr.Dataset) -> dict[str, Any]:
-    """Return the tolerances that a record was made with; those that followed their variables do so again."""
+    """Return the tolerances of a record's march; those that followed their variables are left to follow again."""
     rtol, rescaling = float(run.attrs["solver_rtol"]), 1.0
     if run.attrs["solver_estimator"] == STEP_DOUBLING and "solver_rtol_used" not in run.attrs:
         # version 0.1 judged by the given rtol: give the one that is rescaled to it

@@ -1,14 +1,10 @@
-"""A variable of the record, and how its values are taken from a block of the log, in the record's unit.
+"""Columns of a record: how each variable is taken from a block of the log, in the record's unit.
 
-The column of what is left of a number beside its float, where numbers are sums of two.
-
-What else a record has of the step to a row: Newton iterations, and how far lengths of quaternions were off.
-
-First-order states along the steps of a record: those of the motion with their rates, and what controllers hold.
-
-What a record has of constraints: multipliers, residuals, rates, rank, and how far each step's result was moved.
-
-Columns of the switches hidden in forces: the side of each for every row, and how often smooth ones were passed.
+Besides the logged quantities there are columns of the rest of a number beside its float (numbers that are sums of two
+floats), and of the effort of a step: Newton iterations, and how far lengths of quaternions were off. First-order states
+have columns with their rates, or without rates where a controller sets them. Constraints have columns of multipliers,
+residuals, rates, rank, and of the correction of each step's result. Located switches have their side at every row, and
+smooth switches the number of passages.
 """
 
 from __future__ import annotations
@@ -71,7 +67,7 @@ class Column:
 
 @dataclass(frozen=True)
 class About:
-    """What the columns of a march depend on.
+    """The layout, settings and units on which the columns of a march depend.
 
     Attributes
     ----------
@@ -92,7 +88,7 @@ class About:
 
     @classmethod
     def for_settings(cls, layout: Layout, settings: Settings, *, samples: bool = False) -> About:
-        """Return what the columns of a march with these settings depend on."""
+        """Return the layout, settings and units for the columns of a march with these settings."""
         return cls(layout, settings.scales, settings.tolerances, samples, settings.method.stepper.locates)
 
     @property
@@ -179,7 +175,7 @@ class LineOf:
     shape: tuple[int, ...] = ()
 
     def __call__(self, block: LogBlock) -> Array:
-        """Take it of a block."""
+        """Return the quantity in a block: shape (rows,), or (rows, *shape) with dimensions."""
         if not self.shape:
             return np.ascontiguousarray(
                 self.lines_in_unit(block, self.index)
@@ -188,42 +184,42 @@ class LineOf:
         return lines.T.reshape(-1, *self.shape)
 
     def element(self, number: int) -> LineOf:
-        """Return what takes one of the lines alone."""
+        """Return the column function of a single element."""
         return LineOf(self.table, self.index + number, self.factor)
 
     def lines_in_unit(self, block: LogBlock, lines: int | slice) -> Array:
-        """Take some lines of a block, in the record's unit."""
+        """Return some lines of a block's table, in the record's unit."""
         values: Array = getattr(block.log, self.table)[lines, : getattr(block, self.table)]
         return multiply_values(values, self.factor)
 
 
 def take_row(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[LogBlock], Array]:
-    """Take a quantity of the logged rows."""
+    """Return a function from a block to a quantity of its logged rows, shape (rows, *shape)."""
     return LineOf("rows", index, factor, shape)
 
 
 def take_sample(index: int, factor: float, shape: tuple[int, ...] = ()) -> Callable[[LogBlock], Array]:
-    """Take a quantity of the force samples."""
+    """Return a function from a block to a quantity of its force samples, shape (samples, *shape)."""
     return LineOf("samples", index, factor, shape)
 
 
 def take_trial_field(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock], Array]:
-    """Take a field of the rejected trials."""
+    """Return a function from a block to a field of its rejected trials, shape (trials,)."""
     return lambda block: multiply_values(block.log.trials[name][: block.trials], factor).astype(dtype)
 
 
 def take_row_numbers(table: str, name: str) -> Callable[[LogBlock], Array]:
-    """Take the numbers of rows in the march that a field of the ``trials`` or ``events`` names."""
+    """Return a function from a block to row numbers in the march, named by a field of ``trials`` or ``events``."""
     return lambda block: block.numbered(getattr(block.log, table)[name][: getattr(block, table)])
 
 
 def take_event_field(name: str, dtype: str, factor: float = 1.0) -> Callable[[LogBlock], Array]:
-    """Take a field of the events."""
+    """Return a function from a block to a field of its events, shape (events,)."""
     return lambda block: multiply_values(block.log.events[name][: block.events], factor).astype(dtype)
 
 
 def multiply_values(values: Array, factor: float) -> Array:
-    """Multiply by a factor; return the same array if the factor is 1."""
+    """Return values times a factor; if the factor is 1, the given array without a copy."""
     if factor == 1.0:
         return values
     scaled: Array = values * factor
@@ -231,7 +227,7 @@ def multiply_values(values: Array, factor: float) -> Array:
 
 
 def rest_column(about: About, number_quantity: Quantity, rest_quantity: Quantity) -> Column:
-    """Return what is left of a number beside the nearest float that is recorded."""
+    """Return the column of the rest of a number beside its recorded float."""
     unit, rows = (
         about.units.known[number_quantity.name],
         [about.layout.row.offset_of(quantity.name) for quantity in (number_quantity, rest_quantity)],
@@ -255,7 +251,7 @@ def rest_column(about: About, number_quantity: Quantity, rest_quantity: Quantity
 
 
 def effort_columns(layout: Layout) -> list[Column]:
-    """Return the columns of what a step took and of what was put right after it."""
+    """Return the columns of a step's Newton iterations and of corrections after the step."""
     collected = []
     if layout.deviations:
         collected.append(Column(schema.DEVIATION, take_row(layout.row.offset_of(schema.DEVIATION.name), 1.0)))
@@ -266,7 +262,7 @@ def effort_columns(layout: Layout) -> list[Column]:
 
 
 def of_first_order(about: About) -> Iterator[tuple[Quantity, str]]:
-    """Yield first-order states and their rates, each with its long name; what controllers hold has a role and no rate."""
+    """Yield first-order states and their rates with long names; states of controllers have a role and no rate."""
     layout, model = about.layout, about.model
     held_states = controller_states(model.controllers, model.time_unit)
     for state, rate in zip(layout.states.blocks, layout.rates.blocks, strict=True):
@@ -328,7 +324,7 @@ def row_column(
 
 
 def _constraint_attributes(constraint: Constraint) -> dict[str, str]:
-    """Return what the model says of a constraint, as attributes of its multiplier."""
+    """Return the condition of a constraint as attributes of its multiplier."""
     key, differentiated_by = ("rolls", "velocities") if constraint.holds is None else ("holds", "coordinates")
     return {key: text_of(constraint.condition), "acts_along": f"derivative of {key} by the {differentiated_by}"}
 
@@ -381,7 +377,7 @@ def _piece_taker(first: int) -> Callable[[LogBlock], Array]:
 
 
 def _side_taker(about: About, switch: Switch, flag_row: int, places: Mapping[Node, int]) -> Callable[[LogBlock], Array]:
-    """Take a side, and 0 where the enclosing `where`s select other branches."""
+    """Return a function from a block to the side of a switch; 0 where enclosing `where`s select other branches."""
     if not switch.nested:
         return lambda block: block.log.flags[flag_row, : block.rows]
     values = dict(constants(about.model, about.scales))

@@ -1,4 +1,4 @@
-"""How a Dataset departs from the schema: attributes, variables, and values that index others."""
+"""Departures of a Dataset from the schema: attributes, variables, and values that index other variables."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def _missing_variables(run: xr.Dataset) -> Iterator[str]:
 def _variable_departures(
     name: str, variable: xr.Variable, expected: Variable | None, shaped: set[str], *, placed: bool
 ) -> Iterator[str]:
-    """List the faults of a variable and, in a run record, of its place there; `shaped` are dimensions of its model."""
+    """List the faults of a variable, with its dims in a run record; `shaped` are dimensions of the model."""
     attributes = variable.attrs
     inner = [size for dim, size in zip(variable.dims, variable.shape, strict=True) if dim in shaped]
     outer_dims = tuple(dim for dim in variable.dims if dim not in shaped)

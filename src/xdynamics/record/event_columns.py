@@ -165,7 +165,7 @@ def _impact_columns(about: About) -> list[Column]:
 
 
 def _impulse_taker(about: About, coordinate: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
-    """Take the impulses along a coordinate; zeros without contacts."""
+    """Return a function from a block to impulses along a coordinate; zeros without contacts."""
     if not about.layout.reactions:
         return _zero_taker(coordinate.shape)
     return _impact_line_taker(
@@ -174,7 +174,7 @@ def _impulse_taker(about: About, coordinate: Quantity, unit: Unit) -> Callable[[
 
 
 def _offset_taker(about: About, coordinate: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
-    """Take the shifts of a coordinate; zeros if nothing sets one and there are no contacts."""
+    """Return a function from a block to shifts of a coordinate; zeros without resets of it and without contacts."""
     layout = about.layout
     if not (layout.reactions or layout.resets):
         return _zero_taker(coordinate.shape)
@@ -183,7 +183,7 @@ def _offset_taker(about: About, coordinate: Quantity, unit: Unit) -> Callable[[L
 
 
 def _impact_line_taker(first: int, shape: tuple[int, ...], factor: float) -> Callable[[LogBlock], Array]:
-    """Take lines of what events do to coordinates."""
+    """Return a function from a block to the effect of events on a coordinate, shape (events, *shape)."""
 
     def take_lines(block: LogBlock) -> Array:
         lines = block.log.impulses[first : first + math.prod(shape), : block.events]
@@ -275,7 +275,7 @@ def _time_tolerance_words(element: Event | Contact | Friction) -> str:
 
 
 def _search_words(event: Event) -> str:
-    """Say whose zeros are located, or how often a periodic event is met."""
+    """Return whose zeros are located, or the period of a periodic event, in words."""
     if event.every is None:
         return _function_text(event.function)
     return f"every {event.every}" + (f" from {event.phase} after the start" if event.phase else "")
@@ -433,5 +433,5 @@ def _impulse_unit(about: About, coordinate: Quantity) -> Unit:
 
 
 def _zero_taker(shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
-    """Take zeros that have no memory of their own: of many elements they would be as much as the states at events."""
+    """Return a function from a block to zeros that are broadcast, since many elements would fill as much as states."""
     return lambda block: np.broadcast_to(0.0, (block.events, *shape))

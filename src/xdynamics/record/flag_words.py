@@ -1,8 +1,6 @@
-"""Flags of a record as the words that they stand for, and the unit of its times.
+"""Flags of a record as words, the unit of its times, and the attributes of its variables.
 
-Rows of `step` by their numbers in the whole march: what names rows is looked up, since a selection moves them.
-
-Attributes of variables and runs, the same in memory and from a file.
+Attributes of variables and runs are the same in memory and from a file.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ def time_unit_of(record: xr.Dataset) -> Unit:
 
 
 def own_attributes(attributes: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return the attributes that belong to a variable itself, not to the way it is kept."""
+    """Return the attributes of a variable, without those of its storage in a file."""
     kept_as = {schema.DIGEST, "coordinates", "_FillValue", "_Encoding"}
     if schema.TEXT_FORM in attributes:  # a text whose flags are of the file alone
         kept_as |= {schema.TEXT_FORM, *schema.FLAG_ATTRIBUTES}
@@ -59,7 +57,7 @@ def without_bounds(attributes: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return attributes as plain values, the same in memory and from a file, where an array of one is a number."""
+    """Return attributes as plain values, equal in memory and from a file: an array of one number is a number."""
     return {str(key): _plain_value(value) for key, value in attributes.items()}
 
 

@@ -1,13 +1,12 @@
-"""Columns of elements as columns of quantities with dimensions: what a record holds is stacked as it leaves the log.
+"""Columns of quantities with dimensions, stacked from the columns of their elements as these leave the log.
 
-Elements that a log names: variables of these alone, along dimensions of their own beside the model's.
+Elements that a log names become variables of these alone, along dimensions of their own beside the model's. A dimension
+has one size in a Dataset, and parameters, impulses of events and fully logged quantities have all of a model's
+elements. The variable of `u` for two sites of ten thousand is therefore along ``logged_site``, of size two, whose
+labels name these sites. With nan for the rest a run of 200 rows took 55 MB in memory and as many in its file, for three
+numbers a row; so it takes 0.5 MB.
 
-A dimension has one size in a Dataset, and parameters, impulses of events and quantities that are logged whole have all of a
-model's elements: what is logged of `u` for two sites of ten thousand is therefore along ``logged_site``, of size two, whose
-labels say which sites these are. With nan for the rest a run of 200 rows took 55 MB in memory and as many in its file, for
-three numbers a row; so it takes 0.5 MB.
-
-Parameters of a model as variables of a record.
+Parameters of a model are variables of its record too.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ Array = NDArray[Any]
 
 
 def stacked_columns(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
-    """Make one column of those of the elements of each quantity, of which there may be some alone."""
+    """Stack the columns of each quantity's elements into one column; quantities may lack some elements."""
     by_name = {column.variable.name: column for column in columns}
     quantities = Names(shapes).by_quantity(by_name)
     stacked = {member for quantity in quantities.values() for member in quantity.members.values()}
@@ -76,7 +75,7 @@ def _take_stacked(quantity: QuantityElements, members: Mapping[int, Column], blo
 
 
 def split_columns(columns: Sequence[Column], shapes: Shapes) -> list[Column]:
-    """Make columns of the elements of each quantity with dimensions, which were columns of them all."""
+    """Split the column of each quantity with dimensions into columns of its elements."""
     collected: list[Column] = []
     for column in columns:
         model_dims = _model_dims(column, shapes)
@@ -104,7 +103,7 @@ def _element_column(column: Column, name: str, extents: tuple[Extent, ...], numb
 
 
 def _element_taker(column: Column, number: int) -> Callable[[LogBlock], Array]:
-    """Take one element of a quantity."""
+    """Return a function from a block to one element of a quantity, shape (rows,)."""
     if isinstance(column.take, LineOf):
         return column.take.element(number)
 
@@ -116,7 +115,7 @@ def _element_taker(column: Column, number: int) -> Callable[[LogBlock], Array]:
 
 
 class NamedColumns(Mapping[str, Column]):
-    """Columns by their names, also those of elements, which are made where they are asked for."""
+    """Columns by name; the column of an element is made on look-up."""
 
     def __init__(self, columns: Iterable[Column], shapes: Shapes) -> None:
         self._columns = {column.variable.name: column for column in columns}
@@ -139,7 +138,7 @@ class NamedColumns(Mapping[str, Column]):
 
 
 def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) -> list[tuple[Variable, Any]]:
-    """Make one parameter of its elements."""
+    """Fold the parameters of a quantity's elements into one parameter with dimensions."""
     all_entries = [*entries]
     if not shapes.dims:
         return all_entries
@@ -248,7 +247,7 @@ def _end_columns(column: Column, shapes: Shapes, dim: str, links: Array, *, sing
 
 
 def element_at(name: str, dim: str, target_dim: str) -> str:
-    """Say which element it is: along a dimension or a relation itself, or at one end of a link.
+    """Describe an element in words: along a dimension or a relation itself, or at one end of a link.
 
     Examples
     --------
@@ -268,7 +267,7 @@ def place_variable(name: str, dim: str, target_dim: str, extent: Extent) -> Vari
 
 
 def _table_column(column: Column, variable: Variable, table: Array) -> Column:
-    """Return a column of what stands in a table for the numbers of another one."""
+    """Return a column that looks up the numbers of another column in a table."""
     return Column(variable, lambda block: table[column.take(block)])
 
 
@@ -320,7 +319,7 @@ def march_shapes(march: March) -> tuple[Shapes, Shapes]:
 
 
 def sizes_of(march: March) -> dict[str, int]:
-    """Return the size of each of these dimensions."""
+    """Return the size of each dimension of a march, those of its log included."""
     return {
         dim: shapes.extent(dim).size for shapes in march_shapes(march) for dim in (*shapes.relations, *shapes.extents)
     }
@@ -373,7 +372,7 @@ def logged_column(column: Column, log: Sequence[str], model_shapes: Shapes, logg
 
 
 def check_logged(log: Sequence[str], available: Sequence[Column], shapes: Shapes) -> None:
-    """Check that a log names what it can have.
+    """Check that every name of a log is a column that the log may have.
 
     Raises
     ------
@@ -443,7 +442,7 @@ def _uncertainty_attributes(parameter: Parameter) -> dict[str, Any]:
 
 
 def _parameters_by_block(parameters: Mapping[str, Parameter]) -> Iterator[tuple[str, Parameter | ParameterNumbers]]:
-    """Yield parameters by name, those with dimensions whole, unless their elements have distributions."""
+    """Yield parameters by name: a quantity with dimensions at once, unless its elements have distributions."""
     if not isinstance(parameters, Elementwise):
         yield from parameters.items()
         return

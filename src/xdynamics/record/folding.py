@@ -1,10 +1,7 @@
-"""Quantities with dimensions as one variable each: what a record holds, from the variables of their elements.
+"""Folding of element variables into quantities with dimensions, with names and attributes, and the reverse.
 
-Whether what a variable holds is still to be computed.
-
-Attributes of a quantity with dimensions, from those of its elements, and the other way round.
-
-Names of variables that are elements of quantities with dimensions, gathered by their quantities.
+Names of variables are matched with the quantities of which they are elements; attributes of a quantity follow from
+those of its elements. Variables that dask has still to compute stay lazy.
 """
 
 from __future__ import annotations
@@ -70,12 +67,12 @@ def quantity_of(text: str) -> str:
 
 
 def quantity_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Return names with those of quantities in the place of their elements'."""
+    """Replace names of elements by the names of their quantities, without repetition."""
     return tuple(dict.fromkeys(map(quantity_of, names)))
 
 
 def elements_of(name: str, known_names: Iterable[str]) -> str:
-    """Say of a name that is not known how its elements are named, where it is a quantity with dimensions; else nothing."""
+    """Return how the elements of an unknown name are named, if it is a quantity with dimensions; else an empty text."""
     members = [
         display_text(entry)
         for entry in known_names
@@ -202,7 +199,7 @@ def names_as_words(names: Iterable[str]) -> str:
 
 
 def expand_quantities(names: Iterable[str], known_names: Iterable[str], shapes: Shapes) -> tuple[str, ...]:
-    """Return names with the elements of a quantity, as far as they are known, in its place."""
+    """Replace each quantity with dimensions by its known elements."""
     quantities = Names(shapes).by_quantity(known_names) if shapes.dims else {}
     return tuple(
         member for name in names for member in (quantities[name].members.values() if name in quantities else (name,))
@@ -210,7 +207,7 @@ def expand_quantities(names: Iterable[str], known_names: Iterable[str], shapes: 
 
 
 class Names:
-    """Which names are elements of which quantity."""
+    """The elements of each quantity among some names."""
 
     def __init__(self, shapes: Shapes) -> None:
         self.shapes = shapes
@@ -249,7 +246,7 @@ class Names:
         return self._known[stem, count]
 
     def _cut(self, label: str, dim: str) -> tuple[str, str]:
-        """Part the last label from what follows it, as in ``event_height·Jupiter_uncertainty``."""
+        """Split the last label from its suffix, as in ``event_height·Jupiter_uncertainty``."""
         if self._has(dim, label):
             return label, ""
         # the longest label first: labels may have underscores of their own
@@ -270,7 +267,7 @@ _SIZED = re.compile(r"(\w+)\((\d+)\)")
 
 
 def fold(dataset: xr.Dataset, shapes: Shapes) -> xr.Dataset:
-    """Make one variable of the elements of each quantity.
+    """Fold the variables of each quantity's elements into one variable with dimensions.
 
     Parameters
     ----------

@@ -1,12 +1,11 @@
-"""Columns of contacts of many bodies: closed links by row, their impacts, and few links written out one by one.
+"""Columns of contacts of many bodies: closed links by row, impacts of links, and links that are written out.
 
-Columns of closed links: what is held together in each row, by which contact, with which force.
+Closed links have the contact, the two bodies and the force of each link that is closed in a row.
 
-Columns of the impacts of many links: which link, which two bodies, and the impulse on each of the two.
+Impacts have the link, its two bodies, and the impulse on each of the two.
 
-Columns of a few links whose forces are written out one by one, in the words of those of many.
-
-What each link does stands in flags of a row, and its gap and force in the row, so that its closed links are found there.
+A few links whose forces are written out one by one are recorded in the words of many. The mode of each such link stands
+in flags of a row, its gap and force in the row, so that the closed links of the row are read from these.
 """
 
 from __future__ import annotations
@@ -76,11 +75,11 @@ class ClosedLinks:
         return np.asarray(np.cumsum([0, *(contact.links for contact in self.contacts)]))
 
     def row_numbers(self, block: LogBlock) -> Array:
-        """Take the number of the row of each closed link."""
+        """Return the row number of each closed link of a block."""
         return block.numbered(self.rows(block)[0])
 
     def row_times(self, factor: float) -> Taking:
-        """Return what takes the time of each closed link."""
+        """Return a function from a block to the time of each closed link."""
 
         def take_row_times(block: LogBlock) -> Array:
             places = self.rows(block)[0].astype(np.int64) - int(block.log.base[0]["rows"])
@@ -89,12 +88,12 @@ class ClosedLinks:
         return take_row_times
 
     def contact_numbers(self, block: LogBlock) -> Array:
-        """Take the contact of each closed link."""
+        """Return the contact number of each closed link of a block."""
         numbers = np.searchsorted(self._begins, self.rows(block)[1], side="right")
         return np.asarray(numbers - 1, np.int32)
 
     def element_numbers(self, dim: str, find: Finding) -> Taking:
-        """Return what takes a number of each closed link whose contact has a dimension."""
+        """Return a function from a block to a number of each closed link, for contacts with a dimension."""
 
         def take_element_numbers(block: LogBlock) -> Array:
             numbers, owners = self.rows(block)[1].astype(np.int64), self.contact_numbers(block)
@@ -107,14 +106,14 @@ class ClosedLinks:
         return take_element_numbers
 
     def numbers_in_units(self, row: int, factors: Sequence[float]) -> Taking:
-        """Return what takes a number of each closed link in the unit of its contact."""
+        """Return a function from a block to a number of each closed link, in the unit of its contact."""
         if len({*factors}) == 1:
             return lambda block: multiply_values(self.rows(block)[row], factors[0])
         return lambda block: self.rows(block)[row] * np.array(factors)[self.contact_numbers(block)]
 
 
 def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
-    """Return what is closed in each row: the row, the contact, the link, its elements, its gap and its force."""
+    """Return the columns of closed links: row, contact, link, elements, gap and force."""
     words = flag_attributes({c: contact.name for c, contact in enumerate(links.contacts)}, "i4")
     contact = replace(_link_variable("contact", "i4", "1", "contact of the link"), role="flag", more=words)
     collected = [
@@ -183,7 +182,7 @@ def _link_variable(name: str, dtype: str, unit: str, long_name: str) -> Variable
 
 
 def link_names(model: Model) -> list[str]:
-    """Name the variables that tell which links of many are closed, and how; none without such contacts."""
+    """Name the variables that list closed links; none without contacts of many links."""
     every = assemblies(model)
     dims = dict.fromkeys(dim for contact in every for dim in contact.dims)
     names = ["step", "contact", *dims, *([FRICTION_STATE] if any_rubs(every) else [])]
@@ -196,7 +195,7 @@ def any_rubs(every: Sequence[Assembly]) -> bool:
 
 
 def link_places(every: Sequence[Assembly], shapes: Shapes) -> Iterator[tuple[str, str, str, Finding]]:
-    """Yield what says which link it is: its name, the dimension it is found by, that it is of, how it is found."""
+    """Yield the variables that identify a link: name, dimension of look-up, its own dimension, look-up function."""
     dims = shapes.ordered({dim for contact in every for dim in contact.dims})
     relations = [dim for dim in dims if dim in shapes.relations]
     for dim in dims:
@@ -239,7 +238,7 @@ def units_of_friction(every: Sequence[Assembly]) -> list[Unit]:
 
 
 def assembly_columns(about: About) -> list[Column]:
-    """Return what a record has of impacts of many links; nothing without any."""
+    """Return the columns of impacts of many links; none without such contacts."""
     if not about.model.assemblies:
         return []
     links = ClosedLinks(assemblies(about.model), lambda block: block.log.closed_rows, iterated=True)
@@ -275,7 +274,7 @@ def _body_columns(about: About) -> list[Column]:
 
 
 def _link_values(row: int, factor: float, begin: int, shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
-    """Take numbers of closed links as an array of all links of a contact, which begin at a number among all."""
+    """Return a function from a block to numbers of a contact's links, 0 where open; `begin` is its first link."""
     count = int(np.prod(shape, dtype=int))
 
     def take_links(block: LogBlock) -> Array:
@@ -290,7 +289,7 @@ def _link_values(row: int, factor: float, begin: int, shape: tuple[int, ...]) ->
 
 
 def _link_gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
-    """Take the gaps of all links of a contact, computed from the coordinates of each row."""
+    """Return a function from a block to the gaps of a contact's links, computed from the coordinates of each row."""
     model, links = assembly.model, np.arange(assembly.links)
     tree, link_ends, numbers = model.expanded(assembly.contact.gap), assembly.ends(links), assembly.numbers(links)
     read, leaves = free_names(tree), {leaf.name: leaf for leaf in assembly.pattern_inputs}
@@ -336,7 +335,7 @@ def _impact_places(about: About) -> list[Column]:
 
 
 def _impact_numbers(about: About, dim: str, find: Callable[[Assembly, Array], Array]) -> Callable[[LogBlock], Array]:
-    """Take a number of the link of each impact whose contact has a dimension."""
+    """Return a function from a block to a number of each impact's link, for contacts along a dimension."""
     owners = {assembly.name: assembly for assembly in assemblies(about.model) if dim in assembly.dims}
     watched = [(i, owners.get(block.name)) for i, block in enumerate(about.layout.watched) if block.role == LINKS]
 
@@ -443,7 +442,7 @@ def _impact_losses(about: About, row: int, impulse: Unit, speed: Any) -> list[Co
 
 
 def _impulse_rows(row: int, shape: tuple[int, ...], factor: float) -> Callable[[LogBlock], Array]:
-    """Take rows of the log of impulses as an array with further dimensions."""
+    """Return a function from a block to rows of the log of impulses, shape (events, *shape)."""
     count = int(np.prod(shape, dtype=int))
 
     def take_rows(block: LogBlock) -> Array:
@@ -484,7 +483,7 @@ def _link_names(contact: Assembly) -> list[str]:
 
 
 def _closed_link_taker(about: About, every: Sequence[Assembly]) -> Callable[[LogBlock], Array]:
-    """Take the closed links of each row: row, link, gap, force, nothing, friction force."""
+    """Return a function from a block to closed links: row, link, gap, force, an unused line, friction force."""
     links = [name for contact in every for name in _link_names(contact)]
     number = {reaction.owner: k for k, reaction in enumerate(reactions(about.model)) if reaction.sort == NORMAL}
     flags = [FLAGS_BEFORE + number[name] for name in links]
@@ -515,7 +514,7 @@ def _closed_link_taker(about: About, every: Sequence[Assembly]) -> Callable[[Log
 
 
 def _body_impulse_taker(about: About, every: Sequence[Assembly], impulse: Impulse) -> Callable[[LogBlock], Array]:
-    """Take the impulse on the body at one end of the link of each event."""
+    """Return a function from a block to the impulse on the body at one end of each event's link."""
     shapes = about.model.shapes
     dims = shapes.dims.get(impulse.quantity, ())
     first, shape = about.layout.coordinates.offset_of(impulse.quantity), shapes.shape(dims)

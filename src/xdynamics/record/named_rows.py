@@ -1,4 +1,4 @@
-"""Rows of `step` by their numbers in the whole march: what names rows is looked up, since a selection moves them."""
+"""Rows of `step` by their numbers in the complete march, which are looked up, since a selection moves rows."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""What was used, how it ended, on what it ran: the global attributes of a record.
+"""Global attributes of a record: its settings, how the march ended, on what it ran, and its identity.
 
-When and on what machine something was done: recorded, and in no digest of content.
+Time and machine of a march are recorded, and enter no digest of content.
 
-What a record says of delayed values: delays, what was before the start, how past values were found.
-
-The identity of a march: model, settings and program, as words that can be compared one by one.
+The identity of a march is its model, settings and program, as words that can be compared one by one. Of delayed values
+it has the delays, the values before the start, and how past values were interpolated.
 """
 
 from __future__ import annotations
@@ -83,7 +82,7 @@ def xdynamics_version() -> str:
 
 
 def circumstances(done: str) -> dict[str, Any]:
-    """Return when and on what machine something was done; no digest of content includes it."""
+    """Return time and machine of a march; no digest of content includes them."""
     from datetime import UTC, datetime
 
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -146,7 +145,7 @@ KEPT_BY_IMPULSES = (
 
 
 def run_attributes(march: March) -> dict[str, Any]:
-    """Return the global attributes: what was used, how it ended, on what it ran."""
+    """Return the global attributes of a finished march: settings, ending, circumstances."""
     ended = _ending_attributes(march)
     return settings_used(march) | ended
 
@@ -230,7 +229,7 @@ def _accumulation(march: March) -> dict[str, Any]:
 
 
 def _thinning(march: March) -> dict[str, Any]:
-    """Return what was left out of the record, and by which rule; whether its archive is compressed."""
+    """Return which rows and columns the record leaves out, by which rule, and whether its archive is compressed."""
     settings = march.settings
     recorded: dict[str, Any] = {}
     if settings.keep_every > 1:
@@ -247,7 +246,7 @@ def _thinning(march: March) -> dict[str, Any]:
 
 
 def _rests_of_times(settings: Settings) -> dict[str, Any]:
-    """Return what is left of given times beside the floats that are recorded, where numbers are sums of two."""
+    """Return the rests of given times beside their recorded floats, where numbers are sums of two floats."""
     if settings.precision != DOUBLE_DOUBLE:
         return {}
     rests: dict[str, Any] = {"solver_until": rest_of_time(settings.until)}
@@ -434,7 +433,7 @@ def _error_attributes(march: March) -> dict[str, Any]:
 
 
 def _constraint_attributes(march: March) -> dict[str, Any]:
-    """Describe how constraints were kept."""
+    """Describe how constraints were satisfied: by impulses of the method, or by projection after each step."""
     if not march.model.constraints:
         return {}
     words = KEPT_BY_IMPULSES if march.settings.method.kept else KEPT_BY_PROJECTION
@@ -451,7 +450,7 @@ def _landed_on(march: March) -> dict[str, int]:
 
 
 def _effort(march: March) -> dict[str, int]:
-    """Count what an implicit method does besides evaluating forces."""
+    """Count an implicit method's Jacobian evaluations and factorisations."""
     if not march.settings.method.solves:
         return {}
     return {"run_jacobian_evaluations": int(march.now.jacobians), "run_factorisations": int(march.now.factorisations)}
@@ -491,7 +490,7 @@ def identity(march: March) -> dict[str, str]:
 
 
 def model_words(model: Model) -> dict[str, str]:
-    """Return what a model says, a word for each entry: the same whether elements have numbers or an expression."""
+    """Return a model as one word for each entry, equal whether elements have numbers or an expression."""
     return {name: _abbreviated(value) for name, value in _words_of_value("model", model.written_out())}
 
 
@@ -558,7 +557,7 @@ def _settings_by_name(settings: Settings, names: tuple[str, ...]) -> dict[str, A
 
 
 def _words_of_value(name: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Take a value apart into names and texts."""
+    """Flatten a value into pairs of a dotted name and a text."""
     if isinstance(value, Method):
         yield name, value.name
     elif isinstance(value, Unit):  # the model's own, which is no setting

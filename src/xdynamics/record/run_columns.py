@@ -77,7 +77,7 @@ def columns(march: March) -> list[Column]:
 
 
 def element_columns(march: March) -> list[Column]:
-    """Return the same, where quantities with dimensions have a variable for each of their elements."""
+    """Return all columns of a march, with a variable for each element of a quantity with dimensions."""
     return split_columns(columns(march), march.model.shapes)
 
 
@@ -128,7 +128,7 @@ def unsampled_columns(layout: Layout, settings: Settings) -> list[Column]:
 
 
 def named_columns(layout: Layout, settings: Settings) -> NamedColumns:
-    """Return the same by name, of quantities and of elements."""
+    """Return all columns of a layout and settings by name, of quantities and of elements."""
     about = About.for_settings(layout, settings)
     return NamedColumns(_all_columns(about), layout.model.shapes)
 
@@ -300,7 +300,7 @@ def _state_of(about: About, reaction: Reaction, dims: tuple[str, ...]) -> Variab
 
 
 def _drive_attributes(model: Model, name: str) -> dict[str, str]:
-    """Return how the value of a drive is found between the points of its table, and beyond them."""
+    """Return how a drive is interpolated between the points of its table, and extrapolated beyond them."""
     drive = model.shaped.drives.get(name)
     if drive is None:
         return {}

@@ -1,7 +1,4 @@
-"""A march as one Dataset, and the check that a Dataset is a run record.
-
-How large a run's record will be, and whether there is room for it.
-"""
+"""A march as one Dataset, the check that a Dataset is a run record, and the memory that a record needs."""
 
 from __future__ import annotations
 
@@ -182,7 +179,7 @@ def check_growth(march: March, bytes_taken: float, more: float, memory: str | fl
 
 
 def sizes_of_march(march: March) -> dict[str, float]:
-    """Return how many bytes a march writes to beside its record, by what stands there; made before any of it is.
+    """Return the bytes of a march's working arrays, by description, before any of them is allocated.
 
     The law is written first, which takes less than its arrays.
     """
@@ -228,7 +225,7 @@ KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known bef
 def dataset(
     march: March, earlier_parts: Iterable[tuple[str, Array]] = (), memory: str | float | None = None
 ) -> xr.Dataset:
-    """March and return the whole run in memory.
+    """March and return the complete run in memory.
 
     Parameters
     ----------
@@ -261,7 +258,7 @@ def dataset(
 
 
 def _has_states(march: March, spec: Sequence[Column]) -> bool:
-    """Whether a record has every state of a march to the bit, and they are large enough not to be kept twice."""
+    """Whether a record has every state of a march to the bit, and states are too large to be stored twice."""
     if not march.settings.keeps_states or march.layout.used.size < WIDE or march.layout.is_doubled:
         return False
     takes = {column.variable.name: column.take for column in spec}
@@ -276,7 +273,7 @@ def _judged_by(march: March) -> tuple[Sequence[Block], Sequence[Block]]:
 
 
 def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
-    """Return the record that a march will have, before it begins: zeros of given sizes in the place of what it logs.
+    """Return the record of a march before it begins: zeros of given sizes stand for logged values.
 
     Variables along dimensions of no given size are left out, and attributes that are known after the march only.
     """
@@ -328,7 +325,7 @@ def _assemble_dataset(filled: Sequence[tuple[Variable, Array]], attributes: dict
 
 
 def _last_rows(march: March) -> Iterator[LogBlock]:
-    """Yield the last row of an interrupted march, if it follows those that were kept."""
+    """Yield the last row of an interrupted march, if it follows the recorded rows."""
     if (last_row := march.waiting_block()) is not None:
         yield last_row
 
@@ -340,7 +337,7 @@ def _with_final_attributes(variable: Variable, tolerances: Mapping[str, Mapping[
 
 
 def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
-    """Check that a Dataset is a run record, or if not `whole`, that it can be a part of one; see `faults_of`.
+    """Check that a Dataset is a run record, or if not `whole`, that it can be a part of a run; see `faults_of`.
 
     Raises
     ------
@@ -357,7 +354,7 @@ def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
 
 
 def check_dataset(candidate: Any) -> None:
-    """Refuse what is no Dataset, such as the name of a file.
+    """Refuse an argument that is no Dataset, such as the name of a file.
 
     Raises
     ------
@@ -370,7 +367,7 @@ def check_dataset(candidate: Any) -> None:
 
 
 def check_single(run: xr.Dataset) -> None:
-    """Check that a record is of one run: of several, put together, only one may have kept its parameters.
+    """Check that a record is of one run: where runs are concatenated, parameters gain a dimension.
 
     Raises
     ------

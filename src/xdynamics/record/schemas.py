@@ -1,9 +1,9 @@
-"""Records of the former schema in the words of today, and back: what is archived stays as it was written.
+"""Schemas of records: the former schema and today's, converted both ways, and the kinds of partial records.
 
-In `xdynamics-1` what names rows of ``step`` has their places among the rows that are kept, texts have no dimension, and
-rows no numbers.
+An archive stays as it was written. In `xdynamics-1` the variables that name rows of ``step`` hold positions among the
+recorded rows, texts have no dimension, and rows have no numbers.
 
-Records that are not a whole run: a selection of one, or data derived from one.
+A record that is not a complete run is a selection of a run, or data derived from a run.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def is_whole(attributes: Mapping[Any, Any]) -> bool:
 
 
 def has_its_rows(run: xr.Dataset) -> bool:
-    """Whether a run has the rows that its events name; `isel` and the like keep the attributes of the whole."""
+    """Whether a run has the rows that its events name; `isel` and the like keep the complete run's attributes."""
     parts = {"time": STEPS, "event_time": EVENTS, "event_detector": EVENTS, "event_row_before": EVENTS}
     if "run_outcome" not in run.attrs or any(
         name not in run or run[name].dims != (dim,) for name, dim in parts.items()
@@ -96,7 +96,7 @@ def has_its_rows(run: xr.Dataset) -> bool:
 
 
 def rows_apart(attributes: Mapping[Any, Any]) -> int:
-    """Return how far apart the kept rows of a run's grid are: 1 where all are kept."""
+    """Return the spacing of recorded rows in a run's grid: 1 where all rows are recorded."""
     return int(attributes.get(KEEP_EVERY, 1))
 
 
@@ -113,7 +113,7 @@ def check_every_row(attributes: Mapping[Any, Any], subject: str) -> None:
 
 
 def log_description(attributes: Mapping[Any, Any]) -> str:
-    """Describe which columns of its log a record has, and what adds the others; empty if it has all."""
+    """Describe the logged columns of a record, and the call that adds the others; empty if it has all."""
     if LOG not in attributes:
         return ""
     which = (
@@ -149,7 +149,7 @@ def with_article(kind: str) -> str:
 
 
 def kind_description(attributes: Mapping[Any, Any]) -> str:
-    """Describe a record that is not a whole run; empty for one that is."""
+    """Describe a record that is not a complete run; empty for a complete one."""
     if is_derived(attributes):
         return f"derived data, no run: {attributes[DERIVED]}; from run {attributes.get(DERIVED_FROM, 'unknown')}"
     if is_evidence(attributes):
@@ -192,7 +192,7 @@ MADE = "made"  # in the encoding of the numbers of rows that what names rows has
 
 
 def modern(run: xr.Dataset) -> xr.Dataset:
-    """Return an opened record in the words of today; what describes a run is a coordinate.
+    """Return an opened record under today's schema, in which variables that describe the run are coordinates.
 
     Whether it is of the former schema is said by its attributes, as before.
     """
@@ -242,7 +242,7 @@ def as_written(run: xr.Dataset, numbers: NDArray[np.int64] | None = None) -> xr.
 
 
 def by_places(run: xr.Dataset, numbers: NDArray[np.int64]) -> xr.Dataset:
-    """Return a record in which what names rows has their places among rows of given numbers."""
+    """Return a record whose row names are positions among rows of given numbers."""
     return _with_changed_rows(run, lambda named_numbers: np.searchsorted(numbers, named_numbers))
 
 
@@ -260,7 +260,7 @@ def in_own_words(run: xr.Dataset) -> xr.Dataset:
 
 
 def are_rows_places(run: xr.Dataset) -> bool:
-    """Whether what names rows of a record has their places, as in the files of the former schema."""
+    """Whether row names of a record are positions among its rows, as in files of the former schema."""
     numbers = run.variables.get(STEP_NUMBER.name)
     return (
         is_former(run.attrs)
@@ -302,7 +302,7 @@ def _with_changed_rows(run: xr.Dataset, change: Callable[[NDArray[np.int64]], ND
 
 
 def with_variables(run: xr.Dataset, variables: dict[str, xr.Variable]) -> xr.Dataset:
-    """Return a record with other variables in place of some, which stay coordinates if they are."""
+    """Return a record with some variables replaced; coordinates stay coordinates."""
     import xarray as xr
 
     if not variables:
@@ -336,7 +336,7 @@ def _numbered(run: xr.Dataset) -> xr.Dataset:
 
 
 def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable]:
-    """Return what a schema asks of every record, as that of a record has it, in its file or opened."""
+    """Return the required variables and texts of a schema in the form that a record has, in its file or opened."""
     expected_variables, texts = [*variables], dict[str, tuple[str, ...]]()
     if is_former(run.attrs) or has_document(run):
         texts = {name: (DOCUMENT,) if run.variables[name].dims else () for name in TEXT_NAMES if name in run.variables}
@@ -350,7 +350,7 @@ def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable
 
 
 def in_words_of_today(attributes: dict[str, Any]) -> dict[str, Any]:
-    """Return attributes of a part of a run, which is written as runs are today, and says in which words its law is."""
+    """Return attributes of a part of a run under today's schema, with the schema of its law."""
     return attributes | {
         "Conventions": CONVENTIONS,
         "schema_version": SCHEMA_VERSION,

@@ -1,8 +1,7 @@
-"""Variables of single elements, which every verb computes with, from the quantities with dimensions of a record.
+"""Single elements of a record's quantities with dimensions, as the variables that every verb computes with.
 
-Single elements of a record's quantities by their names, and the detectors of its events with theirs.
-
-Elements of a variable that is read when it is used: once for all of them.
+Detectors of events are named together with their elements. Where a variable is lazy, the array behind its elements is
+read once for all of them.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ DETECTOR = "event_detector"
 
 
 def element_labels(dataset: xr.Dataset, dim: str) -> Sequence[str]:
-    """Return what the elements along a dimension of the model are called: their labels, or their numbers."""
+    """Return the labels of the elements along a dimension of the model, or their numbers."""
     return _written_labels(dataset, dim) or [str(number) for number in range(dataset.sizes[dim])]
 
 
@@ -170,7 +169,7 @@ def detectors_of(run: xr.Dataset) -> list[str]:
 
 
 def event_words(run: xr.Dataset) -> list[str]:
-    """Return what each event of a record was located by: an element's name where the detector has dimensions."""
+    """Return the detector of each event of a record, by an element's name where the detector has dimensions."""
     words = words_of_flag(run[DETECTOR])
     dims_by_detector = dims_of_detectors(run[DETECTOR].attrs)
     dims = {dim for detector_dims in dims_by_detector.values() for dim in detector_dims}
@@ -248,7 +247,7 @@ Result = TypeVar("Result")
 
 
 def unfold(dataset: xr.Dataset) -> xr.Dataset:
-    """Make variables of the elements of each quantity: views, which are read when they are used.
+    """Unfold each quantity with dimensions into variables of its elements: views, read when they are used.
 
     Parameters
     ----------
@@ -287,13 +286,13 @@ def unfold(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def whole_of(dataset: xr.Dataset) -> xr.Dataset:
-    """Return what a Dataset was before it was unfolded."""
+    """Return the Dataset as it was before it was unfolded."""
     folded_dataset: xr.Dataset = getattr(dataset, "encoding", {}).get(FOLDED, dataset)
     return folded_dataset
 
 
 def as_recorded(dataset: xr.Dataset, numbers: NDArray[np.int64] | None = None) -> xr.Dataset:
-    """Return what a Dataset was before it was unfolded, as a file has it; `numbers` as `as_written` has them."""
+    """Return the Dataset as a file has it, before it was unfolded; `numbers` as `as_written` has them."""
     return as_written(unlabelled(whole_of(dataset)), numbers)
 
 
@@ -328,7 +327,7 @@ def _split_elements(
 
 
 def _element_taker(variable: xr.Variable, outer_count: int) -> Callable[[tuple[int, ...]], Any]:
-    """Return what gives the values of an element: a view of an array, or what is read when it is used."""
+    """Return a function from an index to an element's values: a view of an array, or a lazy array."""
     if isinstance(variable._data, np.ndarray) or variable.chunks is not None:  # noqa: SLF001 - `.data` would read what is lazy
         data, rows = variable.data, (slice(None),) * outer_count
         return lambda element_index: data[(*rows, *element_index)]

@@ -1,6 +1,6 @@
-"""Files: regular ones, of a bounded size to read, on the disk when they are written; anything else at a path is an error.
+"""Regular files: bounded reading and synchronised writing; any other object at a path is an error.
 
-How much memory a process can have, and sizes in words.
+The memory that a process can have is read here too, and sizes are put into words.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ROOM = 0.8  # of the free memory, which may be asked for
 
 
 def free_memory() -> float:
-    """Return how many bytes of memory this process can have: what the system says is available, or its own limit."""
+    """Return the memory that this process can have, bytes: the system's available memory, or the process limit."""
     available = float("inf")
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
@@ -84,7 +84,7 @@ def ask_path(path: Path, question: Callable[[Path], Answer]) -> Answer:
 
 
 def path_kind(path: Path) -> str | None:
-    """Return what a path leads to: nothing (``""``), a regular file (None), or anything else in words."""
+    """Return the kind of a path's target: nothing (``""``), a regular file (None), or other words."""
     try:
         mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -93,7 +93,7 @@ def path_kind(path: Path) -> str | None:
 
 
 def file_above(path: str | os.PathLike[str]) -> str:
-    """Say of a path which file stands where a folder should be; empty if none does.
+    """Return in words which file stands where a path needs a folder; empty if none does.
 
     Examples
     --------
@@ -106,12 +106,12 @@ def file_above(path: str | os.PathLike[str]) -> str:
 
 
 def reason(error: OSError, path: str | os.PathLike[str]) -> str:
-    """Say why the system does not read or write a path."""
+    """Return why the system does not read or write a path, in words."""
     return (isinstance(error, NotADirectoryError) and file_above(path)) or error.strerror or str(error)
 
 
 def read_bounded(path: Path, max_bytes: int, remedy: str = "") -> bytes:
-    """Read a regular file whole.
+    """Read a regular file completely.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def read_bounded(path: Path, max_bytes: int, remedy: str = "") -> bytes:
 
 
 def check_no_address(path: str | Path) -> None:
-    """Refuse an address where a file of this machine is read; what follows its scheme may be a secret, and is not repeated.
+    """Refuse an address in place of a local file, and repeat no more than its scheme, as the rest may be secret.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def check_no_address(path: str | Path) -> None:
 
 
 def displayed_path(path: str | os.PathLike[str]) -> str:
-    """Return a path as a message may show it: without what stands before an ``@`` of an address, which may be a secret.
+    """Return a path for a message: without the part before an ``@`` of an address, which may be a secret.
 
     Examples
     --------
@@ -199,7 +199,7 @@ def make_folder(folder: str | Path) -> Path:
 
 @contextmanager
 def synced(path: Path) -> Iterator[int]:
-    """Lend a descriptor of a file or folder, and have both it and what is done with it reach the disk."""
+    """Lend a descriptor of a file or folder, and force the changes of the `with` block to the disk."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         yield handle
@@ -209,7 +209,7 @@ def synced(path: Path) -> Iterator[int]:
 
 
 def write_new(path: Path, content: bytes, mode: int = 0o666) -> None:
-    """Write a file whole under a name that is free, and have it reach the disk; nothing is left of one that is not whole.
+    """Write a new file completely under a free name, and force it to the disk; a failure leaves no file.
 
     It has no name before it is whole, so that neither a kill nor a disk that is full leaves a part of it; where the system
     has no files without names, a kill may.
@@ -249,6 +249,7 @@ def _write_exclusive(path: Path, content: bytes, mode: int) -> None:
 def _write_synced(file: IO[bytes], content: bytes) -> None:
     file.write(content)
     file.flush()
+    # `flush` hands Python's buffer to the system, whose own pages only fsync(2) forces to the disk
     os.fsync(file.fileno())
 
 

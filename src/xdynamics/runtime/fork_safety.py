@@ -1,6 +1,8 @@
-"""Locks that a fork waits for: a child would find the locks of other threads taken for ever, and their work half done.
+"""Safety of forks and threads: locks that a fork waits for, and linear algebra on one thread.
 
-Linear algebra on one thread, whose numbers do not depend on how many there are.
+A forked child would find the locks of other threads taken for ever, and their work half done.
+
+The bits of linear algebra depend on the number of threads: inside `one_blas_thread` there is a single thread.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ def waited_for(lock: Lock) -> Lock:
 
 
 def _acquire_all_locks() -> None:
-    """Take all locks, in whatever order others take them: none is held while another is waited for."""
+    """Take all locks without a deadlock: none is held while another is waited for."""
     awaited = None
     while len(_acquired_locks) < len(_shared):
         if awaited is not None:
@@ -78,7 +80,7 @@ class _Use:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Let OpenBLAS compute on one thread, in the whole process, until the last call that asked for it is done.
+    """Let OpenBLAS compute on one thread, in all of the process, until the last such block is done.
 
     The eigenvalues of 200 rows take 3 ms so; two threads that wait for one another on a busy machine take 130. Another
     BLAS than OpenBLAS keeps its threads, and so does a library that is loaded meanwhile.
@@ -102,7 +104,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @cache
 def thread_counts(name: str) -> tuple[ThreadCount, ...]:
-    """Find the functions in a library that is loaded, and in what it is linked to."""
+    """Return the thread-count functions of a loaded library and of the libraries it is linked to."""
     counts = []
     with suppress(OSError, TypeError):  # built otherwise: its threads stay as they are
         library = ctypes.CDLL(sys.modules[name].__file__)

@@ -1,8 +1,7 @@
-"""Late imports: names of a package that live in its modules, and libraries that must be loaded whole.
+"""Late imports: names of a package that live in its modules, and libraries that must be loaded completely.
 
-Properties that are computed once for each object, without a lock that all objects of a class share.
-
-What follows the import of a library by whoever imports it: done at once where that is loaded already.
+`cached_property` computes a property once for each object, without a lock that all objects of a class share.
+`when_imported` runs a function after the import of a library by any module, or at once where the library is loaded.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ Value = TypeVar("Value")
 
 
 class cached_property(Generic[Value]):  # noqa: N801 - as in functools
-    """What `functools.cached_property` is from Python 3.12 on.
+    """A property computed once per object without a shared lock, as `functools.cached_property` from Python 3.12 on.
 
     Before, it holds one lock for the class while a value is computed: a process that is forked just then finds it taken
     for ever, for every object. Two threads may compute a value at once here; all get the first that is there.
@@ -64,7 +63,7 @@ class _Following:
         self.waiting: dict[str, tuple[str, str]] = {}
 
     def find_spec(self, name: str, _path: Any = None, _target: Any = None) -> ModuleSpec | None:
-        """Return what other finders find, followed by the function."""
+        """Return the spec of other finders, with a loader that runs the waiting function after the import."""
         # removed first: `find_spec` below asks all finders again, this one among them
         follower = self.waiting.pop(name, None)
         if follower is None:
@@ -76,7 +75,7 @@ class _Following:
 
 
 class _Loader:
-    """A loader, and what follows it."""
+    """A loader, and the function that runs after it."""
 
     def __init__(self, loader: Any, follower: tuple[str, str]) -> None:
         self._loader, self._follower = loader, follower

@@ -1,4 +1,4 @@
-"""Blocks: what stands where in an array of numbers."""
+"""Blocks: the order of quantities and their elements in an array of numbers."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Block(NamedTuple):
         return number_of_element(name, self._dimension_extents)
 
     def indices_of(self, name: str) -> dict[str, int]:
-        """Return the place of an element along each dimension by its name."""
+        """Return the index of an element along each dimension by its name."""
         return dict(zip(self.dims, indices_of_element(name, self._dimension_extents) or (), strict=True))
 
     @property
@@ -81,7 +81,7 @@ class Block(NamedTuple):
 
 
 class Blocks(Sequence[str]):
-    """The blocks of an array, one after another; as a sequence, the names of its numbers, made where they are asked for.
+    """The blocks of an array, one after another; as a sequence, the names of its numbers, made on look-up.
 
     Examples
     --------
@@ -108,7 +108,7 @@ class Blocks(Sequence[str]):
         return Blocks(self.blocks + right.blocks)
 
     def renamed(self, role: str, rename: Callable[[str], str]) -> Blocks:
-        """Return blocks of the same shapes with other names."""
+        """Return blocks with equal shapes and other names."""
         return Blocks([block._replace(name=rename(block.name), role=role) for block in self.blocks])
 
     def __iter__(self) -> Iterator[str]:
@@ -137,7 +137,7 @@ class Blocks(Sequence[str]):
         return repr(self._names)
 
     def index(self, name: str, *bounds: int) -> int:
-        """Return the place of a number by its name; a `ValueError` if there is none.
+        """Return the index of a number by its name; a `ValueError` if there is none.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class Blocks(Sequence[str]):
         return offset
 
     def offset_of(self, name: str) -> int:
-        """Return the place of a number, or of a block's first number, in the array.
+        """Return the offset of a number, or of a block's first number, in the array.
 
         Raises
         ------
@@ -161,7 +161,7 @@ class Blocks(Sequence[str]):
         return offset
 
     def find_offset(self, name: str) -> int | None:
-        """Return the place of a number, or of a block's first number; None if there is none."""
+        """Return the offset of a number, or of a block's first number; None if there is none."""
         offset = self._block_offsets.get(name)
         return self._find(name) if offset is None else offset
 
@@ -194,7 +194,7 @@ class Blocks(Sequence[str]):
         return numbers[block.name][indices]
 
     def _find(self, name: str) -> int | None:
-        """Return the place of a number by its own name."""
+        """Return the offset of a number by its own name."""
         if DOT in name and name not in self._block_offsets:
             stem = split_element_name(name)[0]
             block = self._by_name.get(stem)
@@ -225,7 +225,7 @@ class Blocks(Sequence[str]):
 
 
 def _gathered(names: Sequence[str], role: str, shapes: Shapes) -> Iterator[Block]:
-    """Yield quantities, and in the place of all elements of one that follow each other the quantity."""
+    """Yield blocks of names, with consecutive elements of a complete quantity merged into its block."""
     number = 0
     while number < len(names):
         block = Block.from_shapes(names[number], role, shapes)

@@ -1,6 +1,7 @@
-"""Which numbers each element of an expression with dimensions depends on: the pattern of its Jacobian, from its tree.
+"""The Jacobian pattern of an expression with dimensions: the numbers that each element depends on.
 
-Pairs of an element and a number are arrays throughout: no tree, name or Python number stands for one of them.
+The pattern follows from the tree. Pairs of an element and a number are arrays throughout: no tree, name or Python
+number stands for a single pair.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ class Dependence:
         return self._codes_on_grid(self._codes_by_name[node.name], tuple(indices), grid)
 
     def _codes_of_choice(self, number: int, node: Call) -> IntArray:
-        """Return what a choice depends on; where its condition is on numbers of elements alone, on what it chooses."""
+        """Return the dependences of a choice; where its condition is of element numbers, those of the chosen branch."""
         _, yes, no = self._parts.operands[number]
         grid = self._element_grid(self._part_dims(number))
         branch_codes = [self._operand_codes(branch, grid) for branch in (yes, no)]
@@ -169,7 +170,7 @@ class Dependence:
         return _join_codes([values[in_range[values // self._count]], fills[~in_range[fills // self._count]]])
 
     def _codes_onto_ends(self, number: int, node: Along) -> IntArray:
-        """Return what the elements at the ends of links depend on."""
+        """Return the dependences of elements at the ends of links."""
         relation, part_dims, dim = (
             self._shapes.relations[node.dims[0]],
             self._part_dims(number),
@@ -197,7 +198,7 @@ class Dependence:
         return _FullGrid(dims, self._shapes.shape(dims))
 
     def _flat_numbers(self, dims: tuple[str, ...], grid: Grid) -> NDArray[Any]:
-        """Return which element of an expression with some dimensions stands at each place of a grid."""
+        """Return the flat element number of an expression with some dimensions at each point of a grid."""
         if not dims:
             return np.zeros(next(iter(grid.values())).size if grid else 1, np.int32)
         flat_numbers, *further_numbers = (grid[dim] for dim in dims)
@@ -208,7 +209,7 @@ class Dependence:
         return np.asarray(flat_numbers)
 
     def _operand_codes(self, number: int, grid: Grid) -> IntArray:
-        """Return the codes of a part as it is read at every place of a grid."""
+        """Return the codes of a part as it is read at every point of a grid."""
         return self._codes_on_grid(self._codes_by_part[number], self._part_dims(number), grid)
 
     def _codes_on_grid(self, codes: IntArray, dims: tuple[str, ...], grid: Grid) -> IntArray:
@@ -232,7 +233,7 @@ class Dependence:
         return grid_codes
 
     def _renumbered_codes(self, codes: IntArray, elements: IntArray) -> IntArray:
-        """Return codes whose elements have other numbers, several of them perhaps the same."""
+        """Return codes with their elements renumbered, where several may get one number."""
         renumbered_codes = elements[codes // self._count].astype(np.int64)
         renumbered_codes *= self._count
         renumbered_codes += codes % self._count
@@ -240,7 +241,7 @@ class Dependence:
 
 
 class _FullGrid(Mapping[str, Any]):
-    """Every element of an expression with some dimensions; where each stands along them is made when it is asked for."""
+    """Every element of an expression with some dimensions; indices along a dimension are made on look-up."""
 
     def __init__(self, dims: tuple[str, ...], shape: tuple[int, ...]) -> None:
         self.dims, self.shape = dims, shape
@@ -269,7 +270,7 @@ def _join_codes(codes: list[IntArray]) -> IntArray:
 
 
 def _sorted_unique_codes(codes: IntArray) -> IntArray:
-    """Sort codes in their place, which mostly ascend in stretches, and leave out what is there twice."""
+    """Sort codes in place, which mostly ascend in stretches, and drop duplicates."""
     codes.sort(kind="stable")
     new = np.concatenate([[True], codes[1:] != codes[:-1]])
     return codes if new.all() else codes[new]

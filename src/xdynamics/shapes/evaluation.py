@@ -1,6 +1,6 @@
-"""Values of expressions with dimensions, for all elements at once: the bits that each element has by itself.
+"""Values of expressions with dimensions, for all elements at once, and their rounding errors.
 
-How far values of expressions with dimensions are off because they are rounded, by the same with 31 digits.
+Every element has the bits of its own evaluation. Rounding errors are differences from an evaluation with 31 digits.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ class Walk:
         return self._reduction(node)
 
     def _link_sums(self, node: Along, axis: int) -> Any:
-        """Add what links give to the elements at their ends: of all links at their first ends, then at their second."""
+        """Add the values of links to the elements at their ends: of all links at first ends, then at second ends."""
         relation, dim = self.shapes.relations[node.dims[0]], end_dimension(node, self.shapes)
         end = self.axes.index(dim)
         total: Any = 0.0
@@ -262,7 +262,7 @@ def rounding_errors(
     rounded_values: Array,
     extra_dim: str = "",
 ) -> Array:
-    """Return what rounding did to the values of an expression: they less those with 31 digits, with pi in full.
+    """Return the rounding errors of an expression: its values less those with 31 digits, with pi in full.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
-"""Dimensions with their labels, relations with their links, and which name has which of them.
+"""Dimensions with their labels, relations with their links, and the dimensions of each name.
 
-Numbers of elements that expressions compute: of `take`, made of `index`, `size` and numbers, known before a march.
+The argument of `take` is an expression of `index`, `size` and numbers: the element numbers that it gives are known
+before a march.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Extent:
-    """A dimension: how many elements it has, and what they are called.
+    """A dimension: the number of its elements, and their labels.
 
     Attributes
     ----------
@@ -199,12 +200,12 @@ class Shapes:
             yield dict(zip(dims, numbers, strict=True))
 
     def element_at(self, name: str, indices: Mapping[str, int], dims: tuple[str, ...] | None = None) -> str:
-        """Return the name of the element of a quantity at a place that has its dimensions among others."""
+        """Return the name of a quantity's element at indices that include its dimensions."""
         element_dims = self.dims.get(name, ()) if dims is None else dims
         return join_element_name(name, (self.extent(dim).label(indices[dim]) for dim in element_dims))
 
     def parse_element(self, name: str) -> tuple[str, dict[str, int]]:
-        """Return the quantity and the place of an element as people write it; of a whole quantity no place.
+        """Return the quantity and the indices of an element as people write it; no indices for a quantity.
 
         Raises
         ------
@@ -292,7 +293,7 @@ class Shapes:
 
 
 def every_two(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the ends of links between every two of n elements: of each with those after it.
+    """Return the ends of links between every two of n elements, of each with those after it, shape (n (n - 1)/2,).
 
     Examples
     --------
@@ -336,7 +337,7 @@ def indices_of_element(name: str, extents: tuple[Extent, ...]) -> tuple[int, ...
 
 
 def numbers_of_labels(quantity: str, labels: Sequence[str], extents: Sequence[Extent]) -> list[int]:
-    """Return the numbers along its dimensions of the element of a quantity with some labels, or numbers in their place.
+    """Return the indices of an element along its dimensions from labels, or from numbers in their stead.
 
     Raises
     ------
@@ -442,7 +443,7 @@ def taken_numbers(node: Along, grid: Mapping[str, Any], shapes: Shapes) -> IntAr
 
 
 def whole_numbers(node: Along, computed_numbers: Any, shapes: Shapes) -> IntArray:
-    """Return numbers of elements as whole ones.
+    """Return computed element numbers as integers, refused unless they are whole and within the dimension.
 
     Raises
     ------

@@ -125,7 +125,7 @@ def derivative(tree: Node, rates: Mapping[str, Node], shapes: Shapes) -> Node:
 
 
 def _reduce_to_operand(tree: Node, number: int, operand: int, parts: Parts) -> Node:
-    """Return what a part gives to an operand of fewer dimensions: the sum over those that it lacks."""
+    """Return a part's contribution to an operand of fewer dimensions: the sum over those it lacks."""
     node, dims = parts.nodes[number], set(parts.dims[number])
     if isinstance(node, Along):
         if node.function in ("first", "second"):
@@ -139,7 +139,7 @@ def _reduce_to_operand(tree: Node, number: int, operand: int, parts: Parts) -> N
 
 
 def _merged_sum(terms: Iterable[Node]) -> Node:
-    """Add terms in their order; what links of one relation give to elements is one term."""
+    """Add terms in their order; contributions of one relation's links are merged into one term."""
     merged_terms: list[Node] = []
     for term in terms:
         match = next((i for i, earlier_term in enumerate(merged_terms) if _joins(earlier_term, term)), None)
@@ -161,7 +161,7 @@ def _joins(left: Node, right: Node) -> bool:
 
 
 def _name_contribution(node: Name | Element, adjoint: Node, shapes: Shapes) -> Node:
-    """Return what a name, or one element of it, gives to the gradient by the whole."""
+    """Return the adjoint of a name, or of one of its elements, as a term of the name's gradient."""
     if isinstance(node, Element):
         for dim, number in reversed(element_numbers(node, shapes).items()):
             is_element = Compare("==", Along("index", (), (dim,)), Number(float(number)))
@@ -170,7 +170,7 @@ def _name_contribution(node: Name | Element, adjoint: Node, shapes: Shapes) -> N
 
 
 def _sum_along_dims(tree: Node, dims: tuple[str, ...], tree_dims: Set[str], shapes: Shapes) -> Node:
-    """Sum along dimensions; along one that the expression lacks it has the same value as often as there are elements."""
+    """Sum along dimensions; along a dimension that the expression lacks, multiply by its size."""
     repeats = math.prod(shapes.shape(tuple(dim for dim in dims if dim not in tree_dims)))
     present = tuple(dim for dim in dims if dim in tree_dims)
     return multiply(Number(float(repeats)), Along("sum", (tree,), present) if present and tree != ZERO else tree)
@@ -180,7 +180,7 @@ def _sum_along_dims(tree: Node, dims: tuple[str, ...], tree_dims: Set[str], shap
 
 
 def _operand_adjoint(node: Node, position: int, adjoint: Node, parts: Parts) -> Node:
-    """Return what an operation gives to the adjoint of one of its operands."""
+    """Return an operation's contribution to the adjoint of one of its operands."""
     if isinstance(node, Along):
         return _adjoint_along(node, position, adjoint, parts)
     assert isinstance(node, Negative | Binary | Call)  # noqa: S101 - others have no operands that vary
@@ -232,7 +232,7 @@ def _adjoint_by_shift(node: Along, position: int, adjoint: Node, parts: Parts) -
 
 
 def _adjoint_by_take(node: Along, adjoint: Node, parts: Parts) -> Node:
-    """Return what the elements that are taken give; of others nothing."""
+    """Return the adjoint by the elements that are taken; zero for others."""
     number, dim = node.arguments[1], node.dims[0]
     if dim in parts.dims_of_node(number):
         raise InputError(
@@ -243,7 +243,7 @@ def _adjoint_by_take(node: Along, adjoint: Node, parts: Parts) -> Node:
 
 
 def _divide_once(left: Node, right: Node) -> Node:
-    """Divide; what is a quotient already is divided once, by a product."""
+    """Divide; the quotient of a quotient is one division by a product."""
     if isinstance(left, Negative):
         return negative(_divide_once(left.operand, right))
     if isinstance(left, Binary) and left.operator == "/":
@@ -252,7 +252,7 @@ def _divide_once(left: Node, right: Node) -> Node:
 
 
 def _cross_product(node: Along, factors: tuple[Node, Node], parts: Parts) -> Node:
-    """Return a cross product; two vectors that are the same in every direction are parallel."""
+    """Return a cross product; zero where both vectors are constant along the dimension, hence parallel."""
     varies = any(node.dims[0] in parts.dims_of_node(factor) for factor in factors)
     return replace(node, arguments=factors) if varies and ZERO not in factors else ZERO
 
@@ -277,7 +277,7 @@ def _extremum_condition(node: Along, shapes: Shapes) -> Node:
 
 
 def _move_if_along(node: Along, tree_dims: Set[str], shapes: Shapes) -> Node:
-    """Return a function that moves values along a dimension; a value that is the same everywhere stays."""
+    """Return a function that moves values along a dimension; a value constant along it stays."""
     dim = node.dims[0]
     if node.function in ("first", "second"):
         relation = shapes.relations[dim]

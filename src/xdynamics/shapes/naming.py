@@ -1,6 +1,6 @@
-"""Names of single elements: ``r·Jupiter·x`` inside, ``r[Jupiter, x]`` wherever people read and write it.
+"""Names of single elements: ``r·Jupiter·x`` internally, ``r[Jupiter, x]`` wherever people read and write them.
 
-The dot is a letter of no name in a model file, and one of Python's identifiers: an element is a name like any other.
+The dot is a letter of no name in a model file, but is one of Python's identifiers: an element's name is like any other.
 Words before a name stay before it: the velocity of ``r·Jupiter·x`` is ``v_r·Jupiter·x``.
 """
 

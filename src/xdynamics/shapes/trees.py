@@ -1,6 +1,6 @@
-"""Expressions with dimensions: which they have, whether they may be joined, and what they are at one element.
+"""Trees of expressions with dimensions: how dimensions combine, and the trees at single elements.
 
-The distinct parts of expressions with dimensions, each once.
+`Parts` gives the distinct parts of such expressions, each once.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ OF_CROSS = 3  # elements along the dimension of a cross product
 
 
 def resolve_min_max(node: Node, shapes: Shapes) -> Node:
-    """Return an expression with `min` and `max` along dimensions told from those that compare values.
+    """Return an expression with `min` and `max` along dimensions distinguished from those of several values.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def dims_along(node: Along, inner: Sequence[Set[str]], shapes: Shapes) -> set[st
 
 
 def _in_plane(node: Along, size: int) -> str:
-    """Say how the one component of a vector product is written that vectors in a plane have."""
+    """Return how to write the single component of a vector product of vectors in a plane."""
     if size != len(node.arguments):
         return ""
     (x, y), (u, v) = ([f"take({shortened_text(part)}, {node.dims[0]}, {i})" for i in (0, 1)] for part in node.arguments)
@@ -229,13 +229,13 @@ def _column_label(node: Along) -> str:
 
 
 def end_dimension(node: Along, shapes: Shapes) -> str:
-    """Return the dimension of what links give to the elements at their ends."""
+    """Return the dimension of the elements at whose ends links are summed."""
     relation = shapes.relations[node.dims[0]]
     return relation.target if node.arguments[0] == ZERO else relation.source
 
 
 def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
-    """Return the place of an element that is written in brackets.
+    """Return the indices of an element that is written in brackets.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def element_numbers(node: Element, shapes: Shapes) -> dict[str, int]:
 
 
 def _along_the_others(node: Element, dims: Sequence[str], shapes: Shapes) -> str:
-    """Say how a component of many vectors is written, where one was asked for by its label alone."""
+    """Return how to write a component of many vectors, where its label alone was given; else an empty text."""
     labels = shapes.extent(dims[-1]).labels if len(dims) > 1 else ()
     if len(node.entries) != 1 or node.entries[0] not in labels:
         return ""
@@ -276,7 +276,7 @@ def _along_the_others(node: Element, dims: Sequence[str], shapes: Shapes) -> str
 
 
 def at_element(node: Node, indices: Mapping[str, int], shapes: Shapes) -> Node:
-    """Return what an expression is at one element: an expression of single elements.
+    """Return an expression at one element, as an expression of single elements.
 
     Parameters
     ----------
@@ -362,7 +362,7 @@ def _cross_product_element(node: Along, indices: Mapping[str, int], shapes: Shap
 
 
 def _link_sum_at_end(node: Along, indices: Mapping[str, int], shapes: Shapes) -> Node:
-    """Return the sum of what links give to the element at their ends, in the order of links."""
+    """Return the sum of link values at an element, in the order of links."""
     relation, element = shapes.relations[node.dims[0]], indices[end_dimension(node, shapes)]
     ends = [
         (argument, links.get(element, ()))
@@ -449,7 +449,7 @@ class Parts:
 
 
 def _heading(node: Node) -> object:
-    """Return what tells a node from others with the same operands."""
+    """Return the key that distinguishes a node from others with equal operands."""
     match node:
         case Number():
             return repr(node.value)

@@ -1,6 +1,6 @@
-"""Right-hand sides that are written with arrays, as models with a dimension: one state y along y_index.
+"""Right-hand sides of t and y as models: functions written with arrays, of one state along `y_index`.
 
-Python functions of t and y as `solve` takes them: what they are called with, what they return, their events.
+Python functions as `solve` takes them are read: the arguments that they are called with, their results, their events.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WrittenFunction:
-    """A function of t and y, what each of its values is, and the values that it returned for names."""
+    """A function of t and y, the meaning of its values, and its values for traced numbers."""
 
     function: RightSide
     words: tuple[str, ...]
@@ -148,7 +148,7 @@ def read_starts(y0: Any, units: Any) -> tuple[list[str], list[str]]:
 
 
 def start_numbers(starts: list[str], unit_texts: list[str]) -> Floats:
-    """Return initial values as numbers of their units."""
+    """Return initial values, shape (n,), as numbers of their units."""
     return np.array(
         [
             float(start[:-2])
@@ -174,7 +174,7 @@ def write_with_arguments(
 def arguments_of(
     fun: RightSide, args: Any, taken_names: list[str], unnamed_type: type
 ) -> tuple[list[Any], dict[str, str]]:
-    """Return the arguments of `fun` after t and y: single numbers by name, as parameters, but whole ones if `unnamed_type` is int."""
+    """Return the arguments of `fun` after t and y; single numbers become parameters, as `unnamed_type` allows."""
     row = [*args] if isinstance(args, list | tuple) else [args]
     words = _argument_names(fun)[2:]
     words = [words[i] if i < len(words) and words[i].isidentifier() else f"arg{i}" for i in range(len(row))]
@@ -206,7 +206,7 @@ def _checked_rates(fun: RightSide, rates: Any, n: int) -> list[Any]:
 def write_twice(
     functions: list[RightSide], tables: Substitution, words: list[str], y: Any, arguments: list[Any]
 ) -> list[WrittenFunction]:
-    """Write the right-hand side and the events down, all of them once more, and refuse what differs."""
+    """Trace the right-hand side and the events twice, and refuse functions whose traces differ."""
     first, second = ([*write_each(functions, tables, words, y, arguments)] for _ in range(2))
     check_repeating(first, second)
     return first
@@ -240,7 +240,7 @@ def write_each(
 
 
 def call_with_names(function: RightSide, tables: Substitution, t: Traced, y: Any, arguments: list[Any]) -> Any:
-    """Call a function with names in the place of numbers, and refuse one that writes into y."""
+    """Call a function with traced numbers, and refuse a function that writes into y."""
     y_copy = y.copy()
     rates = traced(tables.substitute(function), t, y_copy, *arguments)
     check_unwritten(function_name(function), y, y_copy)
@@ -294,6 +294,7 @@ def _event_attributes(event: RightSide) -> tuple[int, int]:
         raise InputError(
             f"{function_name(event)}.terminal is {terminal!r}, needs True, False, or the number of occurrences that stop the run"
         )
+    # nan alone differs from itself
     if not isinstance(direction, int | float | np.number) or direction != direction:
         raise InputError(
             f"{function_name(event)}.direction is {direction!r}, needs a number: 1 for rising, -1 for falling"
@@ -403,7 +404,7 @@ def _write_once(
 
 
 def _common_rate(nodes: list[Node], unfolding: Unfolding) -> Traced:
-    """Return one expression of all elements: what they have in common, or each its own by its number.
+    """Return one expression for all elements: their common form, or each element's own by its number.
 
     Raises
     ------
@@ -440,7 +441,7 @@ def _check_numbers(
     args: Any,
     tables: Substitution,
 ) -> None:
-    """Call functions with numbers, and compare some of the results with what their expressions give there."""
+    """Call functions with numbers, and compare some results with the values of their expressions."""
     begin, end = (parse_time(end, "t_span") for end in t_span)
     row = [*args] if isinstance(args, list | tuple) else [args]
     constants: dict[str, Any] = {

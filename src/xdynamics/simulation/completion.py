@@ -1,4 +1,4 @@
-"""A record without all rows or columns, marched again to its whole log: its own values confirm the rest."""
+"""Completion of a record without all rows or columns: a second march, which the record's own values confirm."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def complete(
     progress: Progress | None = None,
     resume: bool = False,
 ) -> xr.Dataset:
-    """Add what `log` and `keep_every` left out of a record, to the bits of the whole run.
+    """Add the rows and columns that `log` and `keep_every` left out of a record, to the bits of the full run.
 
     The run is marched again with all its settings: forces and energies follow from the states, but rejected trials, errors
     and the rows between do not. Every value that was kept is then compared with the new run's.
@@ -120,7 +120,7 @@ def _first_difference(partial_run: xr.Dataset, full_run: xr.Dataset) -> str:
 
 
 def _has_same_bits(variable: xr.Variable, full_variable: xr.Variable, partial_rows: Array, full_rows: Array) -> bool:
-    """Whether two variables have the same bits in some rows of each, which are read some at a time."""
+    """Whether two variables have equal bits in given rows of each, which are read some at a time."""
     if partial_rows.size != full_rows.size or variable.shape[1:] != full_variable.shape[1:]:
         return False
     rows = max(1, AT_ONCE // math.prod(variable.shape[1:]))

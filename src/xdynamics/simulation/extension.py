@@ -165,7 +165,7 @@ def _refuse_other_ends(source_run: xr.Dataset) -> None:
 
 
 def _source_rows(source_run: xr.Dataset, march: March) -> Iterator[tuple[str, Array]]:
-    """Yield the rows of a run, its end as a node, and put the march there."""
+    """Yield the rows of a run, its end as a node, and restore the march at that end."""
     _restore_march(source_run, march)
     for column in record.columns(march):
         name = column.variable.name
@@ -228,7 +228,7 @@ def _state_rows(source_run: xr.Dataset, march: March, names: Blocks, stride: int
 
 
 def _restore_witnesses(march: March, memory: str, numbers: Floats, rows: int) -> tuple[str, Floats]:
-    """Split off the rows of the whole march that a record without all rows keeps after its memory."""
+    """Split off the witness rows of the complete march, which a thinned record stores after its memory."""
     remaining_memory, count, used = memory, len(range(0, rows, march.witnesses.stride(rows))), march.layout.used.size
     errors = np.full((len(march.estimated), count), np.nan)
     if memory.endswith(f" {ERRORS}") and numbers.size >= errors.size:
@@ -302,7 +302,7 @@ def _event_links(source_run: xr.Dataset, march: March, detector: Array) -> Array
 
 
 def _restore_passed(source_run: xr.Dataset, march: March) -> None:
-    """Restore what a run knew of smooth switches at its end: their side, how often they were passed, and since when."""
+    """Restore the state of smooth switches at a run's end: sides, number of passages, and time of the first."""
     smooth_switches, model = march.layout.smooth, march.model
     if not smooth_switches:
         return

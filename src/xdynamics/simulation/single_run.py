@@ -1,8 +1,7 @@
-"""Simulate a model; simulate an archive's model again and compare every bit.
+"""Simulation of a model, and simulation of an archive's model again, in which every bit is compared.
 
-The warning of a fixed step that is beyond the stability limit of its method.
-
-The model of an archived run with the settings of that run, so that it is marched again with something changed.
+A fixed step beyond the stability limit of its method is warned of. The model of an archived run comes with the settings
+of the run, so that it can be marched again with a change.
 """
 
 from __future__ import annotations
@@ -122,7 +121,7 @@ def _start_jacobian(start: _Start) -> Floats | None:
 
 @lru_cache(maxsize=64)
 def _fastest_rate(start: _Start) -> float:
-    """Bound the size of every eigenvalue of the Jacobian, found once."""
+    """Bound the modulus of every eigenvalue of the Jacobian at the start, 1/time; computed once."""
     jacobian = _start_jacobian(start)
     return np.inf if jacobian is None else fastest_rate(jacobian)
 
@@ -147,7 +146,7 @@ def _grows(start: _Start, step: float, *, growth: float) -> bool:
 
 @lru_cache(maxsize=256)
 def _longest_stable_step(start: _Start, *, growth: float = 0.0) -> float:
-    """Return the largest stable step of a method at a model's start, found once by trying some hundred."""
+    """Return the largest stable step of a method at a model's start, from some hundred trial steps; cached."""
     jacobian = _start_jacobian(start)
     assert jacobian is not None  # noqa: S101 - who asks has seen it
     system = LinearSystem.from_jacobian(jacobian, free_coordinates(start.model))

@@ -1,8 +1,7 @@
 """Runs and states that are described before they are marched, with dask arrays behind them.
 
-The records that a run is made from and made into.
-
-States of a run at wanted times, in the place of its record.
+States of a run at wanted times may take the place of its record. The source and the destination of a run are checked
+before the march.
 """
 
 from __future__ import annotations
@@ -78,7 +77,7 @@ def open_source_run(run: xr.Dataset | Given, path: Given | None, verb: str) -> I
 
 
 def check_destination(path: Any, *, resume: bool) -> None:
-    """Check where a run is to be kept, before anything is marched.
+    """Check the file of a run, before anything is marched.
 
     Raises
     ------
@@ -99,14 +98,14 @@ def marched_record(
     resume: bool = False,
     memory: str | float | None = None,
 ) -> xr.Dataset:
-    """March, warn of what was not accurate, and return the record; see `record_march`."""
+    """March, warn of inaccuracies, and return the record; see `record_march`."""
     run = record_march(march, path, earlier_rows, resume=resume, memory=memory)
     warn_of_accuracy(march)
     return run
 
 
 def warn_of_accuracy(march: March) -> None:
-    """Warn of what the tolerances of a finished march did not control."""
+    """Warn of errors that the tolerances of a finished march did not control."""
     for doubt in march.doubts:
         warn(f"{march.model.name}: {doubt}", AccuracyWarning)
 
@@ -133,7 +132,7 @@ def times_within(times: Any, unit: Unit, start: float, until: float) -> Floats:
 
 
 def check_sampled(settings: Settings) -> None:
-    """Check that settings keep in a file what states at wanted times are computed from.
+    """Check that settings record in a file the rows from which states at wanted times are computed.
 
     Raises
     ------
@@ -237,7 +236,7 @@ def unmarched_run(
 
 
 def _march_task(march: March, location: Place | None, memory: str | float | None) -> Task:
-    """Return the task that marches, the same as of any stage that marches so too."""
+    """Return the task of a march, named alike in every stage that needs this march."""
     words = [record.input_digest(march), *(["compressed"] if march.settings.compress else [])]
     name = "-".join([MARCH, *words, *([str(location)] if location is not None else [])])
     call = partial(march_with_settings, march.model, march.settings, location, memory)

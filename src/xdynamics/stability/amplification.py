@@ -88,7 +88,7 @@ class LinearSystem:
 
     @property
     def growing(self) -> NDArray[np.bool_]:
-        """Which modes grow in the system itself."""
+        """A mask of the modes that grow in the system itself, shape (modes,)."""
         return self.eigenvalues.real > AT_REST
 
     @property
@@ -108,7 +108,7 @@ class LinearSystem:
 
     @cached_property
     def separated_modes(self) -> tuple[Floats, Floats] | None:
-        """Squares of frequencies, and the damping between modes, of a system without rates; None if modes are not told apart."""
+        """Squares of frequencies, and damping between modes, without rates; None if modes cannot be separated."""
         n = len(self.acceleration)
         if n < 2 or self.rate.size or not np.isfinite(self.fastest) or self.fastest == 0.0:
             return None
@@ -127,7 +127,7 @@ class LinearSystem:
 
     @cached_property
     def modes(self) -> LinearSystem | None:
-        """Systems of one coordinate, along a first axis, that this one falls apart into; None if it does not, or has rates.
+        """Systems of one coordinate, along a first axis, into which this system decouples; None without such a split.
 
         It does where damping has the modes of the stiffness, as c v has, and Rayleigh's of mass and stiffness.
         """
@@ -139,7 +139,7 @@ class LinearSystem:
 
     @cached_property
     def uncoupled(self) -> LinearSystem | None:
-        """The same systems, where damping between modes is left out."""
+        """The system of separate modes, without damping between them; None if modes cannot be separated."""
         if self.separated_modes is None:
             return None
         squares, modal_damping = self.separated_modes[0], self.separated_modes[1].diagonal()
@@ -203,7 +203,7 @@ def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDAr
 
 
 def amplification_factors(matrices: Floats) -> Complexes:
-    """Return the eigenvalues of amplification matrices, nan where one is not finite.
+    """Return the eigenvalues of amplification matrices, nan where one is not finite: (k, n, n) to (k, n).
 
     For 2 x 2 matrices the quadratic formula keeps nearly equal factors on the unit circle, which an iteration does not.
     """

@@ -111,7 +111,7 @@ def stable_step(model: Model, method: Method, state: Mapping[str, float], *, gro
 
 @one_blas_thread()
 def stable_step_of(system: LinearSystem, method: Method, model: Model, *, growth: float = 0.0) -> float:
-    """Return the same as `stable_step` of the changes that keep constraints, whose linear system is known."""
+    """Return the largest stable step for the changes that satisfy constraints, from their linear system."""
     follows = treats_alike(method) or bool(len(system.acceleration)) or not model.constraints
     if method.refusals(model) or not (follows and np.isfinite(system.fastest)):
         return float(np.nan)
@@ -145,7 +145,10 @@ def _growing_limit(method: Method, system: LinearSystem) -> float:
 
 
 def fastest_rate(jacobian: Floats) -> float:
-    """Bound the size of every eigenvalue, s-1, without computing any: by the largest row sum of the squared matrix."""
+    """Bound the size of every eigenvalue, s-1, of a Jacobian, shape (n, n), by the largest row sum of its square.
+
+    No eigenvalue is computed.
+    """
     rows, columns = np.nonzero(jacobian)
     if rows.size > FEW_ENTRIES * len(jacobian):
         squared = jacobian @ jacobian
@@ -157,7 +160,7 @@ def fastest_rate(jacobian: Floats) -> float:
 
 
 def rough_rate(jacobian: Floats) -> float:
-    """Bound what `fastest_rate` bounds, from above and in as many operations as there are entries: by absolute values.
+    """Return an upper bound of `fastest_rate` by absolute values, in as many operations as there are entries.
 
     The square of a matrix of 120 rows waits 30 ms for a second thread of BLAS where the other cores are at work.
     """
@@ -275,7 +278,7 @@ def treats_alike(method: Method) -> bool:
 
 
 def _joined_limit(method: Method, system: LinearSystem, uncoupled: LinearSystem, rate: float) -> float:
-    """Find the limit of modes that damping joins, beginning at that of the modes without what joins them."""
+    """Compute the limit of modes that damping couples, from that of the uncoupled modes."""
     creeping = rate > 0.0
     guess = _largest_step(partial(_growth_of_modes, method, uncoupled, rate), 1.02, creeping=creeping)
     near = np.array([guess if 0.0 < guess < np.inf else 1.0])
@@ -355,7 +358,7 @@ def _stability_bracket(growth: Growth, ratio: float) -> tuple[float, float]:
 
 
 def _relative_growth(method: Method, system: LinearSystem, rate: float, h: Floats) -> Floats:
-    """Return the growth in a step of modes that do not grow in the system, relative to what is allowed."""
+    """Return the growth per step of modes that do not grow in the system, relative to its allowance."""
     multipliers = amplification_factors(amplification(method, system, h))
     scaled_rates = np.abs(system.eigenvalues) * h[:, None]
     at_rest = np.sum(scaled_rates < AT_REST, axis=1)
@@ -372,12 +375,12 @@ def _relative_growth(method: Method, system: LinearSystem, rate: float, h: Float
 
 
 def _growth_of_modes(method: Method, modes: LinearSystem, rate: float, h: Floats) -> Floats:
-    """Return the same of systems of one coordinate each, along the first axis of `modes`."""
+    """Return the relative growth of systems of one coordinate each, along the first axis of `modes`."""
     return np.asarray(_growth_by_mode(method, modes, rate, h).max(axis=1))
 
 
 def _growth_by_mode(method: Method, modes: LinearSystem, rate: float, h: Floats) -> Floats:
-    """Return it for every mode, shape (steps, modes)."""
+    """Return the relative growth of every mode, shape (steps, modes)."""
     n = len(modes.acceleration)
     return np.asarray(
         _relative_growth(method, modes.repeated_systems(len(h)), rate, np.repeat(h, n)).reshape(len(h), n)
@@ -385,7 +388,7 @@ def _growth_by_mode(method: Method, modes: LinearSystem, rate: float, h: Floats)
 
 
 def _growth_along(method: Method, eigenvalues: Complexes, rate: float, h: Floats) -> Floats:
-    """Return the same from the stability function R(z) at z = h l, for a method that treats all vectors alike."""
+    """Return the relative growth by the stability function R(h l), of a method that treats all vectors alike."""
     z = (h[:, None] * eigenvalues).ravel()
     multipliers = amplification(method, GROWTH, z)[:, 0, 0].reshape(len(h), len(eigenvalues))
     growth = _over_allowed(multipliers, (1.0 + h * h) * ROUND_OFF + rate * h)
@@ -394,4 +397,5 @@ def _growth_along(method: Method, eigenvalues: Complexes, rate: float, h: Floats
 
 def _over_allowed(multipliers: Complexes, allowed: Floats) -> Floats:
     growth = (np.abs(multipliers) - 1.0) / allowed[:, None]
+    # nan counts as growth: every comparison with nan is false, and the step would seem stable
     return np.where(np.isnan(growth), np.inf, growth)

@@ -21,7 +21,7 @@ SAME_SHAPES = 1e-10  # damping between two modes, over the fastest rate, that is
 
 @dataclass(frozen=True)
 class NormalModes:
-    """What solves K u = w**2 M u.
+    """Solutions of K u = w**2 M u.
 
     Attributes
     ----------

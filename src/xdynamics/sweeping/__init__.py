@@ -1,1 +1,1 @@
-"""Grids of runs: axes, members, what is kept of each, and their archive."""
+"""Grids of runs: axes, members, recorded variables, and their archive."""

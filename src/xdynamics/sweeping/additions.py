@@ -1,4 +1,4 @@
-"""Members added to a folder that holds a sweep: which of them exist, and what was kept of those."""
+"""Members added to a folder with a sweep: which of them exist there, and their recorded values."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Additions:
         return existing_mask
 
     def copy_existing(self, plan: Plan, block: Block, arrays: dict[str, Values]) -> NDArray[np.bool_]:
-        """Copy what was kept of existing members into the arrays of a block; return which members they are."""
+        """Copy the recorded values of existing members into the arrays of a block; return the mask of these members."""
         existing_mask = self.existing_members(block)
         if existing_mask.any():
             indices = {

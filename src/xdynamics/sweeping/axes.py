@@ -1,10 +1,8 @@
 """The axes of a grid of runs: what varies along each, in values with units.
 
-The values along an axis as people write them: a range, a list, a row of texts or numbers, an array with units.
-
-Values that are drawn: Sobol points, a Latin hypercube, or from the distributions that a model declares.
-
-Measured tables with several columns: each column is one table.
+Values are given as a range, a list, a row of texts or numbers, or an array with units. Values may be drawn: Sobol
+points, a Latin hypercube, or from the distributions that a model declares. Of measured tables with several columns,
+each column is one table.
 """
 
 from __future__ import annotations
@@ -53,7 +51,7 @@ def axis_numbers(entries: Any, declared: Scale) -> tuple[Values, Unit]:
 
 
 def exact_numbers(entries: Any, declared: Scale) -> tuple[Values | list[float], Unit]:
-    """Read the same; numbers in a list keep the digits that they were written with, where these are more than a float has.
+    """Read the values along an axis; numbers in a list keep written digits beyond those of a float.
 
     Raises
     ------
@@ -111,7 +109,7 @@ def _scaled_numbers(values: Values, scale: Scale) -> Values:
 
 
 def _with_default_unit(quantities: list[Quantity], scale: Scale) -> list[Quantity]:
-    """Put the quantities that have no unit on a scale."""
+    """Give quantities without a unit the unit of a scale."""
     no_unit = parse_unit("1")
     return [
         Quantity(scale.value(quantity.value), scale.unit) if quantity.unit == no_unit else quantity
@@ -371,12 +369,12 @@ class AxisColumn:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What has the value in a model: one quantity, or all elements of one with dimensions."""
+        """The quantities of a model that an axis sets: a single one, or all elements of a quantity with dimensions."""
         return self.elements or (self.name,)
 
     @property
     def exact_texts(self) -> list[str]:
-        """What was written, where floats have fewer digits: part of a sweep's digest."""
+        """The written decimal digits, where floats have fewer: part of a sweep's digest."""
         return list(map(decimal_text, self.digits))
 
     @cached_property
@@ -480,7 +478,7 @@ def _repeated_value(values: Values) -> Any:
 
 
 def _drawn_columns(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
-    """Put points between the ends of each range, or around each parameter."""
+    """Return columns of drawn points, scaled to the range or the distribution of each parameter."""
     if draws.design == DECLARED:
         declared = model.uncertain | {
             f"{INITIAL_PREFIX}{name}": entry for name, entry in model.starts.items() if entry.uncertainty > 0
@@ -545,7 +543,7 @@ def range_of(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:
 
 
 def column_of(model: Model, name: str, values: Any) -> AxisColumn:
-    """Find out what a name refers to, and read its values.
+    """Return the column of an axis: what its name refers to in the model, and its values.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A sweep in a folder: blocks as they are finished, then one catalogue of all members, with whole runs beside it."""
+"""A sweep in a folder: finished blocks, then one catalogue of all members, with complete runs beside it."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ REMEDY = f"remove what is damaged or added and '{CATALOGUE}', and the same sweep
 
 
 def open_sweep(path: Given) -> xr.Dataset:
-    """Open and verify the catalogue of a sweep: every member with its axes, outcome, digest and kept variables.
+    """Open and verify the catalogue of a sweep: every member with its axes, outcome, digest and variables.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def _faults_of_run_files(folder: Place, sweep: xr.Dataset) -> list[str]:
 
 
 def _fault_of_run_file(folder: Place, name_and_seal: tuple[str, str]) -> str:
-    """Describe what is wrong with the archive of a run, given its seal in the catalogue; empty if nothing is."""
+    """Describe the fault of a run's archive by its seal in the catalogue; empty if there is none."""
     name, seal = name_and_seal
     try:
         run_file = run_path(folder, name)
@@ -231,7 +231,7 @@ def _fault_of_run_file(folder: Place, name_and_seal: tuple[str, str]) -> str:
 
 
 def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: Progress | None) -> xr.Dataset:
-    """March a sweep into a folder or a Zarr store, or what is missing of it, and return its catalogue.
+    """March the missing members of a sweep into a folder or a Zarr store, and return its catalogue.
 
     Parameters
     ----------
@@ -304,7 +304,7 @@ def _open_intact(folder: Place) -> xr.Dataset:
 
 
 def unfinished_folders(folder: Place) -> list[Place]:
-    """List the folders of unfinished sweeps in a folder, or of what is being added to a Zarr store."""
+    """List the folders of unfinished sweeps in a folder, or of additions to a Zarr store."""
     if zarr_catalogue.is_zarr_path(folder):
         return zarr_blocks.growth_folders(folder)
     return [entry for entry in store_of(folder).names(folder / UNFINISHED) if is_folder(entry)]
@@ -339,7 +339,7 @@ def _remember_seals(seals: NDArray[Any], blocks: list[Block]) -> None:
 
 
 def _march_block_into_file(plan: Plan, block: Block, part: Place, existing: Additions | None) -> None:
-    """March a block into a file, after archiving its whole runs in files of their own; existing members are copied."""
+    """March a block into a file, after archiving its complete runs; existing members are copied."""
     values = march_block(plan, block, existing.copy_existing) if existing else march_block(plan, block)
     if plan.keeping.keeps_whole_runs:
         files = made_folder(part.parent.parent.parent / RUNS)
@@ -363,7 +363,7 @@ def _is_part(plan: Plan, block: Block, part: xr.Dataset) -> bool:
 
 
 def _join_blocks(plan: Plan, blocks: list[Block], parts: list[Place]) -> dict[str, Any]:
-    """Read the blocks into full arrays; texts are held as bytes and decoded lazily, part by part."""
+    """Read the blocks into full arrays; texts are stored as bytes and decoded lazily, part by part."""
     import dask.array
 
     da: Any = dask.array  # its functions are not typed

@@ -1,4 +1,4 @@
-"""A sweep as a Dataset: axes with units, the kept variables, and everything needed to march its members again."""
+"""A sweep as a Dataset: axes with units, recorded variables, and all that marching its members again needs."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ _KIND_DESCRIPTIONS = {
 
 
 def sweep_dataset(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """Put arrays of members into a Dataset along the axes.
+    """Return the Dataset of a sweep from arrays of its members along the axes.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def _shared_columns(grid: SweepGrid) -> list[AxisColumn]:
 
 
 def _meaning(model: Model, column: AxisColumn) -> str:
-    """Describe what varies, with the model's own description if there is one."""
+    """Describe a varied quantity, with the model's own description if there is one."""
     sections: dict[str, Mapping[str, Any]] = {
         PARAMETER: model.statement.parameters,
         INITIAL: model.statement.coordinates,

@@ -108,7 +108,7 @@ def _outcome_differs(sweep: xr.Dataset, reference: xr.Dataset) -> tuple[Any, ...
 
 
 def _compared_names(sweep: xr.Dataset) -> list[str]:
-    """Name what members are compared by: the numbers of a sweep, or of its finest level, as `convergence` judged them."""
+    """Name the compared numbers: those of a sweep, or of its finest level, as `convergence` judged them."""
     if sweep.attrs.get(EVIDENCE) != CONVERGENCE:
         return member_number_names(sweep)
     return [name for name in map(str, sweep.data_vars) if f"uncertainty_{name}" in sweep]
@@ -225,7 +225,7 @@ def convergence(sweep: xr.Dataset, dim: str, *, compute: bool | None = None) -> 
 def _judgement_variables(
     sweep: xr.Dataset, name: str, dim: str, level_judgements: xr.DataArray, finest: xr.DataArray
 ) -> dict[str, Any]:
-    """Return what is judged of a number as variables, beside the number at the finest level."""
+    """Return order, verdict, limit and uncertainty of a number as variables, with its value at the finest level."""
     dims = tuple(str(entry) for entry in level_judgements.dims if entry != "told")
     verdict = level_judgements.isel(told=1)
     judgements = {
@@ -364,7 +364,7 @@ def _pareto_variable(
 
 
 def _pareto_mask(errors: Floats, works: NDArray[np.int64], *, is_exact: bool, dim_count: int) -> NDArray[np.int8]:
-    """Mark the runs, along the last dimensions, that no other one betters; what is taken for exact betters none."""
+    """Mark the Pareto front of error and work along the last dimensions; a reference run dominates no other run."""
     errors, works = np.broadcast_arrays(errors, works)
     shape = errors.shape[: errors.ndim - dim_count]
     front = np.zeros((int(np.prod(shape)), int(np.prod(errors.shape[errors.ndim - dim_count :]))), np.int8)
@@ -379,7 +379,7 @@ def _pareto_mask(errors: Floats, works: NDArray[np.int64], *, is_exact: bool, di
 
 
 def _lazy_or_computed(sweep: xr.Dataset, compute: Any) -> xr.Dataset:
-    """Return a sweep computed, or with dask arrays; as it is where neither is asked for."""
+    """Return a sweep computed if `compute`, with dask arrays if it is False, unchanged if it is None."""
     if not isinstance(compute, bool | None):
         raise InputError(f"compute is {compute!r}, needs true or false")
     if compute is None or is_lazy(sweep) is not compute:

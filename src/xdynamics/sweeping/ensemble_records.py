@@ -92,7 +92,7 @@ class MemberRuns:
 
     @cached_property
     def columns(self) -> Mapping[str, Column]:
-        """Every variable of the records, and how it is taken from the kept logs."""
+        """Every column of the records, by name, taken from the stored logs."""
         return named_columns(self.layout, self.settings)
 
     @cached_property
@@ -126,7 +126,7 @@ class MemberRuns:
         return failed
 
     def of_good_runs(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return what is told of whole runs: nan where a member's failed before its end."""
+        """Return values of complete runs: nan for members that failed before their end."""
         if values.dtype.kind != "f" or not self._failed.any():
             return values
         # the values may be a cached column, which others still read
@@ -147,7 +147,7 @@ class MemberRuns:
 
     @cached_property
     def detectors(self) -> tuple[str, ...]:
-        """What events are located by, of detectors with dimensions each element."""
+        """The detectors of events; of detectors with dimensions every element."""
         return tuple(labels(self.layout.watched))
 
     @cached_property
@@ -160,7 +160,7 @@ class MemberRuns:
 
     @cached_property
     def extremes_cache(self) -> dict[tuple[str, float], tuple[NDArray[Any], ...]]:
-        """Extremes found so far, by name and sign."""
+        """Extremes computed so far, by name and sign."""
         return {}
 
     def states_at(
@@ -354,7 +354,7 @@ class _EvaluationPlan(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _parameter_indices(model: Model) -> dict[str, int]:
-    """Return the place of each parameter among the constants of a law."""
+    """Return the index of each parameter among the constants of a law."""
     return {name: i for i, name in enumerate(constants(model)) if name in model.statement.parameters}
 
 

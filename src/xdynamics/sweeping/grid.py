@@ -1,6 +1,6 @@
-"""A grid of runs: a model, its axes, and the settings that all members share.
+"""A grid of runs: a model, its axes, the settings that all members share, and the numbers of its members.
 
-Finding members by their values along the axes.
+Members are found by their values along the axes.
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ class SweepGrid:
         return model.replace(**sections) if sections else model
 
     def simulate_arguments(self, axis_indices: AxisIndices) -> dict[str, Any]:
-        """Return a member's own arguments of `simulate`, except those for the recording of whole runs."""
+        """Return a member's own arguments of `simulate`, without those for recording complete runs."""
         varied_settings = {
             entry.name: entry.quantity(axis_indices[k])
             for k, entry in self.columns
@@ -214,11 +214,11 @@ class SweepGrid:
 
     @property
     def recording(self) -> dict[str, Any]:
-        """The arguments given for the recording of whole runs."""
+        """The given arguments for recording complete runs."""
         return {name: value for name, value in self.shared_settings.items() if name in RECORDING}
 
     def recorded_settings_of(self, axis_indices: AxisIndices) -> Settings:
-        """Return the settings of a member's whole run, with the arguments for its recording."""
+        """Return the settings of a member's complete run, with the arguments for its recording."""
         return settings_for(
             self._model_with_tables(axis_indices),
             **self.simulate_arguments(axis_indices),
@@ -227,7 +227,7 @@ class SweepGrid:
 
     @property
     def unrecorded(self) -> SweepGrid:
-        """The same grid without recording of whole runs."""
+        """The grid without recording of complete runs."""
         return replace(
             self, shared_settings={name: value for name, value in self.shared_settings.items() if name not in RECORDING}
         )
@@ -244,7 +244,7 @@ class SweepGrid:
 
     @property
     def event_start(self) -> str:
-        """What becomes of acting events of all members whose functions are zero at the start."""
+        """How all members treat acting events whose functions are zero at the start."""
         return str(self.shared_settings.get("event_start") or JUDGED)
 
     @property

@@ -1,6 +1,7 @@
-"""Shares of a number's variance by parameter: Sobol's indices, from a design of their own.
+"""Sobol's indices, from a design of their own, and the influence of each axis of a sweep.
 
-What each axis of a sweep changes: outcomes, counts of events, and the variance of every number.
+An index is the share of a number's variance that belongs to a parameter. The influence of an axis is its effect on
+outcomes, on counts of events, and on the variance of every number.
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ def sobol_indices(
 
 @dataclass(frozen=True)
 class IndicesRequest:
-    """What is asked of the indices; see `sobol_indices`.
+    """The arguments of `sobol_indices`, checked.
 
     Attributes
     ----------
@@ -195,7 +196,7 @@ def _check_draw_counts(ranges: Any, draws: int, resamples: int) -> None:
 
 
 def _range_variables(spans: Mapping[str, AxisColumn | Parameter], *, stated: bool) -> dict[str, Any]:
-    """Return the names of what was varied, and where the range of each begins and ends."""
+    """Return variables with the name, unit and range ends of each varied parameter."""
     ends = [_range_ends(span) for span in spans.values()]
     text = "where its range" if stated else "where one standard uncertainty beside its value"
     columns = {
@@ -238,7 +239,7 @@ def _sweep_designs(
 def _checked_member_numbers(
     request: IndicesRequest, f: NDArray[np.float64], outcomes: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """Return the numbers of all members if each has one, and not all the same."""
+    """Return the members' numbers, refused unless all are finite and at least two differ."""
     quantity = request.quantity
     if not np.isfinite(f).all():
         i = int(np.argwhere(~np.isfinite(f))[0, 0])
@@ -354,7 +355,7 @@ def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
 
 
 def _influences_of_gathered(eager_sweep: xr.Dataset, names: Mapping[str, Any], *values: Any) -> xr.Dataset:
-    """Put the values of a sweep's variables into it, and return its influences."""
+    """Return the influences of a sweep whose lazy variables are replaced by their computed values."""
     gathered_variables = {
         name: (dims, data, attrs) for (name, (dims, attrs)), data in zip(names.items(), values, strict=True)
     }

@@ -1,8 +1,8 @@
-"""What is kept of every member of a grid: words of `keep`, and the variables they stand for.
+"""The words of `keep`: the variables that a sweep records of every member.
 
-Largest and least value of a quantity in each of many runs: what `diagnose` finds in one run, for all at once.
+Largest and least values are searched for all members at once, as `diagnose` searches those of one run.
 
-Numbers that take the whole run of a member: what its diagnosis finds, and what its record says of the march.
+Other numbers need the complete run of a member: its diagnosis, and the attributes of the march in its record.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ BY_COMPANION = ("believed_until", "phase_offset")  # for which a diagnosis march
 
 @dataclass(frozen=True)
 class RunQuantity:
-    """A number of a whole run, or a list of them.
+    """A number, or a list of numbers, that follows from a complete run.
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ class KeptVariable:
     sizes : tuple of int
     units, long_name, role : str
     take : callable
-        From a `Harvest` to an array, shape (members, *sizes).
+        From `MemberRuns` to an array, shape (members, *sizes).
     log_columns, motion : tuple of str
         Variables along `step` that it takes from complete logs: by itself, and for states inside steps, as all that need these.
     dtype : str
@@ -282,7 +282,7 @@ class KeptVariable:
 
 @dataclass(frozen=True)
 class Keeping:
-    """What is kept of every member.
+    """The variables that a sweep records of every member.
 
     Attributes
     ----------
@@ -299,7 +299,7 @@ class Keeping:
 
     @property
     def keeps_whole_runs(self) -> bool:
-        """Whether full records are kept."""
+        """Whether complete runs are recorded."""
         return LOG in self.words
 
     def variables(self, model: Model, settings: Any) -> tuple[KeptVariable, ...]:
@@ -328,13 +328,13 @@ class Keeping:
 
 
 def misspelling_text(word: str, available_words: Sequence[str]) -> str:
-    """Say that a word of `keep` stands for nothing, and which three are nearest."""
+    """Describe an unknown word of `keep` with the three most similar words."""
     nearest = get_close_matches(word, available_words, n=3, cutoff=0.0)
     return f"'{word}', which no run, event or diagnosis of the model has; the nearest are {', '.join(nearest)}"
 
 
 def fold_elements(variables: Mapping[str, KeptVariable], shapes: Shapes) -> tuple[KeptVariable, ...]:
-    """Make one variable of the elements of each quantity with dimensions."""
+    """Fold the elements of each quantity with dimensions into one variable."""
     quantities = Names(shapes).by_quantity(variables)
     quantity_of_element = {name: quantity for quantity in quantities.values() for name in quantity.members.values()}
     collected: dict[str, KeptVariable] = {}
@@ -390,7 +390,7 @@ class _WordReader:
         )
 
     def _one_by_one(self, word: str) -> tuple[str, ...]:
-        """Return a word of a quantity as those of its elements, where it is not read whole."""
+        """Replace the word of a quantity by the words of its elements, unless the quantity is recorded at once."""
         return (
             (word,)
             if self.stands_for_variables(word)
@@ -398,7 +398,7 @@ class _WordReader:
         )
 
     def keepable_words(self) -> list[str]:
-        """List the words that can be kept."""
+        """List all valid words of `keep`."""
         events = [word + name for name in self.detectors for word in (EVENT_TIME, EVENT_COUNT)]
         quantities = [word + name for word in ("end_", LARGEST, LEAST, "") for name in observables_of(self.model)]
         event_words = [f"{word}{name}_…" for name in self.single_detectors for word in (AFTER, BEFORE)]
@@ -407,16 +407,16 @@ class _WordReader:
 
     @cached_property
     def of_runs(self) -> Mapping[str, RunQuantity]:
-        """What takes the whole run of a member, by name."""
+        """The numbers that need a member's complete run, by name."""
         return run_quantities(self.model, self.settings)
 
     @property
     def single_detectors(self) -> list[str]:
-        """Detectors without dimensions: what stands beside those of elements would be of two elements."""
+        """Detectors without dimensions: states after events of elements would need the dimensions of both."""
         return [name for name in self.detectors if DOT not in name]
 
     def default_words(self) -> list[str]:
-        """Return what is kept at times by default: every state, if times are given and no quantity is named."""
+        """Return the words recorded at times by default: every state, if times are given without a quantity."""
         names_quantity = any(is_observable(self.model, word) for word in self.words)
         return [] if names_quantity or not self.keeping.times.size else self.state_words
 
@@ -479,7 +479,7 @@ class _WordReader:
         )
 
     def of_run(self, word: str) -> list[KeptVariable]:
-        """Return the variable of a word that takes the whole run of a member; none if it is not known."""
+        """Return the variable of a word that needs a member's complete run; none for other words."""
         if word in (LOG, *ALWAYS) or word not in self.of_runs:
             return []
         quantity, (begin, end) = self.of_runs[word], self.keeping.occurrences
@@ -585,7 +585,7 @@ class _WordReader:
         value: Callable[[MemberRuns, Values], Values],
         element_dims: tuple[str, ...] = (),
     ) -> KeptVariable:
-        """Return a variable over the kept occurrences of an event, if there are to be several, and over its own dimensions."""
+        """Return a variable over an event's recorded occurrences, if several, and over its own dimensions."""
         begin, end = self.keeping.occurrences
         count, shape = end - begin, self.model.shapes.shape(element_dims)
 

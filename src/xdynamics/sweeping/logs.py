@@ -1,6 +1,7 @@
-"""The whole runs of a sweep's members together: states at common times, each read from its file when it is used.
+"""Complete runs of a sweep's members together: states at common times, or concatenated rows.
 
-All members of a sweep as whole runs in one Dataset: concatenated rows (CF contiguous ragged arrays).
+States at common times are read lazily, each from its member's file. Concatenated rows of all members are one Dataset
+(CF contiguous ragged arrays).
 """
 
 from __future__ import annotations
@@ -143,7 +144,7 @@ def open_logs(
 
 @dataclass(frozen=True)
 class _RunReader:
-    """What is wanted of every run.
+    """The columns, times and settings by which every run of a sweep is read.
 
     Attributes
     ----------
@@ -207,7 +208,7 @@ class _RunReader:
         return states
 
     def _column_names(self, model: Model) -> set[str]:
-        """Name all variables of a run that its states within steps are found from."""
+        """Name the variables of a run from which states within steps are interpolated."""
         settings, none = self.plan.grid.settings_of((0,) * len(self.plan.grid.shape)), np.zeros(0, np.int64)
         return {
             "time",
@@ -343,7 +344,7 @@ def ragged(
 
 
 def _march_all(plan: Plan, copied_attributes: Mapping[str, Any]) -> xr.Dataset:
-    """March all members, and put their rows together."""
+    """March all members, and concatenate their rows."""
     grid = plan.grid
     group_runs: list[tuple[Any, MemberRuns]] = []
     bytes_ = 0
@@ -410,7 +411,7 @@ def _ragged_dataset(
     sizes: Any,
     copied_attributes: Mapping[str, Any],
 ) -> xr.Dataset:
-    """Put rows, their numbers and what varies into one Dataset."""
+    """Return the Dataset of concatenated rows, row counts and axis values."""
     variables: dict[str, Any] = {
         name: ((ROW,), values[name], dict(column.attributes)) for name, column in columns.items()
     }

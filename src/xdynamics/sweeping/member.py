@@ -1,4 +1,4 @@
-"""One member of a sweep as its whole run: from its archive, or marched again from the catalogue alone."""
+"""The complete run of one member of a sweep: from its archive, or marched again from the catalogue alone."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _RUN_FILE_NAME = re.compile(rf"{RUNS}/[0-9a-f]+(\.partial)*\.nc")  # named by a 
 def member(
     sweep: xr.Dataset, *, functions: Mapping[str, Callable[..., float]] | None = None, **labels: Any
 ) -> xr.Dataset:
-    """Return one member of a sweep as its whole run, bit for bit.
+    """Return the complete run of one member of a sweep, bit for bit.
 
     Parameters
     ----------
@@ -98,12 +98,12 @@ def member(
 
 
 def _is_untold(value: Any, run: xr.Dataset) -> bool:
-    """Whether a sweep says nothing of the end of a run, which failed."""
+    """Whether a value is nan because its run failed before the end."""
     return run.attrs[OUTCOME] not in GOOD and bool(np.isnan(value).all())
 
 
 def _equal_values(value: Any, marched_value: Any) -> bool:
-    """Whether words or numbers are the same; nan is like itself."""
+    """Whether words or numbers are equal; nan equals nan."""
     numbers = np.asarray(marched_value).dtype.kind == "f"
     return np.array_equal(value, marched_value, equal_nan=numbers)
 
@@ -121,7 +121,7 @@ def sweep_folder(sweep: xr.Dataset) -> Place | None:
 
 
 def run_path(folder: Place, file: str) -> Place:
-    """Return the place of a run by what the catalogue says of it: it is in the sweep's own folder.
+    """Return the path of a run's file, whose name the catalogue states, in the sweep's own folder.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Marching a block of members: kept variables, outcome and digest of each.
+"""Marching of a block of members: recorded variables, outcome and digest of each.
 
-Whole runs of a sweep, each in a file named by the digest of all inputs of the run.
+The complete runs of a sweep are stored in files, each named by the digest of all inputs of its run.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ DIGEST_DESCRIPTION = (
 
 @dataclass(frozen=True)
 class Plan:
-    """What is marched, and what is kept of every member.
+    """A grid of runs with the variables to record of every member.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class Plan:
 
     @cached_property
     def variables(self) -> tuple[KeptVariable, ...]:
-        """The variables kept of every member."""
+        """The variables recorded of every member."""
         settings = self.grid.settings_of((0,) * len(self.grid.shape))
         kept_variables = [
             KeptVariable(
@@ -342,7 +342,7 @@ def _recheck_members(
 def _read_whole_runs(
     plan: Plan, block: Block, arrays: Mapping[str, Values], existing_members: NDArray[np.bool_]
 ) -> None:
-    """March members by themselves for what takes their whole runs, which lanes do not keep."""
+    """March members singly for variables that need their complete runs, which lanes do not record."""
     run_variables = {variable.of_run: variable for variable in plan.variables if variable.of_run}
     for i, axis_indices in enumerate(plan.grid.indices_in(block)) if run_variables else ():
         if existing_members[i]:
@@ -378,7 +378,7 @@ def is_chosen(numbers: Values, part: float) -> Values:
 
 
 def _check_member(grid: SweepGrid, axis_indices: Values, sweep_values: Mapping[str, Any]) -> None:
-    """Compare a member with the same run marched alone."""
+    """Compare a member with its run marched alone."""
     march = march_of(grid.unrecorded, axis_indices)
     if march is None:
         return
@@ -478,7 +478,7 @@ def _stream_member(march: March, file: Place, *, read_back: bool) -> tuple[str, 
 
 
 def _differences_text(march: March, abreast: dict[str, Any]) -> str:
-    """Describe how a run marched alone differs from the same run marched side by side; empty if it does not."""
+    """Describe how a run marched alone differs from its lane in a march side by side; empty if it does not."""
     march_state, state = (
         march.now,
         march.run.y[: march.layout.used.size] * record.factors(march.layout, march.settings.scales),

@@ -148,7 +148,7 @@ def _grid_to_march(model: Any, axes: Any, settings: Mapping[str, Any]) -> SweepG
 
 
 def _unrecorded(grid: SweepGrid, settings: Mapping[str, Any]) -> SweepGrid:
-    """Drop the recording settings of an earlier sweep where no whole runs are kept; refuse them if they were given."""
+    """Drop an earlier sweep's recording settings if no complete runs are recorded; refuse settings just given."""
     if refused_names := [name for name in grid.recording if settings.get(name) is not None]:
         verb = "says" if len(refused_names) == 1 else "say"
         raise InputError(

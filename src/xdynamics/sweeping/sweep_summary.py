@@ -30,7 +30,7 @@ _FIRST = ("run_", "end_time")  # what every sweep has
 
 
 def sweep_lines(sweep: xr.Dataset) -> list[str]:
-    """Summarise what was varied, how the members ended, and the ranges of what was kept."""
+    """Summarise the axes, the outcomes of members, and the ranges of recorded numbers."""
     lines = [line for dim in sweep_axis_names(sweep) for line in _axis_lines(sweep, dim)]
     if is_lazy(sweep) and "source" not in sweep.encoding:
         members = f"members   {sweep[OUTCOME].size}, with {settings_text(sweep)}; to keep of each: {sweep.attrs[KEEP]}"

@@ -138,7 +138,7 @@ def lazy_arrays(plan: Plan, chunks: Chunks) -> tuple[dict[str, Any], dict[str, A
 
 
 def _march_and_note(plan: Plan, block: Block, token_and_number: list[Any]) -> dict[str, Any]:
-    """March a block, and note the digests of what it gave, here and on the cluster that it is marched for."""
+    """March a block, and note the digests of its arrays, in this process and for the cluster's client."""
     values = march_block(plan, block)
     token, number = token_and_number
     block_digests = {name: _array_digest(array) for name, array in values.items()}

@@ -1,11 +1,10 @@
-"""Blocks of members, each marched into the chunks of the arrays of a Zarr store by one worker, with the digests of its own.
+"""Blocks of members in a Zarr store, each marched into the chunks of the arrays by one worker, with digests.
 
-The blocks of a sweep that is marched into a store: cut once, by one process at a time, counted while they come.
+One process at a time cuts a sweep into blocks, and counts the finished ones.
 
-Digests of a sweep in a Zarr store: of each block while it is marched, of each array when the sweep is whole.
-
-Those of blocks say which chunk is damaged; those of arrays, in the order of their members, what the sweep is: they do not
-depend on how its members were cut into blocks.
+Digests of a block are computed while it is marched, digests of an array when the sweep is complete. Those of blocks
+tell which chunk is damaged. Those of arrays, in the order of their members, identify the sweep: they do not depend on
+how its members were cut into blocks.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ Progress = Callable[[float, float, int], None]
 
 @contextmanager
 def lock_folder(work: Place, folder: Place) -> Iterator[None]:
-    """Lock what is written while this process marches into a folder against other processes.
+    """Lock the working files of a march into a folder against other processes.
 
     Raises
     ------
@@ -169,7 +168,7 @@ def digest_of_array(folder: Place, name: str, members: int, metadata: Place | No
 
 
 def chunk_blocks(shape: Sequence[int], widths: Sequence[int]) -> Iterator[Block]:
-    """Cut a grid into parts that follow each other as members do, each of whole chunks, so that none is read twice."""
+    """Cut a grid into consecutive parts of complete chunks, in the order of members, so that none is read twice."""
     members_behind = [prod(shape[k + 1 :]) for k in range(len(shape))]
     k = next(
         (k for k, width in enumerate(widths) if width > 1 or members_behind[k] <= MEMBERS_PER_READ), len(shape) - 1
@@ -197,7 +196,7 @@ def digests_of_axes(folder: Place, metadata: Place | None = None) -> dict[str, s
 
 
 def synchronise(folder: Place, names: Sequence[str], block: Block) -> None:
-    """Have the chunks of a block reach the disk, where the store is a folder; an object is kept when it is written."""
+    """Force the chunks of a block to the disk, where the store is a folder; an object is durable once written."""
     if not isinstance(folder, Path):
         return
     arrays = arrays_in(folder)
@@ -250,7 +249,7 @@ def growth_folders(folder: Place) -> list[Place]:
 
 
 def sweep_content_digest(facts: dict[str, Any]) -> str:
-    """Return the digest of what was asked and what came of it.
+    """Return the digest of a sweep's request, axes and arrays.
 
     The metadata, which name the machine too, are not in it, nor are the seals of archives, which hold a date.
     """
@@ -338,7 +337,7 @@ class ZarrTarget:
     existing: Additions | None = None
 
     def digest_file(self, block: Block) -> Place:
-        """Return the place of the digests of a block."""
+        """Return the path of a block's digests."""
         return self.notes / f"{block_name(block)}{NOTE}"
 
     def block_faults(self, block: Block) -> list[str]:
@@ -419,7 +418,7 @@ def _march_block_into_chunks(plan: Plan, block: Block, target: ZarrTarget) -> No
 
 
 def write_digests(plan: Plan, blocks: list[Block], target: ZarrTarget, known_digests: Mapping[str, Any]) -> None:
-    """Put the digests of all arrays and blocks into one file, those of blocks that were known before too."""
+    """Write the digests of all arrays and blocks into one file, including blocks whose digests were known."""
     from dask import base
     from dask.delayed import delayed
 

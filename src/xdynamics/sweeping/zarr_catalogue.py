@@ -1,15 +1,14 @@
-"""A sweep in a Zarr store: arrays whose chunks are the blocks of members, each written by the worker that marched it.
+"""A sweep in a Zarr store, whose chunks are blocks of members: marched, opened lazily, extended along its axes.
 
-Plain ``xarray.open_zarr`` opens it, lazily, with units and labels: outcomes are flags, digests bytes. What stands beside the
-arrays, in `.xdynamics`, are the digests of their chunks; a block without one is not finished.
+Each block is written by the worker that marched it. Plain ``xarray.open_zarr`` opens the store lazily, with units and
+labels: outcomes are flags, digests bytes. `open_zarr_sweep` gives the sweep as it was before it was stored, with words
+and digests. The folder `.xdynamics` beside the arrays has the digests of their chunks; a block without one is not
+finished.
 
-A sweep in a Zarr store, opened lazily as what it was before it was stored: flags and bytes are words and digests again.
-
-Members added to a sweep in a Zarr store, behind the last values of its axes: what is there stays where it is.
-
-While they are marched, the store's own metadata tell the sizes that it had, so that whoever opens it sees the sweep as it
-was. Chunks behind these sizes are seen by nobody; one that was filled in part is replaced by one with the same members, and
-those that follow. In the end the metadata are replaced, and with them the sweep.
+Members may be added behind the last values of an axis; stored members stay where they are. While new members are
+marched, the store's own metadata state the old sizes, so that a reader sees the old sweep. Chunks behind these sizes
+are seen by no reader. A chunk that was filled in part is replaced by one with the same members and those that follow.
+At the end the metadata are replaced, and with them the sweep.
 """
 
 from __future__ import annotations
@@ -120,7 +119,7 @@ def _as_texts(numbers: xr.DataArray) -> xr.Variable:
 
 
 def _hexadecimal(numbers: Values, prefix: str, suffix: str) -> Values:
-    """Return bytes as texts, with what stands around them; empty ones where all are zero."""
+    """Return bytes as hexadecimal texts between a prefix and a suffix; empty texts where all bytes are zero."""
     width = 2 * numbers.shape[-1]
     letters = np.frombuffer(np.ascontiguousarray(numbers).tobytes().hex().encode(), f"S{width}")
     texts = letters.reshape(numbers.shape[:-1]).astype(f"U{width}")
@@ -133,12 +132,12 @@ Metadata = dict[str, Any]
 
 
 def is_left(plan: Plan, folder: Place) -> bool:
-    """Whether an addition that made a sweep what it is now was stopped before it had removed what is of no more use."""
+    """Whether files of a completed addition remain, since its process was stopped before it removed them."""
     return _growth_folder(plan, folder) in growth_folders(folder)
 
 
 def _growth_folder(plan: Plan, folder: Place) -> Place:
-    """Return the folder of what is known of an addition until it is whole."""
+    """Return the folder that holds the notes of an addition until it is complete."""
     return folder / NOTES / plan.digest[:16]
 
 
@@ -239,14 +238,14 @@ def _write_grown_metadata(plan: Plan, template: xr.Dataset, target: ZarrTarget) 
 
 
 def _array_metadata(metadata: Metadata) -> Iterator[tuple[str, Metadata]]:
-    """Yield name and metadata of every array that the metadata of a store tell of; others are what a user put there."""
+    """Yield name and metadata of every array in the store's metadata; a user's other arrays are not listed."""
     yield from (
         (name, node) for name, node in metadata[CONSOLIDATED]["metadata"].items() if node["node_type"] == "array"
     )
 
 
 def _exchange_metadata(plan: Plan, folder: Place, work: Place) -> None:
-    """Let the store's metadata tell of what was added, and its digests; whoever stops this has the one or the other sweep."""
+    """Replace metadata and digests by those of the extended sweep; an interruption leaves the old or new sweep."""
     store, digests = store_of(folder), folder / NOTES / DIGESTS
     if json.loads(store.content(digests, MAX_BYTES))["sweep"] != plan.digest:
         metadata = store.content(work / METADATA, MAX_BYTES)
@@ -270,12 +269,12 @@ ZARR_FILES = (METADATA, ".zgroup", ".zarray", ".zmetadata")  # what a store of e
 
 
 def is_zarr_path(path: Place) -> bool:
-    """Whether a place is named as a Zarr store."""
+    """Whether a path has the suffix of a Zarr store."""
     return path.suffix == SUFFIX
 
 
 def march_into_zarr(plan: Plan, members: int | None, folder: Place, progress: Progress | None) -> None:
-    """March a sweep into a Zarr store, or what is missing of it; members are added behind those of a sweep that is there.
+    """March the missing members of a sweep into a Zarr store, behind the members of a sweep already there.
 
     Raises
     ------
@@ -323,21 +322,21 @@ def _march_missing(plan: Plan, members: int | None, folder: Place, progress: Pro
 
 
 def _check_no_foreign_store(folder: Place) -> None:
-    """Check that no store of others is in a place: one that a sweep began has the blocks that it was cut into beside it."""
+    """Check that a folder has no other Zarr store: a store of a sweep has the file of its blocks beside it."""
     store = store_of(folder)
     if store.kind(folder / NOTES / CUT) is not None and any(store.kind(folder / name) is None for name in ZARR_FILES):
         raise InputError(f"'{folder}' holds a Zarr store that is no sweep's; name another place")
 
 
 def _check_same_sweep(plan: Plan, folder: Place) -> None:
-    """Check that what was begun in a store is this sweep."""
+    """Check that the part of a sweep in a store belongs to this sweep."""
     stored_digest = json.loads(store_of(folder).content(folder / METADATA, MAX_BYTES)).get("attributes", {}).get(DIGEST)
     if stored_digest not in (None, plan.digest):
         raise InputError(f"'{folder}' holds a part of another sweep; name another store, or remove it")
 
 
 def sweep_template(plan: Plan) -> xr.Dataset:
-    """Return a sweep as a store keeps it, but for what its members give: axes, times, parameters, attributes."""
+    """Return a sweep as its store has it, without arrays of members: axes, times, parameters, attributes."""
     sweep = unlabelled(sweep_dataset(plan, {}))
     texts = {
         name: entry.astype(object) for name, entry in sweep.variables.items() if entry.dtype.kind == "U" and entry.ndim
@@ -371,7 +370,7 @@ def _json_attribute(value: Any) -> Any:
 
 
 def _remove_block_digests(notes: Place) -> None:
-    """Remove the digests of single blocks of a sweep that is whole, and what a process that was stopped has left."""
+    """Remove the digests of single blocks of a complete sweep, and files that a stopped process left."""
     store = store_of(notes)
     with suppress(OSError, ArchiveError):  # another process removes them too, or this one may not write here
         store.clear(notes)

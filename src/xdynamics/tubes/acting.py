@@ -79,7 +79,7 @@ class ActingEvent:
         self.crossings.set_side(side)
 
     def trial_step(self, proof: Proof) -> tuple[Crossings, Crossing | None, float]:
-        """Return zeros after a further step, the first at which it acts, and from when on zeros are not told from none."""
+        """Return zeros after a further step, the first acting one, and the time from which zeros are undecided."""
         trial = copy(self.crossings)
         # a shallow copy shares its lists: zeros are appended in place, open pieces are always a new list
         trial.zeros, zeros_before, zero_count = list(trial.zeros), len(trial.zeros), self.zero_count
@@ -138,7 +138,7 @@ def first_passage(acting: Sequence[ActingEvent], flow: Flow, proof: Proof) -> tu
 
 
 def _simultaneous_passage(simultaneous: Sequence[ActingEvent], flow: Flow, proof: Proof, crossing: Crossing) -> Passage:
-    """Return what some events do at a zero of their function."""
+    """Return the common passage of events with one function."""
     names = [event.name for event in simultaneous]
     resets = [event.reset for event in simultaneous if event.reset]
     if len(resets) > 1:
@@ -149,7 +149,7 @@ def _simultaneous_passage(simultaneous: Sequence[ActingEvent], flow: Flow, proof
 
 
 def _cut_before(time: float, acting: Sequence[ActingEvent], flow: Flow, proof: Proof) -> tuple[Proof, Passage | None]:
-    """Let a step end where an event may begin to be passed, so that a whole step is left for it."""
+    """End a step where an event may begin to be passed, so that the passage has a full step."""
     part = proof.cut(time)
     trials = [event.trial_step(part) for event in acting]
     if any(first for _, first, _ in trials):  # in a shorter step zeros are told apart that were not
@@ -179,7 +179,7 @@ def _check_not_acting(event: ActingEvent, passed: Passage) -> None:
 
 
 def _take_side(event: ActingEvent, passed: Passage) -> None:
-    """Note an event's zero, and on which side of it all motions are behind it: perhaps on that which they came from.
+    """Record an event's zero, and the side of zero on which all motions continue, perhaps the side they came from.
 
     Raises
     ------

@@ -1,19 +1,18 @@
-"""Boxes: arrays of intervals whose first index tells lower ends from upper ones, with every operation rounded outward.
+"""Boxes: arrays of intervals, with every operation rounded outward.
 
-What IEEE 754 rounds to nearest lies next to the exact result or is it; one float further out is a bound of it, also where
-a product underflows (Moore, Kearfott, Cloud, Introduction to Interval Analysis, 2009, section 3.2). An infinite or
-undefined end stays one, and is refused where a proof would follow from it.
+The first index of an array tells lower ends from upper ones.
 
-What does not change within a step of a proof: the regime, and the pieces of measured tables that a time is in.
+What IEEE 754 rounds to nearest lies next to the exact result or is it; one float further out is a bound of it, also
+where a product underflows (Moore, Kearfott, Cloud, Introduction to Interval Analysis, 2009, section 3.2). An infinite
+or undefined end stays one, and is refused where a proof would follow from it.
 
-A piece is a polynomial, the one that runs look up: its origin and its coefficients are floats, and count as what they are.
-So do the points of tables, on which steps land.
+Constant within a step of a proof are the regime, and the pieces of measured tables that a time is in
+(`StepConstants`). A piece is the polynomial that runs look up: its origin and its coefficients are floats, and are
+taken as exact. So are the points of tables, on which steps land.
 
-Frames that turn with the flow: orthogonal matrices, and proven products with their inverses (Lohner 1987).
-
-A set of states that is carried along by a flow: a point, the set of starts seen from it, and what was lost on the way.
-
-Polynomials whose coefficients are intervals, at an interval, by Horner's rule.
+Frames turn with the flow: orthogonal matrices, and proven products with their inverses (Lohner 1987). A `Doubleton` is
+a set of states that a flow carries along: a point, the set of starts seen from it, and the errors of the way.
+`Polynomials` have coefficients that are intervals, and are evaluated at an interval by Horner's rule.
 """
 
 from __future__ import annotations
@@ -104,7 +103,7 @@ def square(a: Box) -> Box:
 
 
 def divide(a: Box, b: Box) -> Box:
-    """Divide by what is not zero; see `has_zero`."""
+    """Divide by a box without zero; see `has_zero`."""
     return _outermost(a[:, None] / b[None])
 
 
@@ -122,6 +121,7 @@ def divided_by(a: Box, divisor: float) -> Box:
 
 def has_zero(a: Box) -> bool:
     """Whether zero, or no number that is known, is among the values."""
+    # negated, so that an interval with a nan end counts as one with zero
     return not bool(((a[0] > 0.0) | (a[1] < 0.0)).all())
 
 
@@ -169,7 +169,7 @@ def hull(a: Box, b: Box) -> Box:
 
 
 def intersection(a: Box, b: Box) -> Box:
-    """Return what two boxes that both hold the same have in common."""
+    """Return the intersection of two boxes that both contain a common value."""
     return np.stack([np.maximum(a[0], b[0]), np.minimum(a[1], b[1])])
 
 
@@ -209,7 +209,7 @@ class StepConstants:
 
     @classmethod
     def of_model(cls, model: Model) -> StepConstants:
-        """Return those of a model whose drives are all of time."""
+        """Return the tables of a model whose drives are all of time."""
         return cls(dict(zip(model.drives, drive_pieces(model), strict=True)) if model.drives else {})
 
     @property
@@ -219,7 +219,7 @@ class StepConstants:
         return np.unique(np.concatenate(times)) if times else np.empty(0)
 
     def values_from(self, regime: float, time: float) -> Floats:
-        """Return what holds from a time on."""
+        """Return the constants of a step that begins at a time."""
         step_values = [np.array([regime])]
         for origins, powers in self.tables.values():
             piece = int(np.searchsorted(origins[1:], time, side="right"))
@@ -227,7 +227,7 @@ class StepConstants:
         return np.concatenate(step_values)
 
     def lacking(self, step_values: Floats) -> str:
-        """Say which table has no value; empty if all have."""
+        """Return which table has no value; empty if all have one."""
         for i, name in enumerate(self.tables):
             if np.isnan(step_values[1 + ROWS * i : 1 + ROWS * (i + 1)]).any():
                 return f"the table of drive '{name}' goes no further, and its outside is \"error\""
@@ -235,7 +235,7 @@ class StepConstants:
 
 
 def with_pieces(lines: Iterable[Line]) -> Iterator[Line]:
-    """Yield lines that read from `HELD` what does not change within a step, and evaluate pieces of tables there.
+    """Yield lines that read the constants of a step from `HELD`, and evaluate pieces of tables there.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def orthogonal(directions: Floats) -> Floats:
 
 
 def _unit_remainder(direction: Floats, axes: Floats) -> Floats | None:
-    """Return the unit vector of what is left of a direction beside some axes; None if that is next to nothing."""
+    """Return the unit vector of a direction's part orthogonal to some axes; None if that part is negligible."""
     size = float(np.abs(direction).max())
     if not 0.0 < size < np.inf:
         return None
@@ -372,7 +372,7 @@ class AffineImage:
         return add(self.image, matrix_product(self.derivatives, self.parts))
 
     def mean_value_form(self, slopes: Box) -> Box:
-        """Return what functions differ by from their values in the middle of the image, by their derivatives: a row each."""
+        """Return the difference of functions from their midpoint values, by their derivatives, one row each."""
         off = subtract(self.image, point_box(midpoint(self.image)))
         return add(
             matrix_product(slopes, off),
@@ -419,7 +419,7 @@ class Doubleton:
 
     @property
     def by_parts(self) -> Box:
-        """What start and rest are multiplied by."""
+        """The matrices that multiply start and rest."""
         return point_box(np.concatenate([self.spread, self.scales[:, None] * self.frame], axis=1))
 
     def box(self) -> Box:

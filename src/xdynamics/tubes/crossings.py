@@ -1,18 +1,18 @@
-"""When a function of the motions passes through zero: intervals that hold the times for all of them.
+"""Zeros of a function over a set of motions: intervals of the crossing times, and the action of an event there.
 
-Where the function has no zero, or rises or falls for all motions throughout, is told from its bounds and those of its rate
-on pieces of a step, which are halved until it is; between pieces where all motions are below and all above, each passes
-zero once, at a time that the interval Newton method narrows (Moore, Kearfott, Cloud 2009, section 8.1).
+Where the function has no zero, or rises or falls for all motions throughout, is told from its bounds and those of its
+rate on pieces of a step, which are halved until it is; between pieces where all motions are below and all above, each
+passes zero once, at a time that the interval Newton method narrows (Moore, Kearfott, Cloud 2009, section 8.1).
 
-What an event does to a set of motions of which each passes it at a time of its own.
-
-A motion that passes at a time t* of an interval T goes on by other equations from there, perhaps from another state. Up to
-the end of T the equations before are proven to hold too. With h for what the event sets, x for the motion by the equations
-before, f for its rates and g for those of the motion z after,
+Each motion of a set passes an event at a time of its own. A motion that passes at a time t* of an interval T goes on by
+other equations from there, perhaps from another state. Up to the end of T the equations before are proven to hold too.
+With h for what the event sets, x for the motion by the equations before, f for its rates and g for those of the motion
+z after,
 
     z(end) = h(x(end)) + integral from t* to the end of (g(z) - h'(x) f(x)),
 
-so that the set keeps its shape, and grows by the length of T times bounds of the integrand, over boxes that no motion leaves.
+so that the set keeps its shape, and grows by the length of T times bounds of the integrand, over boxes that no motion
+leaves.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class Crossings:
         return min(self.unknown_from, float(self._open[0].time[0]) if self._open else np.inf)
 
     def set_side(self, side: int) -> None:
-        """Take note that all motions are on one side of zero, or at zero and about to be."""
+        """Record that all motions are on one side of zero, or at zero and about to enter that side."""
         self._sign, self._signed, self._open, self._has_begun = side, None, [], True
 
     def sign_over(self, time: Box, proof: Proof, between: Box, step_values: Floats) -> int:
@@ -144,14 +144,14 @@ class Crossings:
         )
 
     def end(self) -> None:
-        """Take note that no further step follows."""
+        """Record that no further step follows."""
         if self._last is not None:
             self._conclude(self._last)
         if self._open and self.unknown_from == np.inf:
             self.unknown_from = float(self._open[0].time[0])
 
     def _conclude(self, proof: Proof) -> None:
-        """Decide what was before the end of a step, if the sign is known there."""
+        """Decide the zeros before the end of a step, if the sign is known there."""
         if sign := sign_of(self.functions.bounds_in_step(proof, proof.end)[:, 0]):
             self._decide_open(sign, proof)
             self._sign, self._signed, self._open = sign, proof, []
@@ -173,7 +173,7 @@ class Crossings:
             yield from self._pieces_of_step(proof, np.array(half), depth - 1)
 
     def _decide_open(self, sign: int, closing: Proof) -> None:
-        """Decide what was between the last known sign and a new one, in a step."""
+        """Decide the zeros between the last known sign and a new one, in a step."""
         if not self._open or self.unknown_from < np.inf:
             return
         rates = {piece.rate for piece in self._open}
@@ -187,7 +187,7 @@ class Crossings:
             self.zeros.append(self._narrowed_crossing(sign > 0))
 
     def _narrowed_crossing(self, rising: bool) -> Crossing:  # noqa: FBT001 - what the crossing is
-        """Narrow the time of a zero in each piece, and join what is left of them."""
+        """Narrow the time of a zero in each piece, and join the narrowed intervals."""
         narrowed = [(piece, time) for piece in self._open if (time := self._narrowed(piece)) is not None]
         times = [time for _, time in narrowed]
         states = [piece.proof.box_at(time) for piece, time in narrowed]
@@ -270,7 +270,7 @@ class Reset:
 
 @dataclass(frozen=True)
 class Passage:
-    """A zero that every motion passes within a step, and what is done there.
+    """A zero that every motion passes within a step, and the action there.
 
     Attributes
     ----------
@@ -337,11 +337,12 @@ def passage(
 
 def _lasting(crossing: Crossing) -> Box:
     """Return the times from a motion's own zero to the last of all, shape (2, 1)."""
+    # the difference is rounded to nearest: the next float is a bound of it
     return np.array([[0.0], [np.nextafter(crossing.time[1] - crossing.time[0], np.inf)]])
 
 
 def land_after_passage(flow: Flow, passed: Passage) -> None:
-    """Let all motions go on behind an event, from when the last of them has passed.
+    """Continue with the set of all motions after an event, from the time at which the last of them has passed.
 
     Raises
     ------

@@ -30,7 +30,7 @@ LEAST_SLACK, NOTHING = 1e-290, 1e-250  # of what is zero and stays zero; sizes b
 
 @dataclass(frozen=True)
 class Proof:
-    """What a step proves.
+    """The proven result of a step.
 
     Attributes
     ----------
@@ -130,15 +130,16 @@ class Flow:
         self.regime, self.step_values = float(self.problem.regime), np.empty(0)
 
     def with_starts(self, start: Box) -> Flow:
-        """Return the flow from another set of starts, by the same programs: both may not go on at once in two threads."""
+        """Return the flow from another set of starts, by shared programs: two threads must not run both at once."""
         flow = copy(self)
         flow.problem = replace(self.problem, start=start)
         flow.restart()
         return flow
 
     def _scales(self) -> Floats:
-        """Return powers of two near the largest values so far; of what is zero so far, 1."""
+        """Return powers of two near the largest values so far, shape (n,); 1 where all values were zero."""
         _, exponents = np.frexp(self._largest)
+        # limited, so that the quotient of two scales neither overflows nor vanishes
         return np.where(self._largest > 0.0, np.ldexp(1.0, np.clip(exponents, -300, 300)), 1.0)
 
     def until(self, ends: Sequence[Box]) -> Iterator[Proof]:
@@ -173,7 +174,7 @@ class Flow:
         return state_rates
 
     def _width_said(self) -> str:
-        """Say how wide the set is, where it is wide."""
+        """Describe the width of the set, if it is wide."""
         parts = boxes.width(self.box) / np.maximum(self._largest, LEAST_SLACK)
         i = int(np.argmax(parts))
         if parts[i] < WIDE:
@@ -252,9 +253,10 @@ class Flow:
         return step if step < inf else float(max(1.0, 2.0 * abs(self.time[1])))
 
     def _enclose_step(self, around: Box, span: Box) -> tuple[Box, Box, Box] | None:
-        """Return a box that no motion leaves in a step, the coefficients of the remainder in it, and what is reached."""
+        """Return a box that no motion leaves in a step, its remainder coefficients, and the reached set."""
         full_span = np.array([0.0, span[1]])
         reached, end = self._polynomials.values_at(full_span, around), self._polynomials.values_at(span, around)
+        # the sum is rounded to nearest: the next float is a bound of it
         time = np.array([self.time[0], np.nextafter(self.time[1] + span[1], inf)])
         used = self.problem.used
         beyond = boxes.multiply(around[:, -1], boxes.interval_power(span, self.order)[:, None])
@@ -299,7 +301,8 @@ class Flow:
 
 
 def _nth_root(x: float, n: int) -> float:
-    """Return the n-th root of a positive number, by Newton's method from above: the same on every machine."""
+    """Return the n-th root of a positive number by Newton's method from above, with equal bits on every machine."""
+    # 0 counts as the least positive float: towards a root of 0 Newton's method has linear convergence alone
     mantissa, exponent = frexp(max(x, 5e-324))
     quotient, left = divmod(exponent, n)
     radicand = ldexp(mantissa, left)

@@ -84,7 +84,7 @@ class Functions:
 
     @np.errstate(all="ignore")
     def of_set(self, time: Box, seen: AffineImage, states: Box, step_values: Floats) -> Box:
-        """Return bounds of the values for all motions of a set that is seen, and held by a box."""
+        """Return bounds of the values for all motions of a set, given as an affine image and as a box around it."""
         if not self.count:
             return np.zeros((2, 0))
         middle = boxes.point_box(boxes.midpoint(seen.image))
@@ -108,7 +108,7 @@ def _squared(line: Line) -> Line:
 
 
 def _stored_bounds(stored_values: Box) -> Box:
-    """Return bounds from what a program stores."""
+    """Return the bounds that a program stored, unbounded where undefined."""
     ends = np.moveaxis(stored_values[..., :2], -1, 0)
     sound = (stored_values[..., 2] == 0.0) & ~np.isnan(ends).any(axis=0)
     return np.where(sound, ends, UNKNOWN.reshape(2, *(1,) * (ends.ndim - 1)))

@@ -26,7 +26,7 @@ _INTERVALS = Intervals(FUNCTIONS)
 
 @dataclass(frozen=True)
 class Undefined:
-    """What may have no value, or more than one branch.
+    """A number that may have no value, or more than one branch.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ def seed(value: Box, index: int, derivatives: int) -> Box:
 
 @dataclass(frozen=True)
 class StraightLines:
-    """StraightLines lines of a program, and what they read besides the state.
+    """Straight lines of a program, and the constants that they read besides the state.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class StraightLines:
     def stored_over(
         self, time: Box, states: Box, step_values: Floats, *, derivatives: bool = False
     ) -> dict[Location, Value]:
-        """Return what is stored over a box, perhaps with the derivatives by the numbers of a set."""
+        """Return the stored values over a box, perhaps with the derivatives by the numbers of a set."""
         numbers = states.shape[1]
         variables = [seed(states[:, i], i, numbers if derivatives else 0) for i in range(numbers)]
         env, stored = dict[str, Value](), dict[Location, Value]()
@@ -221,7 +221,7 @@ def _value_part(a: Value) -> Box:
 
 
 def _by_value(name: str, derivative: Callable[[Box, Box], Value]) -> Callable[..., Value]:
-    """Return a function of one number by its derivative, which is told its argument and its value."""
+    """Return a function of one number from its derivative, which takes the argument and the value."""
 
     def function(a: Value) -> Value:
         value = _valued(name, a)

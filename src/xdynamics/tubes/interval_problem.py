@@ -1,4 +1,4 @@
-"""What is proven of a model: its equations of motion, and the set of starts and constants that it may have."""
+"""The interval problem of a model: its equations of motion, and the set of its starts and constants."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class IntervalProblem:
 
 
 def interval_problem_of(model: Model) -> IntervalProblem:
-    """Return what is proven of a model.
+    """Return the interval programs of a model, and refuse a model that cannot be enclosed.
 
     Raises
     ------
@@ -146,12 +146,12 @@ def interval_names(model: Model) -> list[str]:
 
 
 def unbounded(model: Model) -> list[str]:
-    """Name what has a standard uncertainty, which has no bounds, so that its value alone counts."""
+    """Name the quantities with a standard uncertainty, which has no bounds, so that their value alone counts."""
     return [name for name, part in model.uncertain.items() if part.spread is not None and not part.spread.bounded]
 
 
 def _enclosure_faults(model: Model) -> Iterator[str]:
-    """Yield what no bounds are proven of, and what to do about it."""
+    """Yield the parts of a model that prevent proven bounds, with a remedy."""
     if functions := model.python_functions:
         function_names = ", ".join(function.name for function in functions)
         yield f"nothing is known of the Python function {function_names} between two of its values; write it as an expression"

@@ -1,9 +1,10 @@
-"""Taylor coefficients of a motion as intervals, by the recurrences of every operation, with their derivatives by the start.
+"""Taylor coefficients of a motion as intervals, with their derivatives by the start.
 
-The program is that of method `taylor`, printed for intervals; derivatives are series of their own, those of the tangents
+Coefficients follow from the recurrences of every operation. The program is that of method `taylor`, printed for
+intervals; derivatives are series of their own, those of the tangents
 of its values, in a loop over the numbers of the start.
 
-What a program for intervals reads besides the state: constants, and literals that no float is, at places of their own.
+Besides the state such a program reads constants, and literals that are no floats, from places of their own.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from xdynamics.tubes.tangents import SEED, EnclosedProgram, with_tangents
 
 
 class Constants:
-    """Places in `p`: rows of derivatives of what is uncertain, then what lines read, and literals that no float is.
+    """Places in `p`: derivative rows of uncertain numbers, then constants, then literals that are no floats.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ class Constants:
                     yield StoreTo(line.location, operands[0])
 
     def _literal(self, operands: list[Operand], operand: Operand) -> Iterator[Load]:
-        """Yield what reads a literal that no float is, to the name that is last; else put the operand there."""
+        """Yield the load of a literal that is no float, named by the last operand; else replace that operand."""
         value = self._straight.literals.get(id(operand)) if isinstance(operand, float) else None
         if value is None:
             operands[-1] = operand
@@ -78,7 +79,7 @@ class Constants:
             yield Load(str(operands[-1]), self._place_of(id(operand), value))
 
     def tangents(self, lines: Iterable[Line], states: int, stored: dict[Location, Location]) -> tuple[Line, ...]:
-        """Return lines that compute the derivatives of what lines store, by every number of the start.
+        """Return lines that compute the derivatives of stored numbers by every number of the start.
 
         Parameters
         ----------
@@ -109,7 +110,7 @@ class Constants:
         return self._places[key]
 
     def fill_certain(self, array: Floats) -> None:
-        """Write what is certain, and note where what is not goes."""
+        """Write the certain constants, and note the rows of uncertain ones."""
         for row in range(self._rows):
             constant, seed = divmod(row, self._seeds)
             array[row, :2] = float(seed == self._used + constant)
@@ -122,7 +123,7 @@ class Constants:
                 where[:2] = as_number(value)[:, 0]
 
     def fill_uncertain(self, start: Box, step_values: Floats) -> None:
-        """Write what is uncertain, and what holds for a step."""
+        """Write the uncertain constants, and the constants of a step."""
         for i, row in self._uncertain:
             row[:2] = start[:, i]
         for i, row in self._step_places:
@@ -201,7 +202,7 @@ class MotionSeries:
         return coefficients
 
     def _reason(self, time: Box, start: Box, step_values: Floats) -> str:
-        """Say what is not defined for some of the states."""
+        """Return why a coefficient is undefined for some of the states."""
         stored_values = self._motions.straight.stored_over(time, start, step_values, derivatives=True)
         reasons = [value.reason for value in stored_values.values() if isinstance(value, Undefined)]
         return reasons[0] if reasons else "a number is beyond the range of floats"

@@ -1,13 +1,12 @@
-"""Programs of motions with their derivatives by the start: lines whose values are followed by their tangents.
+"""Programs of motions for intervals, with their derivatives by the start: values followed by their tangents.
 
 A tangent is the derivative of a value by one number of the start; a loop over these numbers goes through the lines once
 more (Griewank and Walther, Evaluating Derivatives, 2nd ed., chapter 3). At a corner the choice of a side decides, which
 intervals cannot make where a corner is among the values.
 
-Programs for intervals: in place of every number three, its lower and its upper bound and whether it is undefined.
-
-The same program, printed for another kind of number, computed by machine code: only + - * / and square roots rounded
-outward, the same bounds on every machine.
+A program for intervals has three numbers in place of each one: its lower and its upper bound, and whether it is
+undefined. It is the same program, printed for another kind of number and computed by machine code: only + - * / and
+square roots rounded outward, the same bounds on every machine.
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ class EnclosedProgram:
         self._addresses = [self._table.ctypes.data, *addresses]
 
     def run(self) -> None:
-        """Compute what is written to the arrays from what is in them."""
+        """Run the program on its arrays."""
         self._entry(*self._addresses)
 
 
@@ -79,7 +78,7 @@ def _enclosed_program(program: Program) -> Program:
 
 
 class _Enclosing:
-    """Writes lines for intervals; what is counted stays a number."""
+    """Writes lines for intervals; integers that are counted stay plain numbers."""
 
     def __init__(self) -> None:
         self._exact: set[str] = set()
@@ -114,7 +113,7 @@ class _Enclosing:
                     yield replace(line, body=tuple(self.lines(line.body)), kind=ENCLOSED)
 
     def _counts(self, line: Compute) -> bool:
-        """Whether a line adds whole numbers; all else of numbers alone, as 1/3, is rounded, and so is of intervals."""
+        """Whether a line adds integers; other constant lines, such as 1/3, round and need intervals."""
         operand_names = [operand for operand in line.arguments if isinstance(operand, str)]
         return line.operation == "add" and bool(operand_names) and self._exact.issuperset(operand_names)
 
@@ -165,7 +164,7 @@ class Tangents:
         return self._tangents.get(operand, ZERO) if isinstance(operand, str) else ZERO
 
     def follow(self, line: Load | Compute) -> None:
-        """Write the tangent of what a line computes."""
+        """Write the tangent of a line's value."""
         tangent: Operand = ZERO
         if isinstance(line, Load):
             if (address := self._read(line.location)) is not None:
@@ -221,7 +220,7 @@ def _factor_rule(factor: Callable[[Tangents, str, Operand], Operand]) -> Rule:
 
 
 def _divisor_rule(divisor: Callable[[Tangents, str, Operand], Operand], sign: float = 1.0) -> Rule:
-    """Return the rule of a function by what its derivative is one over, or minus one."""
+    """Return the rule of a function with derivative 1/d, or -1/d, by the expression of d."""
 
     def rule(write: Tangents, value: str, a: Operand) -> Operand:
         quotient = write.write("divide", write.tangent_of(a), divisor(write, value, a))
@@ -312,7 +311,7 @@ RULES: Mapping[str, Rule] = {
 def with_tangents(
     lines: Sequence[Line], read: Callable[[Location], Location | None], stored: Callable[[Location], Location]
 ) -> tuple[Line, ...]:
-    """Return the lines that compute and store the tangents of what straight lines store.
+    """Return lines that compute and store the tangents of the values that straight lines store.
 
     Parameters
     ----------

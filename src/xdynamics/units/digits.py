@@ -1,4 +1,7 @@
-"""Numbers in sentences and figures: rounded to the digits that their uncertainty supports. Records keep all of them."""
+"""Numbers in sentences and figures, rounded to the digits that their uncertainty supports.
+
+Records keep all digits.
+"""
 
 from __future__ import annotations
 
@@ -119,7 +122,7 @@ def short_number(value: float, relative: float = 0.0) -> str:
 
 
 def known_to(value: float, uncertainty: float) -> str:
-    """Write a number alone, its last digit in the place of the first digit of its uncertainty.
+    """Write a number alone, its last digit at the decimal place of its uncertainty's first digit.
 
     Examples
     --------

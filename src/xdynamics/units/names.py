@@ -83,7 +83,7 @@ def _registry() -> Any:
 
 
 def _unit_remedy(readings: list[tuple[str, str]], fitting: list[tuple[str, str]]) -> str:
-    """Say what to write in the place of a unit that a record cannot spell."""
+    """Return how to replace a unit that a record cannot spell."""
     for prefix, unit in fitting:
         if prefix in _UNSPELLED:
             return (

@@ -1,10 +1,7 @@
 """Units and quantities from text, under limits; from numbers and from pint.
 
-Evenly spaced numbers with a unit, as one text.
-
-The SI unit of a dimension or of a unit, as a record spells it.
-
-Scales of length, time and mass, in which a march may be nondimensional.
+A range is evenly spaced numbers with a unit, in one text. A record spells the SI unit of a dimension or of a unit.
+Scales of length, time and mass are the units in which a march may be nondimensional.
 """
 
 from __future__ import annotations
@@ -246,7 +243,7 @@ def parse_time(value: Any, subject: str) -> float:
 
 
 def time_in(unit: Unit, value: Any, subject: str) -> float:
-    """Read a time of a model: as `parse_time` does, or where its time is a pure number, such a one.
+    """Read a time of a model: as `parse_time` does, or as a pure number where the model's time is one.
 
     A text without a unit is in the model's unit, as it is along the axes of a sweep.
 
@@ -376,7 +373,7 @@ def spell(dimension: Dimension, *, angle: bool = False) -> Unit:
 
 
 def coherent(unit: Unit) -> Unit:
-    """Return the SI unit of a unit, spelled as it was: prefixes go, and what is no SI unit becomes base units.
+    """Return the SI unit of a unit in its own spelling: without prefixes, and with base units for non-SI units.
 
     Examples
     --------

@@ -1,8 +1,7 @@
-"""Units and quantities: numbers with a unit, converted to SI exactly.
+"""Units, dimensions and quantities: numbers with a unit, converted to SI exactly.
 
-Floats that know the number that was written, for arithmetic of more digits than a float has.
-
-Dimensions: powers of the SI base units, and the derived units that are spelled by a name.
+A dimension is the powers of the SI base units; some derived units are spelled by a name. `Rounded` is a float that
+knows the number that was written, for arithmetic of more digits than a float has.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ def exact_value(number: float) -> Fraction:
 
 
 def decimal_text(number: float) -> str:
-    """Write a float with the digits that it was written with, where these are more than its own.
+    """Write a float with the digits that it was written with, if these exceed its own precision.
 
     Examples
     --------
@@ -221,7 +220,7 @@ class Quantity:
 
     @property
     def scale_of_numbers(self) -> Scale:
-        """The scale that bare numbers in its place are on: that which it was written on, or its unit."""
+        """The scale on which bare numbers replace the quantity: the scale it was written on, or its unit."""
         return self.scale or Scale(self.unit)
 
     @property
@@ -230,7 +229,7 @@ class Quantity:
         return self.unit.to_si(self.value)
 
     def into(self, unit: Unit) -> Quantity:
-        """Return the same quantity in another unit of its dimension, correctly rounded."""
+        """Return an equal quantity in another unit of its dimension, correctly rounded."""
         if self.unit.factor == unit.factor:
             return Quantity(self.value, unit)
         return Quantity(float(exact_value(self.value) * self.unit.factor / unit.factor), unit)

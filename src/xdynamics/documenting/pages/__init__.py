@@ -1,4 +1,7 @@
-"""The texts of the guide's pages, as they are printed: one file for each, no line wider than a window usually is."""
+"""The texts of the guide's pages, as they are printed: one file for each.
+
+No line is wider than a window usually is.
+"""
 
 from __future__ import annotations
 

@@ -3,9 +3,8 @@
 Reduction and Taylor series: Hida, Li, Bailey 2001, doi:10.1109/ARITH.2001.930115, with series in place of their tables;
 inverse functions correct the float's by one step of Newton's method, which doubles its digits.
 
-Constants of the functions, from their decimal digits, and coefficients, from fractions.
-
-The operations of programs, of sums of two floats, by the names that they have of floats.
+Constants are computed from their decimal digits, coefficients from fractions. `DoubleDoubles` gives the operations of
+programs for sums of two floats, by the names that they have for floats.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Arithmetic of unevaluated sums of two floats, of which the second is at most half a unit in the last place of the first.
+"""Arithmetic of double-doubles: unevaluated sums of two floats, accurate to some 31 digits.
 
-A sum is accurate to 2**-102, a product to 2**-102, a quotient and a root to 2**-101 of the result: Joldes, Muller,
-Popescu 2017, ACM TOMS 44, 15res, doi:10.1145/3121432, algorithms 6, 12 and 17; the root is one step of Newton's method
-(Dekker 1971, doi:10.1007/BF01397083). Written, as all that is elementary, for floats, arrays and lines of a program
-alike, without a fused operation.
+The second float is at most half a unit in the last place of the first. A sum is accurate to 2**-102, a product to
+2**-102, a quotient and a root to 2**-101 of the result: Joldes, Muller, Popescu 2017, ACM TOMS 44, 15res,
+doi:10.1145/3121432, algorithms 6, 12 and 17; the root is one step of Newton's method (Dekker 1971,
+doi:10.1007/BF01397083). Written, as all that is elementary, for floats, arrays and lines of a program alike, without a
+fused operation.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def exact(x: Number) -> DoubleDouble:
 
 
 def renormalised(high: Number, low: Number) -> DoubleDouble:
-    """Return the sum of a number and a smaller one; what is not finite has no rest."""
+    """Return the sum of a number and a smaller one; a sum that is not finite has no rest."""
     total, rounding_error = ordered_sum(high, low)
     return DoubleDouble(total, choose(rounding_error == rounding_error, rounding_error, 0.0))
 
@@ -197,6 +198,7 @@ def modulo_of_sums(x: DoubleDouble, y: DoubleDouble) -> DoubleDouble:
     remainder = choose_sum(
         (at_most(y, remainder) & above) | (at_most(remainder, y) & below), subtract(remainder, y), remainder
     )
+    # a zero has the sign of y, as for floats
     remainder = choose_sum(equal(remainder, ZERO), DoubleDouble(choose(y.high < 0.0, -0.0, 0.0), 0.0), remainder)
     return DoubleDouble(choose(absolute(turns.high) < 2.0**53, remainder.high, math.nan), remainder.low)
 

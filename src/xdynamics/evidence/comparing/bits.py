@@ -155,7 +155,7 @@ def _bitwise_table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr
 
 
 def blank_bitwise_table(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Return what `compare_bits` lists of two runs before their values are known."""
+    """Return the table of `compare_bits` before the values of two runs are known."""
     names = _variable_names(first, second)
     return _rows_table(names, [None] * len(names))
 
@@ -167,7 +167,7 @@ def _variable_names(first: xr.Dataset, second: xr.Dataset | None) -> list[str]:
 
 
 def _rows_table(names: list[str], rows: Sequence[int | None]) -> xr.Dataset:
-    """Return a row for each variable: its name, whether it is the same, and the first row that differs."""
+    """Return a row for each variable: its name, whether all bits agree, and the first row that differs."""
     return xr.Dataset(
         {
             "name": ("variable", np.array(names), {"long_name": "variable of the runs", "units": "1", "role": "index"}),
@@ -241,14 +241,14 @@ def _has_rows(run: xr.Dataset, name: str) -> bool:
 
 
 def _same_attributes(first: dict[str, Any], second: dict[str, Any]) -> bool:
-    """Whether attributes are the same; a tolerance of elements of which none is known, nan, is like itself."""
+    """Whether attributes are equal; an unknown tolerance of elements, nan, equals itself."""
     return first.keys() == second.keys() and all(
         value == second[key] or repr(value) == repr(second[key]) for key, value in first.items()
     )
 
 
 def _measure(attributes: Mapping[str, Any]) -> Any:
-    """Return what a unit measures, and its size, however it is spelled: a torque in J is one in N m."""
+    """Return dimension and factor of a unit, however it is spelled: a torque in J is one in N m."""
     text = attributes.get("units")
     try:
         unit = parse_unit(text) if isinstance(text, str) else None
@@ -282,7 +282,7 @@ def _earliest_difference(
 
 
 def _first_differing_element(first: xr.Dataset, second: xr.Dataset, name: str, row: int) -> tuple[str, dict[str, int]]:
-    """Return the name and the place of the first element of a quantity that differs in a row; of others nothing."""
+    """Return name and indices of the first element that differs in a row; of other variables the name alone."""
     if any(name not in run.variables for run in (first, second)):
         return name, {}
     variables = [run.variables[name] for run in (first, second)]
@@ -336,7 +336,7 @@ def _have_same_bits(left: NDArray[Any], right: NDArray[Any]) -> bool:
 
 
 def _differing_bits(left: NDArray[Any], right: NDArray[Any]) -> NDArray[np.bool_]:
-    """Mark the numbers, or texts, that have not the same bits."""
+    """Mark the numbers, or texts, whose bits differ."""
     texts = left.dtype.kind in "UOT"
     differing: NDArray[np.bool_] = (
         left.astype(str) != right.astype(str) if texts else _as_words(left) != _as_words(right)

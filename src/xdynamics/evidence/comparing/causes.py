@@ -1,4 +1,4 @@
-"""What two runs differ by besides their numbers: models, settings, and the likely cause of a difference."""
+"""Causes of a difference between two runs: their models, parameters, starts and settings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FOLLOWING = (
 
 
 def model_differences(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
-    """List by name and value what differs between two models: parameters, initial values, and the rest."""
+    """List the differences of two models by name and value: parameters, initial values, and the rest."""
     models = [dict(_flatten_table("", table)) for table in _model_tables(first, second)]
     differences: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
     for name in dict.fromkeys([*models[0], *models[1]]):
@@ -89,7 +89,7 @@ def _flatten_table(name: str, value: Any) -> Iterator[tuple[str, str]]:
 
 
 def cause_of(attributes: Mapping[str, Any]) -> str:
-    """Name the likely cause of a difference: the first thing that differs, from the model to the settings."""
+    """Name the likely cause of a difference: the first differing section, from the model to the settings."""
     if attributes["identical"]:
         return ""
     for section in ("model", "parameters", "initial", "settings"):

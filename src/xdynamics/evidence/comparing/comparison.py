@@ -1,6 +1,6 @@
-"""Two runs at the same times, or a run and measured data: how far apart, since when, and what differs between them.
+"""Comparison of two runs at common times, or of a run with measured data: distances, when they part, and causes.
 
-Comparisons that are described before runs are marched or read.
+A comparison of runs that are not marched yet is described lazily; one task computes it.
 """
 
 from __future__ import annotations
@@ -203,7 +203,7 @@ def compare(
     sizes: Mapping[str, int] | None = None,
     occurrences: int | None = None,
 ) -> xr.Dataset:
-    """Compare runs of any steps with a first one, a run with measured data, or two sweeps; see `grids.compare_sweeps` of these.
+    """Compare runs of any steps with a first one, a run with measured data, or two sweeps (`grids.compare_sweeps`).
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def compare(
 
 
 def _check_given(first: Any, second: Any, times: Any) -> None:
-    """Refuse runs that are given otherwise than as a first one and what it is compared with."""
+    """Refuse arguments that are not a first run and its partner, or its list of partners."""
     if second is None or (isinstance(first, Mapping | list | tuple) and not isinstance(first, xr.Dataset)):
         raise InputError("compare needs a run, and what it is compared with; several runs as in compare(a, [b, c])")
     if isinstance(times, xr.Dataset):

@@ -79,7 +79,7 @@ def _largest_difference_lines(table: xr.Dataset) -> Iterator[str]:
 
 
 def _difference_row(table: xr.Dataset, name: str) -> tuple[str, ...]:
-    """Return the words of a difference: where it is largest, what it is uncertain by, and how it is to its scale."""
+    """Return the largest difference of a quantity in words: time or occurrence, uncertainty, ratio to its scale."""
     variable = table[name]
     worst = np.unravel_index(int(np.nanargmax(np.abs(variable.values))), variable.shape)
     index = {str(dim): int(i) for dim, i in zip(variable.dims, worst, strict=True)}
@@ -98,7 +98,7 @@ def _difference_row(table: xr.Dataset, name: str) -> tuple[str, ...]:
 
 
 def _difference_text(table: xr.Dataset, name: str, index: Mapping[str, int]) -> str:
-    """Write a difference with what it is uncertain by: interpolation, location of events, measurement."""
+    """Write a difference with its uncertainty: interpolation, location of events, measurement."""
     quantity, value = name.partition("_")[2], float(table[name][index])
     doubts = [
         float(table[doubt][{dim: i for dim, i in index.items() if dim in table[doubt].dims}])
@@ -128,7 +128,7 @@ def _over_scale(table: xr.Dataset, kind: str, name: str, index: Mapping[str, int
 
 
 def several_runs_lines(comparison: xr.Dataset) -> Iterator[str]:
-    """Say of each of several runs why, and since when, it is apart from the reference."""
+    """Describe for each of several runs why, and since when, it differs from the reference."""
     yield f"times     {comparison.sizes[AT]} at which all are known"
     for i, run in enumerate(comparison["run_name"].values.tolist()):
         if int(comparison["identical"][i]):

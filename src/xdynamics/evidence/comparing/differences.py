@@ -1,6 +1,6 @@
-"""Differences of two runs at common times: of states, of events, since when they are apart, and why.
+"""Differences of runs at common times: of states and of events, the time at which runs part, and the cause.
 
-Several runs compared with one of them, all at the same times.
+Several runs are compared with one reference run, all at the same times.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def compare_runs(
 
 
 def rounding_note(first: xr.Dataset, second: xr.Dataset) -> str:
-    """Say that differences are what rounding did, where one run is the other with more digits, by the same steps."""
+    """Attribute differences to rounding, where one run repeats the steps of the other with more digits."""
     kinds = [precision_of(run.attrs) for run in (first, second)]
     differing_lines = [line for line in differing_settings(first, second) if not line.startswith(FOLLOWING_PRECISION)]
     same_steps = all(run.attrs["solver_step_control"] != "adaptive" for run in (first, second))
@@ -120,7 +120,7 @@ def times_variable(first: xr.Dataset, times: Floats) -> tuple[tuple[str], Floats
 
 
 def common_times(*runs: xr.Dataset) -> Floats:
-    """Return every accepted time of some run that all reach.
+    """Return every accepted time, shape (k,), of some run that all runs reach.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def _sample_run(
 
 
 def _rest_data(states: xr.Dataset | None, name: str) -> Any:
-    """Return what is left of a number beside its float; 0 where floats are all there is."""
+    """Return the rest of a number beside its float; 0 where numbers are plain floats."""
     rest_name = schema.rest_name(name)
     return 0.0 if states is None or rest_name not in states else states[rest_name].data
 
@@ -255,13 +255,13 @@ def event_differences(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[s
 
 
 def _rests_of_events(run: xr.Dataset) -> Floats:
-    """Return what is left of the times of events beside their floats."""
+    """Return the rests of event times beside their floats."""
     name = REST_EVENT_TIME.name
     return np.asarray(run[name].values) if name in run else np.zeros(run["event_time"].size)
 
 
 def event_difference(name: str, units: str, difference: Any, uncertainty: Any, scale: Any) -> dict[str, Any]:
-    """Return the differences of the times of one event, with what they are judged by."""
+    """Return the differences of one event's times, with their uncertainties and scale."""
     scale_text = f"longest time from the start of the first run to its {name}; where that is 0, of the second"
     return (
         {
@@ -363,7 +363,7 @@ def compare_each(
     times: NDArray[np.float64] | None,
     functions: Mapping[str, Callable[..., float]] | None,
 ) -> xr.Dataset:
-    """Compare runs with a first one, as `compare` does with one; what that has as attributes is along `run` here.
+    """Compare runs with a first one, as `compare` does for one; its attributes are variables along `run` here.
 
     Raises
     ------

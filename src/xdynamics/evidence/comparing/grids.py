@@ -1,4 +1,4 @@
-"""Two sweeps compared member by member: how far apart, by how much that is uncertain, and what differs between them."""
+"""Two sweeps compared member by member: their differences, the uncertainty of these, and settings that differ."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ Labels = list[tuple[Any, ...]]
 
 
 def compare_sweeps(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Compare the members that two sweeps have in common, found by what their axes say, whatever its order or units.
+    """Compare the members that two sweeps share, matched by their axis values in any order or unit.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def _axis_dims(sweep: xr.Dataset) -> list[str]:
 
 
 def _axis_columns(sweep: xr.Dataset, dim: str) -> list[Any]:
-    """Return the names of what varies along an axis."""
+    """Return the names of the varied quantities along an axis."""
     return [
         name
         for name, variable in sweep.variables.items()
@@ -142,13 +142,13 @@ def _axis_columns(sweep: xr.Dataset, dim: str) -> list[Any]:
 
 
 def _varied(sweep: xr.Dataset, dim: str) -> tuple[tuple[str, str], ...]:
-    """Return what varies along an axis: its kind and name, whatever the dimension is called."""
+    """Return kind and name of the varied quantities along an axis, whatever the dimension is called."""
     attributes = [sweep.variables[name].attrs for name in _axis_columns(sweep, dim)]
     return tuple(sorted((str(attrs[VARIES]), display_text(internal_text(str(attrs[WHAT])))) for attrs in attributes))
 
 
 def _with_axes_of(first: xr.Dataset, second: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
-    """Return the second sweep with its axes called as in the first; and what units of axes differ."""
+    """Return the second sweep with its axes named as in the first, and the units of axes that differ."""
     first_axes, second_axes = ({_varied(sweep, dim): dim for dim in _axis_dims(sweep)} for sweep in (first, second))
     for these, those, where in ((first_axes, second_axes, "second"), (second_axes, first_axes, "first")):
         if missing := [dim for varied, dim in these.items() if varied not in those]:
@@ -176,7 +176,7 @@ def _by_what(sweep: xr.Dataset, dim: str) -> list[Any]:
 
 
 def _place_labels(sweep: xr.Dataset, dim: str) -> Labels:
-    """Return what the axes say of each place along a dimension, in SI units."""
+    """Return the axis values of each index along a dimension, in SI units."""
     if dim == AT:
         return [(time,) for time in np.atleast_1d(sweep[AT_TIME].values).tolist()]
     if dim == OCCURRENCE:
@@ -192,7 +192,7 @@ def _place_labels(sweep: xr.Dataset, dim: str) -> Labels:
 def _common_places(
     first: xr.Dataset, second: xr.Dataset, dims: list[str]
 ) -> tuple[dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]], tuple[list[str], list[str]]]:
-    """Return where the places that both have are in each, by dimension, and what only one of them has, in words."""
+    """Return the common indices in each sweep, by dimension, and the unmatched axis values in words."""
     places, unmatched_labels = {}, ([], [])  # type: tuple[dict[str, Any], tuple[list[str], list[str]]]
     further = [dim for dim in (AT, OCCURRENCE) if dim in first.dims and dim in second.dims]
     for dim in [*dims, *further]:
@@ -226,7 +226,7 @@ def _range_text(sweep: xr.Dataset, dim: str) -> str:
 
 
 def _unit_ratio(name: str, first: xr.Dataset, second: xr.Dataset, units: list[str]) -> float:
-    """Return what brings the second's numbers to the unit of the first; note where they differ."""
+    """Return the factor from the second's unit to the first's, and note where the units differ."""
     pair = [str(sweep[name].attrs["units"]) for sweep in (first, second)]
     if pair[0] == pair[1]:
         return 1.0
@@ -238,7 +238,7 @@ def _unit_ratio(name: str, first: xr.Dataset, second: xr.Dataset, units: list[st
 
 
 def _member_uncertainty(sweep: xr.Dataset, name: str, places: Mapping[str, Any], which: int) -> xr.Variable | None:
-    """Return what the members of a sweep that are compared are uncertain by; None if nothing tells it."""
+    """Return the uncertainty of the compared members of a sweep; None if it is unknown."""
     doubt = uncertainty_of(sweep, name)
     if doubt is None:
         return None
@@ -246,7 +246,7 @@ def _member_uncertainty(sweep: xr.Dataset, name: str, places: Mapping[str, Any],
 
 
 def uncertainty_of(sweep: xr.Dataset, name: str) -> xr.Variable | None:
-    """Return what a number of each member is numerically uncertain by, in its unit; None if nothing tells it.
+    """Return the numerical uncertainty of a number of each member, in its unit; None if it is unknown.
 
     From the neighbours along axes of steps and tolerances, or as it was kept; see `compare_sweeps`.
     """
@@ -343,7 +343,7 @@ def _outcome(first_members: xr.Dataset, second_members: xr.Dataset) -> tuple[Any
 
 
 def _difference_attributes(first: xr.Dataset, second: xr.Dataset, units: list[str]) -> dict[str, Any]:
-    """Return by name what differs between two sweeps."""
+    """Return the differences of settings between two sweeps, by name."""
     sweep_settings = [json.loads(str(sweep.attrs.get(ASKED, "{}"))) for sweep in (first, second)]
     settings = [
         f"{key}: {_setting_text(sweep_settings[0], key)} | {_setting_text(sweep_settings[1], key)}"
@@ -378,7 +378,7 @@ def _first_line(lines: str) -> str:
 
 
 def sweep_comparison_lines(comparison: xr.Dataset) -> Iterator[str]:
-    """Describe a comparison of sweeps line by line: what differs, who is alone, and of each number the largest difference."""
+    """Describe a comparison of sweeps: differing settings, unmatched members, largest difference of each number."""
     if comparison.attrs.get("identical"):
         yield f"the same sweep: {comparison.attrs['members']} members, bit for bit"
         return
@@ -395,7 +395,7 @@ def sweep_comparison_lines(comparison: xr.Dataset) -> Iterator[str]:
 
 
 def difference_lines(comparison: xr.Dataset) -> Iterator[str]:
-    """Say of each number how many members differ, and which does most."""
+    """State for each number how many members differ, and which differs most."""
     for name in [
         str(name)[len("difference_") :] for name in comparison.data_vars if str(name).startswith("difference_")
     ]:

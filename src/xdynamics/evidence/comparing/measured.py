@@ -1,6 +1,6 @@
-"""A run compared with measured data: residuals, their norms, and their size relative to the measured uncertainties.
+"""Measured data and the residuals of a run against them: differences, norms, and size by measured uncertainties.
 
-Residuals of a run against measured data: differences, their norms, and their size by the measured uncertainties.
+Data come from a netCDF file, a table in text, or an object in memory; columns are matched with the run's quantities.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def read_measured_data(
 
 
 def _with_order_remark(data: Measured) -> Measured:
-    """Have the name of data say where their times run backwards: two records joined in the wrong order, say."""
+    """Add to the name of data where their times run backwards, as in records joined in the wrong order."""
     backward_rows = np.flatnonzero(np.diff(data.times) < 0.0) if not data.occurrences.size else np.zeros(0, np.int64)
     if not backward_rows.size:
         return data
@@ -296,7 +296,7 @@ def _with_element_name(cell: str, requested_names: Sequence[str], shapes: Shapes
 
 
 def _dataset_of_elements(source: Any, shapes: Shapes) -> Any:
-    """Return a Dataset with a variable for each element of what has dimensions of the model."""
+    """Return a Dataset with a variable for each element of variables with dimensions of the model."""
     dims = {str(dim) for dim in getattr(source, "dims", ())} & {*shapes.extents, *shapes.relations}
     if not dims:
         return source
@@ -348,7 +348,7 @@ def _read_dataset(source: Any, requested_names: Sequence[str] | None, reading: R
 
 
 def _with_time_zero(data: Measured, reading: Reading) -> Measured:
-    """Return data with times counted from where it is said."""
+    """Return data with times counted from the origin that the reading states."""
     if not reading.time_zero:
         return data
     zero = float(data.times[0]) if reading.time_zero == FIRST else parse_quantity(reading.time_zero).si
@@ -428,7 +428,7 @@ def _sort_columns(name: str, columns: dict[str, tuple[Floats, Unit]], left_out: 
 
 
 def _occurrence_numbers(name: str, columns: dict[str, tuple[Floats, Unit]], rows: int) -> NDArray[np.int64]:
-    """Return which occurrence each row of a table of events is: what a column says, else from 1 on."""
+    """Return the occurrence number of each row of a table of events: from its column, else from 1 on."""
     if OCCURRENCES not in columns:
         return np.arange(1, rows + 1)
     numbers, _ = columns.pop(OCCURRENCES)
@@ -517,7 +517,7 @@ def residuals_of(
     data: Measured,
     digests: Sequence[str],
 ) -> xr.Dataset:
-    """Put measured data beside what was computed at their times."""
+    """Return the Dataset of measured data, computed values at their times, and residuals."""
     variables: dict[str, Any] = {
         AT_TIME: ((AT,), data.times, attrs_of(time_unit_of(run).text, "time of measurement", "time"))
     }

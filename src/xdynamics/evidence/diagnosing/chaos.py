@@ -43,7 +43,7 @@ LONG_NAMES = {
 def lyapunov(
     run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None, *, exponent_count: bool | int
 ) -> dict[str, Any]:
-    """Return all Lyapunov exponents, or the largest few, with what follows from the largest.
+    """Return all Lyapunov exponents, or the largest few, with the numbers that follow from the largest.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def lyapunov(
 
 
 def describe_exponents(unit: str, model: Model, *, exponent_count: bool | int) -> dict[str, Any]:
-    """Return the same variables without their values, which are not known yet.
+    """Return the variables of Lyapunov exponents before these are computed: nan in place of every value.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def _exponent_variables(unit: str, numbers: Mapping[str, Any], rule_attributes: 
 
 
 def exponents_in_words(diagnosis: xr.Dataset) -> Iterator[str]:
-    """Describe all exponents, with the digits that their uncertainties justify, and what follows from the largest."""
+    """Describe all exponents with their justified digits, and the time scale that follows from the largest."""
     if LYAPUNOVS not in diagnosis:
         return
     unit = str(diagnosis[LYAPUNOVS].attrs["units"])

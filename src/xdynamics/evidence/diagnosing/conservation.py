@@ -1,8 +1,8 @@
-"""Quantities that may be conserved: the ranges of energies, observables and momenta over a run, and how they drift.
+"""Drift of conserved quantities, residuals against closed forms, and the time up to which a run is credible.
 
-Residuals of a run against closed forms.
+Quantities that may be conserved are energies, observables and momenta; their ranges and drifts are computed.
 
-The time up to which a run can be believed: a tighter run stays close to it until then.
+A run is credible until a run of tighter tolerance leaves its neighbourhood.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def spans(rows: Chunks, names: Sequence[str]) -> dict[str, tuple[Floats, Floats]
 
 
 def _wider(span: tuple[Floats, Floats], values: Floats) -> tuple[Floats, Floats]:
-    """Return the least and the greatest number of a span and further rows; what is no number is passed over."""
+    """Return the least and the greatest number of a span and further rows; nan is ignored."""
     low, high = span
     return np.fmin(low, np.fmin.reduce(values)), np.fmax(high, np.fmax.reduce(values))
 
@@ -243,7 +243,7 @@ class _Cycle:
 
     @cached_property
     def _states_between(self) -> xr.Dataset:
-        """States at times that a mean is taken over, found once for all quantities."""
+        """States at the times of a mean, interpolated once for all quantities."""
         return sample_in_steps(self._run, self._times, after_event=True, rule=REINTEGRATE, functions=self._functions)
 
     def mean(self, watched: _ConservedQuantity) -> Floats:

@@ -1,4 +1,4 @@
-"""Continuity of a record: whether each step, recomputed from the row it started from, leads to the row it led to."""
+"""Continuity of a record: whether each step, recomputed from its first row, leads to its last row."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ MOST_SOLVED = 1000  # steps that are recomputed where the forces of contacts of 
 
 @dataclass
 class Worst:
-    """Of each element of a quantity the step that is furthest from its row, measured by its bound.
+    """For each element of a quantity the step that is furthest from its row, relative to its bound.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Worst:
         return _defect_ratios(self.defects, self.bounds)
 
     def add_steps(self, defects: Floats, bounds: Floats, times: Floats) -> None:
-        """Take further steps: shape (k, ...)."""
+        """Include further steps: defects and bounds of shape (k, ...), times of shape (k,)."""
         ratios = _defect_ratios(defects, bounds)
         worst_index = np.argmax(ratios, axis=0)[np.newaxis]  # the first nan, if there is one
         ratio, further = np.take_along_axis(ratios, worst_index, 0)[0], self.ratios
@@ -188,7 +188,7 @@ def _solver_tolerance(interpolator: StepInterpolator, name: str, largest: Floats
 
 
 def _continuity_variables(rows: Chunks, worst: dict[str, Worst], steps: int) -> dict[str, Any]:
-    """Return what was found as variables of a Dataset."""
+    """Return the worst defect of each quantity as variables of a Dataset."""
     variables: dict[str, Any] = {}
     ratios = {name: entry.ratios.ravel() for name, entry in worst.items() if entry.ratios.size}
     every = np.concatenate([*ratios.values()]) if steps and ratios else np.zeros(0)
@@ -220,7 +220,7 @@ def _continuity_variables(rows: Chunks, worst: dict[str, Worst], steps: int) -> 
 
 
 def continuity_lines(diagnosis: xr.Dataset) -> Iterator[str]:
-    """Say in a line whether the steps of a diagnosed run lead to the rows that follow."""
+    """State in a line whether the steps of a diagnosed run lead to the rows that follow."""
     if CONTINUITY_VERDICT not in diagnosis:
         return  # of an older version
     rule, verdict = str(stated_value(diagnosis, "continuity_rule")), int(diagnosis[CONTINUITY_VERDICT])
@@ -248,6 +248,7 @@ def _worst_element(diagnosis: xr.Dataset) -> tuple[str, str, str]:
             continue
         ratios = _defect_ratios(defects.values, bounds.values)
         worst_ratio = ratios.max(initial=-1.0)
+        # the maximum is nan if one ratio is, and then no comparison holds
         if worst_ratio > ratio or np.isnan(worst_ratio):
             worst_index, units = np.unravel_index(np.argmax(ratios), ratios.shape), unit_suffix(defects.attrs["units"])
             places = ", ".join(

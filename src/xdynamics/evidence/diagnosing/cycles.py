@@ -79,7 +79,7 @@ class Cycles:
         )
 
     def phase(self, times: Floats) -> Floats:
-        """Return the phase at times, rad: whole turns at the crossings, in proportion between; nan outside."""
+        """Return the phase at times, rad: a multiple of 2 pi at each crossing, linear between them; nan outside."""
         if len(self.times) < 2:
             return np.full(times.shape, np.nan)
         turns = np.arange(len(self.times), dtype=float)
@@ -208,7 +208,7 @@ def _turning_points(rows: Chunks, name: str) -> Turns:
 
 
 def _share(rows: Chunks, name: str, extent: float) -> float:
-    """Return the range of an element over the largest value of its quantity; 1 of what is no element."""
+    """Return the range of an element over the largest value of its quantity; 1 for a single number."""
     quantity_name = split_element_name(name)[0]
     if quantity_name == name:
         return 1.0

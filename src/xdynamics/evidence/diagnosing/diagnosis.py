@@ -189,7 +189,7 @@ def diagnose(
 
 
 def foreseen_diagnosis(march: March, occurrences: int) -> xr.Dataset:
-    """Return what a diagnosis of a march's run will hold, before it begins: zeros, with names, dimensions and units."""
+    """Return the diagnosis of a march's run before it begins: zeros, with names, dimensions and units."""
     run = record.foreseen(march)
     request = DiagnosisRequest(functions=march.model.functions, occurrences=occurrences)
     rows = Unread(unfold(run), march.model, occurrences)
@@ -204,7 +204,7 @@ def _with_run_labels(diagnosis: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
-    """What is asked of a diagnosis; see `diagnose`."""
+    """The arguments of a diagnosis; see `diagnose`."""
 
     coordinate: str | None = None
     level: str | float | None = None
@@ -245,7 +245,7 @@ def _diagnosis_dataset(
     exact_run: xr.Dataset | None,
     digests: Sequence[str],
 ) -> xr.Dataset:
-    """Return all that is diagnosed; of rows that cannot be read yet, what there will be."""
+    """Return the Dataset of a diagnosis; for rows that cannot be read yet, its template."""
     run, functions = rows.run, request.functions
     attributes: dict[str, Any] = {name: run.attrs[name] for name in KEPT if name in run.attrs}
     attributes[RELATIVE] = relative_uncertainty(run, rows.model)
@@ -299,7 +299,7 @@ def _diagnosis_dataset(
 
 
 def _lyapunov_variables(rows: Chunks, request: DiagnosisRequest) -> dict[str, Any]:
-    """Return the exponents of a run; of one in chunks the columns that this needs are read, as a whole."""
+    """Return the Lyapunov exponents of a run; of a run in chunks the necessary columns are loaded."""
     run, exponent_count = rows.run, request.lyapunov
     if isinstance(rows, Unread):
         return chaos.describe_exponents(str(run["time"].attrs["units"]), rows.model, exponent_count=exponent_count)

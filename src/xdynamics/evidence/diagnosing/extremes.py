@@ -267,7 +267,7 @@ def _si_factor(run: xr.Dataset, name: str) -> float:
 def values_between_rows(
     run: xr.Dataset, model: Model, name: str, times: Floats, functions: Functions | None
 ) -> tuple[Floats, Floats]:
-    """Return a quantity at times inside steps, and its error by the interpolation of the state."""
+    """Return a quantity at times inside steps, and its error by the interpolation of the state, shape (times,)."""
     states = StatesInside.from_dataset(
         model, sample_in_steps(run, times, after_event=False, rule=REINTEGRATE, functions=functions), [times.size]
     )
@@ -300,7 +300,7 @@ def extremes_of(rows: Chunks, names: Sequence[str], functions: Functions | None)
 def extreme_variables(
     run: xr.Dataset, name: str, sign: float, result: tuple[Any, Any, Any, Any]
 ) -> dict[str, tuple[Any, ...]]:
-    """Return an extreme as variables of a Dataset; of a quantity with dimensions those of its elements, along these."""
+    """Return an extreme as variables of a Dataset, along the dimensions of its quantity."""
     variable = run.variables[name]
     dims, shape, units = variable.dims[1:], variable.shape[1:], str(variable.attrs["units"])
     word, adjective = ("maximum", "largest") if sign > 0 else ("minimum", "least")

@@ -1,6 +1,6 @@
-"""Cycle by cycle: periods, phases beside a reference, amplitudes, areas; and where the coordinate turns.
+"""Cycles of a coordinate: periods, phases against a reference, amplitudes, enclosed areas, and turning points.
 
-Turning points: where the velocity of a coordinate passes zero within a step.
+A turning point is a time within a step at which the velocity of the coordinate passes zero.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Summits between accepted states: zeros of a quantity's rate, many at once, of one run or of many.
+"""Summits of quantities between accepted states: zeros of a rate, many at once, of a single run or of many.
 
-Where the rate is known and changes its sign over a step, the summit is where it is zero: the cubic through values and
-rates at both ends of a bracket gives the next place to evaluate, by repeating a step of the run's method. Elsewhere
-(forces of contacts, steps in which more happens than their ends show) the bracket is scanned. Nothing here sums or
-compares across members: each has the same bits as alone.
+Where the rate is known and changes sign over a step, the summit is the zero of the rate. The cubic through values and
+rates at both ends of a bracket gives the next time to evaluate, by repeating a step of the run's method. Elsewhere
+(forces of contacts, steps in which more happens than their ends show) the bracket is scanned. No operation sums or
+compares across members: each member has the bits that it has alone.
 
-The highest rows of the elements of a quantity, and the humps around which more is sought between them.
+The search starts from the highest rows of each element, and from the humps around them.
 
-Quantities at states inside steps, each at its own, with their rates and what interpolation may have them off.
+States inside steps, each at its own time, come with their rates and with the error of their interpolation.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Summits:
 
     @property
     def place_members(self) -> Rows:
-        """The member of each place."""
+        """The member of each time to evaluate."""
         return np.concatenate([self.members, np.tile(self.blind, LOOKS)])
 
     @property
@@ -103,7 +103,7 @@ class Summits:
         return np.concatenate([self._places, self._looks.ravel()])
 
     def narrow(self, values: Floats, rates: Floats) -> None:
-        """Take values at the places, and rates at the first k of them; continue in smaller brackets."""
+        """Narrow the brackets by values at all requested times, and by rates at the first k of them."""
         k = self.members.size
         seen, rate, aims = self.sign * values[:k], self.sign * rates[:k], self._places
         looked = np.where(np.isnan(values[k:]), -np.inf, self.sign * values[k:]).reshape(self._looks.shape)
@@ -122,7 +122,7 @@ class Summits:
         self._keep_brackets(gain > EPS * np.abs(seen))
 
     def _aims(self) -> Floats:
-        """Return the place to evaluate inside each bracket."""
+        """Return the time to evaluate inside each bracket."""
         low, high = self.ends
         middle: Floats = low + (high - low) / 2.0
         turn = self._round % 3 if self._round >= SMOOTH_ROUNDS else 2
@@ -328,7 +328,7 @@ class Heights:
         return ElementExtremes(self.sign * self.best, self.when.copy(), rules, above)
 
     def rise(self, part: RowRange) -> None:
-        """Take further rows."""
+        """Include further rows in the search for the highest row and the humps of each element."""
         time, count = part.columns["time"], len(part.columns["time"])
         values = np.ascontiguousarray(part.columns[self.name].reshape(count, -1).T)
         signed, part_slice = self.sign * values, slice(part.rows_before, part.rows_before + part.count)
@@ -346,7 +346,7 @@ class Heights:
         self._sort()
 
     def _raise(self, part: RowRange, values: Floats, signed_part: Floats) -> None:
-        """Take the best rows of a part where they are better; `signed_part` has its signed values."""
+        """Replace the best rows by higher rows of a part; `signed_part` has its signed values."""
         time, elements = part.columns["time"], np.arange(self.best.size)
         unknown = np.isnan(signed_part)
         tops = np.argmax(np.where(unknown, -np.inf, signed_part), axis=1)
@@ -376,7 +376,7 @@ class Heights:
         )
 
     def without_humps(self) -> Heights:
-        """Return the same, between whose rows nothing is sought."""
+        """Return the heights without humps, so that no summit is searched between rows."""
         empty = np.zeros((3, 0))
         return replace(self, members=self.members[:0], rows=self.rows[:, :0], values=empty, times=empty)
 
@@ -397,7 +397,7 @@ class Heights:
 
 
 def parabola_excess(values: Floats, time: Floats, row: int) -> float:
-    """Return how far the parabola through an extreme row and its neighbours exceeds it; 0 at either end."""
+    """Return the excess of the parabola through an extreme row and its neighbours over the row; 0 at either end."""
     if not 0 < row < len(values) - 1:
         return 0.0
     step_before, step_after = time[row] - time[row - 1], time[row + 1] - time[row]
@@ -434,7 +434,7 @@ class StatesInside:
 
     @classmethod
     def from_dataset(cls, model: Model, states: xr.Dataset, sizes: Sequence[int]) -> StatesInside:
-        """Take what was interpolated or marched, so many states for each quantity."""
+        """Read interpolated or marched states, `sizes` of them for each quantity in turn."""
         variables = {name: variable_numbers(states, name) for name in model.units}
         errors = {name: variable_numbers(states, schema.error(name)) for name in model.units}
         return cls(
@@ -451,14 +451,14 @@ class StatesInside:
 
 
 def consecutive_slices(sizes: Sequence[int]) -> list[slice]:
-    """Return where each of some pieces of these sizes is, one after the other."""
+    """Return the slices of consecutive pieces with given sizes."""
     ends = np.cumsum([0, *sizes]).tolist()
     return [slice(*pair) for pair in pairwise(ends)]
 
 
 @dataclass
 class QuantitiesInside:
-    """Recorded quantities on states inside steps: what several of them read is evaluated once.
+    """Recorded quantities on states inside steps; common subexpressions are evaluated once.
 
     Attributes
     ----------

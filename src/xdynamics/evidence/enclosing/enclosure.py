@@ -1,6 +1,6 @@
-"""Proven bounds of all motions of a model, from every start and with every constant that it may have.
+"""Proven bounds of all motions of a model, over all its starts and all values of its constants.
 
-Proven bounds as one Dataset, with what was proven in a sentence.
+The bounds are one Dataset, with a sentence that states what was proven.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def enclosure_dataset(
 
 
 def _proof_statements(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any]]]:
-    """Return what is known of a proof only once it is made: variables, and attributes too."""
+    """Return the variables and attributes that are known only after a proof."""
     suffix = unit_suffix(model.time_unit)
     where = f"up to t = {tube.reached!r}{suffix}, before the first motion stops at '{tube.stopped}'"
     ended = (
@@ -92,7 +92,7 @@ def _parts_text(tube: Tube) -> str:
 
 
 def proposition(model: Model, tube: Tube) -> str:
-    """Say what is proven."""
+    """State the proven proposition in a sentence."""
     suffix, start = unit_suffix(model.time_unit), model.statement.initial["t"].si
     shown_intervals = interval_names(model)
     whose = (
@@ -134,7 +134,7 @@ def _bound_pair(name: str, dim: str, bounds: Box, unit: str, quantity_text: str)
 
 
 def _event_bound_variables(model: Model, tube: Tube, occurrences: int | None) -> Iterator[tuple[str, Any]]:
-    """Yield what is proven of events, in the order of their times; of those that are listed and not proven nan."""
+    """Yield proven bounds of events in the order of their times; unproven occurrences are nan."""
     if not tube.events:
         return
     met = [(k, crossing) for k, event in enumerate(tube.events) for crossing in event.counted_crossings]
@@ -168,7 +168,7 @@ def _padded_intervals(intervals: list[Box], missing: int) -> Box:
 
 
 def _event_sentence(event: EventBounds, proven: float, suffix: str) -> str:
-    """Say what is known of the zeros of an event up to a time."""
+    """State how often every motion passes an event, and up to which time that is proven."""
     crossings = event.crossings
     text = f"Every motion passes '{event.name}' {len(event.counted_crossings)} times in its direction"
     if crossings.unknown_from < np.inf:
@@ -186,7 +186,7 @@ def _bounds_in_unit(bounds: Box, unit: Unit) -> Box:
 
 
 def enclosure_lines(enclosure: xr.Dataset) -> list[str]:
-    """Say what is proven, the last bounds, and those of events."""
+    """Return the proposition, the last bounds, and the bounds of events as lines of text."""
     lines = [f"proven    {stated_value(enclosure, 'summary')}", f"ended     {stated_value(enclosure, 'outcome_text')}"]
     dim, time = (AT, AT_TIME) if AT_TIME in enclosure.variables else (STEPS, "time")
     unit = unit_suffix(str(enclosure[time].attrs["units"]))
@@ -204,7 +204,7 @@ def enclosure_lines(enclosure: xr.Dataset) -> list[str]:
 
 
 def bounded_names(enclosure: xr.Dataset, dim: str) -> list[str]:
-    """Name what has bounds along a dimension."""
+    """Name the quantities with bounds along a dimension."""
     prefix, _ = bounds_of("")
     return [
         str(name).removeprefix(prefix)
@@ -317,7 +317,7 @@ def enclose(
 
 @dataclass(frozen=True)
 class EnclosureRequest:
-    """What proven bounds are asked for.
+    """The arguments of `enclose`, checked.
 
     Attributes
     ----------

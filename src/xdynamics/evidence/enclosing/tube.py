@@ -1,6 +1,6 @@
-"""A tube: bounds of states and observables at some times, and of the times of events, collected step by step.
+"""A tube: bounds of states and observables at given times, and of event times, collected step by step.
 
-Sets of starts cut into parts, of which narrower bounds are proven, and these joined.
+A set of starts may be cut into parts: narrower bounds are proven for each part, and the bounds of all parts are joined.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EventBounds:
-    """What is known of the zeros of an event.
+    """Proven bounds of the zeros of one event.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class EventBounds:
 
 @dataclass(frozen=True)
 class Tube:
-    """What is proven of a motion.
+    """Proven bounds of a motion.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Tube:
 def prove_tube(
     model: Model, flow: Flow, end: float, times: Sequence[float] | None, max_steps: int, progress: Progress | None
 ) -> Tube:
-    """March, and collect what is proven.
+    """March a set of motions to its end, and collect the proven bounds.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class _March:
             self._flow.reason = str(error)
 
     def _take_step(self, proof: Proof) -> Proof:
-        """Take what a step proves; where an event acts, go on from there."""
+        """Collect the bounds that a step proves; after an acting event, continue from its states."""
         recorded = [event.crossings for event in self._events if event.name not in self._acting_by_name]
         passed = None
         if self._acting:
@@ -198,7 +198,7 @@ class _March:
         return proof.cut(end)
 
     def event_bounds(self) -> list[EventBounds]:
-        """Return the events, each with what is known of its zeros."""
+        """Return the events, each with the proven bounds of its zeros."""
         for event in self._events:
             if event.name not in self._acting_by_name:
                 event.crossings.end()
@@ -264,7 +264,7 @@ class _Collected:
                 self.rows[row_index] = at_start
 
     def add(self, proof: Proof) -> None:
-        """Take what a step proves."""
+        """Collect the bounds that a step proves."""
         if self._rows_and_times is None:
             self._append(proof.end, self._bounds_row(proof, proof.end, proof.end_box))
             return
@@ -273,7 +273,7 @@ class _Collected:
                 self.rows[row_index] = self._bounds_row(proof, time, proof.box_at(time))
 
     def pass_over(self, passed: Passage) -> None:
-        """Take what a step proves in which an event acts: before it, while motions pass, and when the last of them has."""
+        """Collect the bounds of a step with an acting event: before it, while motions pass, and after the last."""
         proof, (begin, end) = passed.proof, passed.crossing.time
         flow = self._flow
         observed_after = self._observed.of_set(flow.time, flow.set.itself(), flow.box, passed.step_values)
@@ -309,7 +309,7 @@ class _Collected:
 
 
 def split_box(start: Box, count: int) -> list[Box]:
-    """Cut a box into as many parts, each cut being through the middle of what is widest beside its size.
+    """Cut a box into `count` parts, each cut halving the component that is widest relative to its size.
 
     Neighbours share the number at which they are cut, so that together they are the whole.
     """
@@ -324,7 +324,7 @@ def split_box(start: Box, count: int) -> list[Box]:
 
 
 def join_tubes(tubes: Sequence[Tube]) -> Tube:
-    """Return what holds of all motions of some tubes at the same times.
+    """Return bounds of all motions of several tubes at common times.
 
     Bounds are known where they are of every part, and zeros of an event as far as every part has as many of them.
     """
@@ -338,7 +338,7 @@ def join_tubes(tubes: Sequence[Tube]) -> Tube:
 
 
 def _join_event(parts: Sequence[EventBounds]) -> EventBounds:
-    """Return what is known of the zeros of an event from what is of each part."""
+    """Return bounds of the zeros of an event from those of each part of the starts."""
     event, many = parts[0], [part.crossings for part in parts]
     common = list(_common_crossings([crossings.zeros for crossings in many]))
     beyond = [crossings.zeros[len(common)].time[0] for crossings in many if len(crossings.zeros) > len(common)]

@@ -1,16 +1,13 @@
-"""Convergence of values with a step or another small number: observed orders, limits, uncertainty of the finest value.
+"""Convergence of values with a step or another small number: observed orders, limits, uncertainties.
 
 Plain numbers, levels along the last axis from coarse to fine. The grid convergence index is that of Celik and others
 (2008, Journal of Fluids Engineering 130, 078001, doi:10.1115/1.2960953), the fits are those of Eca and Hoekstra (2014,
 Journal of Computational Physics 262, 104-130, doi:10.1016/j.jcp.2014.01.006), with the formal order of the method in
 place of the second order of their finite volumes.
 
-What levels tell of numbers that are compared between them: a verdict, a limit, an uncertainty, and the rule of that.
-
-Many numbers at once, levels along the last axis from coarse to fine: each has the bits that it has alone. See `convergence`
-for the sources.
-
-What each verdict on the convergence of a number means, in words.
+A number that is compared between levels gets a verdict, a limit, an uncertainty, and the rule that gave the
+uncertainty. Many numbers are judged at once; each has the bits that it has alone. `verdict_text` puts a verdict into
+words.
 """
 
 from __future__ import annotations
@@ -97,7 +94,7 @@ def _bisect_orders(grown: Floats, coarse: Floats, fine: Floats) -> Floats:
 
 
 def extrapolated(coarse: Floats, fine: Floats, ratio: float, order: Floats | float) -> Floats:
-    """Return Richardson's limit of two values whose steps have a ratio above 1."""
+    """Return Richardson's limit of coarse and fine values, element by element, for a ratio of steps above 1."""
     limit: Floats = fine + (fine - coarse) / expm1(order * log(ratio))
     return limit
 
@@ -195,7 +192,7 @@ def _fit_free_order(values: Floats, h: Floats, formal: float, weights: Floats) -
 def _fit_fixed_orders(
     values: Floats, h: Floats, orders: tuple[float, ...], weights: Floats, *, free: bool = False
 ) -> Fit:
-    """Fit with given orders; an order found by a search counts as a parameter too."""
+    """Fit with given orders; `free` counts an order that a search determined as a further parameter."""
     # steps are divided by the coarsest: powers of small numbers would differ too much in size
     powers = power(h / h[0], np.array(orders)[:, None])
     solution, residuals, spread = _solution(values, powers, weights, free=free)
@@ -456,7 +453,7 @@ class _Judging:
         self.settle(self.open, np.where(falls, PRE_ASYMPTOTIC, NOT_CONVERGING), POWER, uncertainty)
 
     def trusted(self, order: Floats, orders: Floats) -> Floats:
-        """Return orders that are trusted: the formal one, or a whole one above in which four levels agree; else nan."""
+        """Return trusted orders: the formal order, or a higher integer order that four levels agree on; else nan."""
         order_change = np.abs(order - orders[:, -3]) if orders.shape[-1] >= FITTED else np.full(len(order), np.nan)
         whole_order, near = np.round(order), np.abs(order - self.formal) <= CLOSE
         higher = (order_change <= STEADY) & (whole_order > self.formal) & (np.abs(order - whole_order) <= CLOSE)

@@ -1,4 +1,4 @@
-"""What the levels of a refinement give, and its Dataset: computed, or described before anything is marched."""
+"""The Dataset of a refinement: computed from its levels, or described before anything is marched."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ DEFECT_SAID = (
 
 @dataclass(frozen=True)
 class StudyResults:
-    """What is known of a study once its levels are marched.
+    """The results of a study after its levels are marched.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class StudyResults:
 
 
 def _finest_estimate(study: Study) -> float:
-    """Return what the steps of the finest run estimate to be off together, where the tolerance did not set them."""
+    """Return the finest run's summed error estimate, where the tolerance did not set its steps; else 0."""
     restrained = study.levels.are_restrained([outline.accepted for outline in study.outlines])
     return study.outlines[-1].estimated if restrained else 0.0
 

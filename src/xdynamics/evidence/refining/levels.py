@@ -167,7 +167,7 @@ class Levels:
         return self.varied == RTOLS and are_restrained(accepted, self.values, self.order)
 
     def rule(self, k: int) -> str:
-        """Return how states between accepted ones are found in a level."""
+        """Return the rule by which states between accepted ones are interpolated in a level."""
         return str(self.values[k]) if self.varied == CHOICES else REINTEGRATE
 
     @property

@@ -1,9 +1,10 @@
-"""What the run of one level tells a study, in few numbers: the run itself stays where it was marched.
+"""Readings of a refinement level: the few numbers that a study takes from a run.
 
-First every level is outlined by itself. From all outlines follows what they have in common: times that every run reaches,
-occurrences that correspond, levels of cycles. At these each run is read.
+The run stays where it was marched. First every level is outlined by itself. All outlines together give what the levels
+have in common: times that every run reaches, occurrences that correspond, levels of cycles. At these each run is read.
 
-Local errors: the difference of one step from many in its place, as opposed to the error accumulated over a run.
+The local error of a step is its difference from many short steps in its place, as opposed to the error accumulated over
+a run.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def step_defects(
     functions: Mapping[str, Callable[..., float]] | None = None,
     max_steps: int = LOOKED_AT,
 ) -> dict[str, Floats]:
-    """Return the states reached by steps spread over a run, each less that of sixteen steps in its place.
+    """Return end states of steps spread over a run, less the end states of sixteen short steps instead.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ ENERGY = "total_energy"
 
 @dataclass(frozen=True)
 class RunSummary:
-    """What the run of a level tells whatever the other levels are.
+    """The numbers that a level's run gives independently of other levels.
 
     Attributes
     ----------
@@ -153,7 +154,7 @@ def summary_of_finest(subjects: StudyQuantities) -> Callable[[xr.Dataset], RunSu
 
 
 def estimated_error(run: xr.Dataset) -> float:
-    """Return what all steps of a run estimate to be off together, as a part of the size of a number."""
+    """Return the sum of the error estimates of all steps of a run, relative to the size of a number."""
     if "error_norm" not in run.variables or "solver_rtol" not in run.attrs:
         return 0.0
     return float(run.attrs["solver_rtol"]) * float(np.nansum(run.variables["error_norm"].values))
@@ -216,7 +217,7 @@ class Swings:
 
     @classmethod
     def of(cls, coordinate_cycles: Cycles, times: Floats) -> Swings:
-        """Reduce the crossings to what is compared."""
+        """Reduce the crossings of a coordinate to mean period, count, uncertainty and phases."""
         periods = coordinate_cycles.periods
         mean = float(periods.mean()) if periods.size else np.nan
         return cls(
@@ -349,6 +350,6 @@ def _value_range(run: xr.Dataset, name: str) -> float:
 
 
 def _rate_name(run: xr.Dataset, name: str) -> str | None:
-    """Return the name of the variable that is the rate of a coordinate, velocity or state; None of what is held."""
+    """Return the name of a variable's rate: of a coordinate, velocity or state; None for other roles."""
     rates = {"coordinate": velocity(name), "velocity": acceleration(name.removeprefix("v_")), "state": rate(name)}
     return rates.get(get_column(run, name).attrs["role"])

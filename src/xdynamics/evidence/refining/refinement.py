@@ -1,6 +1,6 @@
-"""One model over steps, tolerances or rules: its numbers, their orders of convergence, and their uncertainties.
+"""Refinement of one model over steps, tolerances or rules: numbers, orders of convergence, and uncertainties.
 
-The size of the next level of a refinement, and of the level that would reach a wanted change.
+The bounds of a refinement give the size of its next level, and of the level that would reach a wanted change.
 """
 
 from __future__ import annotations
@@ -410,7 +410,7 @@ def _max_element_lines(quantity: str, count: int) -> int:
 
 
 def _event_count_lines(study: xr.Dataset) -> list[str]:
-    """Say which events the two finest levels met unequally often, if that leaves states without an uncertainty."""
+    """Name events that the two finest levels met unequally often, if some states then lack an uncertainty."""
     unknown = any(
         str(name).startswith("uncertainty_") and AT in variable.dims and np.isinf(variable.values).any()
         for name, variable in study.variables.items()

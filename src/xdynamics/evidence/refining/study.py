@@ -160,7 +160,7 @@ class Study:
         return located if same else None
 
     def _when(self, number: TrackedValue) -> Floats:
-        """Return the times of a number's places; for a number of the whole run, its end."""
+        """Return the times of a number's values; for a number of the complete run, its end."""
         if number.dims[:1] == (AT,):
             return self.times
         return self._occurred(number) if number.dims else np.full(len(number.values), self.outlines[-1].end)
@@ -214,13 +214,13 @@ class Study:
 
     @cached_property
     def states_after(self) -> list[StateAfter]:
-        """What is compared after events."""
+        """The states that are compared after events."""
         subjects, occurrences = self.subjects, self.common.occurrences
         return [state for detector in self._event_detectors for state in subjects.compared_after(detector, occurrences)]
 
     @property
     def left_out(self) -> str:
-        """Which states after events are not compared, in words."""
+        """The states after events that are not compared, in words."""
         return self.subjects.left_out(self._event_detectors, self.common.occurrences)
 
     @property
@@ -331,7 +331,7 @@ class Study:
         )
 
     def _events_of(self, state: StateAfter) -> list[str]:
-        """Return the events after which a state is compared: those of all elements, or of the one that is asked for."""
+        """Return the events after which a state is compared: those of all elements, or of its own element."""
         events = {event: self.subjects.event_place(event) for event in self.event_rows()}
         return [
             event
@@ -363,7 +363,7 @@ class Study:
 
 
 def numbers_by_name(study: Study, names: Iterable[str]) -> list[TrackedValue]:
-    """Return what is compared by its name; an element is taken out of its quantity."""
+    """Return compared numbers by name; an element is taken out of its quantity."""
     numbers, selected = {number.name: number for number in study.numbers()}, []
     for name in names:
         quantity_name = split_element_name(name)[0]
@@ -376,5 +376,5 @@ def numbers_by_name(study: Study, names: Iterable[str]) -> list[TrackedValue]:
 
 
 def _never_zero(size: Floats) -> Floats:
-    """Return sizes by which differences are divided: 1 in the place of 0."""
+    """Return sizes to divide differences by: 1 instead of 0."""
     return np.where(size == 0.0, 1.0, size)

@@ -1,8 +1,8 @@
-"""The numbers that a refinement compares, with names, units and words, before anything is marched.
+"""The numbers that a refinement compares: names, units and words before a march, verdicts and limits after it.
 
-The variables of a refinement for one number: its differences, orders, gates, verdict, limit and uncertainty.
+For each number the Dataset has variables for differences, orders, gates, verdict, limit and uncertainty.
 
-States after the events of a refinement: of the element that an event is of, and of all elements.
+A state after an event is that of the element to which the event belongs, or that of all elements.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class TrackedValue:
 
     @classmethod
     def blank(cls, subject: Subject, places: int, levels: int, shape: tuple[int, ...] = ()) -> TrackedValue:
-        """Return what is known of a quantity before anything is marched: everything but its values."""
+        """Return a quantity before anything is marched: everything but its values, which are nan."""
         nothing = np.full((places, *shape, levels), np.nan)
         return cls(*subject, nothing, nothing, nothing[..., 0], nothing[..., 0], np.full(shape, np.nan))
 
@@ -193,7 +193,7 @@ def _judgement_variables(number: TrackedValue, levels: Levels, accepted: int, es
 
 
 def _judgement(number: TrackedValue, levels: Levels, accepted: int, estimated: float) -> Judged:
-    """Judge the levels at every place of a quantity."""
+    """Judge the convergence of every value of a quantity over the levels."""
     kinks = np.full(len(number.values), np.inf)
     if number.kinks is not None and levels.varied != TIME_TOLERANCES:
         kinks = number.kinks
@@ -246,7 +246,7 @@ class StateAfter:
 
     @property
     def long_name(self) -> str:
-        """What it is, in words."""
+        """The state and its event, in words."""
         return f"{self.state} after {f'the event {self.detector} of each element' if self.every else self.detector}"
 
     @property
@@ -294,7 +294,7 @@ def with_event_dims(shapes: Shapes, states: list[StateAfter]) -> Shapes:
 
 
 def words_of_left_out(left: list[StateAfter], shapes: Shapes, levels: int, occurrences: int) -> str:
-    """Say which states after events are left out, why, and what to ask for instead; nothing where none are."""
+    """Describe the states after events that are left out, why, and the request for them; empty if there are none."""
     if not left:
         return ""
     first = left[0]
@@ -382,7 +382,7 @@ class StudyQuantities:
 
     @cached_property
     def detectors(self) -> tuple[str, ...]:
-        """The names of what events are located by."""
+        """The names of the detectors of events."""
         return tuple(labels(self.march.layout.watched))
 
     @cached_property
@@ -399,7 +399,7 @@ class StudyQuantities:
 
     @cached_property
     def observed(self) -> list[str]:
-        """The names of what is compared at times."""
+        """The names of energies and observables that are compared at times."""
         return [name for name in self.names if is_observable(self.levels.model, name)]
 
     @cached_property
@@ -409,7 +409,7 @@ class StudyQuantities:
 
     @property
     def cyclic(self) -> tuple[str, ...]:
-        """The coordinates of these."""
+        """The coordinates of the compared cycles."""
         return tuple(dict.fromkeys(name.partition("_")[2] for name in self.cycle_numbers))
 
     @property
@@ -420,7 +420,7 @@ class StudyQuantities:
 
     @property
     def stepped(self) -> list[str]:
-        """The names of what has a local error."""
+        """The names of compared quantities with a local error."""
         places = {name: self.march.layout.used.find_offset(name) for name in self.names}
         return sorted(
             (name for name, position in places.items() if position is not None), key=lambda name: places[name] or 0
@@ -428,7 +428,7 @@ class StudyQuantities:
 
     @cached_property
     def after_events(self) -> list[str]:
-        """The names of what is compared after events: quantities of which all elements are asked for, and else elements."""
+        """The names compared after events: quantities with all elements requested, otherwise single elements."""
         used = self.march.layout.used
         names = dict.fromkeys(name for name in self.names if used.find_offset(name) is not None and self.variable(name))
         whole_names = {
@@ -458,7 +458,7 @@ class StudyQuantities:
         return compared
 
     def _dims_and_place(self, name: str) -> tuple[tuple[str, ...], dict[str, int]]:
-        """Return the dimensions of a quantity, or the place of an element, of what the method integrates."""
+        """Return the dimensions of an integrated quantity, or the indices of an element."""
         block = self.march.layout.used.block(name)
         return (block.dims, {}) if name == block.name else ((), block.indices_of(name))
 
@@ -468,7 +468,7 @@ class StudyQuantities:
         return [state for state in self.states_after[detector] if state.fits(self.shapes, levels, occurrences)]
 
     def left_out(self, detectors: Iterable[str], occurrences: int) -> str:
-        """Say which states after events are left out for their number."""
+        """Describe the states after events that are left out because there are too many."""
         levels = len(self.levels.values)
         left = [
             state

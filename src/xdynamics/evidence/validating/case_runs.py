@@ -1,6 +1,6 @@
-"""The runs of one case of the ledger by one method: their residuals from closed forms, and the bounds of these.
+"""The runs of one ledger case by one method: residuals from closed forms, and the bounds of these residuals.
 
-What rounding does to the expressions of a closed form and of the start, beside the same with 31 digits.
+Rounding of a closed form and of the start is measured by a second evaluation with 31 digits.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def start_without_rounding(model: Model) -> Model | None:
 
 
 def without_jumps(tree: Node, errors: Any, size: float) -> Any:
-    """Return what rounding did to an expression, 0 where that is another side of a jump, or of a pole.
+    """Return rounding errors of an expression, with 0 where rounding crossed a jump or a pole.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class CaseRuns:
 
     @property
     def by_order(self) -> float:
-        """What halving the step divides an error by, at least."""
+        """The least factor by which halving the step reduces an error."""
         return float(2.0 ** (self.method.order - SLACK))
 
     @cached_property
@@ -334,7 +334,7 @@ class CaseRuns:
         return error
 
     def rounding_of_expressions(self, case: Validation) -> tuple[Any, Any]:
-        """Return what rounding did to a closed form, and what the march made of what it did to the start, of each element.
+        """Return each element's rounding error of a closed form, and the march's response to that of the start.
 
         The second is found by another march, from a start that is moved by a multiple of its rounding. Where steps or
         events of that are others, it is left out, as both are of bounds that are given or that know of no closed form.
@@ -430,7 +430,7 @@ class CaseRuns:
         return np.moveaxis(element_values, -1, 0)
 
     def _observed_values(self, run: xr.Dataset, name: str, times: tuple[float, ...]) -> Floats:
-        """Return a quantity at times; what all closed forms at these times are of is found at once."""
+        """Return a quantity at times; the quantities of all closed forms at these times are evaluated at once."""
         for observed_run, observed_times, values in self._observations:
             if observed_run is run and observed_times == times and name in values:
                 return values[name]
@@ -444,7 +444,7 @@ class CaseRuns:
         return observations[name][0]
 
     def _observed_together(self, case: Validation) -> Iterable[str]:
-        """Return the names that values of a closed form are asked for by: its quantity, or elements."""
+        """Return the names to evaluate for a closed form: its quantity if that is large, else its elements."""
         block = Block.from_shapes(self.model.shapes.internal_name(case.quantity), "", self.model.shapes)
         return [block.name] if block.size > MOST_ALONE and is_observable(self.model, block.name) else block.elements()
 

@@ -1,4 +1,4 @@
-"""Impacts of a run checked against the law of its contacts: impulses, rates on both sides, friction bound, energies.
+"""Impacts of a run checked against the law of its contacts: impulses, rates, friction bounds, energies.
 
 Everything is recomputed from the two recorded states of an impact, with expressions of the model and a mass
 matrix evaluated in Python, independently of the march.
@@ -205,7 +205,7 @@ def _of_impulses(impacts: Impacts) -> Iterator[Check]:
 
 @dataclass(frozen=True)
 class _ContactImpacts:
-    """The impacts of one contact: its rates before and after, its impulses, and what rounding does to them.
+    """The impacts of one contact: rates before and after, impulses, and their rounding errors.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """The validation ledger: runs compared with closed forms, in the order that reveals faults soonest.
 
-Runs beside bounds that are proven: of motions without a closed form, as near as the order of a method promises.
+A motion without a closed form is compared with proven bounds, to within the error that a method's order promises.
 """
 
 from __future__ import annotations
@@ -357,7 +357,7 @@ class Case:
             yield from self._missing_rows(self.occurrences or 0 if located or not self.stage else 1)
 
     def _missing_rows(self, count: int) -> list[LedgerRow]:
-        """Return lines in the place of relations that a run does not have."""
+        """Return ledger rows that stand for relations of impacts which a run does not have."""
         law = next(iter(self.model.contacts.values())).law
         relation, note = f"law of impacts '{law}'", "the run has no further relation of impacts"
         where = "contacts", "every impact", "rounding"

@@ -1,6 +1,6 @@
-"""The rows of a validation ledger: one by one, as a Dataset, and in words.
+"""The rows of a validation ledger: single rows, their Dataset, and their lines of text.
 
-Many elements of one quantity as one line of the ledger: the worst of them, and how many were judged.
+The elements of a quantity share one row: that of the worst element, with the number of elements that were judged.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def ledger_dataset(rows: Sequence[LedgerRow], title: str) -> xr.Dataset:
 
 
 def _parts_of_bounds(rows: Sequence[LedgerRow]) -> dict[str, Any]:
-    """Return what of each bound is for the rounding of expressions."""
+    """Return the part of each bound that covers the rounding of expressions."""
     parts = {
         "bound_closed_form": ("of_form", "part of bound: rounding of the closed form, beside the same with 31 digits"),
         "bound_start": ("of_start", "part of bound: rounding of the start's expressions, carried by another march"),
@@ -150,7 +150,7 @@ def _element_counts(rows: Sequence[LedgerRow]) -> dict[str, Any]:
 
 
 def ledger_lines(ledger: xr.Dataset) -> Iterator[str]:
-    """Describe a ledger line by line: each failed case, what was refused and why, and how many passed."""
+    """Describe a ledger line by line: each failed case, refusals with their reasons, and the number of passes."""
     words = words_of_flag(ledger["verdict"])
     refused: dict[tuple[str, str], list[str]] = {}
     for k, word in enumerate(words):

@@ -1,4 +1,4 @@
-"""Limiting cases: one parameter moved to its limit, everything else fixed, and how runs approach the limiting run."""
+"""Limiting cases: one parameter moved to its limit, all else fixed, and how runs approach the limiting run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LEAST_NEARER = 0.01  # logarithm of the ratio of two distances to the limit
 
 @dataclass(frozen=True)
 class Approach:
-    """A parameter that comes closer to a limit, and what is compared.
+    """A parameter that approaches a limit, and the quantities that are compared.
 
     Attributes
     ----------
@@ -245,7 +245,7 @@ def _parameter_values(
 
 
 def _limit_distances(parameter: str, values: Floats, limit: float) -> tuple[Floats, str]:
-    """Return the distances of values from their limit, by inverses if it stands for infinity, and what they are in."""
+    """Return the distances of values from their limit and their unit; inverses, if the limit stands for infinity."""
     distances = np.abs(values - limit)
     far = bool((log(distances[:-1] / distances[1:]) <= LEAST_NEARER).any())
     if far and values.all() and abs(limit) > float(np.max(np.abs(values))):

@@ -92,7 +92,7 @@ def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
 
 
 def _read_trajectory(model: Model, trajectory: Mapping[str, str]) -> dict[str, Node]:
-    """Read the wanted trajectory; note every fault of units and dimensions, and what is not known in advance."""
+    """Read the wanted trajectory; collect faults of units and dimensions, and names not known in advance."""
     ledger, shapes = Ledger("manufactured solution"), model.shapes
     moving = {*model.units, *model.drives, *state_quantities(model), *model.shaped.drives}
     trajectory_trees: dict[str, Node] = {}
@@ -118,7 +118,7 @@ def _read_trajectory(model: Model, trajectory: Mapping[str, str]) -> dict[str, N
 
 
 def _element_trees(model: Model, name: str, tree: Node) -> list[Node]:
-    """Return what an expression is at every element of a quantity."""
+    """Return the trees of an expression at every element of a quantity."""
     dims = model.shapes.dims.get(name, ())
     return (
         [at_element(tree, element_index, model.shapes) for element_index in model.shapes.index_combinations(dims)]
@@ -128,7 +128,7 @@ def _element_trees(model: Model, name: str, tree: Node) -> list[Node]:
 
 
 def _expression_text(model: Model, name: str, tree: Node) -> str:
-    """Print an expression; where it gathers what many links give, which has no text, element by element."""
+    """Print an expression; a sum over links onto elements has no text, and is printed element by element."""
     if not any(isinstance(node, Along) and node.function == "onto" for node in every(tree)):
         return text_of(tree)
     parts = _element_trees(model, name, tree)

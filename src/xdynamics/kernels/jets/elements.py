@@ -1,17 +1,15 @@
-"""Coefficients of elements in loops, so that neighbouring elements go side by side.
+"""Taylor coefficients of elements in loops, in which neighbouring elements are computed side by side.
 
 Coefficients of one order lie next to one another, element after element of the outermost loop; what a link needs of all
 orders is near. Differences of what two elements have are computed again where they are read.
 
-The order that a loop is at, inside loops over elements, which go side by side: sums by pairs of terms.
+A sum of products over the orders is taken by pairs of terms. Of an order k the terms j and k - j read the same
+coefficients, and two sums that wait for nothing of one another take them: from 1 to (k - 1)//2, and from k - 1 down. Of
+a square the second is the first.
 
-Of an order k the terms j and k - j of a sum of products read the same coefficients, and two sums that wait for nothing of
-one another take them: from 1 to (k - 1)//2, and from k - 1 down. Of a square the second is the first.
-
-Values that are powers of one other value times what does not change: one recurrence makes such a series.
-
-Of m/norm(d)**3 with d*d for s, the series follows from that of s alone, y = c s**(-3/2): the root, its square and its cube
-have no series that anyone reads.
+Values that are powers of another value times a constant factor have one recurrence. Of m/norm(d)**3 with d*d for s, the
+series follows from that of s alone, y = c s**(-3/2): the root, its square and its cube have no series that anyone
+reads.
 """
 
 from __future__ import annotations
@@ -179,7 +177,7 @@ class Paired(Looped):
         self._pairs.clear()
 
     def _pair_loops(self, group: Sequence[Pairs]) -> list[Line]:
-        """Write some sums by one loop over their pairs of terms, and what is between the pairs."""
+        """Write some sums by one loop over their pairs of terms, and the unpaired middle terms."""
         if not group:
             return []
         inner, parts, terms = self._of_terms(), list[str](), list[Operand]()
@@ -249,7 +247,7 @@ Form = tuple[str, Fraction]  # a base and the exponent
 
 @dataclass
 class Powers:
-    """Which values of a program are made as powers.
+    """The values of a program that are computed as powers.
 
     Attributes
     ----------
@@ -303,7 +301,7 @@ def _find_powers(line: Loop | Reduction, constants: set[str], powers: Powers) ->
 
 
 def _power_form(line: Compute, forms: dict[str, Form], still_values: set[str]) -> Form | None:
-    """Return what a value is a power of, but for a factor; None of one that is none."""
+    """Return base and exponent of a value that is a power up to a factor; None of other values."""
 
     def form_of(operand: Operand) -> Form | None:
         return None if _is_constant(operand, still_values) else forms.get(str(operand), (str(operand), Fraction(1)))
@@ -329,12 +327,12 @@ def _power_form(line: Compute, forms: dict[str, Form], still_values: set[str]) -
 
 
 def _bases(line: Compute, forms: dict[str, Form]) -> set[str]:
-    """Return the bases of what is known to be powers among the arguments."""
+    """Return the bases of those arguments that are known to be powers."""
     return {forms[str(operand)][0] for operand in line.arguments if operand in forms}
 
 
 def _is_still(line: Line, still_values: set[str]) -> TypeGuard[Load | Compute]:
-    """Whether a line gives what does not change with time."""
+    """Whether the value of a line is constant in time."""
     if isinstance(line, Load):
         return line.location.array == "p"
     return isinstance(line, Compute) and all(_is_constant(operand, still_values) for operand in line.arguments)
@@ -345,7 +343,7 @@ def _is_constant(operand: Operand, still_values: set[str]) -> bool:
 
 
 def _series_operands(line: Loop | Reduction, forms: dict[str, Form]) -> Iterable[Operand]:
-    """Yield what lines read that are no powers themselves, also in loops inside."""
+    """Yield the operands of lines that are no powers themselves, also in loops inside."""
     if isinstance(line, Reduction):
         yield from (*line.terms, *line.starts)
         if line.where:
@@ -392,7 +390,7 @@ class InElements(InLoops):
         return name
 
     def finish(self, lines: Sequence[Line]) -> None:
-        """Take lines as the program, and give parts of `w` that are left a place, where a line of the cache may begin."""
+        """Set the lines of the program, and reserve parts of `w` still in use at the start of a cache line."""
         super().finish(lines)
         used = {line.location.array for line in nested_lines(self.lines) if isinstance(line, Load | StoreTo)}
         for name, numbers in self._sizes.items():
@@ -415,7 +413,7 @@ class InElements(InLoops):
         return Series(location=replace(self._copies[key], strides=((index, 1),)), stride=_row_stride(number))
 
     def order(self, lines: Assignments, around: Sequence[Loop | Reduction], *, started: bool) -> Looped:
-        """Return what writes an order inside some loops."""
+        """Return the writer of an order inside some loops."""
         if not around:
             return super().order(lines, around, started=started)
         outer, *inner_loops = around
@@ -466,7 +464,7 @@ class InElements(InLoops):
         return super()._write_pass(order, line, env, around, totals)
 
     def load(self, order: Order, env: Env, line: Load) -> None:
-        """Begin the series of a number that is read; of what changes, read it outside of loops inside."""
+        """Begin the series of a number that is read; varying numbers are read outside of inner loops."""
         super().load(order, env, line)
         if isinstance(order, Paired) and not env[line.target].constant:
             order.now(env[line.target])

@@ -1,7 +1,8 @@
-"""A program of forces as one that expands the motion: the Taylor coefficients of coordinates, velocities and states.
+"""Expansion of a program of forces: the Taylor coefficients of coordinates, velocities and states.
 
-With k for the order, k q[k] = v[k-1], k v[k] = a[k-1], k x[k] = r[k-1], where a and r are the series of the accelerations
-and rates along those of q, v and x: every value of the program has its series, by the recurrences of its operation.
+With k for the order, k q[k] = v[k-1], k v[k] = a[k-1], k x[k] = r[k-1], where a and r are the series of the
+accelerations and rates along those of q, v and x: every value of the program has its series, by the recurrences of its
+operation.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Coefficients in memory, by a loop over orders: the text is as long for any degree, with the loops of the program inside.
+"""Taylor coefficients in memory, by a loop over orders: the text is as long for any degree.
 
-The order that a loop is at: lines that compute one coefficient of every series in memory.
+The loops of the program stand inside the loop over orders, whose lines compute one coefficient of every series.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Looped:
         return self.compute("divide", value, self.number)
 
     def product_added(self, a: Operand, b: Operand, total: Operand) -> Operand:
-        """Write a*b + total, rounded once where that is asked for."""
+        """Write a*b + total, rounded once if fused."""
         if not self.fused:
             return self.compute("add", total, self.compute("multiply", a, b))
         return self.compute("fma", a, b, total)
@@ -198,7 +198,7 @@ class Looped:
         return Reduction(TERM, self._orders - 1, tuple(inner.lines), terms, totals, operation, 0.0, below=ORDER)
 
     def part(self, owner: Series, name: str) -> Series:
-        """Return a series that is computed along with another, at a place of its own."""
+        """Return a series that is computed along with its owner, with a location of its own."""
         if name not in owner.parts:
             owner.parts[name] = Series()
         return owner.parts[name]
@@ -231,16 +231,16 @@ class Looped:
         return self._load_location(location)
 
     def remember(self, around: Looped) -> None:
-        """Know what the lines around these know."""
+        """Use the values that the surrounding lines have computed."""
         self._now |= around._now
         self._first |= around._first
 
     def pass_on(self, series: Series, value: Operand) -> None:
-        """Let a value be the coefficient of this order, of a series whose coefficients are never read again."""
+        """Set the coefficient of this order, of a series whose coefficients are never read again."""
         self._now[series] = value
 
     def _coefficient_location(self, series: Series, ahead: int) -> Location:
-        """Return the place of a coefficient: of order 0, or of the loop's."""
+        """Return the location of a coefficient: of order 0, or of the loop's order."""
         assert series.location is not None  # noqa: S101 - those of others are values
         location = series.location
         order_strides = ((ORDER, series.stride),) if self.started else ()
@@ -253,7 +253,7 @@ class Looped:
 
 
 def _group_sums(sums: Sequence[Sum]) -> Iterator[list[Sum]]:
-    """Yield groups of sums for a loop each, in which many read the same coefficients: reading is what takes time."""
+    """Yield groups of sums, one loop each, that share many coefficients: reads take most of the time."""
     waiting = list(sums)
     while waiting:
         group: list[Sum] = []
@@ -272,7 +272,7 @@ def _series_read(entry: Sum) -> set[tuple[Series, bool]]:
 
 
 class MovingArrayError(Exception):
-    """An array that begins with what does not change, and has what does."""
+    """An array that begins with constant values, and has varying ones."""
 
 
 class InLoops(Coefficients):
@@ -302,7 +302,7 @@ class InLoops(Coefficients):
         return begin
 
     def _allocate_array(self, elements: int, orders: int) -> tuple[Location, int]:
-        """Return the place of the first coefficient of an array's first element, and how far coefficients are apart.
+        """Return the location of an array's first coefficient, and the stride between coefficients.
 
         With several of them, elements are as far from one another as there are.
         """
@@ -319,7 +319,7 @@ class InLoops(Coefficients):
         return Assignments(lambda _lines, name: name, f"_e{next(self._serial)}_")
 
     def order(self, lines: Assignments, around: Sequence[Loop | Reduction], *, started: bool) -> Looped:
-        """Return what writes an order inside some loops."""
+        """Return the writer of an order inside some loops."""
 
         def allocate(numbers: int) -> tuple[Location, int]:
             strides, size = [], numbers
@@ -346,7 +346,7 @@ class InLoops(Coefficients):
         return []
 
     def finish(self, lines: Sequence[Line]) -> None:
-        """Take lines as the program, without what stores coefficients that nothing reads."""
+        """Set the lines of the program, without stores of coefficients that nothing reads."""
         unread = {id(line) for series, stores in self._stores.items() if not series.read for line in stores}
         self.lines = list(_lines_without(lines, unread))
 
@@ -460,7 +460,7 @@ class InLoops(Coefficients):
             order.keep(self._element_series(location), order.now(series))
 
     def _array_series(self, name: str, series: Series) -> tuple[Location, int, Series]:
-        """Return where the series of an array of the program are, and what those that it was first seen with are like."""
+        """Return the location of an array's series, and the kind of the series it was first stored with."""
         if name not in self._arrays:
             still = series.constant and name not in self._moving
             kind = Series(still, series.truth)
@@ -468,7 +468,7 @@ class InLoops(Coefficients):
         return self._arrays[name]
 
     def raise_state(self, order: Looped) -> None:
-        """Write what coordinates, velocities and states have one order on."""
+        """Write the next order of coordinates, velocities and states."""
         n, used = self.motion.coordinates, self.motion.used
         following = order.compute("add", order.number, 1.0)
         ahead, order_strides = (2, ((ORDER, used),)) if order.started else (1, ())

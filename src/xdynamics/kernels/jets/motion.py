@@ -1,7 +1,4 @@
-"""Where a program of forces has the numbers of a motion, and which of its lines the motion follows from.
-
-The lines that compute the next coefficient of every value of a program.
-"""
+"""The motion in a program of forces: the places of its numbers, and the lines that its coefficients need."""
 
 from __future__ import annotations
 
@@ -65,11 +62,11 @@ class Motion:
         return range(self.used, self.used + self.coordinates + self.states)
 
     def has_slope(self, location: Location) -> bool:
-        """Whether a place is that of accelerations or rates, in a loop of all of them."""
+        """Whether a location holds accelerations or rates, in a loop over all of them."""
         return location.array == "z" and location.offset in self.slopes
 
     def raised_by(self, slope_index: int) -> int:
-        """Return which number of the state rises by the slope at a place of `z`."""
+        """Return the index of the number of the state whose derivative has an index of `z`."""
         return slope_index - self.used + self.coordinates
 
 
@@ -165,7 +162,7 @@ Env = dict[str, Series]
 
 
 class Coefficients(ABC):
-    """What both ways of writing share: series by the names of a program's values, and their next coefficients.
+    """The common part of both ways of writing: series by the names of values, and their next coefficients.
 
     Attributes
     ----------

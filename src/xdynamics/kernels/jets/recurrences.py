@@ -1,8 +1,8 @@
-"""How the next coefficient of a function's series follows from those of its arguments and its own before.
+"""Recurrences of Taylor coefficients: the next coefficient of a function from its arguments and its own before.
 
 Each function solves a differential equation with rational coefficients, of which the recurrence is the comparison of
 powers: Griewank and Walther, Evaluating Derivatives, 2nd ed., section 13.2, tables 13.1 and 13.2; Jorba and Zou 2005,
-Exp. Math. 14, 99, proposition 2.1. With k for the order and ' for `series.slope`, k times the coefficient:
+Exp. Math. 14, 99, proposition 2.1. With k for the order and ' for `slope_series`, k times the coefficient:
 
     exp   e' = a' e               sin, cos    s' = a' c,  c' = -a' s
     log   a l' = a'               tan         t' = a' (1 + t**2)
@@ -11,13 +11,10 @@ Exp. Math. 14, 99, proposition 2.1. With k for the order and ' for `series.slope
 Functions with a corner keep to the side on which the value lies; at the corner to that on which the motion goes on.
 Where a root is of zero its series has no further coefficients; the error estimate knows of that, and the step is short.
 
-Series in time, one for every value of a program, and the lines that compute their next coefficient.
-
-A series is a row of coefficients, the value of the program being the first; those of values that do not change with time
-are zero but for that. There are two ways to write them: each coefficient as a value of its own, for small programs, or
-in memory, by a loop over orders, for the others. The operations are those of any kind of number that a printer knows.
-
-Quotients of coefficients by what stays the same in all orders: products with its reciprocal.
+A series is a row of coefficients, the value of the program being the first; those of values that do not change with
+time are zero but for that. There are two ways to write them: each coefficient as a value of its own, for small
+programs, or in memory, by a loop over orders, for the others. The operations are those of any kind of number that a
+printer knows. A quotient by a value that is constant over all orders is a product with its reciprocal.
 """
 
 from __future__ import annotations
@@ -108,7 +105,7 @@ class Order(Protocol):
         """Return a series that is computed along with another, as the cosine with a sine."""
 
     def keep(self, series: Series, value: Operand) -> None:
-        """Let a value be the coefficient of this order."""
+        """Set the coefficient of this order."""
 
     def knows(self, series: Series) -> bool:
         """Whether the coefficient of this order is written."""
@@ -150,7 +147,7 @@ def slope_series(order: Order, series: Series) -> Series:
 
 
 def begin_quotient(order: Order, target: Series, divisor: Operand) -> None:
-    """Keep the reciprocal of what all coefficients are divided by, to 106 bits."""
+    """Store the reciprocal, to 106 bits, of the value that divides all coefficients."""
     if not order.fused or _is_literal(divisor):
         return
     nearest, low_part = (order.part(target, name) for name in ("reciprocal", "rest"))
@@ -162,7 +159,7 @@ def begin_quotient(order: Order, target: Series, divisor: Operand) -> None:
 
 
 def divide_coefficient(order: Order, target: Series, value: Operand, divisor: Operand) -> Operand:
-    """Divide a coefficient by what `begin_quotient` was given: rounded to nearest as a division is, in half the time."""
+    """Divide by the divisor of `begin_quotient`: rounded to nearest as a division is, in half the time."""
     if not order.fused:
         return order.compute("divide", value, divisor)
     nearest, low_part = _reciprocal(order, target, divisor)
@@ -172,7 +169,7 @@ def divide_coefficient(order: Order, target: Series, value: Operand, divisor: Op
 
 
 def _reciprocal(order: Order, target: Series, divisor: Operand) -> tuple[Operand, Operand]:
-    """Return the reciprocal and what is left of it."""
+    """Return the reciprocal of a divisor as a float and its rest."""
     if _is_literal(divisor):
         return reciprocal(float(divisor))
     nearest, low_part = (order.first(order.part(target, name)) for name in ("reciprocal", "rest"))
@@ -180,7 +177,7 @@ def _reciprocal(order: Order, target: Series, divisor: Operand) -> tuple[Operand
 
 
 def multiple_of(order: Order, name: str, target: Series, operands: Sequence[Series]) -> tuple[Series, Operand] | None:
-    """Return the series that another is a multiple of and the factor, if it is one, where factors stay the same."""
+    """Return the series and the constant factor of which another series is the product; else None."""
     match name, operands:
         case "negative", (of,):
             return of, -1.0
@@ -198,7 +195,7 @@ def _is_literal(divisor: Operand) -> bool:
 
 
 def or_nothing(order: Order, divisor: Operand, value: Operand) -> Operand:
-    """Return a coefficient, or 0 where what it was divided by is 0."""
+    """Return a coefficient, or 0 where its divisor is 0."""
     return order.compute("choose", order.compute("equal", divisor, 0.0), 0.0, value)
 
 
@@ -206,7 +203,7 @@ Recurrence = Callable[..., Operand]  # of an order, the function's series and th
 
 
 class Rule(NamedTuple):
-    """A function's recurrence, and what is to be known at order 0 besides its value."""
+    """A function's recurrence, and the further values that it needs at order 0."""
 
     following: Recurrence
     beginning: Callable[..., None] = lambda *_: None
@@ -294,7 +291,7 @@ def _exp_coefficient(order: Order, target: Series, a: Series) -> Operand:
 
 
 def _quotient_of_slopes(order: Order, target: Series, rising: Operand, divisor: Series) -> Operand:
-    """The next coefficient of y where y' d is known: k times that of y' is what is left of it, over d[0]."""
+    """Return the next coefficient of y from y' d, which is known: k y[k] is the rest of the product over d[0]."""
     numerator = order.compute("subtract", rising, order.convolution(_slope_before(order, target), divisor, skip=2))
     return order.divide_by_order(divide_coefficient(order, target, numerator, order.first(divisor)))
 
@@ -308,7 +305,7 @@ def _log_coefficient(order: Order, target: Series, a: Series) -> Operand:
 
 
 def _coupled_pair(partner_name: str, sign: str, other_sign: str) -> Rule:
-    """Of two functions, each the slope of the other but for signs: the other is a part of the one."""
+    """Return the rule of two functions, each the slope of the other but for signs, with the partner as a part."""
 
     def beginning(order: Order, target: Series, a: Series) -> None:
         order.keep(order.part(target, partner_name), order.compute(partner_name, order.first(a)))
@@ -325,7 +322,7 @@ def _coupled_pair(partner_name: str, sign: str, other_sign: str) -> Rule:
 
 
 def _by_square(sign: str) -> Rule:
-    """Of a function whose slope is 1 plus or minus its square."""
+    """Return the rule of a function with slope 1 plus or minus its square."""
 
     def square(order: Order, target: Series) -> Operand:
         return order.convolution(target, target)
@@ -347,7 +344,7 @@ def _by_square(sign: str) -> Rule:
 
 
 def _with_slopes(rule: Recurrence, begin: Callable[..., None] = lambda *_: None) -> Rule:
-    """Of functions whose recurrence reads k times their own coefficients."""
+    """Return the rule of functions whose recurrence reads k times their own coefficients."""
 
     def beginning(order: Order, target: Series, *operands: Series) -> None:
         order.keep(_slope_before(order, target), 0.0)
@@ -392,7 +389,7 @@ def _hypot_coefficient(order: Order, target: Series, a: Series, b: Series) -> Op
 
 
 def _arc_rule(*, negated: bool) -> Rule:
-    """Of asin and acos: their slopes over those of the argument are plus and minus 1/sqrt(1 - a**2)."""
+    """Return the rule of asin and acos: by the argument they have the slopes plus and minus 1/sqrt(1 - a**2)."""
 
     def begin_root(order: Order, target: Series, a: Series) -> None:
         # (1 - a)*(1 + a) keeps the digits that 1 - a**2 loses near 1
@@ -451,7 +448,7 @@ def _choice_coefficient(order: Order, _target: Series, truth: Series, a: Series,
 
 
 def _remainder_coefficient(order: Order, target: Series, a: Series, b: Series) -> Operand:
-    """The next coefficient of what is left of a after whole turns of b."""
+    """Return the next coefficient of the remainder of a after integer multiples of b."""
     if b.constant:
         return order.now(a)
     whole_turns = order.compute("subtract", order.first(a), order.first(target))
@@ -463,7 +460,7 @@ def _remainder_coefficient(order: Order, target: Series, a: Series, b: Series) -
 
 
 def _cubic_rule(*names: str, factors: tuple[float, ...]) -> Rule:
-    """Of a piece of a table, by what its derivatives over factorials are where the argument is, and powers of its way."""
+    """Return the rule of a table's piece, by its derivatives over factorials and powers of the argument's change."""
 
     def beginning(order: Order, target: Series, a: Series, piece: Series, drive: int) -> None:
         for name, factor in zip(names, factors, strict=True):

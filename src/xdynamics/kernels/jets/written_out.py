@@ -1,9 +1,8 @@
-"""Coefficients written out: each is a value of the text, which suits small programs.
+"""Taylor coefficients written out: each is a value of the text, which suits small programs.
 
-Sums of values times factors that stay the same: one operation a term, and none until a number is asked for.
-
-Of high orders a coefficient is small beside the state, so that its rounding does not matter, and what matters is how long
-the next one waits for it: ``-(k*x + c*(2*x*y))/m`` is two products there, by factors that are computed once in a step.
+Sums of values times constant factors take one operation a term, and none until a number is asked for. Of high orders a
+coefficient is small beside the state, so that its rounding does not matter, and what matters is how long the next one
+waits for it: ``-(k*x + c*(2*x*y))/m`` is two products there, by factors that are computed once in a step.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ class LinearForms:
         self._ages: dict[Operand, int] = {}
 
     def linear_form(self, operation: str, *arguments: Operand) -> Operand | None:
-        """Name what an operation gives, without a line of it; None of one that is not linear."""
+        """Name the result of a linear operation without writing a line; None for other operations."""
         match operation, arguments:
             case "negative", (value,):
                 return self.scale_form(value, -1.0)
@@ -56,7 +55,7 @@ class LinearForms:
         return None
 
     def scale_form(self, value: Operand, factor: Operand) -> Operand:
-        """Name the product of a value and what stays the same."""
+        """Name the product of a value and a constant factor."""
         form = self._form_of(value)
         if not all(self.can_multiply(term_factor, factor) for term_factor in form.values()) or (
             len(form) > 1 and not self.can_multiply(0.0, factor)
@@ -81,7 +80,7 @@ class LinearForms:
         return self._constant_product("multiply", first, second)
 
     def write_value(self, value: Operand) -> Operand:
-        """Return a value itself, whose sum is written if none was before: what is newest comes last."""
+        """Return a value itself, whose sum is written on first use with its newest term last."""
         if value not in self._forms:
             return value
         if value not in self._written:
@@ -188,7 +187,7 @@ class Written:
         return self.divided_by(value, self._k)
 
     def divided_by(self, value: Operand, number: int) -> Operand:
-        """Divide by a whole number: by its reciprocal to 106 bits, of which the result has 53, rounded to nearest."""
+        """Divide by an integer: by its reciprocal to 106 bits, so that the result is rounded to nearest in 53."""
         if not self.fused:
             return self.compute("divide", value, float(number))
         nearest, low_part = reciprocal(number)
@@ -197,13 +196,13 @@ class Written:
         return self.product_added(value, nearest, self.compute("multiply", value, low_part))
 
     def product_added(self, a: Operand, b: Operand, total: Operand) -> Operand:
-        """Write a*b + total, rounded once where that is asked for."""
+        """Write a*b + total, rounded once if fused."""
         if not self.fused or total == 0.0 or not {0.0, 1.0}.isdisjoint((a, b)):
             return self.compute("add", self.compute("multiply", a, b), total)
         return self.compute("fma", a, b, total)
 
     def compute(self, operation: str, *arguments: Operand) -> Operand:
-        """Write one operation, unless what it gives is known: of zeros and ones that series have beyond their ends."""
+        """Write one operation, unless its result is known: series have zeros and ones beyond their ends."""
         match operation, arguments:
             case ("multiply", (0.0, _) | (_, 0.0)):
                 return 0.0
@@ -257,7 +256,7 @@ class Written:
         return self.forms.scale_form(self.forms.scale_form(total, factor), second_factor) if self._forming else total
 
     def _unscaled(self, series: Series) -> tuple[Series, Operand]:
-        """Return what a series is a multiple of, and its factor."""
+        """Return the series of which another is a multiple, and the factor."""
         factor: Operand = 1.0
         while self._forming and series.scaled is not None and self.forms.can_multiply(factor, series.scaled[1]):
             series, inner_factor = series.scaled
@@ -271,7 +270,7 @@ class Written:
         return total
 
     def _sum_of_square(self, a: Series, first: int) -> Operand:
-        """Sum what a series has with itself: the square in the middle, twice the products from there outward."""
+        """Sum the products of a series with itself: the middle square, then twice the products outward."""
         k = self._k
         total: Operand = 0.0
         if k % 2 == 0 and k // 2 >= first:
@@ -290,7 +289,7 @@ class Written:
         return owner.parts.setdefault(name, Series())
 
     def keep(self, series: Series, value: Operand) -> None:
-        """Let a value be the coefficient of this order."""
+        """Set the coefficient of this order."""
         series.terms[self._k] = value
         if series.constant:
             self.forms.still.add(value)
@@ -346,7 +345,7 @@ class WrittenOut(Coefficients):
     def begin(
         self, order: Order, env: Env, line: Compute, series: Sequence[Series], numbers: Sequence[Operand]
     ) -> None:
-        """Write the value itself, and note what it is a multiple of."""
+        """Write the value itself, and note the series of which it is a multiple."""
         super().begin(order, env, line, series, numbers)
         target = env[line.target]
         if not target.constant:

@@ -1,8 +1,8 @@
-"""Which of the links that touch are closed from now on: the accelerations decide, and bounces too low are skipped.
+"""Which links that touch are closed from now on: the accelerations decide, and bounces too low are skipped.
 
 Of links that touch and do not part, forces and accelerations solve a complementarity problem: either a link presses, or
-its gap opens. A link that bounces so low that it may be skipped, or too briefly to be resolved, joins them. Slow slips:
-`slip_stops`.
+its gap opens. A link that bounces so low that it may be skipped, or too briefly to be resolved, joins them. For slow
+slips see `link_forces.halt_slips`.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ ROUNDS = 4  # of examining again which links come to rest
 
 @jit_separate
 def close_resting_links(run: Run, t: float) -> bool:
-    """Find out which links that touch are closed, and put the trial's state on them; whether their forces were found."""
+    """Determine the closed links among those that touch, and project the trial's state onto them; whether it could."""
     note_speeds(run)
     for a in range(run.counters[TOGETHER] if run.counters[ROWS] == 2 else 0):
         run.touching[a, SLIP_SLACK] += slip_falling(run, a) * link_resolution(
@@ -115,7 +115,7 @@ def note_speeds(run: Run) -> None:
 
 @jit_separate
 def find_forces(run: Run) -> bool:
-    """Solve for forces; where there are none, with grips that have just broken held, low bounces not skipped, slips halted."""
+    """Solve for forces; without a solution, restore just broken grips, let low bounces go on, then halt slips."""
     if solve_forces(run) or (hold_breaks(run) and solve_forces(run)):
         return True
     while let_bounce(run):
@@ -126,7 +126,7 @@ def find_forces(run: Run) -> bool:
 
 @jit_separate
 def let_bounce(run: Run) -> bool:
-    """Let the highest of the bounces go on that were to be skipped: with its link held the others may wedge; whether one does."""
+    """Let the highest skipped bounce go on, as its closed link may make others wedge; whether there is one."""
     highest, best = 0.0, -1
     for a in range(run.counters[TOGETHER]):
         rate = gap_rate(run, a)
@@ -140,7 +140,7 @@ def let_bounce(run: Run) -> bool:
 
 @jit_separate
 def hold_breaks(run: Run) -> bool:
-    """Have links grip whose grip has just broken, up to their bound: with the others they may not slide; whether any did."""
+    """Restore grips that have just broken, up to their bound: with the others they may not slide; whether any is."""
     any_holds = False
     for a in range(run.counters[TOGETHER] if run.counters[ROWS] == 2 else 0):
         if run.touching[a, ACTS] == 1.0 and run.touching[a, BROKEN] != 0.0:
@@ -151,7 +151,7 @@ def hold_breaks(run: Run) -> bool:
 
 @jit_separate
 def let_slide(run: Run) -> None:
-    """Let links whose slip was stopped slide, if their forces have them slide."""
+    """Set the grips of closed links by their forces, so that a halted slip goes on where these accelerate it."""
     closed = 0
     for a in range(run.counters[TOGETHER] if run.counters[ROWS] == 2 else 0):
         if run.touching[a, ACTS] == 1.0:
@@ -161,7 +161,7 @@ def let_slide(run: Run) -> None:
 
 @jit_separate
 def restore_contacts(run: Run) -> bool:
-    """Take back what broke or lifted where slips would go with their friction, or gaps close; whether any is.
+    """Restore broken grips whose slip would follow the friction, and lifted links that close; whether any is.
 
     Where several links change at one time, what one alone would do is not what it does with the others.
     """
@@ -179,7 +179,7 @@ def restore_contacts(run: Run) -> bool:
 
 @jit_separate
 def skip_bounces(run: Run) -> bool:
-    """Let links settle whose next bounce is too low; whether any did."""
+    """Close links whose next bounce is too low; whether there is any."""
     any_settles = False
     for a in range(run.counters[TOGETHER]):
         rate, fall = gap_rate(run, a), -run.touching[a, AFTER]
@@ -217,7 +217,7 @@ def record_closed_links(run: Run) -> None:
 
 @jit_separate
 def grip_of(run: Run, a: int) -> int:
-    """What a link that is closed from now on does along its slip."""
+    """The grip of a link that is closed from now on."""
     if run.touching[a, RUBS] == 0.0:
         return FRICTIONLESS
     drag, slip_acceleration = run.vectors[DRAG, 2 * a + 1], run.touching[a, SLIP_AFTER]
@@ -234,7 +234,7 @@ def grip_of(run: Run, a: int) -> int:
 
 @jit_separate
 def take_energy(run: Run, t: float) -> None:
-    """Remove the rates of closed links, and note what energy bounces that are skipped had."""
+    """Remove the rates of closed links, and note the energy of skipped bounces."""
     for a in range(run.counters[TOGETHER]):
         run.touching[a, BEFORE] = gap_rate(run, a)
         if run.counters[ROWS] == 2:

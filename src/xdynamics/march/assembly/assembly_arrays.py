@@ -154,7 +154,7 @@ def _problem_arrays(unknowns: int) -> dict[str, NDArray[Any]]:
 
 
 def _check_assembly_settings(law: Law, settings: Settings) -> None:
-    """Refuse what contacts of many links do not go with."""
+    """Refuse settings that contacts of many links do not allow."""
     if settings.locates_one_by_one:
         raise InputError(f"contacts of many links are located together; event_root_method = '{EARLIEST_FIRST}' does so")
     if any(detector.drive or detector.at_zero for detector in law.layout.switches):
@@ -217,7 +217,7 @@ class _AssemblyTables:
 
     @property
     def members(self) -> list[IntArray]:
-        """The place of each leaf for every link, or element."""
+        """The index of each leaf for every link, or element."""
         assembly, layout = self._assembly, self._law.layout
         of_constant = {name: i for i, name in enumerate(constants(assembly.model, self._settings.scales))}
         tables = []
@@ -234,7 +234,7 @@ class _AssemblyTables:
         return tables
 
     def pattern_input_rows(self, first: int) -> list[tuple[int, int, int, int, int]]:
-        """Return the rows of its leaves, whose members begin at a place."""
+        """Return the rows of the assembly's leaves, whose members begin at an index."""
         rows = []
         for k, leaf in enumerate(self._assembly.pattern_inputs):
             moves, end = int(k < self._assembly.coordinates), int(leaf.end == SECOND)
@@ -267,7 +267,7 @@ def _pattern_addresses(patterns: Sequence[Run]) -> list[int]:
 def _pattern_parameters(
     all_assemblies: Sequence[Assembly], model: Model, settings: Settings
 ) -> list[tuple[int, int, int]]:
-    """List the parameters of patterns: the pattern, their place there, their place in the run."""
+    """List the parameters of patterns: the pattern, their index there, their index in the run."""
     places = {name: i for i, name in enumerate(constants(model, settings.scales))}
     return [
         (2 * c + j, i, places[name])

@@ -55,7 +55,7 @@ def reads_it(run: Run, row: int, i: int) -> bool:
 
 @jit_separate
 def chain_links(run: Run, first: int, rows: int) -> None:
-    """Chain the links that read the same coordinate: `chains` has the place of its first entry, and of each the next."""
+    """Chain the links that read a common coordinate: `chains` has the index of the first and each next entry."""
     width, offset = run.coordinate_indices.shape[1], run.swing.shape[0]
     for coordinate in range(offset):
         run.chains[coordinate] = 0
@@ -68,7 +68,7 @@ def chain_links(run: Run, first: int, rows: int) -> None:
 
 @jit_separate
 def follow_links(run: Run, first: int, start: int, n: int, mark_before: int) -> int:
-    """List coordinates that were `mark_before`, from one on, nearest first, from place n on; return where the list ends.
+    """List coordinates marked `mark_before` by distance from `start`, from index n on; return the list's end.
 
     Those that were unmet are met then: the last of them is at a far end, from which on those that were met are placed.
     """
@@ -113,7 +113,7 @@ def is_narrow(run: Run, first: int, rows: int, n: int) -> bool:
 
 @jit_separate
 def middle_of(run: Run) -> int:
-    """The place of the diagonal in a row of the band."""
+    """The index of the diagonal in a row of the band."""
     return int((run.stiffened.shape[1] - 1) // 2)
 
 
@@ -150,7 +150,7 @@ def add_product(run: Run, row: int, left: float, left_slip: float, right: float,
 
 @jit_separate
 def factor_band(run: Run, n: int) -> None:
-    """Factor the matrix as L U, in its place, with pivots as they come; `swing` has a row of U."""
+    """Factor the matrix as L U in place, without pivoting; `swing` has a row of U."""
     middle = middle_of(run)
     for k in range(n):
         pivot, end = run.stiffened[k, middle], run.ordering[HIGHEST, k] + 1
@@ -168,7 +168,7 @@ def factor_band(run: Run, n: int) -> None:
 def change_factors(
     run: Run, row: int, n: int, changes: int, left: float, left_slip: float, right: float, right_slip: float
 ) -> int:
-    """Note such a product beside the factors; return how many there are, `MOST_CHANGES` where too few digits are left."""
+    """Add a product a b^T beside the factors; return their number, `MOST_CHANGES` where too few digits are left."""
     for k in range(n):
         run.swing[run.ordering[COORDINATE, k]] = 0.0
     for i in range(run.coordinate_indices.shape[1]):
@@ -200,7 +200,7 @@ def along_change(run: Run, change: int) -> float:
 
 @jit_separate
 def solve_factors(run: Run, n: int, changes: int) -> None:
-    """Solve for changes of coordinates' rates, of momenta that are in `swing`; these are there and in `solution`."""
+    """Solve for changes of rates by the momenta in `swing`; the result is there and in `solution`."""
     middle = middle_of(run)
     for k in range(n):
         total = run.swing[run.ordering[COORDINATE, k]]

@@ -1,13 +1,13 @@
-"""Which links may meet: each coordinate has a box, and a link is left out where its gap is positive all over its boxes.
+"""The broad phase: boxes of coordinates, and the links that may meet while every coordinate stays in its box.
 
-As long as every coordinate stays in its box, and `keep_boxes` proves that for every step, no link that was left out can
-meet. Elements near each other are in one group; a group whose hull proves that all its links are apart is left out whole
-(Ericson, Real-Time Collision Detection, 2005, chapter 6). Within its box each coordinate has a narrow one, for few steps:
-candidates that narrow boxes prove to be apart are not bounded in these steps.
+A link is left out where its gap is positive all over its boxes. As long as every coordinate stays in its box, and
+`keep_boxes` proves that for every step, no link that was left out can meet. Elements near each other are in one group;
+a group whose hull proves that all its links are apart is left out whole (Ericson, Real-Time Collision Detection, 2005,
+chapter 6). Within its box each coordinate has a narrow one, for few steps: candidates that narrow boxes prove to be
+apart are not bounded in these steps.
 
-One link of an assembly: its gap enclosed, or at a state, by the programs of its pattern.
-
-The pattern is a run of its own, of one link whose coordinates are what the gap reads; numbers of a link are copied there.
+A link's gap is enclosed, or evaluated at a state, by the programs of its pattern. The pattern is a run of its own, of
+one link whose coordinates are what the gap reads; numbers of a link are copied there.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ pattern_at: Any = UNCOMPILED.__getitem__ if PLAINLY else run_at
 
 @jit_separate
 def leaf_member(run: Run, leaf: int, link: int, first: int, second: int) -> int:
-    """The place of what a leaf of a link reads, among coordinates or parameters."""
+    """The index of the number that a leaf of a link reads, among coordinates or parameters."""
     family = run.pattern_inputs[leaf, FAMILY]
     entity = link if family == 0 else (first if family == 1 else second)
     return int(run.members[run.pattern_inputs[leaf, BASE] + entity])
@@ -45,7 +45,7 @@ def leaf_member(run: Run, leaf: int, link: int, first: int, second: int) -> int:
 
 @jit_separate
 def gather_link_state(run: Run, state: State, target: State, c: int, link: int, first: int, second: int) -> None:
-    """Copy what a link reads of a state to a state of the pattern."""
+    """Copy the numbers of a state that a link reads to a state of the pattern."""
     assembly = run.assemblies[c]
     n, count = run.plan[0].coordinates, assembly.leaves
     for k in range(count):
@@ -133,7 +133,7 @@ def evaluate_candidate(run: Run, state: State, t: float, k: int) -> None:
 
 @jit_separate
 def evaluate_link(run: Run, state: State, t: float, c: int, link: int, first: int, second: int) -> None:
-    """Do so for a link by its number and its elements."""
+    """Evaluate the gap of a link, by its number and its elements, at a state."""
     pattern = pattern_at(run.patterns[2 * c + 1])
     gather_link_state(run, state, pattern.z, c, link, first, second)
     pattern.at[T] = t
@@ -171,13 +171,13 @@ LEAST_SHARE = 1e-3  # of that, below which smaller boxes leave no fewer candidat
 
 @jit_separate
 def blame(run: Run, fault: int, c: int, link: int) -> None:
-    """Note what was wrong with which link."""
+    """Note a fault, and its link."""
     run.counters[FAULT], run.counters[CULPRIT], run.counters[CULPRIT_LINK] = fault, c, link
 
 
 @jit_separate
 def keep_boxes(run: Run) -> bool:
-    """Let every box contain its coordinate over the trial, and list the candidates anew where one did not.
+    """Extend boxes until each contains its coordinate over the trial, and renew the candidates if any changed.
 
     Returns
     -------
@@ -240,7 +240,7 @@ def fit_narrow_box(run: Run, i: int, low: float, high: float) -> None:
 
 @jit_separate
 def stays_in_narrow_box(run: Run, i: int, w: float) -> bool:
-    """Whether a coordinate is proven to stay in its narrow box by less arithmetic than its pattern's, whose bounds these are.
+    """Whether a coordinate provably stays in its narrow box, by less arithmetic than bounds of its pattern need.
 
     They are the Bernstein coefficients of Hermite's quintic, widened by its distance from cubics; see
     `elementary.bounds`. Every term of them is within a few widths of the box if they are in it, so that rounding is

@@ -1,19 +1,17 @@
-"""Links that are closed: their gap stays zero, and a normal force holds it. Which they are, and each one at a state.
+"""Closed links: their list, their rows at a state, their effect on coordinates, the margins of their release.
 
-Of the arrays that links have in common, `normals`, `unit_responses`, `coordinate_indices` and `vectors`, those that are struck at an event
-have the first half, closed ones the second, which begins at `closed_from`. A link has a row; two where any link has
-friction, the second along its slip.
+The gap of a closed link stays zero, by a normal force. Of the arrays that links have in common, `normals`,
+`unit_responses`, `coordinate_indices` and `vectors`, those that are struck at an event have the first half, closed ones
+the second, which begins at `closed_from`. A link has a row; two where any link has friction, the second along its slip.
 
-What forces, or impulses, of links do: to all coordinates, which is summed in `swing`, and from there along each link.
+Forces, or impulses, of links act on all coordinates, which is summed in `swing`, and from there along each link. W, the
+effect of each link on each, is never formed: one product with it is `clear_responses`, then `respond` for every link,
+then `response_along` every link.
 
-W, the effect of each link on each, is never formed: one product with it is `clear_responses`, then `respond` for every link, then
-`response_along` every link.
+A margin of a closed link falls to zero where it lifts, its grip breaks or its slip stops; rounding may leave it below
+zero by a bound. The search for releases, that for their times and the sharing of forces judge by margins alone.
 
-The patterns of a run as a march begins or goes on.
-
-What of a closed link falls to zero where it lifts, its grip breaks or its slip stops, and what rounding may leave of it.
-
-The search for releases, that for their times and the sharing of forces judge by this alone.
+Patterns are prepared as a march begins or goes on.
 """
 
 from __future__ import annotations
@@ -56,7 +54,7 @@ FRICTIONLESS, STICKS, SLIDES_ON, SLIDES_BACK = range(4)  # what a closed link do
 
 @jit_separate
 def closed_from(run: Run) -> int:
-    """The place of the first row of closed links in arrays of links."""
+    """The index of the first row of closed links in arrays of links."""
     return int(run.normals.shape[0] // 2)
 
 
@@ -74,7 +72,7 @@ def rows_of_closed(run: Run) -> int:
 
 @jit_separate
 def grip_at(run: Run, a: int) -> int:
-    """What a closed link does along its slip."""
+    """The grip of a closed link."""
     return int(run.grips[a]) if run.counters[ROWS] == 2 else FRICTIONLESS
 
 
@@ -93,7 +91,7 @@ def closed_index(run: Run, c: int, link: int) -> int:
 
 @jit_separate
 def recall_closed(run: Run, closed: Lists, first: int, count: int) -> bool:
-    """List the links that the record says are closed, and what they do along their slips; whether it says so."""
+    """List the closed links of a record's row, with their grips; whether the record lists any."""
     if run.plan[0].assemblies == 0 or count < 0 or run.plan[0].links == STEP_LINKS:
         return False
     run.closed[0] = count
@@ -159,7 +157,7 @@ def look_at_closed(run: Run, t: float, state: State) -> None:
 
 @jit_separate
 def look_along_slip(run: Run, a: int, state: State) -> None:
-    """Do so along the slip of a closed link, which has just been looked at; while it slides nothing holds the row."""
+    """Compute the row along the slip of a closed link, whose normal row is known; a sliding link has no force."""
     c, row, self_response, steep, accelerations = (
         run.closed_link_ends[a, 0],
         closed_link_row(run, a) + 1,
@@ -191,7 +189,7 @@ def look_along_slip(run: Run, a: int, state: State) -> None:
 
 @jit_separate
 def add_answers(run: Run, state: State, offset: int) -> None:
-    """Add to a state, from a place on, what the solution for closed links changes there."""
+    """Add the responses to the solved forces of closed links to a state, from an index on."""
     for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
         amount = run.vectors[X, row] * run.vectors[SCALE, row]
         for i in range(run.normals.shape[1]):
@@ -200,7 +198,7 @@ def add_answers(run: Run, state: State, offset: int) -> None:
 
 @jit_separate
 def clear_responses(run: Run, first: int, rows: int) -> None:
-    """Set to zero what links do to every coordinate that rows read."""
+    """Clear the responses of every coordinate that rows read."""
     for row in range(first, first + rows):
         for i in range(run.coordinate_indices.shape[1]):
             run.swing[run.coordinate_indices[row, i]] = 0.0
@@ -208,14 +206,14 @@ def clear_responses(run: Run, first: int, rows: int) -> None:
 
 @jit_separate
 def respond(run: Run, row: int, amount: float) -> None:
-    """Add what a force along a row does to coordinates."""
+    """Add the response of coordinates to a force along a row."""
     for i in range(run.coordinate_indices.shape[1]):
         run.swing[run.coordinate_indices[row, i]] += run.unit_responses[row, i] * amount
 
 
 @jit_separate
 def response_along(run: Run, row: int) -> float:
-    """What all that was added does along a row."""
+    """The sum of all added responses along a row."""
     total = 0.0
     for i in range(run.coordinate_indices.shape[1]):
         total += run.normals[row, i] * run.swing[run.coordinate_indices[row, i]]
@@ -224,7 +222,7 @@ def response_along(run: Run, row: int) -> float:
 
 @jit_separate
 def prepare_patterns(run: Run) -> None:
-    """Give patterns the parameters of the run, list what closed links are, and forget all boxes."""
+    """Copy the run's parameters to patterns, list the coordinates of closed links, and discard all boxes."""
     run.counters[BEGUN], run.counters[FAULT], run.counters[MEETS], run.spans[SHARE] = 0, 0, 0, 1.0
     for k in range(run.handed.shape[0]):
         pattern = pattern_at(run.patterns[run.handed[k, 0]])
@@ -244,7 +242,7 @@ FIRST, MIDDLE, LAST, SINCE, AT_END = range(5)
 
 @jit_separate
 def margin(run: Run, a: int, release_kind: int) -> float:
-    """What of a closed link falls to zero where it lifts, its grip breaks, or its slip stops."""
+    """The margin of a closed link, which falls to zero where it lifts, its grip breaks, or its slip stops."""
     row = closed_link_row(run, a)
     if release_kind == LIFTS:
         return float(run.loads[a])
@@ -273,7 +271,7 @@ def margin_rounding(run: Run, a: int, release_kind: int, size: float) -> float:
 
 @jit_separate
 def size_of_forces(run: Run) -> float:
-    """The largest scaled force of closed links, or acceleration that they hold, just found."""
+    """The largest scaled force of closed links, or acceleration that they oppose, of the last solution."""
     size = 0.0
     for row in range(closed_from(run), closed_from(run) + rows_of_closed(run)):
         size = max(size, abs(run.vectors[X, row]), abs(run.vectors[RIGHT, row]))
@@ -282,7 +280,7 @@ def size_of_forces(run: Run) -> float:
 
 @jit_separate
 def release_of(run: Run, a: int, size: float) -> int:
-    """What happens to a closed link by the forces just found, of a size; 0 for nothing."""
+    """The release of a closed link by the last forces, whose size is given; 0 for none."""
     if margin(run, a, LIFTS) < -margin_rounding(run, a, LIFTS, size):
         return LIFTS
     grip = grip_at(run, a)
@@ -294,7 +292,7 @@ def release_of(run: Run, a: int, size: float) -> int:
 
 @jit_separate
 def note_margins(run: Run, margin_row: int) -> None:
-    """Note what may fall to zero of every closed link: its force, and what is left of its grip, or its slip."""
+    """Store the margins of every closed link: its normal force, and the rest of its grip, or its slip."""
     for a in range(run.closed[0]):
         grip = grip_at(run, a)
         run.release_functions[margin_row, 2 * a], run.release_functions[margin_row, 2 * a + 1] = (
@@ -307,7 +305,7 @@ def note_margins(run: Run, margin_row: int) -> None:
 
 @jit_separate
 def least_margin(run: Run) -> float:
-    """The least of what falls to zero in the trial, as it was found last.
+    """The least margin of releasing links in the trial, by the last forces.
 
     One that rounding cannot tell from zero where the search begins, as a slip that has just begun, falls to below zero by as
     much.
@@ -321,7 +319,7 @@ def least_margin(run: Run) -> float:
 
 @jit_separate
 def remaining_margin(run: Run, a: int, size: float) -> float:
-    """What is left of that which falls to zero of one closed link, with forces of a size."""
+    """The margin of a releasing link, by forces of a given size, plus rounding if the margin began as rounding."""
     release_kind = run.lifted[a]
     begins, rounding = (
         run.release_functions[FIRST, 2 * a + (0 if release_kind == LIFTS else 1)],
@@ -332,7 +330,7 @@ def remaining_margin(run: Run, a: int, size: float) -> float:
 
 @jit_separate
 def keep_passed_margins(run: Run) -> None:
-    """Forget, of what falls to zero in the trial, that which has not done so by the end that it was shortened to."""
+    """Discard releases whose margin has not reached zero by the end that the trial was shortened to."""
     size = size_of_forces(run)
     for a in range(run.closed[0]):
         if run.lifted[a] > 0 and remaining_margin(run, a, size) > 0.0:

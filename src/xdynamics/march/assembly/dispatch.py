@@ -1,6 +1,6 @@
-"""What assemblies do in a march: at its start, on every trial, where links meet.
+"""The part of assemblies in a march: at its start, on every trial, where links meet.
 
-What the record says of links at an event: impulses, rest and take-off.
+At an event the record gets impulses, rest and take-off of links.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ def note_link_changes(run: Run, row_before: int) -> None:
 
 @jit_separate
 def note_links(run: Run, t: float) -> None:
-    """Write what is closed in the trial's state, which is that of the row that is being written."""
+    """Write the closed links of the trial's state to the row that is being written."""
     if run.closed[0] == 0:
         return
     forces_at(run, run.z, t)
@@ -223,7 +223,7 @@ append_row_apart, note_samples_apart, grow_step_apart = (
 
 
 def run_assembly_command(address: Any, number: float, command: int) -> None:
-    """Do what assemblies need; an entry of the engine.
+    """Run a command of assemblies; an entry of the engine.
 
     Parameters
     ----------
@@ -381,7 +381,7 @@ def find_meeting(run: Run) -> None:
 
 @jit_separate
 def judge_impulses(run: Run) -> None:
-    """End the march where impulses over the step were not found."""
+    """End the march if impulses over the step have no solution."""
     run.counters[MEETS] = 0
     if run.counters[FAULT] != 0:
         end_march(run, REASON_CONTACT)
@@ -390,7 +390,7 @@ def judge_impulses(run: Run) -> None:
 
 @jit_separate
 def closed_links_hold(run: Run) -> bool:
-    """Whether forces of closed links were found, and their gaps are closed; else the march has ended."""
+    """Whether closed links have forces and their gaps are closed; else the march has ended."""
     # negated, so that nan counts as not found
     if not run.spans[STRAIN] <= ALLOWED:
         give_up(run, STRAINED, REASON_CONTACT)
@@ -463,7 +463,7 @@ def land_on_meeting(run: Run) -> None:
 
 @jit_separate
 def strike_links(run: Run, t: float) -> bool:
-    """Find impulses of links that touch, and which of them are closed then; whether these were found.
+    """Solve for impulses of links that touch, and for the closed links after them; whether both succeed.
 
     What stops slips and bounces that are too low may have others approach, which are struck in their turn.
     """
@@ -493,7 +493,7 @@ def go_on_after_impacts(run: Run, reached: bool) -> None:
 
 @jit_separate
 def is_hasty(run: Run) -> bool:
-    """Whether a great many events have followed each other within what their times are located to."""
+    """Whether a great many events have followed each other within the resolution of their times."""
     soon = run.trial[0].t - run.now[0].t <= 4.0 * finest_resolution(run, run.trial[0].h)
     run.counters[HASTE] = run.counters[HASTE] + 1 if soon else 0
     return bool(run.counters[HASTE] > MOST_HASTE)
@@ -508,7 +508,7 @@ def note_idleness(run: Run, changes: bool) -> None:
 
 @jit_separate
 def keeps_energy(run: Run) -> bool:
-    """Whether kinetic energy changed by what the event took and moving surfaces gave, as far as rounding goes.
+    """Whether the change of kinetic energy agrees, to rounding, with the event's loss and the surfaces' work.
 
     For masses M and impulses p with M (v1 - v0) = p it changes by p (v0 + v1)/2, whatever the law of impacts.
     """
@@ -522,6 +522,7 @@ def keeps_energy(run: Run) -> bool:
         * (energy_before + energy_after + run.spans[TERMS])
     )
     run.spans[FIGURE] = abs(energy_after - energy_before + run.spans[LOSS] - run.spans[WORK])
+    # negated, so that nan breaks the guard, too
     if not run.spans[FIGURE] <= bound:
         blame(run, ENERGY, 0, 0)
         return False

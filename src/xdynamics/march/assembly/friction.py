@@ -1,20 +1,17 @@
-"""Coulomb's friction of many links: a force along each slip, at most a fraction of the normal force of the same link.
+"""Coulomb's friction of many links: a force along each slip, at most a fraction of that link's normal force.
 
 A link that grips has any force within its bounds and no slip, or that at a bound, against the slip; one that slides has
-that of its sliding. One link is solved for after the other, and now and then all of those are that seem to press, to hold
-and to slide. Where that does not settle, as with masses that differ by many powers of ten, normal forces are solved for
-with bounds as they are, then bounds are made anew, until nothing changes (Necas, Jarusek, Haslinger, Boll. Un. Mat. Ital.
-B 17, 1980, 796; Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008, section 13.7).
+that of its sliding. One link is solved for after the other (nonlinear block Gauss-Seidel, M. Jean, Comput. Methods
+Appl. Mech. Eng. 177, 1999, 235): each exactly, with the forces or impulses of all others as they are; a turn costs as
+much as one product with W. Now and then all links are solved for that seem to press, to hold and to slide.
 
-Forces, or impulses, of links with friction, one link after the other.
+Where that does not settle, as with masses that differ by many powers of ten, normal forces are solved for with bounds
+as they are, then bounds are made anew, until nothing changes (Necas, Jarusek, Haslinger, Boll. Un. Mat. Ital. B 17,
+1980, 796; Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008, section 13.7).
 
-M. Jean, Comput. Methods Appl. Mech. Eng. 177, 1999, 235 (nonlinear block Gauss-Seidel). Each link is solved for exactly,
-with those of all others as they are; a turn costs as much as one product with W.
-
-Equations of all links that hold, where others drag as their links press: solved for at once.
-
-They are not symmetric, as a drag is a share of another force. Generalised conjugate residuals (Eisenstat, Elman, Schultz,
-SIAM J. Numer. Anal. 20, 1983, 345) need as many directions as there are forces at most, and a few at a time.
+The equations of all links that hold, where others drag as their links press, are solved at once. They are not
+symmetric, as a drag is a share of another force. Generalised conjugate residuals (Eisenstat, Elman, Schultz, SIAM J.
+Numer. Anal. 20, 1983, 345) need as many directions as there are forces at most, and a few at a time.
 """
 
 from __future__ import annotations
@@ -90,7 +87,7 @@ def sweep_links(run: Run, first: int, rows: int, relaxation: float, backward: bo
 
 @jit_separate
 def add_up(run: Run, first: int, rows: int) -> None:
-    """Sum what the solution changes of everything that links read."""
+    """Sum the solution's effect on all coordinates that links read."""
     clear_responses(run, first, rows)
     for row in range(first, first + rows):
         add_unknown_change(run, row, run.vectors[X, row])
@@ -98,7 +95,7 @@ def add_up(run: Run, first: int, rows: int) -> None:
 
 @jit_separate
 def add_unknown_change(run: Run, row: int, change: float) -> None:
-    """Add what a change of one unknown does."""
+    """Add the effect of a change of one unknown."""
     respond(run, row, change * run.vectors[SCALE, row])
 
 
@@ -110,7 +107,7 @@ def gradient_along(run: Run, row: int) -> float:
 
 @jit_separate
 def solve_alone(run: Run, row: int, opening: float, slipping: float) -> None:
-    """Solve for the force of one link and its friction, of gradients; they stay where these two have no solution.
+    """Solve for a link's normal force and friction from their gradients; both stay if there is no solution.
 
     Scaled, each answers itself with one: opening + x + across*t is zero, or positive where x is zero, and the friction t
     is -slipping - across*x, or at a bound, which is `ratio` times what the link presses with.
@@ -158,7 +155,7 @@ def go_beyond(run: Run, row: int, old: float, drag: float, relaxation: float) ->
 
 @jit_separate
 def across_of(run: Run, row: int) -> float:
-    """What the slip of a link answers to its own normal force, scaled."""
+    """The response of a link's slip to its own normal force, scaled."""
     total = 0.0
     for i in range(run.coordinate_indices.shape[1]):
         total += run.normals[row + 1, i] * run.unit_responses[row, i]
@@ -206,7 +203,7 @@ def refine_all(run: Run, n: int, right_size: float, first: int, rows: int) -> fl
 
 @jit_separate
 def apply_all(run: Run, source: int, target: int, returned_share: float, first: int, rows: int) -> None:
-    """Compute what forces, their drags and a share of what is given back do along everything that holds."""
+    """Compute the effect of forces, their drags and a share of the returned drags along every holding row."""
     clear_responses(run, first, rows)
     for row in range(first, first + rows):
         amount, ratio = run.vectors[source, row] * run.vectors[SCALE, row], run.vectors[RATIO, row]
@@ -236,7 +233,7 @@ def follow_paths(run: Run, enough: float, first: int, rows: int) -> None:
 
 @jit_separate
 def follow_path(run: Run, k: int, first: int, rows: int) -> bool:
-    """Go along the newest direction, made to differ from all before, as far as what is amiss falls; whether it leads on."""
+    """Step along the newest direction, orthogonalised, to the least residual; whether it decreases."""
     for j in range(k):
         across, image_square = 0.0, 0.0
         for row in range(first, first + rows):
@@ -283,7 +280,7 @@ def solve_links(run: Run, first: int, count: int) -> float:
 
 @jit_separate
 def solve_from(run: Run, first: int, count: int) -> float:
-    """Do so from the forces that are there, of links with friction."""
+    """Solve for forces of links with friction, from the present forces on."""
     rows = 2 * count
     pose_press_bounds(run, first, rows)
     if run.plan[0].links == STEP_LINKS:
@@ -294,7 +291,7 @@ def solve_from(run: Run, first: int, count: int) -> float:
 
 @jit_separate
 def pose_press_bounds(run: Run, first: int, rows: int) -> None:
-    """Write down what all links are given, and that they may press without bound."""
+    """Store the right sides of all links, and unbounded pressures."""
     for row in range(first, first + rows):
         run.vectors[GIVEN, row], run.vectors[OWN_SCALE, row] = run.vectors[RIGHT, row], run.vectors[SCALE, row]
         run.vectors[LEAST, row], run.vectors[MOST, row] = 0.0, inf
@@ -302,7 +299,7 @@ def pose_press_bounds(run: Run, first: int, rows: int) -> None:
 
 @jit_separate
 def follow_bounds(run: Run, first: int, rows: int) -> float:
-    """Solve with bounds as they are, then make these anew, until nothing changes; return the residual, as above."""
+    """Solve with fixed bounds, then renew these, until no bound changes; return the residual of the full problem."""
     left, change, change_before, turn, attempt = 0.0, 0.0, inf, 0, 2
     for row in range(first + 1, first + rows, 2):
         grips = run.vectors[GRIP, row] > 0.0 and run.vectors[SCALE, row] > 0.0
@@ -342,7 +339,7 @@ def sweep_all(run: Run, first: int, rows: int) -> float:
 
 @jit_separate
 def relax_all(run: Run, first: int, rows: int) -> float:
-    """Do so by changes beyond what is to change, for impulses of steps whose own error is far larger.
+    """Solve by over-relaxation, for impulses of steps, whose own error is far larger.
 
     Where such changes go round in a circle, smaller ones, or one turn up the list of links and one down, often do not. More
     links than pivots are for are solved for along Lemke's path, and fewer of them where nothing else did.
@@ -436,13 +433,13 @@ def bound_row(run: Run, row: int) -> None:
 
 @jit_separate
 def load_of(run: Run, pressing: int, row: int, returned_share: float) -> float:
-    """What a link presses with: a solution, if it presses, and a share of what it gives back."""
+    """The pressure of a link: its solution, if it presses, and a share of its restitution."""
     return max(run.vectors[pressing, row], 0.0) * run.vectors[SCALE, row] + returned_share * run.vectors[RETURNED, row]
 
 
 @jit_separate
 def friction_residual(run: Run, first: int, rows: int) -> float:
-    """How far the solution is from one of the whole problem, over the size of the terms; gradients are in `RESIDUE`."""
+    """The residual of the full problem over the size of its terms; gradients are in `RESIDUE`."""
     worst, size = 0.0, max(largest_entry(run, X, first, rows), largest_entry(run, RIGHT, first, rows))
     apply_link_effects(run, X, RESIDUE, first, rows)
     for row in range(first, first + rows):
@@ -487,7 +484,7 @@ def try_contact_sets(run: Run, first: int, rows: int) -> bool:
 
 @jit_separate
 def choose_sets(run: Run, first: int, rows: int) -> None:
-    """Have the others hold: of links that do not press, and frictions at a bound, each has what a step along its gradient asks."""
+    """Choose the links that hold; others are set by a step along their gradients, onto their bounds."""
     for row in range(first, first + rows, 2):
         pressing = run.vectors[X, row] - run.vectors[RESIDUE, row]
         rubbing = run.vectors[X, row + 1] - run.vectors[RESIDUE, row + 1]
@@ -556,7 +553,7 @@ def solve_in_turn(run: Run, first: int, rows: int) -> float:
 
 @jit_separate
 def press_along(run: Run, pressing: int, given_share: float, first: int, rows: int) -> float:
-    """Solve for forces where links press with those of a vector as they drag, and a share of what is given."""
+    """Solve for forces of links that drag by the pressures of a vector, and by a share of given forces."""
     clear_responses(run, first, rows)
     for row in range(first + 1, first + rows, 2):
         if run.vectors[RATIO, row] != 0.0:
@@ -587,7 +584,7 @@ def drag_residual(run: Run, first: int, rows: int) -> float:
 
 @jit_separate
 def reduce_drag_residual(run: Run, enough: float, first: int, rows: int) -> None:
-    """Change what links that drag press with until forces agree, or all directions are used up."""
+    """Change the pressures of dragging links until forces agree, or all directions are used up."""
     for k in range(run.paths.shape[0] // 2):
         if largest_entry(run, AMISS, first, rows) <= enough / 4.0:
             return

@@ -1,9 +1,9 @@
 """Closed links hold a motion: forces at every evaluation, and a state that is put back on them after every step.
 
-Forces of closed links that hold more than needs holding: of many shares, one within all bounds, and one that lasts.
-
-Where a share of before still fits, with the same links at their bounds, it is gone on with: forces then change as the
-motion does, and do not jump from one share to another, of which each jump would seem to lift a link or break its grip.
+Where closed links hold more than needs holding, their forces have many shares; one within all bounds is taken, and one
+that lasts. Where a share of before still fits, with the same links at their bounds, it is gone on with: forces then
+change as the motion does, and do not jump from one share to another, of which each jump would seem to lift a link or
+break its grip.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def shares_hold(run: Run, first: int, rows: int) -> bool:
 
 @jit_separate
 def shares_are_found(run: Run, first: int, rows: int) -> bool:
-    """Share forces anew, first from what was shared last, as far as it goes, then from what is there."""
+    """Share forces anew, first from the last shares, as far as these apply, then from the present ones."""
     if solve_from(run, first, run.closed[0]) <= ALLOWED and all_held(run, first, rows):
         return True
     for row in range(first, first + rows):
@@ -128,7 +128,7 @@ def shares_are_found(run: Run, first: int, rows: int) -> bool:
 
 @jit_separate
 def all_held(run: Run, first: int, rows: int) -> bool:
-    """Whether no closed link accelerates along what it holds."""
+    """Whether no closed link accelerates along its constrained directions."""
     is_balanced, size = True, max(largest_entry(run, X, first, rows), largest_entry(run, RIGHT, first, rows))
     for row in range(first, first + rows):
         if run.vectors[DRAG, row] == 0.0:
@@ -141,7 +141,7 @@ MOST_CORRECTIONS = 10  # Newton steps to gaps of zero
 
 
 def add_closed_link_forces(address: Any, t: float, z: Any) -> None:
-    """Add to accelerations what the forces of closed links change; an entry of the engine, called by laws.
+    """Add the effect of closed links' forces to accelerations; an entry of the engine, called by laws.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def add_closed_link_forces(address: Any, t: float, z: Any) -> None:
 
 @jit_separate
 def press_closed(run: Run, t: float, state: State) -> None:
-    """Find forces of closed links after which no gap accelerates, and add what they do to a state's accelerations."""
+    """Solve for forces of closed links, so that no gap accelerates, and add their effect to accelerations."""
     if run.counters[READY] == 0:
         prepare_patterns(run)
     look_at_closed(run, t, state)
@@ -178,7 +178,7 @@ def press_closed(run: Run, t: float, state: State) -> None:
 
 @jit_separate
 def put_on_closed_links(run: Run, t: float) -> None:
-    """Put the trial's state back on its closed links, if there are any, and evaluate the forces there."""
+    """Project the trial's state onto its closed links, if there are any, and evaluate the forces there."""
     run.spans[STRAIN], run.spans[ASTRAY] = 0.0, 0.0
     if run.closed[0] == 0 or not finite_state(run):
         return
@@ -218,7 +218,7 @@ def project_on_links(run: Run, t: float) -> None:
 
 @jit_separate
 def release_moved(run: Run, t: float) -> None:
-    """Let go of closed links whose gaps, or rates, are not zero in the trial's state, where an event has set it.
+    """Release closed links whose gaps, or rates, are not zero in a state that an event has set.
 
     Those that stuck and now slip slide.
     """

@@ -1,13 +1,10 @@
-"""Impacts of many links at once: impulses that solve a linear complementarity problem, or one link after the other.
+"""Impacts of many links: impulses from a linear complementarity problem, or of one link after the other.
 
-Few links are solved for by Lemke's method, many by `normal_forces`, whose residual has to fall to rounding. Laws are
-those of `march.contacts.impact`.
+Few links are solved for by Lemke's method, many by `normal_forces`, whose residual has to fall to rounding. Impacts of
+one link at a time, with friction, are solved in closed form: Newton's law, or the energetic coefficient of restitution.
+Laws are those of `march.contacts.impact`, whose references these are.
 
-Links that touch as an impact begins, and what impulses along each of them do.
-
-Impacts of one link at a time, with friction, in closed form: Newton's law, or the energetic coefficient of restitution.
-
-Laws are those of `march.contacts.impact` and `march.contacts.impact`, whose references these are.
+Links that touch as an impact begins are listed with the effect of an impulse along each of them.
 """
 
 from __future__ import annotations
@@ -94,7 +91,7 @@ OVERLAPPING = 4.0  # times how far a gap may be from zero: a deeper overlap ends
 
 @jit_separate
 def list_touching(run: Run, t: float) -> bool:
-    """List the links that touch in the order of their numbers, with what impulses along each do."""
+    """List the links that touch in the order of their numbers, with the responses to impulses along each."""
     run.counters[TOGETHER], all_listed = 0, True
     for m in range(run.counters[CLOSE]):
         all_listed = all_listed and admit(run, run.close[m], t, False)
@@ -149,7 +146,7 @@ def gap_of(run: Run, k: int) -> tuple[float, float, float]:
 
 @jit_separate
 def enlist(run: Run, k: int, gap: float, slack: float) -> int:
-    """List a candidate, which has just been looked at, in its place; return this, -1 where the list cannot be made."""
+    """Insert an evaluated candidate into the sorted list; return its index, -1 if the list cannot be made."""
     c, link, list_index = run.candidates[k, ASSEMBLY], run.candidates[k, LINK], run.counters[TOGETHER]
     pattern = pattern_at(run.patterns[2 * c + 1])
     if list_index >= run.touching.shape[0]:
@@ -182,7 +179,7 @@ def is_listed_after(run: Run, a: int, c: int, link: int) -> bool:
 
 @jit_separate
 def move_listed_link(run: Run, source: int, target: int) -> None:
-    """Move a link that is listed to another place."""
+    """Move a listed link to another index."""
     for j in range(run.touching.shape[1]):
         run.touching[target, j] = run.touching[source, j]
     rows = run.counters[ROWS]
@@ -195,7 +192,7 @@ def move_listed_link(run: Run, source: int, target: int) -> None:
 
 @jit_separate
 def note_link(run: Run, a: int, k: int, gap: float, slack: float) -> None:
-    """Note a link that touches, from its pattern."""
+    """Store the normal row of a link that touches, from its pattern."""
     c = run.candidates[k, ASSEMBLY]
     assembly, pattern, self_response = run.assemblies[c], pattern_at(run.patterns[2 * c + 1]), 0.0
     row = int(run.counters[ROWS]) * a
@@ -222,7 +219,7 @@ def note_link(run: Run, a: int, k: int, gap: float, slack: float) -> None:
 
 @jit_separate
 def note_slip(run: Run, a: int, k: int) -> None:
-    """Note the slip of a link that touches, from its pattern."""
+    """Store the slip row of a link that touches, from its pattern."""
     assembly, row, numbers = run.assemblies[run.candidates[k, ASSEMBLY]], 2 * a + 1, run.touching
     for j in range(RUBS, NUMBERS):
         numbers[a, j] = 0.0
@@ -300,7 +297,7 @@ def slip_at(run: Run, a: int) -> float:
 
 @jit_separate
 def give_impulses(run: Run, a: int, impulse: float, pull: float) -> None:
-    """Change velocities by the impulses of a link, and sum these and the energy that they take."""
+    """Change velocities by the impulses of a link, and sum these and the energy that they dissipate."""
     rate, slip, row = gap_rate(run, a), slip_at(run, a), int(run.counters[ROWS]) * a
     apply_impulse(run, row, impulse)
     if has_friction(run, a):
@@ -331,7 +328,7 @@ def reverse(run: Run, a: int) -> bool:
 
 @jit_separate
 def answer_of(run: Run, a: int, rate: float, slip: float) -> tuple[bool, float, float]:
-    """Whether a link alone has impulses, and these: normal, along its slip; of rates without them, for a gap not to close."""
+    """Whether a link alone has impulses that keep its gap open, and these: normal, along its slip."""
     self_response = run.touching[a, OWN]
     if rate >= 0.0 or not has_friction(run, a):
         return True, max(0.0, -rate / self_response), 0.0
@@ -421,7 +418,7 @@ def strike_link(run: Run, a: int) -> bool:
 
 @jit_separate
 def spend_impulses(run: Run, a: int, impulse: float, pull: float) -> bool:
-    """Give a link the impulses that were found; whether they make no other link approach that did not."""
+    """Apply the solved impulses to a link; whether no other link that was apart approaches by them."""
     give_impulses(run, a, impulse, pull)
     for b in range(run.counters[TOGETHER]):
         if b != a and run.touching[b, ACTS] == 0.0 and couple(run, a, b):
@@ -438,7 +435,7 @@ ALLOWED_OVER_STEP = 1e-6  # of rates: what impulses over a step may leave, whose
 
 @jit_separate
 def collide_links(run: Run) -> bool:
-    """Change the velocities of the trial's state by the impulses of the links that touch; whether they were found."""
+    """Change the trial's velocities by the impulses of the links that touch; whether these have a solution."""
     if not any_link_approaches(run):
         return True
     law = run.assemblies[run.candidates[int(run.touching[0, CANDIDATE]), ASSEMBLY]].law
@@ -458,7 +455,7 @@ def collide_links(run: Run) -> bool:
 
 @jit_separate
 def weigh_link_impulses(run: Run) -> None:
-    """Add the energy that impulses took, what moving surfaces gave by them, and the size of the terms."""
+    """Sum the energy loss of impulses, the work of moving surfaces, and the size of the terms."""
     for a in range(run.counters[TOGETHER]):
         impulse = run.touching[a, TOTAL]
         run.spans[LOSS] += run.touching[a, LOST]
@@ -481,7 +478,7 @@ def any_link_approaches(run: Run) -> bool:
 
 @jit_separate
 def any_open_approaches(run: Run) -> bool:
-    """Whether a link that was not closed just now approaches; what is left of others is by directions of a moment ago."""
+    """Whether a link without impulse approaches; residual rates of others stem from slightly old directions."""
     approaches = False
     for a in range(run.counters[TOGETHER]):
         approaches = approaches or (run.touching[a, ACTS] == 0.0 and gap_rate(run, a) < -run.touching[a, SLACK])
@@ -517,7 +514,7 @@ def press_links(run: Run, share: float) -> bool:
 
 @jit_separate
 def restore_link_impulses(run: Run) -> bool:
-    """Have each link give back its share of the impulse of compression (Poisson)."""
+    """Add each link's share of restitution to its impulse of compression (Poisson)."""
     rows = int(run.counters[ROWS])
     for a in range(run.counters[TOGETHER]):
         acts = run.touching[a, ACTS] == 1.0
@@ -565,7 +562,7 @@ def solve_link_impulses(run: Run) -> bool:
 
 @jit_separate
 def largest_slack(run: Run) -> float:
-    """What rounding may leave of the residual of all links together: of their rates, and of what impulses change them by.
+    """The rounding bound of the residual of all links: of their rates, and of the changes by impulses.
 
     A ball below many others has an impulse that would give it alone many times the velocity of all.
     """
@@ -595,7 +592,7 @@ def impulse_residual(run: Run) -> float:
 
 @jit_separate
 def solve_by_gradients(run: Run) -> bool:
-    """Find the impulses by projected gradients; whether they are finite, `impulse_residual` says how good they are."""
+    """Solve for impulses by projected gradients; whether they are finite. `impulse_residual` judges them."""
     count, rows = run.counters[TOGETHER], int(run.counters[ROWS])
     for a in range(count):
         acts, row = run.touching[a, ACTS] == 1.0, rows * a
@@ -620,7 +617,7 @@ def solve_by_gradients(run: Run) -> bool:
 
 @jit_separate
 def pose_slip(run: Run, a: int, acts: bool, slip: float) -> None:
-    """Write what a link's slip, or its acceleration, is to change by; nothing where it has no friction."""
+    """Store the wanted change of a link's slip, or of its acceleration; zero without friction."""
     row, acts = 2 * a + 1, acts and run.touching[a, RUBS] == 1.0
     scale = 1.0 / sqrt(run.touching[a, SLIP_OWN]) if acts else 0.0
     run.vectors[SCALE, row], run.vectors[OWN_SCALE, row] = scale, scale

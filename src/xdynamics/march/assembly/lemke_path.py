@@ -1,23 +1,22 @@
-"""Impulses of many links with friction along the path of Lemke's method, piece by piece.
+"""Forces, or impulses, of many links with friction along the path of Lemke's method, piece by piece.
 
-Rates without impulses are given, and t times others are added to these. As t falls links cross from piece to piece of
-`cone_pieces`, and where one that slides presses what it slides on, t rises for a while. Where all links open at first, and
-each gives way a little, the path cannot end but at t = 0 (Cottle, Pang, Stone, The Linear Complementarity Problem, 1992,
-section 4.4; of friction Stewart, Trinkle, Int. J. Numer. Methods Eng. 39, 1996, 2673). From impulses that are nearly right
-it is far shorter, and may lead away; then it is begun anew.
+The method serves where improving one link after the other does not settle. Rates without impulses are given, and t
+times others are added to these. As t falls links cross from piece to piece of their surfaces, and where one that slides
+presses what it slides on, t rises for a while. Where all links open at first, and each gives way a little, the path
+cannot end but at t = 0 (Cottle, Pang, Stone, The Linear Complementarity Problem, 1992, section 4.4; of friction
+Stewart, Trinkle, Int. J. Numer. Methods Eng. 39, 1996, 2673). From impulses that are nearly right it is far shorter,
+and may lead away; then it is begun anew.
 
-What a link with friction may do, as pieces of one surface: it opens, holds, or slides one way or the other.
+What a link with friction may do are pieces of one surface: it opens, holds, or slides one way or the other. Impulse x
+and rate w of a link are together two numbers that may be given: of one that opens its rates, of one that holds its
+impulses, of one that slides its normal impulse and its slip. Where a piece ends another begins. Each link gives way by
+a small part of its impulses, w = W x - b + `GIVES` (x - y), so that impulses are one value of rates, also of links that
+hold more than needs holding; y, from before, is what they are nearly.
 
-Impulse x and rate w of a link are together two numbers that may be given: of one that opens its rates, of one that holds its
-impulses, of one that slides its normal impulse and its slip. Where a piece ends another begins. Each link gives way by a small
-part of its impulses, w = W x - b + `GIVES` (x - y), so that impulses are one value of rates, also of links that hold more
-than needs holding; y, from before, is what they are nearly.
-
-Forces, or impulses, of links with friction by Lemke's method, where improving one after the other does not settle.
-
-Friction along a known line is one complementarity problem (Stewart, Trinkle, Int. J. Numer. Methods Eng. 39, 1996, 2673):
-of each link its normal force; of one that grips also its friction either way, and a slip rate that is positive only where
-that friction is at its bound. A link that slides drags in proportion to its normal force, which needs no unknown.
+Friction along a known line is one complementarity problem (Stewart, Trinkle, Int. J. Numer. Methods Eng. 39, 1996,
+2673): of each link its normal force; of one that grips also its friction either way, and a slip rate that is positive
+only where that friction is at its bound. A link that slides drags in proportion to its normal force, which needs no
+unknown.
 """
 
 from __future__ import annotations
@@ -77,7 +76,7 @@ def slip_sign(run: Run, row: int) -> float:
 
 @jit_separate
 def pose_pieces(run: Run, first: int, rows: int, n: int) -> None:
-    """Factor the matrix of coordinates with what all links do."""
+    """Factor the matrix of coordinates with the contributions of all links' pieces."""
     pose_masses(run, first, rows, n)
     for row in range(first, first + rows, 2):
         if run.vectors[PIECE, row] != OPENS:
@@ -91,7 +90,7 @@ def pose_pieces(run: Run, first: int, rows: int, n: int) -> None:
 
 @jit_separate
 def take_up(run: Run, row: int, n: int, changes: int, piece: int) -> int:
-    """Let a link go on to a piece next to its own; return how many products are beside the factors then."""
+    """Move a link to a neighbouring piece; return the number of products beside the factors."""
     scale, slip_scale = run.vectors[SCALE, row], run.vectors[SCALE, row + 1]
     piece_before, holds = int(run.vectors[PIECE, row]), HOLDS in (int(run.vectors[PIECE, row]), piece)
     # of the two pieces the one that may slide, for `slip_sign`
@@ -188,7 +187,7 @@ def solve_by_pivots(run: Run, first: int, rows: int) -> bool:
 
 @jit_separate
 def count_unknowns(run: Run, first: int, rows: int) -> tuple[int, int]:
-    """Count links that may press and those that grip; the place of each among these is in `AMISS`."""
+    """Count links that may press and those that grip; `AMISS` has the index of each among these."""
     links, grips = 0, 0
     for row in range(first, first + rows, 2):
         run.vectors[AMISS, row], run.vectors[AMISS, row + 1] = -1.0, -1.0
@@ -203,7 +202,7 @@ def count_unknowns(run: Run, first: int, rows: int) -> tuple[int, int]:
 
 @jit_separate
 def pose_forces(run: Run, first: int, rows: int, links: int, grips: int) -> None:
-    """Write what a unit of each force does along every link, and what is there without them."""
+    """Write the effect of a unit of each force along every link, and the rates without forces."""
     n, constant_column = links + 3 * grips, 2 * (links + 3 * grips) + 1
     clear_responses(run, first, rows)
     for row in range(first, first + rows, 2):
@@ -231,7 +230,7 @@ def pose_forces(run: Run, first: int, rows: int, links: int, grips: int) -> None
 
 @jit_separate
 def add_drag(run: Run, row: int, load: float) -> None:
-    """Add what a link that slides drags with, if it presses with a load."""
+    """Add the drag of a sliding link that presses with a load."""
     if run.vectors[SCALE, row + 1] > 0.0:
         respond(run, row + 1, run.vectors[DRAG, row + 1] * load)
 
@@ -250,7 +249,7 @@ def pose_entry(run: Run, row: int, first: int, links: int, grips: int, column: i
 
 @jit_separate
 def pose_friction_bounds(run: Run, first: int, rows: int, links: int, grips: int) -> None:
-    """Write that friction is at most what its link presses with allows, or slips."""
+    """Write the complementarity of grips: friction within the bound by pressure, or slip."""
     n = links + 3 * grips
     for row in range(first + 1, first + rows, 2):
         grip, press = int(run.vectors[AMISS, row]), int(run.vectors[AMISS, row - 1])
@@ -289,7 +288,7 @@ UNEVEN = 0.6180339887498949  # by which rooms differ, so that no two links cross
 
 @jit_separate
 def follow_from_near(run: Run, first: int, rows: int, n: int) -> bool:
-    """Find impulses from those that are there; whether that was done, else these stay."""
+    """Solve for impulses from the present ones; whether that succeeds, else these stay."""
     begin_near(run, first, rows)
     return take_end_of_path(run, first, rows, n, 1.0, int(FROM_NEAR * rows), ASTRAY)
 
@@ -303,7 +302,7 @@ def follow_from_far(run: Run, first: int, rows: int, n: int) -> bool:
 
 @jit_separate
 def come_nearer(run: Run, first: int, rows: int, n: int) -> bool:
-    """Find impulses anew that are nearly those that were found, by which links give way less; whether that was done."""
+    """Solve again near the present impulses, so that links give way less; whether that succeeds."""
     for row in range(first, first + rows):
         run.vectors[TRIED, row] = run.vectors[X, row]
         free_before = run.vectors[FREE, row]
@@ -314,7 +313,7 @@ def come_nearer(run: Run, first: int, rows: int, n: int) -> bool:
 
 @jit_separate
 def take_end_of_path(run: Run, first: int, rows: int, n: int, t: float, max_crossings: int, astray: float) -> bool:
-    """Take the impulses to which a path leads; whether it leads to any."""
+    """Set the impulses at the end of a path; whether the path has an end."""
     if not follow_crossings(run, first, rows, n, t, max_crossings, astray):
         return False
     for row in range(first, first + rows):
@@ -324,7 +323,7 @@ def take_end_of_path(run: Run, first: int, rows: int, n: int, t: float, max_cros
 
 @jit_separate
 def begin_far(run: Run, first: int, rows: int) -> float:
-    """Let all links open, by rates that differ a little; return the t from which on they do."""
+    """Open all links, by slightly different rates; return the t from which on they are open."""
     start, share = 0.0, 0.0
     for row in range(first, first + rows, 2):
         share += UNEVEN - (1.0 if share + UNEVEN >= 1.0 else 0.0)
@@ -338,7 +337,7 @@ def begin_far(run: Run, first: int, rows: int) -> float:
 
 @jit_separate
 def begin_near(run: Run, first: int, rows: int) -> None:
-    """Let each link do what a step of its impulses against its rates asks, and give it the rates by which it does."""
+    """Set each link to the piece that a step of its impulses against its rates gives, with consistent rates."""
     apply_link_effects(run, X, RATE, first, rows)
     for row in range(first, first + rows):
         run.vectors[RATE, row] -= run.vectors[RIGHT, row]

@@ -1,19 +1,18 @@
 """Forces of links that touch, at accelerations without them: which press, which grip, and which slide.
 
-Motions of links that are as low as bounces that may be skipped, and the sizes by which that is judged.
+Motions of links as low as bounces that may be skipped are judged by sizes that are stated here. Slow slips are stopped
+at once, as bounces that are too low are skipped. Two kinds are:
 
-Slow slips that are stopped at once, as bounces that are too low are skipped.
-
-Two kinds are. A slip without forces, where links wedge and the more they press the more is needed (Painlevé's paradox;
-Génot and Brogliato, Eur. J. Mech. A 18, 1999, 653): an impulse stops it, as if at an impact without approach.
+A slip without forces, where links wedge and the more they press the more is needed (Painlevé's paradox; Génot and
+Brogliato, Eur. J. Mech. A 18, 1999, 653): an impulse stops it, as if at an impact without approach.
 
 A slip that an impact began, if friction ends it before it has gone as far, or lasted as long, as a bounce that may be
 skipped. What would go on is not stopped, however slow: it speeds up, or its brake is too weak.
 
-Impulses that stop slips have to lie in the cones of friction; those of the second kind together with what forces, once all
-is held, give within the time of such a bounce. Then one time step of that length by Moreau and Jean ends there, too (Jean,
-Comput. Methods Appl. Mech. Eng. 177, 1999, 235; Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems,
-2008, chapter 10). Links whose impulses would leave their cones slide on, as long as there are forces then.
+Impulses that stop slips have to lie in the cones of friction; those of the second kind together with what forces, once
+all is held, give within the time of such a bounce. Then one time step of that length by Moreau and Jean ends there, too
+(Jean, Comput. Methods Appl. Mech. Eng. 177, 1999, 235; Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical
+Systems, 2008, chapter 10). Links whose impulses would leave their cones slide on, as long as there are forces then.
 """
 
 from __future__ import annotations
@@ -85,7 +84,7 @@ LOW = 1e-9  # of the height of the highest bounce: those that may be skipped, un
 
 @jit_separate
 def link_resolution(run: Run, a: int) -> float:
-    """The time within which what happens to a link is located."""
+    """The time resolution of a link's events."""
     return resolution_of(run, int(run.touching[a, CANDIDATE]), 0.0)
 
 
@@ -188,7 +187,7 @@ def pose_grip(run: Run, a: int, acts: bool) -> None:
 
 @jit_separate
 def note_accelerations(run: Run) -> None:
-    """Note the acceleration of every gap that touches, with the forces just found."""
+    """Store the acceleration of every touching gap, with the last forces."""
     count, rows = run.counters[TOGETHER], int(run.counters[ROWS])
     clear_responses(run, 0, rows * count)
     for a in range(count):
@@ -203,7 +202,7 @@ def note_accelerations(run: Run) -> None:
 
 @jit_separate
 def pressed_along(run: Run, row: int, bias: float) -> float:
-    """The acceleration along a row with what forces of links add."""
+    """The acceleration along a row, forces of links included."""
     total = acceleration_along(run, row, bias)
     for i in range(run.coordinate_indices.shape[1]):
         total += run.normals[row, i] * run.swing[run.coordinate_indices[row, i]]
@@ -212,7 +211,7 @@ def pressed_along(run: Run, row: int, bias: float) -> float:
 
 @jit_separate
 def halt_slips(run: Run) -> bool:
-    """Have slips grip that are as slow as bounces that may be skipped, where no forces exist else; whether forces do then.
+    """Stop slips as slow as skipped bounces, where no forces exist otherwise; whether forces exist then.
 
     Of these, those slide on whose impulses would leave their cones of friction, as long as there are forces.
     """
@@ -227,7 +226,7 @@ def halt_slips(run: Run) -> bool:
 
 @jit_separate
 def hold_cones(run: Run) -> bool:
-    """Let links slide on that only an impulse outside their cones of friction would stop, if there are forces then."""
+    """Let links slide on whose stop needs an impulse outside their friction cone, if forces exist then."""
     any_halts = False
     for a in range(run.counters[TOGETHER] if run.counters[ROWS] == 2 else 0):
         any_halts = any_halts or run.touching[a, HALTED] != 0.0
@@ -243,14 +242,14 @@ def hold_cones(run: Run) -> bool:
 
 @jit_separate
 def find_again(run: Run) -> bool:
-    """Solve for forces after others were not found."""
+    """Solve for forces after an earlier solution failed."""
     run.spans[STRAIN] = 0.0
     return bool(solve_forces(run))
 
 
 @jit_separate
 def free_outside(run: Run) -> bool:
-    """Let links slide on, of those that are halted, whose impulses would leave their cones of friction; whether any does."""
+    """Release halted links whose impulses would leave their friction cones; whether there is any."""
     count, any_leaves, lasting = run.counters[TOGETHER], False, skipped_time(run)
     pose_stop(run)
     solve_equations(run, 0, 2 * count)
@@ -298,7 +297,7 @@ def pose_stop(run: Run) -> None:
 
 @jit_separate
 def halt_again(run: Run) -> None:
-    """Have links grip that were to slide on."""
+    """Halt the links that were to slide on."""
     for a in range(run.counters[TOGETHER]):
         if run.touching[a, HALTED] == 0.0 and run.touching[a, GOES_ON] == 1.0:
             run.touching[a, HALTED] = WEDGED
@@ -306,7 +305,7 @@ def halt_again(run: Run) -> None:
 
 @jit_separate
 def end_slips(run: Run) -> bool:
-    """Have links grip that an impact set slipping, if friction ends that soon, but not where they slip on; whether any changes."""
+    """Stop slips of an impact that friction ends soon, unless they slip on; whether any changes."""
     if run.counters[ROWS] == 1 or not was_struck(run):
         return False
     any_changes, force = False, largest_entry(run, X, 0, 2 * run.counters[TOGETHER])
@@ -338,7 +337,7 @@ def was_struck(run: Run) -> bool:
 
 @jit_separate
 def check_cone(run: Run, a: int, pressing: float, rubbing: float, lasting: float) -> None:
-    """Note an impulse that stopped a slip and rubs by more than friction allows, or pulls."""
+    """Record an impulse that stopped a slip with more friction than allowed, or by pulling."""
     needed = share_of_cone(run, a, pressing, rubbing, lasting)
     if needed <= 1.0 + ALLOWED:
         return

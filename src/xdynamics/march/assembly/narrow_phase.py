@@ -1,17 +1,17 @@
-"""When the first links of a trial meet: pieces of the step are cut until every link is proven to stay apart, or meets.
+"""The narrow phase: the first links of a trial that meet, and the first closed links that release.
 
-A link stays apart on a piece where its gap is positive, or its rate nowhere negative; it meets where its rate is
-negative all over a piece that ends with a gap that is not positive. States at cuts are those of shortened steps, put back
-on closed links, which moves bodies a little: a link that sinks by that alone, though it does not approach, meets as well.
+Pieces of the step are cut until every link is proven to stay apart, or meets. A link stays apart on a piece where its
+gap is positive, or its rate nowhere negative; it meets where its rate is negative all over a piece that ends with a gap
+that is not positive. States at cuts are those of shortened steps, put back on closed links, which moves bodies a
+little: a link that sinks by that alone, though it does not approach, meets as well.
 
-When a closed link lifts, its grip breaks or its slip stops: at a step's end, or within a step at whose end it holds again.
-
-Forces within a step are looked at on the cubic that its states and velocities leave: at its middle, for a method of many
-stages at more places, and where a parabola through a force, or what is left of a grip, at start, middle and end falls to
-zero. What is found there is found again in a shortened step before it counts; a step shortened to a release at its end is
-looked into as well. What passes zero and returns between these places, by more than a parabola shows, is not found. Where
-nothing changed by more than a twentieth in several steps, nor at their middles, only every sixteenth step is looked into,
-and those in which something changes.
+A closed link lifts, its grip breaks or its slip stops: at a step's end, or within a step at whose end it holds again.
+Forces within a step are looked at on the cubic that its states and velocities leave: at its middle, for a method of
+many stages at more places, and where a parabola through a force, or what is left of a grip, at start, middle and end
+falls to zero. What is found there is found again in a shortened step before it counts; a step shortened to a release at
+its end is looked into as well. What passes zero and returns between these places, by more than a parabola shows, is not
+found. Where nothing changed by more than a twentieth in several steps, nor at their middles, only every sixteenth step
+is looked into, and those in which something changes.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def fastest_velocity(run: Run) -> float:
 
 @jit_separate
 def remember_fastest(run: Run) -> None:
-    """Keep the largest velocity of the march; what rounding leaves of a rate is a share of it, and of what forces give."""
+    """Update the march's largest velocity, of which, with that of forces, the rounding of rates is a share."""
     run.greatest[0] = max(run.greatest[0], run.spans[FASTEST], velocity_held_back(run))
 
 
@@ -154,7 +154,7 @@ def push_piece(run: Run, k: int, s: float) -> None:
 
 @jit_separate
 def classify_links(run: Run, start: float, end: float, finest: bool) -> int:
-    """What is known of the links that are close on a piece: none meets, one does, or the piece has to be cut."""
+    """Classify the close links on a piece: none meets, one meets, or the piece has to be cut."""
     piece, t, verdict = run.piece[0], run.now[0].t, FREE
     piece.start, piece.end, piece.width = t + start, t + end, end - start
     piece.part = int(end - start < run.spans[WHOLE_STEP])
@@ -281,7 +281,7 @@ def finest_resolution(run: Run, s: float) -> float:
 
 @jit_separate
 def least_at_start(run: Run, t: float, of_gaps: bool) -> float:
-    """The least of what falls on the piece, at its start."""
+    """The least gap, or force of closed links, at the start of the piece."""
     if of_gaps:
         return least_gap(run, run.near, t)
     forces_at(run, run.near, t)
@@ -291,7 +291,7 @@ def least_at_start(run: Run, t: float, of_gaps: bool) -> float:
 
 @jit_separate
 def least_on_piece(run: Run, state: State, t: float, of_gaps: bool) -> float:
-    """The least of what falls on the piece: gaps, or forces of closed links."""
+    """The least gap, or force of closed links, at a state of the piece."""
     if of_gaps:
         return least_gap(run, state, t)
     forces_at(run, state, t)
@@ -346,7 +346,7 @@ def find_release(run: Run) -> bool:
 
 @jit_separate
 def shorten_to_release(run: Run, h: float) -> None:
-    """Shorten the trial, or a part of it, to end just after the first of what happens to links by its end; note only that."""
+    """Shorten the trial, or a part of it, to just after the first release, and store only that release."""
     copy_numbers(run.y, run.near)
     copy_numbers(run.z, run.far)
     close_in(run, 0.0, h, False)
@@ -356,7 +356,7 @@ def shorten_to_release(run: Run, h: float) -> None:
 
 @jit_separate
 def any_release(run: Run) -> bool:
-    """Note what happens to each closed link by the forces just found; whether anything does."""
+    """Store the release of each closed link by the last forces; whether there is any."""
     size, releases = size_of_forces(run), False
     for a in range(run.closed[0]):
         run.lifted[a] = release_of(run, a, size)

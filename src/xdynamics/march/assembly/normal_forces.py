@@ -1,20 +1,19 @@
 """Forces, or impulses, of many links together: equations W x = b, and complementarity 0 <= W x - b, 0 <= x.
 
-W is the effect of each link on each, scaled so that every link answers itself with one; it is never formed. Equations are
-solved by conjugate residuals (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., 2003, algorithm 6.20), whose
-residual never grows; where links hold more than needs holding, the solution from zero on is that of least norm. The
-complementarity problem is that of a quadratic function on x >= 0, solved by modified proportioning with reduced gradient
-projections (Dostal, Schoeberl, Comput. Optim. Appl. 30, 2005, 23, doi:10.1007/s10589-005-4557-7); with friction each
-unknown has a greatest value, too.
+W is the effect of each link on each, scaled so that every link answers itself with one; it is never formed. Equations
+are solved by conjugate residuals (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., 2003, algorithm 6.20),
+whose residual never grows; where links hold more than needs holding, the solution from zero on is that of least norm.
+The complementarity problem is that of a quadratic function on x >= 0, solved by modified proportioning with reduced
+gradient projections (Dostal, Schoeberl, Comput. Optim. Appl. 30, 2005, 23, doi:10.1007/s10589-005-4557-7); with
+friction each unknown has a greatest value, too.
 
-Equations of a few links at once: a dense matrix, eliminated with the largest pivot of each column.
-
-Iterations need about as many products with the matrix as there are forces, and generalised residuals as many directions,
-each made to differ from all before; up to some hundred forces elimination is several times as fast (Golub, Van Loan,
-Matrix Computations, 4th ed., 2013, section 3.4). Where links hold more than needs holding a pivot vanishes. Its unknown is
-put last; of what is left in the end the largest entry is the pivot, until that is zero: what a solution may have added to it, the null space, is taken
-from it, which leaves that of least norm (section 5.5). Whether it is one of all equations, those that depend on others too,
-the residual tells.
+Equations of a few links are a dense matrix, eliminated with the largest pivot of each column. Iterations need about as
+many products with the matrix as there are forces, and generalised residuals as many directions, each made to differ
+from all before; up to some hundred forces elimination is several times as fast (Golub, Van Loan, Matrix Computations,
+4th ed., 2013, section 3.4). Where links hold more than needs holding a pivot vanishes. Its unknown is put last; of what
+is left in the end the largest entry is the pivot, until that is zero: what a solution may have added to it, the null
+space, is taken from it, which leaves that of least norm (section 5.5). Whether it is one of all equations, those that
+depend on others too, the residual tells.
 """
 
 from __future__ import annotations
@@ -98,7 +97,7 @@ def pose_equations(run: Run, first: int, rows: int, n: int, drags: bool) -> floa
 
 @jit_separate
 def chain_rows(run: Run, n: int) -> None:
-    """Chain the rows of n equations that read the same coordinate: most of a heap's links have none in common.
+    """Chain the rows of n equations that read a common coordinate: most of a heap's links have none in common.
 
     `chains` has, for each coordinate, the place of the first entry of a row that reads it, and for each entry the next.
     """
@@ -114,7 +113,7 @@ def chain_rows(run: Run, n: int) -> None:
 
 @jit_separate
 def factor_rows(run: Run, n: int, smallest_pivot: float) -> int:
-    """Factor the matrix by rows, with unknowns that have no pivot above the least put last; return how many have one."""
+    """Factor the matrix by rows; unknowns with too small pivots go last. Return the number of the others."""
     k, last = 0, n
     while k < last:
         best = k
@@ -140,7 +139,7 @@ def exchange_rows(run: Run, n: int, k: int, second_row: int) -> None:
 
 @jit_separate
 def reduce_rows(run: Run, n: int, k: int) -> None:
-    """Take an unknown out of all later equations."""
+    """Eliminate an unknown from all later equations."""
     for i in range(k + 1, n):
         if run.problem[i, k] != 0.0:
             share = run.problem[i, k] / run.problem[k, k]
@@ -151,7 +150,7 @@ def reduce_rows(run: Run, n: int, k: int) -> None:
 
 @jit_separate
 def factor_dependent(run: Run, n: int, done: int, smallest_pivot: float) -> bool:
-    """Factor what is left until nothing above the least is, and find the null space; whether most equations are independent."""
+    """Factor the rest with complete pivoting, and compute the null space; whether most equations are independent."""
     rank = n
     for k in range(done, n):
         row, column = k, k
@@ -185,7 +184,7 @@ def exchange_columns(run: Run, n: int, k: int, second_column: int) -> None:
 
 @jit_separate
 def note_null_vector(run: Run, n: int, rank: int, j: int) -> None:
-    """Note, in the unknowns' own order, one vector of what a solution may have added to it, orthogonal to those before."""
+    """Store one vector of the null space, in the unknowns' own order, orthogonal to those before."""
     target, order = n + NULL + j, n + UNKNOWNS
     for i in range(n):
         run.problem[i, target] = 0.0
@@ -217,7 +216,7 @@ def is_dependent(run: Run, n: int) -> bool:
 
 @jit_separate
 def add_solution(run: Run, n: int, residual: int, target: int) -> None:
-    """Add to a vector what removes a residual, by the factors of n equations, and leave it the one of least norm."""
+    """Add to a vector the correction of a residual by the factors of n equations, of least norm."""
     rank, order = int(run.problem[0, n + RANK]), n + UNKNOWNS
     for i in range(rank):
         total = run.vectors[residual, run.basis[int(run.problem[i, n + EQUATIONS])]]
@@ -378,7 +377,7 @@ def solve_bounded(run: Run, first: int, count: int) -> float:
 
 @jit_separate
 def greatest_answer(run: Run, first: int, count: int) -> float:
-    """An upper bound of what W does to any vector: the largest sum of absolute values in a row."""
+    """An upper bound of the norm of W: the largest sum of absolute values in a row."""
     clear_responses(run, first, count)
     for a in range(first, first + count):
         for i in range(run.coordinate_indices.shape[1]):
@@ -430,7 +429,7 @@ def renew_gradient(run: Run, first: int, count: int) -> None:
 
 @jit_separate
 def begin_way(run: Run, first: int, count: int) -> None:
-    """Let the way be the free gradient."""
+    """Set the search direction to the free gradient."""
     for a in range(first, first + count):
         run.vectors[WAY, a] = free_gradient(run, a)
 
@@ -480,6 +479,7 @@ def follow_way(run: Run, step: float, first: int, count: int) -> bool:
     """Make a step of conjugate gradients, or to the first bound and along the free gradient; whether there is one."""
     apply_link_effects(run, WAY, IMAGE, first, count)
     curve, longest = scalar_product(run, WAY, IMAGE, first, count), way_to_bounds(run, first, count)
+    # negated, so that a curvature of nan ends the search as well
     if not curve > 0.0:
         return False
     length = scalar_product(run, RESIDUE, WAY, first, count) / curve

@@ -1,9 +1,9 @@
-"""Moreau's time-stepping for many links: what they do over a whole step, as impulses at its middle.
+"""Moreau's time-stepping for many links: their action over a complete step, as impulses at its middle.
 
-A link acts whose gap is closed in the middle of the step, or as near to it as impulses are solved for. After the step its
-rate is not less than -e times the rate before, and its friction has stopped its slip or is at its bound (Moreau 1999,
-doi:10.1016/S0045-7825(98)00387-9; Jean 1999, doi:10.1016/S0045-7825(98)00383-1). `march.contacts.dispatch` does the
-same for contacts that are written out.
+A link acts whose gap is closed in the middle of the step, or as near to it as impulses are solved for. After the step
+its rate is not less than -e times the rate before, and its friction has stopped its slip or is at its bound (Moreau
+1999, doi:10.1016/S0045-7825(98)00387-9; Jean 1999, doi:10.1016/S0045-7825(98)00383-1). `march.contacts.dispatch` does
+the same for contacts that are written out.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def step_links(run: Run, t1: float) -> None:
 
 @jit_separate
 def spread_step_impulses(run: Run, t1: float) -> None:
-    """Add to a state inside a step what the impulses of all of it, which `whole` has, have changed by then."""
+    """Add to a state inside a step the effect of the step's impulses, in `whole`, up to its time."""
     n, h, part = run.plan[0].coordinates, run.trial[0].h, run.spans[SPREAD]
     for i in range(n):
         run.z[i] += h / 2.0 * part * run.whole[i]
@@ -130,7 +130,7 @@ def press_on(run: Run, middle: float, h: float, k: int) -> bool:
 
 @jit_separate
 def push_listed_links(run: Run) -> bool:
-    """Change the velocities of the trial by the impulses of the links that are listed; whether these were found."""
+    """Change the trial's velocities by the impulses of the listed links; whether these have a solution."""
     for a in range(run.counters[TOGETHER]):
         run.touching[a, ACTS], run.touching[a, GIVES_BACK] = 1.0, 0.0
         run.touching[a, TARGET_RATE] = run.touching[a, BOUNCE] * min(run.touching[a, RATE], 0.0)
@@ -139,7 +139,7 @@ def push_listed_links(run: Run) -> bool:
 
 @jit_separate
 def note_pressed(run: Run, t: float) -> None:
-    """Write to the log what pressed over the step that led to the row that is being written, its forces as means."""
+    """Write the pressing links of the last step to the log, with forces as means over the step."""
     h = run.trial[0].h
     for a in range(run.counters[TOGETHER]):
         if run.touching[a, IMPULSE] > 0.0:
@@ -157,7 +157,7 @@ def note_pressed(run: Run, t: float) -> None:
 
 @jit_separate
 def mode_along_slip(run: Run, a: int) -> int:
-    """What a link did along its slip."""
+    """The mode of a link along its slip over the step."""
     if run.touching[a, RUBS] == 0.0:
         return FRICTIONLESS
     slip, pull, friction_limit = (

@@ -3,7 +3,7 @@
 Contacts that touch and do not part are candidates; the accelerations decide which of them stay closed, and what sticks
 or slips.
 
-Contacts whose bounces shrink: when the bounces end, and when skipping them begins.
+Of contacts whose bounces shrink, the end of the bounces and the bounce from which they are skipped are computed.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ ALIKE = 1e-10  # of the effect of a reaction on its own row: what is left of it 
 
 @jit_separate
 def solve_active_set(run: Run) -> bool:
-    """Determine from the state what contacts and friction do, and inform the forces; whether there is a solution."""
+    """Determine the modes of contacts and friction at the state, and inform the forces; whether they exist."""
     for k in range(run.touches.shape[0]):
         assign_part(run, k)
     solved = run.at[UNSOUND] == 0.0 and has_valid_friction(run) and solvable(run) and solve_reactions(run)
@@ -116,7 +116,7 @@ def solvable(run: Run) -> bool:
 
 @jit_separate
 def set_contact_mode(run: Run, k: int) -> None:
-    """Set what a reaction does, from the forces and accelerations just found."""
+    """Set the mode of a reaction from the last forces and accelerations."""
     touch = run.touches[k]
     if run.reactions[k].role == NORMAL:
         if touch.part != PRESSING or contact_opens(run, k):
@@ -144,7 +144,7 @@ def contact_opens(run: Run, k: int) -> bool:
 
 @jit_separate
 def inform(run: Run) -> None:
-    """Store what contacts do, after the parameters, and wake the detectors of what may come next."""
+    """Store the modes of contacts after the parameters, and wake the detectors of possible next events."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
         if run.plan[0].contacts == STEP_IN_TIME:
@@ -162,7 +162,7 @@ def inform(run: Run) -> None:
 
 @jit_separate
 def release_redundant(run: Run) -> None:
-    """Release reactions that hold only what others hold already.
+    """Release reactions whose constraints follow from those of others.
 
     Two corners of a block on a floor both keep it from sliding, and rigid bodies do not determine how they share the
     force: the motion is unique, and the first of them take all of it. Found by L D L^T of the reactions that hold.
@@ -197,7 +197,7 @@ def stays_closed(run: Run, k: int) -> bool:
 
 @jit_separate
 def update_detector(run: Run, i: int) -> None:
-    """Wake a detector or let it sleep; a gap may not be negative, nor what presses or grips."""
+    """Wake or suspend a detector; gaps, pressing forces and grips must stay non-negative."""
     detector, watch = run.detectors[i], run.watches[i]
     if detector.reaction < 0:
         return
@@ -230,7 +230,7 @@ ROUNDS = 4  # of examining again which contacts settle
 
 @jit_separate
 def bounce(run: Run, t: float) -> bool:
-    """Let contacts settle whose bounces shrink to nothing; whether there is a solution then."""
+    """Close contacts whose bounces shrink to nothing; whether there is a solution then."""
     impact = had_impact(run)
     for k in range(run.touches.shape[0]):
         if run.reactions[k].role == NORMAL:
@@ -276,7 +276,7 @@ def unseen(run: Run, k: int, t: float) -> bool:
 
 @jit_separate
 def ends_soon(run: Run, k: int, t: float) -> bool:
-    """Whether bounces end at a known time, and all of them are low; that time is kept.
+    """Whether bounces end at a known time, which is stored, and all of them are low.
 
     Each time, a contact opens more slowly than the last time, by a factor q, and the next bounce takes q times as long:
     durations are a geometric series, for a ball (q is its coefficient of restitution) and, once it is small, for a

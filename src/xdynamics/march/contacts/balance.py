@@ -1,11 +1,10 @@
-"""The guards of a group of events: what contacts did to a state is checked against the record of it.
+"""Guards of contacts: the effect of a group of events, and every recorded row, against the law of contact.
 
-Each is an identity of mechanics, whatever the law of impacts and however surfaces move, so that its residual is due to
-rounding, or to the location of events. A group that breaks one ends the run.
+The guards of a group of events are identities of mechanics, whatever the law of impacts and however surfaces move, so
+that their residual is due to rounding, or to the location of events. A group that breaks one ends the run.
 
-The guard of recorded rows: contacts press and do not pull, friction stays within its bound, gaps are not negative.
-
-The march lands where one of these would be broken. A row that breaks one all the same contradicts the law of contact,
+The guard of recorded rows: contacts press and do not pull, friction stays within its bound, gaps are not negative. The
+march lands where one of these would be broken. A row that breaks one all the same contradicts the law of contact,
 whatever led to it, and ends the run.
 """
 
@@ -64,7 +63,7 @@ def open_balance(run: Run) -> None:
 
 @jit_separate
 def note_broken_guard(run: Run, guard: int, owner: int, figure: float, bound: float) -> None:
-    """Note the first guard that is broken; a figure that is NaN breaks it, too."""
+    """Store the first guard that is broken; a figure that is NaN breaks it, too."""
     if run.balance[GUARD] == KEPT_ALL and not figure <= bound:
         run.balance[GUARD], run.balance[OWNER], run.balance[FIGURE], run.balance[BOUND] = guard, owner, figure, bound
 
@@ -154,7 +153,7 @@ def weigh_energies(run: Run, first: int) -> None:
 
 @jit_separate
 def find_led_velocities(run: Run) -> None:
-    """Leave in `whole` the velocities that constraints give to a motion that has none."""
+    """Store in `whole` the velocities that constraints impose on a state at rest."""
     n = run.plan[0].coordinates
     for i in range(run.z.shape[0]):
         run.whole[i] = 0.0 if n <= i < 2 * n else run.z[i]

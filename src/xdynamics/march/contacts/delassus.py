@@ -1,22 +1,20 @@
-"""Contacts and friction elements at a state, and the forces or impulses that they have together.
+"""The problem of contacts and friction elements at a state: their common forces or impulses, by complementarity.
 
 Each reaction has a part in a problem: it presses (is non-negative, and its contact does not approach), it grips (is
 within its bound, and does not slip), it slides, or its value is known. The same problem is posed in rates for impulses,
 and in accelerations for forces (Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008,
 chapter 10).
 
-Linear complementarity problems: w = M z + q with w and z non-negative and, one by one, not both positive.
-
-Lemke's method, with ties broken lexicographically so that it cannot circle (Cottle, Pang, Stone, The Linear
+The linear complementarity problem is w = M z + q with w and z non-negative and, one by one, not both positive. It is
+solved by Lemke's method, with ties broken lexicographically so that it cannot circle (Cottle, Pang, Stone, The Linear
 Complementarity Problem, 1992, section 4.4). It finds a solution where M is copositive-plus and there is one, as in
 impacts and contacts with Coulomb's friction; where it ends on a ray, it has found none.
 
-Gaps of contacts, their rates, and how uncertain rounding leaves both.
+Gaps of contacts and their rates come with the uncertainty that rounding leaves in both.
 
-Closed contacts and sticking friction hold a state: the drift of a step is taken back.
-
-The state is projected along the directions in which the reactions act, positions first, then velocities (Hairer,
-Lubich, Wanner, Geometric Numerical Integration, 2006, section VII.1.4): no energy is gained, and no drift grows.
+Closed contacts and sticking friction hold a state: the drift of a step is taken back. The state is projected along the
+directions in which the reactions act, positions first, then velocities (Hairer, Lubich, Wanner, Geometric Numerical
+Integration, 2006, section VII.1.4): no energy is gained, and no drift grows.
 """
 
 from __future__ import annotations
@@ -188,7 +186,7 @@ def solve_reactions(run: Run) -> bool:
 
 @jit_separate
 def reaction_effect(run: Run, k: int) -> float:
-    """The effect of all reactions just found on the rate, or acceleration, of one."""
+    """The effect of all solved reactions on the rate, or acceleration, of one."""
     total = 0.0
     for j in range(run.touches.shape[0]):
         total += run.delassus[k, j] * run.touches[j].found
@@ -197,7 +195,7 @@ def reaction_effect(run: Run, k: int) -> float:
 
 @jit_separate
 def add_impulses(run: Run) -> bool:
-    """Add the impulses just found to those of the whole impact, and change the rates by them."""
+    """Add the solved impulses to those of the complete impact, and change the rates by them."""
     for j in range(run.touches.shape[0]):
         touch = run.touches[j]
         rate_before = touch.rate
@@ -209,7 +207,7 @@ def add_impulses(run: Run) -> bool:
 
 @jit_separate
 def place_unknowns(run: Run) -> int:
-    """Number the unknowns, and note what a unit of each adds to the reactions; return how many there are."""
+    """Number the unknowns, and store their unit effects on the reactions; return their number."""
     n, m = 0, run.touches.shape[0]
     for k in range(m):
         touch = run.touches[k]
@@ -284,14 +282,14 @@ def free_rate(run: Run, k: int) -> float:
 
 @jit_separate
 def slips(run: Run, k: int) -> bool:
-    """Whether a grip slips all the same."""
+    """Whether a grip slips, by the solution of the problem."""
     touch = run.touches[k]
     return run.solution[touch.place + 2] > SMALL * touch.scale * size_of_terms(run, k)
 
 
 @jit_separate
 def size_of_terms(run: Run, k: int) -> float:
-    """The size of the terms of a reaction's rate, or acceleration, with all reactions just found."""
+    """The size of the terms of a reaction's rate, or acceleration, with all solved reactions."""
     size = abs(run.touches[k].origin)
     for j in range(run.touches.shape[0]):
         size += abs(run.delassus[k, j] * run.touches[j].found)
@@ -303,7 +301,7 @@ BLUR = 16.0 * EPS  # of the numbers whose difference a gap is, or of t: less is 
 
 @jit_separate
 def collect_detectors(run: Run) -> None:
-    """Note which detector has located an event of each reaction."""
+    """Store the detector that has located an event of each reaction."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
         touch.hit, touch.total = NONE, 0.0
@@ -405,13 +403,14 @@ MOST_NEWTON_STEPS = 10  # Newton steps to a gap of zero
 
 @jit_separate
 def hold_closed_contacts(run: Run, t: float, settling: bool) -> None:
-    """Put the trial's state on the constraints that hold it, if any, and evaluate the forces there."""
+    """Project the trial's state onto closed contacts and grips, if any, and evaluate the forces there."""
     run.at[UNSOUND] = 0.0
     if list_holding(run, settling) == 0 or not finite_state(run):
         return
     projection_before = run.z[run.plan[0].moved]
     is_held = hold_positions(run, t, settling) and hold_rates(run, t, settling)
     evaluate_held(run, t, run.z, 0.0)
+    # negated, so that an earlier nan, of constraints that failed, stays
     if run.plan[0].held > 0 and not projection_before <= run.z[run.plan[0].moved]:
         run.z[run.plan[0].moved] = (
             projection_before  # how far constraints moved the result of the step; nan if they failed
@@ -465,7 +464,7 @@ def hold_rates(run: Run, t: float, settling: bool) -> bool:
 
 @jit_separate
 def move_along_reactions(run: Run, count: int, first: int) -> bool:
-    """Move positions, or from place `first` on velocities, along the reactions by what `column` says of each gap."""
+    """Move positions, or velocities from index `first` on, along reactions by the gap changes in `column`."""
     for i in range(count):
         for j in range(count):
             run.square[i * count + j] = run.delassus[run.chosen[i], run.chosen[j]]

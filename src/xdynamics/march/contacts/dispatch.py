@@ -1,13 +1,11 @@
-"""What contacts do in a march: at its start, after every step, at every event.
+"""The part of contacts in a march: at its start, after every step, at every event.
 
-After an event, all that they do is derived again from the state; see `march.contacts.active_set`.
+After an event, the effect of all contacts is derived again from the state; see `march.contacts.active_set`. The record
+gets the impulses, rest, take-off, stick and slip of contacts and friction at the event.
 
-What the record says of contacts and friction at an event: impulses, rest, take-off, stick and slip.
-
-Moreau's time-stepping: the action of contacts over a whole step, as impulses at its middle.
-
-The law of impacts holds for a contact that stays as for one that is hit: after the step its rate is not less than -e
-times the rate before. No event is located, and many contacts may close and open in one step.
+Moreau's time-stepping takes the action of contacts over a complete step, as impulses at its middle. The law of impacts
+holds for a contact that stays as for one that is hit: after the step its rate is not less than -e times the rate
+before. No event is located, and many contacts may close and open in one step.
 """
 
 from __future__ import annotations
@@ -73,7 +71,7 @@ from xdynamics.schema import STICK as STUCK
 
 @jit_separate
 def note_contact_impacts(run: Run, first: int) -> None:
-    """Note the impulse of each contact, and the energy that it took."""
+    """Write the impulse of each contact to the log, and the energy that it dissipated."""
     n = run.plan[0].coordinates
     for k in range(run.touches.shape[0]):
         if run.reactions[k].role != NORMAL or run.touches[k].total == 0.0:
@@ -89,7 +87,7 @@ def note_contact_impacts(run: Run, first: int) -> None:
 
 @jit_separate
 def note_contact_changes(run: Run, first: int) -> None:
-    """Note what contacts and friction do after the events."""
+    """Write the modes of contacts and friction after the events to the log."""
     for k in range(run.touches.shape[0]):
         touch, state_before = run.touches[k], run.touches[k].held
         if run.reactions[k].role == NORMAL:
@@ -107,7 +105,7 @@ def note_contact_changes(run: Run, first: int) -> None:
 
 @jit_separate
 def note_contact(run: Run, k: int, first: int) -> None:
-    """Note that a contact came to rest, or opened."""
+    """Write to the log that a contact came to rest, or opened."""
     touch, struck = run.touches[k], run.touches[k].total != 0.0
     if touch.hit == LIMIT and touch.state == CLOSED:
         note_rest(run, k, event_row_of(run, k, first))
@@ -123,7 +121,7 @@ def note_contact(run: Run, k: int, first: int) -> None:
 
 @jit_separate
 def note_rest(run: Run, k: int, e: int) -> None:
-    """Note that a contact came to rest, with the energy of the bounces that were skipped."""
+    """Write to the log that a contact came to rest, with the energy of the skipped bounces."""
     run.log_events[e].kind, run.log_events[e].murk = REST, 2.0 * run.touches[k].doubt
     run.balance[SKIPPED] += run.touches[k].lost
     run.log_impulses[run.plan[0].coordinates, e] += run.touches[k].lost
@@ -229,7 +227,7 @@ def push_closed_contacts(run: Run, h: float) -> bool:
 
 @jit_separate
 def conclude_step(run: Run, k: int) -> None:
-    """Set what a contact, or friction, did over the step."""
+    """Set the mode of a contact, or friction, over the step."""
     touch = run.touches[k]
     if run.reactions[k].role == NORMAL:
         touch.state = CLOSED if touch.found > 0.0 else OPEN
@@ -242,7 +240,7 @@ def conclude_step(run: Run, k: int) -> None:
 
 
 def run_contact_command(address: Any, t: float, command: int) -> None:
-    """Do what contacts need; an entry of the engine.
+    """Run a command of contacts; an entry of the engine.
 
     Parameters
     ----------
@@ -285,7 +283,7 @@ def run_contact_command(address: Any, t: float, command: int) -> None:
 
 @jit_separate
 def begin_contacts(run: Run, t: float) -> None:
-    """Determine what contacts and friction do at the start."""
+    """Determine the modes of contacts and friction at the start."""
     copy_numbers(run.y, run.z)
     look_at_links(run, t)
     for k in range(run.touches.shape[0]):
@@ -310,7 +308,7 @@ def begin_contacts(run: Run, t: float) -> None:
 
 @jit_separate
 def derive_again(run: Run, t: float) -> None:
-    """Determine what contacts do after the events at the trial's end, whose impacts have changed forces."""
+    """Determine the modes of contacts after the events at the trial's end, whose impacts have changed forces."""
     look_at_links(run, t)
     find_touching(run)
     if solve_active_set(run):
@@ -336,7 +334,7 @@ def settle_contacts(run: Run, t: float) -> None:
 
 @jit_separate
 def resolve(run: Run, t: float) -> None:
-    """Change the trial's state by what happens to contacts at its end."""
+    """Change the trial's state by the impacts and transitions of contacts at its end."""
     look_at_links(run, t)
     open_balance(run)
     collect_detectors(run)

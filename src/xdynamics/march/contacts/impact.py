@@ -4,20 +4,17 @@
 several contacts the impulses solve a linear complementarity problem, with Coulomb's friction for impulses.
 `poisson`: a phase of compression up to rates of zero, then each contact gives back its share of the normal impulse
 (Glocker and Pfeiffer, Nonlinear Dynamics 7, 1995, doi:10.1007/BF00121109). `sequential`: Newton's law for one contact
-after the other in declared order, until none approaches. `energetic`: see `march.contacts.impact`.
+after the other in declared order, until none approaches. `energetic`: e**2 of the work of compression returns.
 
-Phases of an impact with friction whose coefficient of restitution is energetic: e**2 of the work of compression returns.
+The phases of an energetic impact with friction are in closed form. The normal impulse p is the independent variable, in
+which rates are straight lines while the contact slips one way, or sticks (Routh; W. J. Stronge, Impact Mechanics, 2nd
+ed. 2018, chapters 3 and 4; Proc. R. Soc. Lond. A 431, 1990, 169, doi:10.1098/rspa.1990.0125): slip that comes to rest
+sticks where friction can hold it and reverses where it cannot. The work is a parabola in each such phase. No energy can
+be created, whatever friction does.
 
-The normal impulse p is the independent variable, in which rates are straight lines while the contact slips one way, or
-sticks (Routh; W. J. Stronge, Impact Mechanics, 2nd ed. 2018, chapters 3 and 4; Proc. R. Soc. Lond. A 431, 1990, 169,
-doi:10.1098/rspa.1990.0125): slip that comes to rest sticks where friction can hold it and reverses where it cannot. All
-is in closed form: the work is a parabola in each such phase. No energy can be created, whatever friction does.
-
-Impacts by the energetic coefficient of restitution, whose phases `march.contacts.impact` solves in closed form.
-
-Several contacts at once are struck one by one where none acts on another that approaches. Where they do act on each
-other, the distribution of impulses depends on their stiffnesses (Liu, Zhao, Brogliato, Proc. R. Soc. A 464, 2008, 3193,
-doi:10.1098/rspa.2008.0078), which rigid bodies do not have: there is no solution then.
+By the energetic law several contacts at once are struck one by one where none acts on another that approaches. Where
+they do act on each other, the distribution of impulses depends on their stiffnesses (Liu, Zhao, Brogliato, Proc. R.
+Soc. A 464, 2008, 3193, doi:10.1098/rspa.2008.0078), which rigid bodies do not have: there is no solution then.
 """
 
 from __future__ import annotations
@@ -79,6 +76,7 @@ def end_of_phase(
     until = -slip / sliding if slip * sliding < 0.0 else inf
     halts = until < step
     step = min(step, until)
+    # negated, so that nan has no end either
     if not step < inf:
         return WITHOUT_END, step, speed, slip, work
     speed_after = speed + opening * step if halts else reached
@@ -146,7 +144,7 @@ def tangent_of(run: Run, k: int) -> int:
 
 @jit_separate
 def strike_one(run: Run, k: int) -> bool:
-    """Find the impulse of one contact phase by phase, and what it does to all rates; whether no other one is pressed."""
+    """Solve for one contact's impulse phase by phase, with its effect on all rates; whether it presses no other."""
     tangent, normal, self_response = tangent_of(run, k), run.touches[k], run.delassus[k, k]
     speed, slip, across, slip_response, friction_ratio = normal.rate, 0.0, 0.0, 0.0, 0.0
     if tangent != FRICTIONLESS:
@@ -230,7 +228,7 @@ def strike_at_once(run: Run, law: int) -> bool:
 
 @jit_separate
 def restore_impulses(run: Run) -> bool:
-    """Have each contact give back its share of the impulse of compression."""
+    """Add each contact's share of restitution to its impulse of compression."""
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
         if touch.part == PRESSING:

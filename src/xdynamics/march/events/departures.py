@@ -1,13 +1,14 @@
-"""Acting events whose functions are zero where the motion stands: at the start, and where another event has acted.
+"""Departures of acting events whose functions are zero where the motion stands: at the start, or after an event.
 
-A function at zero says nothing of a passage; where the motion takes it does. An event has happened if the motion goes on
-in its direction, `rising` or `falling`, by the forces that hold then: a block that the force of one regime drives back
-into the other is in the other at once. An event's own action makes it happen no second time. Actions that lead back to
-a state that was met at the same instant, or crowd together in time, have no motion behind them, and end the run.
+A function at zero says nothing of a passage; where the motion takes it does. An event has happened if the motion goes
+on in its direction, `rising` or `falling`, by the forces that hold then: a block that the force of one regime drives
+back into the other is in the other at once. An event's own action makes it happen no second time. Actions that lead
+back to a state that was met at the same instant, or crowd together in time, have no motion behind them, and end the
+run.
 
-Where the motion goes from an instant at which an event function is zero: by its rate, else by how its rate changes.
+The motion goes on from such an instant by the rate of the function, else by the change of that rate.
 
-On which side of zero each event function is: where it starts, after an event, after a trial that is rejected.
+The side of zero of each event function is taken at the start, after an event, and after a trial that is rejected.
 """
 
 from __future__ import annotations
@@ -160,7 +161,7 @@ def find_sides(run: Run) -> None:
 
 @jit_separate
 def find_sides_from_rest(run: Run) -> None:
-    """Do so for functions whose rates are zero, or not known, a moment later."""
+    """Find the sides of functions whose rates are zero or unknown, by the state a moment later."""
     # `take_departure` still reads the slopes at the state itself; `arguments` is scratch space here
     copy_numbers(run.slopes, run.arguments)
     step_ahead(run, run.y, moment(run))
@@ -207,7 +208,7 @@ def take_departure(run: Run, i: int) -> None:
 
 @jit_separate
 def meet_departures(run: Run) -> None:
-    """Have the events that have happened where the march stands among those that it is noted with; no others."""
+    """Select the events that have happened at the march's present state, and no others, for the record."""
     for i in range(run.detectors.shape[0]):
         watch, departure = run.watches[i], run.departures[i]
         watch.hit, run.pending[i] = NONE, 0.0
@@ -219,7 +220,7 @@ def meet_departures(run: Run) -> None:
 
 @jit_separate
 def leave_again(run: Run) -> None:
-    """Have functions that left zero within a trial yet to leave it, where the trial is rejected or cut."""
+    """Mark functions that left zero within a rejected or cut trial as still to leave it."""
     for i in range(run.departures.shape[0]):
         if run.departures[i].leaves == LEFT:
             run.departures[i].leaves = LEAVING
@@ -227,7 +228,7 @@ def leave_again(run: Run) -> None:
 
 @jit_separate
 def end_leaving(run: Run) -> None:
-    """Note that functions which left zero within the last trial have left it for good."""
+    """Mark functions that left zero within the last trial as departed for good."""
     for i in range(run.departures.shape[0]):
         acted = run.departures[i].leaves == ACTED and run.watches[i].armed != 0
         if run.departures[i].leaves == LEFT or acted:
@@ -236,7 +237,7 @@ def end_leaving(run: Run) -> None:
 
 @jit_separate
 def has_left(run: Run, i: int) -> None:
-    """Note that a function has left zero within the trial."""
+    """Mark that a function has left zero within the trial."""
     if judges_departures(run) and run.departures[i].leaves == LEAVING:
         run.departures[i].leaves = LEFT
 
@@ -260,7 +261,7 @@ def happens_late(run: Run, i: int, came: int) -> bool:
 
 @jit_separate
 def note_rates(run: Run) -> None:
-    """Note the rates of event functions before the events at the trial's end act."""
+    """Store the rates of event functions before the events at the trial's end act."""
     for i in range(run.departures.shape[0]):
         run.departures[i].rate = 0.0 if isnan(run.slopes[i]) else run.slopes[i]
 
@@ -316,7 +317,7 @@ def judge_actions(run: Run) -> None:
 
 @jit_separate
 def accumulate_here(run: Run) -> None:
-    """Note that the actions of the instant have no end in time."""
+    """Store that the actions of the instant have no end in time."""
     for i in range(run.detectors.shape[0]):
         if run.departures[i].last == run.trial[0].t:
             run.departures[i].limit, run.departures[i].doubt = run.trial[0].t, event_resolution(run, i, 0.0)
@@ -324,7 +325,7 @@ def accumulate_here(run: Run) -> None:
 
 @jit_separate
 def note_pause(run: Run, i: int) -> None:
-    """Note when an event acts; end the run where its pauses shrink to nothing within the time tolerance.
+    """Store when an event acts; end the run where its pauses shrink to nothing within the time tolerance.
 
     Three pauses in a row whose ratio stays below 1 are as good as a geometric series, and what is left of its sum tells
     when it ends. Where rounding shapes the last ones, it is enough that pauses near the time tolerance have halved.
@@ -404,7 +405,7 @@ def rearm(run: Run, changed: bool) -> None:
 
 @jit_separate
 def rearm_behind_touch(run: Run, i: int) -> None:
-    """Arm a function that touched zero once it has left, by its uncertainty over the whole step.
+    """Arm a function that touched zero once it has left, by its uncertainty over the full step.
 
     The shortened step that ends at the touch is more certain, but the next one is as long as the one before, and would
     find the same touch again.

@@ -1,4 +1,4 @@
-"""What the search for events does for a march: at its start, on a trial near a zero, where a state is set.
+"""The search for events in a march: at its start, on a trial near a zero, where a state is set.
 
 It is compiled apart from the loop, which calls it by address.
 """
@@ -29,7 +29,7 @@ from xdynamics.schema import REASON_DOMAIN, REASON_EVENT, REASON_EVENT_FUNCTION
 
 
 def run_event_command(address: Any, _number: float, command: int) -> None:
-    """Do what events need; an entry of the engine.
+    """Run a command of events; an entry of the engine.
 
     Parameters
     ----------

@@ -7,13 +7,12 @@ that one, and Hermite's where that is narrower (`elementary.bounds`). Their Bern
 interval arithmetic, rounded outward, bounds the functions (Moore, Kearfott, Cloud, Introduction to Interval Analysis,
 2009). The rows to compute come from `kernels.interval_program`.
 
-The operations on intervals behind addresses: each reads its operands where a row says, and stores its result.
+The operations on intervals are called by address: each reads its operands where a row says, and stores its result.
 
-A region of the motion in which no event function has a zero: while steps stay inside it, none of them is examined.
-
-The region is a box of the variables of event functions: positions, velocities, states, time. Their enclosures show
-once that none has a zero anywhere in it; a step then costs only bounds of its positions, however many detectors there
-are. A step that leaves the box is examined by itself, and the box grows, or a new one is put around it.
+A silent region is a box of the variables of event functions: positions, velocities, states, time. Their enclosures show
+once that none has a zero anywhere in it. While steps stay inside the box, a step costs only bounds of its positions,
+however many detectors there are. A step that leaves the box is examined by itself, and the box grows, or a new one is
+put around it.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ _KEPT: list[machine.Code] = []  # as long as the process, as the addresses
 
 @lru_cache(maxsize=64)
 def operation_addresses(math_functions: str, needed: frozenset[str], degree: int = 0) -> NDArray[np.int64]:
-    """Return addresses of operations in the order of `RULES`, then those for a first look; 0 for what is not needed.
+    """Return addresses of operations in the order of `RULES`, then of rough ones; 0 for unused ones.
 
     Variables are enclosed by the polynomial of some degree that a step leaves, or by Hermite's where that is 0.
     """
@@ -160,7 +159,7 @@ class _Lines(FunctionLines):
         return self.line("p", f"getelementptr i64, ptr {begin}, i64 {number}").text
 
     def word(self, begin: str, number: int | str) -> LaneValue:
-        """Read a whole number."""
+        """Read an integer."""
         return self.line("w", f"load i64, ptr {self.word_address(begin, number)}, align 8")
 
     def number(self, begin: str, number: int | str) -> LaneValue:
@@ -352,7 +351,7 @@ def stays_in_region(run: Run) -> bool:
 
 @jit_inline
 def coordinate_bounds(run: Run, i: int) -> tuple[float, float]:
-    """Bounds of a coordinate between the states y and z, in few operations: they contain `enclosures.coordinate`'s."""
+    """Bounds of a coordinate between the states y and z, in few operations: they contain those of `enclose_between`."""
     n, used, w = run.plan[0].coordinates, run.plan[0].used, run.trial[0].h
     q0, v0, a0, q1, v1, a1 = run.y[i], run.y[n + i], run.y[used + i], run.z[i], run.z[n + i], run.z[used + i]
     # inner Bernstein coefficients of Hermite's quintic are q + h v/5 and q + 2 h v/5 + h**2 a/20: the sums below
@@ -378,7 +377,7 @@ def end_region(run: Run) -> None:
 
 @jit_separate
 def set_region(run: Run) -> None:
-    """Put a box around the trial just enclosed: extend the last box as far as this trial, or make a new one."""
+    """Extend the last box by the trial just enclosed, or put a new box around that trial."""
     n, region = run.box_variables.shape[0], run.region
     if region[WAIT] > 0.0:
         region[WAIT] -= 1.0

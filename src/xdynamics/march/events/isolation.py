@@ -115,7 +115,7 @@ def isolate(run: Run, final: bool) -> bool:
 
 @jit_inline
 def below_infinity(value: float) -> float:
-    """Return the size of a value, and 0 for the large number in place of infinity: beside that all others are zero."""
+    """Return the size of a value, and 0 for the large number that replaces infinity, which dwarfs all others."""
     return abs(value) if abs(value) < INFINITE else 0.0
 
 
@@ -179,7 +179,7 @@ def classify_functions(run: Run, start: float, end: float, finest: bool) -> bool
 
 @jit_separate
 def decide_piece(run: Run, start: float, end: float, border: bool) -> bool:
-    """Note what is known of a piece; whether an event that is watched for is in it or right before it.
+    """Note each event's verdict on a piece; whether a watched event is in it or right before it.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def decide_piece(run: Run, start: float, end: float, border: bool) -> bool:
 
 @jit_separate
 def decide_side(run: Run, i: int, start: float, end: float) -> None:
-    """Note on which side a function is after a piece at whose end it is not zero, and the event if it came from the other.
+    """Store the side of a function after a piece that ends away from zero, and the event if the side changed.
 
     One that is as good as zero before the piece, and on the same side before and after, has touched zero, unless it only
     leaves it.
@@ -272,7 +272,7 @@ def ends_near_event(run: Run) -> bool:
 
 @jit_separate
 def note_event_in_piece(run: Run, i: int, left: float, right: float, hit_kind: int) -> None:
-    """Note that an event is in a piece, if its direction is watched for; that of a touch is the one of its approach."""
+    """Store an event in a piece, if its direction is watched for; a touch has the direction of its approach."""
     watch, direction = run.watches[i], run.detectors[i].direction
     if direction == 0 or direction == -watch.armed:
         watch.hit, watch.left, watch.right = hit_kind, left, right
@@ -294,7 +294,7 @@ def grow_branch(run: Run, k: int, s: float) -> None:
 
 @jit_separate
 def load_branch(run: Run, k: int) -> None:
-    """Load a state that was kept, as the end of a piece."""
+    """Load a stored state as the end of a piece."""
     n = run.far.shape[0]
     for i in range(n):
         run.far[i] = run.branches[k, 1 + i]

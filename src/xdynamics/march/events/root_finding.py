@@ -100,7 +100,7 @@ def raise_left_ends(run: Run, i: int, s: float) -> None:
 
 @jit_separate
 def drop_later_events(run: Run, first: float) -> None:
-    """Leave events that the located trial does not reach to a later step; one is in it, whatever rounding says."""
+    """Leave events beyond the located trial to a later step; at least one stays, despite rounding."""
     any_reached = False
     for i in range(run.detectors.shape[0]):
         any_reached = any_reached or (run.watches[i].hit != NONE and happened(run, i, run.located[0].h))
@@ -130,7 +130,7 @@ def extend_to_event(run: Run, i: int) -> None:
 
 @jit_separate
 def is_far(run: Run, i: int, s: float) -> bool:
-    """Whether an event function is so far from zero after the first event that its own is not at the same time."""
+    """Whether an event function after the first event is too far from zero to be simultaneous."""
     if run.watches[i].broken != SMOOTH or run.detectors[i].sampled:
         return False
     set_time(run, T, run.now[0].t + s)
@@ -297,7 +297,7 @@ def point_inside(s: float, low: float, high: float, tolerance: float) -> float:
 
 @jit_separate
 def polish(run: Run, i: int, at_high: float) -> None:
-    """Move the right end next to the zero by one more secant: what is left of a gap enters every later bounce.
+    """Move the right end next to the zero by one more secant: any remaining gap enters every later bounce.
 
     Where the function was zero from the left end on, with no value to go by, `at_high` is 0.
     """
@@ -333,7 +333,7 @@ def evaluate_part(run: Run, i: int, s: float) -> None:
 
 @jit_separate
 def note_drift(run: Run, i: int) -> None:
-    """Note how far the event function on the interpolant is from that of the shortened step."""
+    """Store the difference of the event function on the interpolant from that of the shortened step."""
     s, value = run.located[0].h, run.located_g[i]
     substep(run, s)
     run.watches[i].drift = abs(run.g1[i] - value) if run.trial[0].iterations >= 0 else inf

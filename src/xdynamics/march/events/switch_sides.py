@@ -1,6 +1,6 @@
 """Sides of the switches hidden in forces: taken at the start, kept along steps, changed at events.
 
-Ticks of controllers, where what they hold changes, all from what holds just before; nodes with periodic events.
+Ticks of controllers change the values that these hold, all from the values just before. Nodes may have periodic events.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def take_sides(run: Run) -> None:
 
 @jit_separate
 def leave_zeros(run: Run) -> None:
-    """Take the side that the motion goes to where it starts on a switch; tables first, since others may read them."""
+    """Set the side that the motion enters from a switch; tables first, since other switches may read them."""
     evaluate_forces(run, run.now[0].t, run.y)
     call_law(run.law[SLOPES], run, run.y, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
@@ -77,7 +77,7 @@ def leave_zeros(run: Run) -> None:
 
 @jit_separate
 def leave_flat_zeros(run: Run) -> None:
-    """Take the side that is met a moment later by switches of which neither value nor rate says where they go.
+    """Set the side reached a moment later by switches whose value and rate are both zero.
 
     So is the second in ``max(0, sign(x))``: a sign has no rate, and is 0 at the start alone.
     """
@@ -233,7 +233,7 @@ def argument_motion(run: Run, i: int, state: State) -> float:
 
 @jit_separate
 def table_argument(run: Run, i: int, state: State) -> tuple[float, float, float]:
-    """Return what a table is looked up at, its rate, and what sets it in motion from rest; t is the time of the state."""
+    """Return a table's argument at a state, its rate, and its second derivative, which sets it in motion from rest."""
     detector = run.detectors[i]
     if detector.argument >= 0:
         return state[detector.argument], state[detector.rate], state[detector.turn]
@@ -289,7 +289,7 @@ def enter_piece(run: Run, i: int, piece: int) -> None:
 
 @jit_separate
 def tick_at_start(run: Run) -> None:
-    """Let controllers act at the start, before anything else reads what they hold."""
+    """Let controllers act at the start, before anything else reads their values."""
     if run.ticks.shape[0] > 0 and run.ticks[0] != 0:
         evaluate_forces(run, run.now[0].t, run.y)
         apply_actions(run, run.ticks[0], run.now[0].t, run.y)
@@ -322,7 +322,7 @@ def rings_at_end(run: Run) -> bool:
 
 @jit_separate
 def ring_events(run: Run) -> None:
-    """Have the periodic events of the trial's end among those that it is noted with."""
+    """Add the periodic events at the trial's end to those of its group."""
     due, number = run.alarms[run.now[0].node + 1], 0
     for i in range(run.detectors.shape[0]):
         if run.detectors[i].role == PERIODIC:
@@ -333,7 +333,7 @@ def ring_events(run: Run) -> None:
 
 @jit_separate
 def apply_actions(run: Run, actions: int, t: float, state: State) -> None:
-    """Set what some actions change in a state, all from what holds in it."""
+    """Set the changes of some actions in a state, all from the state's former values."""
     set_time(run, T, t)
     call_law(run.law[RESETS], run, state, run.resets, 0)
     for k in range(run.targets.shape[0]):

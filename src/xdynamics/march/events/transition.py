@@ -1,8 +1,9 @@
-"""Landing on the first event of a trial: shortened to end there, noted on both sides, acted upon, and gone on from.
+"""Landing on the first event of a trial: its state on both sides, its actions, and the march after it.
 
-Rows of the record about events: when, how uncertain, of which kind, and what they did to the state.
+The trial is shortened to end at the event.
 
-What events declare: to stop, to go on by the forces of another regime, to reset the state.
+Rows of the record about events have their times, uncertainties and kinds, and their effect on the state. Events act as
+declared: they stop the run, go on by the forces of another regime, or reset the state.
 """
 
 from __future__ import annotations
@@ -148,14 +149,14 @@ def note_events(run: Run, row: int, substeps: int) -> None:
 
 @jit_separate
 def rest_to_root(run: Run, i: int) -> float:
-    """Return what is left of an event's time beside the float: of the trial's end, and from there to the root by the slope."""
+    """Return the rest of an event's time beside its float: of the trial's end, and to the root by the slope."""
     trial, change = run.trial[0], -run.g1[i] / run.slopes[i] if run.slopes[i] != 0.0 else 0.0
     return float(trial.rest + change) if is_plain(run, i) else float(trial.rest)
 
 
 @jit_separate
 def note_offsets(run: Run, row_before: int) -> None:
-    """Note how far positions were moved by contacts that came to rest, beyond what events set them to."""
+    """Store the shifts of positions by contacts that came to rest, beyond those that events set."""
     n, rows, first = run.plan[0].coordinates, run.log_impulses.shape[0], first_of_group(run, row_before)
     if rows == 0 or run.targets.shape[0] + run.touches.shape[0] == 0:
         return
@@ -179,7 +180,7 @@ _, STOP, SWITCH, RESET = range(len(ACTIONS))
 
 @jit_separate
 def act(run: Run, row: int) -> bool:
-    """Do what the events of a group declare, in the order of declaration; whether forces have to be evaluated anew."""
+    """Run the actions of a group of events in order of declaration; whether forces have to be evaluated anew."""
     now, changed = run.now[0], False
     for k in range(first_of_group(run, row), now.events - run.base[0].events):
         event = run.log_events[k]
@@ -244,7 +245,7 @@ def locate_and_land(run: Run) -> int:
 
 @jit_separate
 def meet_here(run: Run) -> None:
-    """Act as events demand that have happened where the march stands, and go on from the same instant."""
+    """Act for events that have happened at the march's present state, and go on from there."""
     now, trial = run.now[0], run.trial[0]
     run.piece[0].substeps = 0
     trial.t, trial.h, trial.rest = now.t, 0.0, now.rest
@@ -272,7 +273,7 @@ def ring_alone(run: Run) -> None:
 
 @jit_separate
 def note_both_sides(run: Run, reached: bool) -> None:
-    """Note the state on either side of the events at the trial's end, act on them, and go on from there."""
+    """Write the states before and after the events at the trial's end, act on them, and continue."""
     row_before = run.now[0].rows
     if run.delays.shape[0] > 0 and run.trial[0].h > 0.0:
         note_past(run)
@@ -380,7 +381,7 @@ def land_on_roots(run: Run) -> None:
 
 @jit_separate
 def cross_events(run: Run, row_before: int) -> bool:
-    """Change the trial's state by what happens at its end; whether there is a state after it."""
+    """Change the trial's state by the events at its end; whether there is a state after them."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     acted = act(run, row_before)
     row = -1 if acted or plan.kinetic < 0 else row_before - run.base[0].rows
@@ -416,7 +417,7 @@ def cross_events(run: Run, row_before: int) -> bool:
 
 @jit_separate
 def holds_contacts(run: Run) -> bool:
-    """Whether contacts are located and held closed, rather than stepped over."""
+    """Whether contacts are located and kept closed, instead of time-stepping over impacts."""
     return bool(run.plan[0].reactions > 0 and run.plan[0].contacts == HOLD)
 
 
@@ -438,7 +439,7 @@ def meets_contact(run: Run) -> bool:
 
 @jit_separate
 def reconcile_sides(run: Run) -> bool:
-    """Have forces and contacts agree: impacts may turn a velocity whose sign a force has; whether there is a solution."""
+    """Make forces and contacts agree: impacts may reverse a velocity that a switch reads; whether they can."""
     for _ in range(run.detectors.shape[0]):
         if not keep_sides(run, True, False):
             break
@@ -451,7 +452,7 @@ def reconcile_sides(run: Run) -> bool:
 
 @jit_separate
 def resolve_contacts(run: Run, row: int) -> bool:
-    """Change the trial's state by what contacts do; whether there is a solution, and it agrees with the record.
+    """Change the trial's state by contacts; whether there is a solution, and it agrees with the record.
 
     Row `row` of the log has the state before; it is -1 where an action has changed the state.
     """

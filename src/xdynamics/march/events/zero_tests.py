@@ -35,13 +35,13 @@ def sign_of(x: float) -> int:
 
 @jit_separate
 def enclose_constants(run: Run) -> None:
-    """Enclose numbers and parameters, and what depends on these alone."""
+    """Enclose numbers and parameters, and functions of these alone."""
     enclosed_by(run.functions[ENCLOSE], run, run.y, run.y, 0, run.parts[0], ALL)
 
 
 @jit_separate
 def enclose_here(run: Run, i: int, state: State, last: int, wide: float) -> None:
-    """Enclose what an event function depends on at a state, whose time stands among the numbers: rounding alone."""
+    """Enclose an event function's arguments at a state, whose time is among the numbers: rounding alone."""
     piece = run.piece[0]
     start, end, width, wider = piece.start, piece.end, piece.width, piece.wide
     piece.start, piece.end, piece.width, piece.wide = run.at[T], run.at[T], 0.0, wide
@@ -72,7 +72,7 @@ def noise_floor(run: Run, i: int, state: State) -> float:
 
 @jit_separate
 def gap_floor(run: Run, i: int) -> float:
-    """How large an event function may be and never be told from zero: what is left of a gap that closed."""
+    """The size below which an event function cannot be told from zero: the residue of a closed gap."""
     detector, floor = run.detectors[i], run.watches[i].floor
     return max(floor, run.lingering[detector.reaction]) if detector.role == GAP else floor
 
@@ -164,7 +164,7 @@ def cannot_reach_zero(value_before: float, value_after: float, down: float, up: 
 
 @jit_separate
 def returned_past_zero(run: Run, i: int) -> bool:
-    """Whether a function has passed zero before the piece, unnoticed, and is back behind it: two events, told apart by cuts."""
+    """Whether a function passed zero unnoticed before the piece and returns in it: two events, separated by cuts."""
     watch = run.watches[i]
     return bool(watch.armed != 0 and sign_of(run.near_g[i]) == -watch.armed and sign_of(run.far_g[i]) == watch.armed)
 

@@ -1,6 +1,6 @@
-"""A step whose equations are solved by Newton's method with the exact Jacobian at every iteration.
+"""A step whose equations are solved by Newton's method with the Jacobian at every iteration.
 
-Derivatives of the forces at a state: exact or by differences, one by one or group by group; where a matrix has them.
+Derivatives of the forces at a state are exact or by differences, one by one or group by group of the matrix's columns.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def column_height(run: Run) -> int:
 
 @jit_separate
 def matrix_index(run: Run, row: int, column: int) -> int:
-    """Return the place of an entry in a matrix, which is a band or whole."""
+    """Return the index of an entry in a matrix, which is banded or full."""
     if run.band.shape[0] > 0:
         return int(
             run.order[column] * column_height(run) + run.band[0] + run.band[1] + run.order[row] - run.order[column]
@@ -132,7 +132,7 @@ NEWTON_TOLERANCE = 1e-10  # of a correction against the size of its unknown; wha
 
 @jit_inline
 def newton_step(run: Run, y: State, z: State, sample: int) -> None:
-    """Make a step by the lines of the method: solve its equations in turn, and execute what follows each."""
+    """Make a step by the lines of the method: solve its equations in turn, and execute the lines after each."""
     call_law(run.law[PROPOSE], run, y, z, sample)
     run.now[0].evaluations += run.plan[0].stages
     for k in range(run.equations.shape[0]):
@@ -170,7 +170,7 @@ def solve_by_newton(run: Run, k: int, y: State, z: State, sample: int) -> int:
 
 @jit_inline
 def iterate_is_rounding(run: Run, k: int, y: State) -> bool:
-    """Whether the last corrections are what rounding of the state does to the forces, as in `corrections.corrections_are_rounding`."""
+    """Whether the last corrections are as small as the rounding of forces, as `radau.corrections_are_rounding`."""
     equation, n, scratch, coordinates = (
         run.equations[k],
         run.equations[k].unknowns,
@@ -212,7 +212,7 @@ def unknown_size(run: Run, row: int, y: State) -> float:
 
 @jit_separate
 def corrected(run: Run, k: int) -> bool:
-    """Solve for the corrections of one iteration, with the matrix whole; False if it is singular."""
+    """Solve for the corrections of one iteration with the full matrix; False if it is singular."""
     equation, n = run.equations[k], run.equations[k].unknowns
     assemble(run, k)
     for i in range(n):
@@ -222,7 +222,7 @@ def corrected(run: Run, k: int) -> bool:
 
 @jit_separate
 def corrected_by_groups(run: Run, k: int) -> bool:
-    """Solve for the corrections with derivatives found group by group, and with a band where the pattern has one."""
+    """Solve for the corrections with derivatives by column groups, and with a band where the pattern has one."""
     equation, n, right, order, corrections = (
         run.equations[k],
         run.equations[k].unknowns,
@@ -281,7 +281,7 @@ def assemble_by_groups(run: Run, k: int) -> None:
 
 @jit_separate
 def grouped_entry(run: Run, k: int, i: int) -> float:
-    """Return what an entry of the pattern takes from the unit matrix: a derivative of the forces, weighted by its kind."""
+    """Return the subtrahend of an entry of the unit matrix: a derivative of the forces, weighted by its kind."""
     equation, row, column, coordinates = run.equations[k], run.entries[i, 0], run.entries[i, 1], run.plan[0].coordinates
     kind = 0 if column < coordinates else 1 if column < 2 * coordinates else 2
     weight = run.w[equation.weights + (2 if row < coordinates else 5) + kind]
@@ -290,7 +290,7 @@ def grouped_entry(run: Run, k: int, i: int) -> float:
 
 @jit_separate
 def written_entry(run: Run, i: int) -> float:
-    """Return what an entry that is written out takes from the unit matrix."""
+    """Return the subtrahend of an entry of the unit matrix that is written out."""
     entry_index, slope = run.entries[i, 2], run.entries[i, 3]
     return float(or_none(run.w[entry_index] if slope == DIRECT else run.w[entry_index] * run.w[slope]))
 

@@ -1,16 +1,14 @@
-"""A step by Radau IIA as RADAU5 makes it: simplified Newton; derivatives and factors are kept while it converges.
+"""A step by Radau IIA as RADAU5 makes it, by simplified Newton iterations.
+
+Derivatives and factors are kept while the iterations converge.
 
 Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8. The unknowns are the increments Z of three stages; transformed,
-W = T**-1 Z, they are those of the two linear systems of `march.implicit.radau`.
+W = T**-1 Z, they are those of two linear systems, gamma/h - J and (alpha + i beta)/h - J. In both, the coordinates are
+eliminated by their rows c dq - dv = r, so that only velocities and first-order states are factorised.
 
-The corrections of a step by Radau IIA, measured by tolerances, by the sizes of unknowns, and by rounding.
+Corrections are measured by tolerances, by the sizes of unknowns, and by rounding.
 
-Linear systems of Radau IIA in transformed variables: gamma/h - J and (alpha + i beta)/h - J.
-
-In both, the coordinates are eliminated by their rows c dq - dv = r, so that only velocities and first-order states are
-factorised (Hairer, Wanner, Solving ODEs II, 2nd ed., section IV.8).
-
-What a step of Radau IIA keeps for the next one, put into a lane and taken out of it: `kernels.collocation`.
+The memory that a step leaves for the next step is put into a lane and taken out of it for `kernels.collocation`.
 """
 
 from __future__ import annotations
@@ -104,7 +102,7 @@ def settles_to_rounding(run: Run) -> bool:
 
 @jit_separate
 def held_of_kinds(run: Run, h: float) -> None:
-    """Find the largest velocity of each kind that the forces of closed links, just found, keep from bodies in the step.
+    """Compute the largest velocity of each kind that forces of closed links prevent in the step.
 
     What links hold has no size of its own but rounding about zero, and that is a share of the terms that cancel.
     """
@@ -120,7 +118,7 @@ def held_of_kinds(run: Run, h: float) -> None:
 
 @jit_separate
 def held_from(run: Run, h: float, i: int) -> float:
-    """Return what closed links keep from an unknown of the kind of this one in the step."""
+    """Return the change of an unknown's kind that closed links prevent in the step."""
     n = run.plan[0].coordinates
     if i < n:
         return float(h * run.tops[run.kinds[n + i]])
@@ -129,7 +127,7 @@ def held_from(run: Run, h: float, i: int) -> float:
 
 @jit_inline
 def corrections_are_rounding(run: Run, h: float, y: State) -> bool:
-    """Whether the last corrections are what rounding of the state does to the forces.
+    """Whether the last corrections are as small as the effect of the state's rounding on the forces.
 
     What is left of large terms that cancel, as of bars that pull to both sides, has no digits below: a correction is then
     no share of its unknown.
@@ -196,13 +194,13 @@ def factorise_both(run: Run, h: float) -> bool:
 
 @jit_separate
 def factorised_whole(run: Run, size: int) -> bool:
-    """Factorise both matrices, kept whole."""
+    """Factorise both full matrices."""
     return factorise(run.matrix, run.pivots, size) and factorise_complex(run.matrix, run.pivots, size)
 
 
 @jit_separate
 def factorised_in_band(run: Run, size: int) -> bool:
-    """Factorise both matrices, kept as bands."""
+    """Factorise both band matrices."""
     lower, upper = run.band[0], run.band[1]
     real = factorise_band(run.matrix, run.pivots, size, lower, upper)
     return real and factorise_complex_band(run.matrix, run.pivots, size, lower, upper)
@@ -337,7 +335,7 @@ def leave_stages(run: Run, y: State) -> None:
 
 @jit_separate
 def recall_last_step(run: Run) -> None:
-    """Keep of the last step what this one may use: nothing after a start, an event or a node of a drive."""
+    """Validate the memory of the last step: none of it after a start, an event or a node of a drive."""
     step_memory = run.kept[0]
     if step_memory.since == BEGUN:
         step_memory.linearised, step_memory.fresh, step_memory.factored = 0, 0, 0.0
@@ -353,7 +351,7 @@ def recall_last_step(run: Run) -> None:
 
 @jit_inline
 def solve_stages(run: Run, t: float, h: float, y: State, sample: int) -> bool:
-    """Solve for the stages: with what is kept; with derivatives at y; if the step is given, at the iterates.
+    """Solve for the stages: with stored derivatives; with those at y; with a given step, at the iterates.
 
     If it is chosen, what is left may be the rounding of forces that cancel, below which corrections do not fall.
     """
@@ -414,7 +412,7 @@ def iterate_stages(run: Run, t: float, h: float, y: State, sample: int, attempt:
 
 @jit_separate
 def refresh_derivatives(run: Run, t: float, h: float, y: State, following: bool) -> None:
-    """Evaluate the derivatives at the second stage of the iterate that is followed, or at y where none are kept."""
+    """Evaluate the derivatives at the second stage of a followed iterate, or at y where none are stored."""
     used, step_memory, time = run.plan[0].used, run.kept[0], t
     if step_memory.linearised and not following:
         return
@@ -444,6 +442,7 @@ def judge_iteration(run: Run, size: float, turn: int) -> int:
         step_memory.ratio, step_memory.theta, eta = _convergence(size, step_memory.change, step_memory.ratio, turn)
         if size <= rounding and step_memory.ratio >= constants.STALLED:
             return DONE
+        # negated, so that a ratio of nan counts as divergence
         if not step_memory.theta < constants.DIVERGING:
             return IN_VAIN
         step_memory.eta = eta
@@ -504,7 +503,7 @@ def to_stages(transformed: State, stages: State, n: int) -> None:
 
 @jit_separate
 def slopes_at_stages(run: Run, t: float, h: float, y: State, sample: int) -> None:
-    """Evaluate the forces at the stages, and put the slopes there into their place."""
+    """Evaluate the forces at the stages, and store their slopes."""
     n, stage, width = run.plan[0].used, run.stage, run.log_samples.shape[0] - 2
     for k in range(3):
         time = t + (C1 if k == 0 else C2 if k == 1 else 1.0) * h
@@ -563,7 +562,7 @@ def estimate_error(run: Run, t: float, h: float, y: State) -> None:
 
 @jit_separate
 def look_ahead(run: Run, h: float) -> None:
-    """Note by which factor the next step may differ: by the predictive controller if the trial passes, as in RADAU5."""
+    """Store the factor of the next step: by the predictive controller if the trial passes, as in RADAU5."""
     plan, step_memory, norm = run.plan[0], run.kept[0], error_norm_apart(run)
     if not math.isfinite(norm):
         step_memory.growth = NONFINITE_FACTOR
@@ -589,7 +588,7 @@ OF_LANE, OF_KEPT = np.int64(len(LANE)), np.int64(len(KEPT))
 
 @jit_uncounted
 def step_memory_index(run: Run) -> int:
-    """Return the place in a lane of what a step of Radau IIA keeps."""
+    """Return the index in a lane of the step memory of Radau IIA."""
     return OF_LANE + 3 * run.plan[0].used + 2 * run.detectors.shape[0]
 
 
@@ -602,14 +601,14 @@ def step_number_count(run: Run) -> int:
 
 @jit_uncounted
 def forget_step_memory(run: Run, w: Floats, lane: int) -> None:
-    """Let the next step use nothing of those before, as after a node."""
+    """Discard the memory of earlier steps, as after a node."""
     if run.stages.shape[0] > 0:
         w[step_memory_index(run) + K.since, lane] = BEGUN
 
 
 @jit_uncounted
 def enter_step_memory(run: Run, w: Floats, lane: int) -> int:
-    """Put what a step keeps for the next one into a lane, ordered as `radau_memory.lengths`; return the place after."""
+    """Write the step memory into a lane, ordered as `kernels.collocation.lengths`; return the index after it."""
     first, step_memory = step_memory_index(run), run.kept[0]
     if run.stages.shape[0] == 0:
         return first
@@ -641,7 +640,7 @@ def enter_step_memory(run: Run, w: Floats, lane: int) -> int:
 
 @jit_uncounted
 def leave_step_memory(run: Run, w: Floats, lane: int, accepted: int, rejected: int) -> int:
-    """Take what a step keeps out of a lane, with its counts; return the place after it."""
+    """Read the step memory out of a lane, with its counts; return the index after it."""
     first, step_memory, now = step_memory_index(run), run.kept[0], run.now[0]
     if run.stages.shape[0] == 0:
         now.evaluations += run.plan[0].stages * (accepted + rejected)
