@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator
+from functools import reduce
 from math import comb
 from typing import Any
 
@@ -26,6 +27,7 @@ from cases.plain import between_states, made_by_hand, plain
 from xdynamics.march import March
 from xdynamics.march.assembly.broad_phase import ASSEMBLY, FIRST, LINK, NARROW, NEAR, SECOND, WIDE, stays_in_narrow_box
 from xdynamics.march.configuration import settings_for
+from xdynamics.march.force_evaluation import nan_maximum
 from xdynamics.march.run import Run
 from xdynamics.model.parts import IMPACT_LAWS
 
@@ -448,3 +450,12 @@ def test_what_boxes_leave_out_is_apart_all_over_them() -> None:
         assert (run.boxes[NARROW + 1] <= run.boxes[WIDE + 1]).all()
         del block
     assert left_out > 0
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_a_nan_stays_the_largest_of_numbers(place: int) -> None:
+    """Assert that numbers after a nan do not take its place, and the largest of numbers without one."""
+    numbers = [1.0, 3.0, 2.0]
+    assert reduce(nan_maximum, numbers, 0.0) == 3.0
+    numbers[place] = math.nan
+    assert math.isnan(reduce(nan_maximum, numbers, 0.0))

@@ -115,6 +115,13 @@ def finite_state(run: Run) -> bool:
 
 
 @jit_inline
+def nan_maximum(largest: float, value: float) -> float:
+    """Return the larger of two numbers; nan where either is, as `maximum` of IEEE 754-2019."""
+    # every comparison with nan is false: without the first one a number after nan would take its place
+    return largest if np.isnan(largest) or value <= largest else value
+
+
+@jit_inline
 def state_slope(run: Run, state: State, i: int) -> float:
     """Return the time derivative of a variable: v for q, a for v, and the rate of a first-order state."""
     n, used = run.plan[0].coordinates, run.plan[0].used

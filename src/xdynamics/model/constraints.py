@@ -61,8 +61,11 @@ class Assignment(NamedTuple):
 
 
 def mass_factors(model: Model) -> Iterator[Assignment]:
-    """Return the assignments that solving with the mass reads: factors M = L D L^T of a full mass, none if diagonal."""
+    """Return the assignments that solving with the mass reads: a diagonal, or the factors of a full M = L D L^T."""
     if not model.mass_is_full:
+        # along dimensions a mass is read where it divides: loops over elements keep no array of it
+        for i in range(len(model.shaped.coordinates)) if not model.shapes.dims else ():
+            yield Assignment(f"_m{i}", _positive_mass(model, i))
         return
     mass = [[model.expanded(entry) for entry in row] for row in model.mass]
     for i, row in enumerate(mass):
@@ -73,14 +76,20 @@ def mass_factors(model: Model) -> Iterator[Assignment]:
         yield Assignment(f"_d{i}", Call("positive", (subtract_terms(row[i], products),)))
 
 
+def _positive_mass(model: Model, i: int) -> Node:
+    """Return the mass of a coordinate by its number; nan where it is not positive."""
+    return Call("positive", (model.expanded_by_quantity(own_mass(model.shaped.mass, i)),))
+
+
 def solve_mass(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None = None) -> Iterator[Assignment]:
     """Solve M u = right for the unknowns, by division or forward and back through the factors."""
     unknowns, right = list(rows), list(rows.values())
     if not model.mass_is_full:
         row_of = {name: i for i, name in enumerate(model.shaped.coordinates)}
         for name, unknown, tree in zip(row_of if names is None else names, unknowns, right, strict=True):
-            mass = own_mass(model.shaped.mass, row_of[name])
-            yield Assignment(unknown, Binary("/", tree, Call("positive", (model.expanded_by_quantity(mass),))))
+            i = row_of[name]
+            mass = _positive_mass(model, i) if model.shapes.dims else Name(f"_m{i}")
+            yield Assignment(unknown, Binary("/", tree, mass))
         return
     n = len(unknowns)
     z = [f"_z{i}_{unknown}" for i, unknown in enumerate(unknowns)]

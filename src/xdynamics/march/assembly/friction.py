@@ -59,6 +59,7 @@ from xdynamics.march.assembly.normal_forces import (
     solve_equations,
     solve_unilateral,
 )
+from xdynamics.march.force_evaluation import nan_maximum
 from xdynamics.march.run import STEP_LINKS, Run
 
 
@@ -449,7 +450,7 @@ def friction_residual(run: Run, first: int, rows: int) -> float:
         for row_index in range(row, row + 2):
             x, slope = run.vectors[X, row_index], run.vectors[RESIDUE, row_index]
             near = min(max(run.vectors[LEAST, row_index], x - slope), run.vectors[MOST, row_index])
-            worst = abs(x - near) if not abs(x - near) <= worst else worst
+            worst = nan_maximum(worst, abs(x - near))
     return worst / size if worst != 0.0 else 0.0
 
 
@@ -576,9 +577,7 @@ def drag_residual(run: Run, first: int, rows: int) -> float:
         drags = run.vectors[RATIO, row + 1] != 0.0
         run.vectors[AMISS, row] = run.vectors[X, row] - run.vectors[LOAD, row] if drags else 0.0
         run.vectors[AMISS, row + 1] = 0.0
-        largest_residual = (
-            abs(run.vectors[AMISS, row]) if not abs(run.vectors[AMISS, row]) <= largest_residual else largest_residual
-        )
+        largest_residual = nan_maximum(largest_residual, abs(run.vectors[AMISS, row]))
     return largest_residual / largest_entry(run, X, first, rows) if largest_residual > 0.0 else 0.0
 
 

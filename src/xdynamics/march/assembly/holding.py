@@ -60,7 +60,7 @@ from xdynamics.march.assembly.friction import (
 )
 from xdynamics.march.assembly.normal_forces import ALLOWED, largest_entry, solve_equations
 from xdynamics.march.calls import floats_at, run_at
-from xdynamics.march.force_evaluation import evaluate_forces, finite_state
+from xdynamics.march.force_evaluation import evaluate_forces, finite_state, nan_maximum
 from xdynamics.march.run import Run
 
 HELD = 1e-10  # of the largest term: an acceleration that is no motion
@@ -163,8 +163,7 @@ def press_closed(run: Run, t: float, state: State) -> None:
         prepare_patterns(run)
     look_at_closed(run, t, state)
     left = solve_closed(run)
-    # negated, so that a nan residual stays
-    run.spans[STRAIN] = left if not left <= run.spans[STRAIN] else run.spans[STRAIN]
+    run.spans[STRAIN] = nan_maximum(run.spans[STRAIN], left)
     for a in range(run.closed[0]):
         row = closed_link_row(run, a)
         run.loads[a] = run.vectors[X, row] * run.vectors[SCALE, row]
@@ -212,7 +211,7 @@ def project_on_links(run: Run, t: float) -> None:
         # at rest in the origin every term of a gap is zero, but not what rounding leaves of accelerations
         far += NOISE * abs(run.loads[a]) / run.vectors[SCALE, row] ** 2 * run.trial[0].h * run.trial[0].h
         astray = abs(run.vectors[GAPS, row]) - (16.0 * NOISE * run.vectors[ROUGHLY, row] + far)
-        run.spans[ASTRAY] = astray if not astray <= run.spans[ASTRAY] else run.spans[ASTRAY]
+        run.spans[ASTRAY] = nan_maximum(run.spans[ASTRAY], astray)
     remove_closed_rates(run)
 
 

@@ -38,6 +38,7 @@ from xdynamics.march.assembly.closed_links import (
     respond,
     response_along,
 )
+from xdynamics.march.force_evaluation import nan_maximum
 from xdynamics.march.run import Run
 
 VANISHING = 1e-9  # of the largest entry: a pivot of links that hold more than needs holding
@@ -271,7 +272,7 @@ def largest_entry(run: Run, vector: int, first: int, count: int) -> float:
     maximum = 0.0
     for a in range(first, first + count):
         value = abs(run.vectors[vector, a])
-        maximum = value if not value <= maximum else maximum
+        maximum = nan_maximum(maximum, value)
     return maximum
 
 
@@ -414,7 +415,7 @@ def gradient_violation(run: Run, first: int, count: int) -> float:
     maximum = 0.0
     for a in range(first, first + count):
         value = abs(free_gradient(run, a) + bound_gradient(run, a))
-        maximum = value if not value <= maximum else maximum
+        maximum = nan_maximum(maximum, value)
     return maximum
 
 

@@ -28,7 +28,7 @@ from xdynamics.kernels.linear import solve_linear
 from xdynamics.kernels.program import UNSOUND, T
 from xdynamics.march.calls import call_law
 from xdynamics.march.events.zero_tests import NONE
-from xdynamics.march.force_evaluation import evaluate_held, finite_state
+from xdynamics.march.force_evaluation import evaluate_held, finite_state, nan_maximum
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import GAP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT
@@ -410,11 +410,8 @@ def hold_closed_contacts(run: Run, t: float, settling: bool) -> None:
     projection_before = run.z[run.plan[0].moved]
     is_held = hold_positions(run, t, settling) and hold_rates(run, t, settling)
     evaluate_held(run, t, run.z, 0.0)
-    # negated, so that an earlier nan, of constraints that failed, stays
-    if run.plan[0].held > 0 and not projection_before <= run.z[run.plan[0].moved]:
-        run.z[run.plan[0].moved] = (
-            projection_before  # how far constraints moved the result of the step; nan if they failed
-        )
+    if run.plan[0].held > 0:  # how far constraints moved the result of the step; nan if they failed, then or now
+        run.z[run.plan[0].moved] = nan_maximum(run.z[run.plan[0].moved], projection_before)
     run.at[UNSOUND] = 0.0 if is_held and finite_state(run) else nan
 
 
