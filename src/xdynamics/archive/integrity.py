@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.archive.content import content_digest
 from xdynamics.archive.seals import Seal, digest_lines, digests_in, root_digest, slabs, stored_slabs, utf8_letters
 from xdynamics.faults import InputError, numbered_lines
@@ -22,25 +23,6 @@ from xdynamics.record.folding import is_chunked, labelled, unlabelled
 from xdynamics.record.schemas import by_places, in_own_words, is_selection, modern, with_variables
 from xdynamics.record.unfolding import as_recorded
 from xdynamics.runtime.lazy_imports import cached_property
-from xdynamics.schema import (
-    ATOL_RULE,
-    DIGEST,
-    DIGESTS,
-    FLAG_ATTRIBUTES,
-    KINEMATIC,
-    LEFT_OUT_ATOL,
-    NOTES,
-    ORIGIN,
-    ROOT_DIGEST,
-    SCHEMA_OF_LAW,
-    SELECTION,
-    SELECTION_OF,
-    STEP_NUMBER,
-    STEPS,
-    VOLATILE_DIGEST,
-    is_former,
-    label_of,
-)
 from xdynamics.units import UNKNOWN_UNIT
 
 if TYPE_CHECKING:
@@ -48,7 +30,7 @@ if TYPE_CHECKING:
 
 TEXT = "as it was marched or read; save compares the record with it"
 # attributes that may change: what was done, what is noted beside the record, and who it is
-OUTSIDE = ("history", VOLATILE_DIGEST, ROOT_DIGEST, DIGESTS, ORIGIN, *NOTES)
+OUTSIDE = ("history", schema.VOLATILE_DIGEST, schema.ROOT_DIGEST, schema.DIGESTS, schema.ORIGIN, *schema.NOTES)
 
 
 Source = Callable[[], "xr.Dataset | None"]
@@ -121,7 +103,7 @@ class Origin(list[str]):
     def content_digest(self) -> str:
         """The content digest of the complete record; of an edited record, that of its archive."""
         if self.edits:
-            return str(self.attributes.get(ROOT_DIGEST, ""))
+            return str(self.attributes.get(schema.ROOT_DIGEST, ""))
         digests = {name: part.digest for name, part in self.parts.items()}
         return root_digest(digests, {name: part.attributes for name, part in self.parts.items()}, self.attributes)
 
@@ -187,7 +169,7 @@ def marched(run: xr.Dataset, unchanged: Mapping[str, Unchanged] | None = None) -
     for _, data, _ in arrays.values():
         if isinstance(data, np.ndarray):  # lazy arrays are read-only already
             data.flags.writeable = False
-    run.attrs[ORIGIN] = Origin.from_parts(partial(_parts_of_arrays, arrays, unchanged or {}), run.attrs, None)
+    run.attrs[schema.ORIGIN] = Origin.from_parts(partial(_parts_of_arrays, arrays, unchanged or {}), run.attrs, None)
     return labelled(run)
 
 
@@ -202,9 +184,9 @@ def evaluated(run: xr.Dataset, values: Mapping[Any, Any]) -> xr.Dataset:
         loaded.variables[name].data = data
         if isinstance(array := loaded.variables[name].data, np.ndarray):
             array.flags.writeable = False
-    if isinstance(origin := run.attrs.get(ORIGIN), Origin):
+    if isinstance(origin := run.attrs.get(schema.ORIGIN), Origin):
         remembered_run = loaded.copy(deep=False)  # a variable that is assigned to afterwards is another one there
-        loaded.attrs[ORIGIN] = origin.with_evaluated(lazy, remembered_run)
+        loaded.attrs[schema.ORIGIN] = origin.with_evaluated(lazy, remembered_run)
     return loaded
 
 
@@ -242,7 +224,9 @@ def remember_archive(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] 
     """
     parts = dict[str, OriginalVariable]()
     stated = digests_in(run.attrs) or {
-        str(name): str(variable.attrs[DIGEST]) for name, variable in run.variables.items() if DIGEST in variable.attrs
+        str(name): str(variable.attrs[schema.DIGEST])
+        for name, variable in run.variables.items()
+        if schema.DIGEST in variable.attrs
     }
     run = in_own_words(unlabelled(run))
     if texts:
@@ -251,7 +235,7 @@ def remember_archive(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] 
         )
     for name, variable in run.variables.items():
         variable.attrs = own_attributes(variable.attrs)
-        if (values := FLAG_ATTRIBUTES[0]) in variable.attrs:  # of one number, or as other formats keep them
+        if (values := schema.FLAG_ATTRIBUTES[0]) in variable.attrs:  # of one number, or as other formats keep them
             numbers = np.atleast_1d(variable.attrs[values])
             variable.attrs[values] = numbers.astype(variable.dtype) if variable.dtype.kind in "iu" else numbers
         parts[str(name)] = OriginalVariable(
@@ -264,8 +248,8 @@ def remember_archive(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] 
             opened_data=variable._data,  # noqa: SLF001
         )
     if stated:
-        run.attrs[DIGESTS] = digest_lines(stated)
-    run.attrs[ORIGIN] = Origin.from_parts(lambda: parts, run.attrs, None if edits else source, edits)
+        run.attrs[schema.DIGESTS] = digest_lines(stated)
+    run.attrs[schema.ORIGIN] = Origin.from_parts(lambda: parts, run.attrs, None if edits else source, edits)
     return labelled(modern(run))
 
 
@@ -282,7 +266,9 @@ def variable_digest(name: str, variable: Any) -> str:
 
 
 MOST_NAMED = 10
-UNKNOWN = f"its origin is unknown: it was neither marched nor opened by xdynamics, or its attribute '{ORIGIN}' is lost"
+UNKNOWN = (
+    f"its origin is unknown: it was neither marched nor opened by xdynamics, or its attribute '{schema.ORIGIN}' is lost"
+)
 
 
 @dataclass(frozen=True)
@@ -314,10 +300,10 @@ class Standing:
 
 def record_standing(run: xr.Dataset) -> Standing:
     """Compare a record with its origin, as it was marched or read."""
-    origin = run.attrs.get(ORIGIN)
+    origin = run.attrs.get(schema.ORIGIN)
     run = as_recorded(run, _numbers_in(run, origin) if isinstance(origin, Origin) else None)
     if not isinstance(origin, Origin):
-        digest = str(run.attrs.get(ROOT_DIGEST, ""))
+        digest = str(run.attrs.get(schema.ROOT_DIGEST, ""))
         if digest and content_digest(run) == digest:
             return Standing(digest)
         return Standing("", (UNKNOWN,))
@@ -342,18 +328,18 @@ def record_standing(run: xr.Dataset) -> Standing:
     tolerances = {
         name: (float(attributes["atol_si"]), str(attributes["units"]))
         for name, attributes in ((name, origin.parts[name].attributes) for name in left_out)
-        if "atol_si" in attributes and ATOL_RULE not in attributes
+        if "atol_si" in attributes and schema.ATOL_RULE not in attributes
     }
     return Standing(origin, tuple(faults), "; ".join(_selection_words(fewer, left_out, run, origin)), tolerances)
 
 
 def _numbers_in(run: xr.Dataset, origin: Origin) -> NDArray[np.int64] | None:
     """Return the numbers of all rows of an archive of schema 1 of whose rows a record has some; None of other records."""
-    part, row_numbers = origin.parts.get(STEP_NUMBER.name), run.variables.get(STEP_NUMBER.name)
-    if part is None or not is_former(run.attrs) or (row_numbers is not None and row_numbers.shape == part.shape):
+    part, row_numbers = origin.parts.get(schema.STEP_NUMBER.name), run.variables.get(schema.STEP_NUMBER.name)
+    if part is None or not schema.is_former(run.attrs) or (row_numbers is not None and row_numbers.shape == part.shape):
         return None
     original = _original_record(origin)
-    return None if original is None else np.asarray(original.variables[STEP_NUMBER.name].values)
+    return None if original is None else np.asarray(original.variables[schema.STEP_NUMBER.name].values)
 
 
 def _original_record(origin: Origin) -> xr.Dataset | None:
@@ -368,7 +354,7 @@ def digest_of_run(run: xr.Dataset) -> str:
     Dask arrays are not computed for it: the digest in the record's attributes is returned.
     """
     if any(map(is_chunked, run.variables.values())):
-        return str(run.attrs.get(ROOT_DIGEST, "unknown"))
+        return str(run.attrs.get(schema.ROOT_DIGEST, "unknown"))
     result = record_standing(run)
     return content_digest(run) if result.faults or result.selected else result.source_digest
 
@@ -403,7 +389,7 @@ def edited_variables(run: xr.Dataset, roles: Container[Any] | None = None) -> li
         The roles of the variables that are compared; by default all.
     """
     run = as_recorded(run)
-    origin = run.attrs.get(ORIGIN)
+    origin = run.attrs.get(schema.ORIGIN)
     if not isinstance(origin, Origin):
         return []
     open_original = cache(
@@ -454,7 +440,7 @@ def _is_edited(part: OriginalVariable, now: xr.Variable, run: xr.Dataset, open_o
 
 def _original_indices_of(dim: str, run: xr.Dataset, original: xr.Dataset) -> NDArray[np.int64] | None:
     """Return the indices of a record's rows or elements in the run, by number or label; None without these."""
-    name = STEP_NUMBER.name if dim == STEPS else label_of(dim)
+    name = schema.STEP_NUMBER.name if dim == schema.STEPS else schema.label_of(dim)
     if name not in run.variables or name not in original.variables:
         return None
     theirs, mine = (np.atleast_1d(dataset.variables[name].values).tolist() for dataset in (original, run))
@@ -478,7 +464,7 @@ def check_states(run: xr.Dataset) -> None:
     InputError
         Naming the variables.
     """
-    if edited := edited_variables(run, ("time", *KINEMATIC)):
+    if edited := edited_variables(run, ("time", *schema.KINEMATIC)):
         raise InputError(
             f"{', '.join(edited)}: edited since the run was marched, so that states between rows would follow neither"
             " the model nor the edit; ask the run as it was and change what it answers, or draw the edit by"
@@ -495,7 +481,7 @@ def check_cut(run: xr.Dataset) -> None:
         Naming the dimension of the model that was cut.
     """
     run = as_recorded(run)
-    origin = run.attrs.get(ORIGIN)
+    origin = run.attrs.get(schema.ORIGIN)
     parts = origin.parts if isinstance(origin, Origin) else {}
     original_dims = {name: part.dims for name, part in parts.items() if name in run.variables}
     check_elements(run, {dim for name, dims in original_dims.items() for dim in {*dims} - {*run.variables[name].dims}})
@@ -593,8 +579,8 @@ def selected_like(partial_run: xr.Dataset, full_run: xr.Dataset) -> xr.Dataset:
     """Select from a run the values of a selection; a dimension along which no match exists stays complete."""
     if not is_selection(partial_run.attrs):
         return full_run
-    if is_former(partial_run.attrs):  # it names rows by their places in the whole run
-        full_run = by_places(full_run, np.asarray(full_run.variables[STEP_NUMBER.name].values))
+    if schema.is_former(partial_run.attrs):  # it names rows by their places in the whole run
+        full_run = by_places(full_run, np.asarray(full_run.variables[schema.STEP_NUMBER.name].values))
     names = [str(name) for name in partial_run.variables if name in full_run.variables]
     selection = full_run.drop_vars([name for name in full_run.variables if name not in names])
     for dim in selection.dims:
@@ -603,14 +589,16 @@ def selected_like(partial_run: xr.Dataset, full_run: xr.Dataset) -> xr.Dataset:
             rows = rows_within(names_along_dim, partial_run, full_run)
             selection = selection if isinstance(rows, int) else selection.isel({dim: rows})
     attributes = {
-        name: partial_run.attrs[name] for name in (SELECTION, SELECTION_OF, LEFT_OUT_ATOL) if name in partial_run.attrs
+        name: partial_run.attrs[name]
+        for name in (schema.SELECTION, schema.SELECTION_OF, schema.LEFT_OUT_ATOL)
+        if name in partial_run.attrs
     }
     same = all(
         partial_run.attrs.get(name) == full_run.attrs.get(name)
-        for name in ("xdynamics_version", "schema_version", SCHEMA_OF_LAW, "math_functions")
+        for name in ("xdynamics_version", "schema_version", schema.SCHEMA_OF_LAW, "math_functions")
     )
     if same:  # another text of the law has another digest
-        attributes[SELECTION_OF] = content_digest(full_run)
+        attributes[schema.SELECTION_OF] = content_digest(full_run)
     return selection.assign_attrs(attributes)
 
 

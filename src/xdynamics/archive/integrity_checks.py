@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.archive.file_structure import Inventory, declared_bytes, inventory, size_faults, unused_dimensions
 from xdynamics.archive.netcdf_library import DAMAGE, error_text, opened_file, read_stored, with_library_lock
 from xdynamics.archive.netcdf_library import stored_attributes as attributes_of
@@ -18,25 +19,6 @@ from xdynamics.archive.store import Place
 from xdynamics.archive.text_encoding import bytes_dim, text_form
 from xdynamics.faults import ArchiveError, numbered_lines
 from xdynamics.record.flag_words import own_attributes
-from xdynamics.schema import (
-    DIGEST,
-    DIGESTS,
-    DOCUMENT,
-    LABEL,
-    MODEL_DIMENSIONS,
-    NAMES_ROWS,
-    OF_RECORD,
-    ORIGIN,
-    ROOT_DIGEST,
-    SEALED,
-    SELECTION_OF,
-    STEP_NUMBER,
-    TEXT_NAMES,
-    VOLATILE_DIGEST,
-    coordinates_of,
-    is_former,
-    label_of,
-)
 
 AT_ONCE = (
     1_000_000  # bytes of a file that is compared while no other thread is in the library: some hundredths of a second
@@ -81,8 +63,8 @@ class Examination:
         elif EDIT in kinds:
             verdict, faults = EDITED, tuple(text for kind, text in differences if kind == EDIT)
         else:  # archives of the first versions had no seal
-            verdict, faults = REPACKED if faults or SEALED in attributes else VERIFIED, ()
-        return cls(faults, str(attributes.get(ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")), verdict)
+            verdict, faults = REPACKED if faults or schema.SEALED in attributes else VERIFIED, ()
+        return cls(faults, str(attributes.get(schema.ROOT_DIGEST, "")), str(attributes.get("run_outcome", "")), verdict)
 
     def raise_faults(self, path: Place, *, also_edited: bool = False) -> None:
         """Raise the faults as one error, if there are any.
@@ -170,11 +152,11 @@ def _examine_open_file(file: Any, tail: Tail, harms: list[str], objects: Invento
             (HARM, fault)
             for fault in objects.unshown_objects(shown_attributes | {"": {*attributes}}, {*file.dimensions})
         ]
-    if ORIGIN in attributes:
-        differences.append((MANNER, f"attribute '{ORIGIN}' is none of an archive"))
-    if ROOT_DIGEST not in attributes:
-        differences.append((HARM, f"attribute '{ROOT_DIGEST}' is missing, which xd.save writes"))
-    needed = [VOLATILE_DIGEST, *([] if is_former(attributes) else [DIGESTS])]
+    if schema.ORIGIN in attributes:
+        differences.append((MANNER, f"attribute '{schema.ORIGIN}' is none of an archive"))
+    if schema.ROOT_DIGEST not in attributes:
+        differences.append((HARM, f"attribute '{schema.ROOT_DIGEST}' is missing, which xd.save writes"))
+    needed = [schema.VOLATILE_DIGEST, *([] if schema.is_former(attributes) else [schema.DIGESTS])]
     differences += [(MANNER, f"attribute '{name}' is missing") for name in needed if name not in attributes]
     record = _Record(
         attributes, {recorded_name(name, variable, attributes): variable for name, variable in file.variables.items()}
@@ -182,9 +164,9 @@ def _examine_open_file(file: Any, tail: Tail, harms: list[str], objects: Invento
     of_variables = [*record.faults()]
     differences += of_variables
     # a variable that differs is named already, and changes the content digest too
-    if ROOT_DIGEST in attributes and all(kind == MANNER for kind, _ in of_variables) and not record.agrees():
+    if schema.ROOT_DIGEST in attributes and all(kind == MANNER for kind, _ in of_variables) and not record.agrees():
         differences.append((EDIT, "the attributes differ from the content digest"))
-    if VOLATILE_DIGEST in attributes and attributes[VOLATILE_DIGEST] != record.volatile_digest():
+    if schema.VOLATILE_DIGEST in attributes and attributes[schema.VOLATILE_DIGEST] != record.volatile_digest():
         differences.append((MANNER, "the attributes on date, versions and machine differ from their digest"))
     return Examination.from_differences(differences, tail, attributes)
 
@@ -192,8 +174,8 @@ def _examine_open_file(file: Any, tail: Tail, harms: list[str], objects: Invento
 def recorded_name(name: str, variable: Any, attributes: Mapping[str, Any]) -> str:
     """Return a variable's name in a record: labels are the index of their dimension in memory and in xarray's files."""
     dims = with_library_lock(lambda: variable.dimensions)()
-    is_index = MODEL_DIMENSIONS in attributes and dims[:1] == (name,)
-    return label_of(name) if is_index and attributes_of(variable).get("role") == LABEL else name
+    is_index = schema.MODEL_DIMENSIONS in attributes and dims[:1] == (name,)
+    return schema.label_of(name) if is_index and attributes_of(variable).get("role") == schema.LABEL else name
 
 
 class _Stored(NamedTuple):
@@ -220,24 +202,28 @@ class _Record:
         self._variables, self._stored_variables = dict(variables), dict[str, _Stored]()
         texts = [
             with_library_lock(lambda: text.dimensions)()
-            for name in TEXT_NAMES
+            for name in schema.TEXT_NAMES
             if (text := variables.get(name)) is not None
         ]
         # a record of the former schema that was opened here and written by another program has the words of today
-        self._in_words_of_today = is_former(attributes) and (
-            (DOCUMENT,) in [dims[:1] for dims in texts]
-            or bool(self._stated and STEP_NUMBER.name in variables and STEP_NUMBER.name not in self._stated)
+        self._in_words_of_today = schema.is_former(attributes) and (
+            (schema.DOCUMENT,) in [dims[:1] for dims in texts]
+            or bool(
+                self._stated and schema.STEP_NUMBER.name in variables and schema.STEP_NUMBER.name not in self._stated
+            )
         )
         self._numbers = self._numbers_of_rows() if self._in_words_of_today else None
 
     def _numbers_of_rows(self) -> NDArray[np.int64] | None:
         """Return the row numbers under today's schema, if the record as written has them too."""
-        if (variable := self._variables.get(STEP_NUMBER.name)) is None or SELECTION_OF in self._attributes:
+        if (
+            variable := self._variables.get(schema.STEP_NUMBER.name)
+        ) is None or schema.SELECTION_OF in self._attributes:
             return None
         numbers = np.asarray(read_stored(variable, ...))
-        if STEP_NUMBER.name in self._stated or not np.array_equal(numbers, np.arange(numbers.size)):
+        if schema.STEP_NUMBER.name in self._stated or not np.array_equal(numbers, np.arange(numbers.size)):
             return numbers
-        del self._variables[STEP_NUMBER.name]  # made when it was opened
+        del self._variables[schema.STEP_NUMBER.name]  # made when it was opened
         return None
 
     def faults(self) -> Iterator[Fault]:
@@ -254,7 +240,10 @@ class _Record:
                 name: (stored.dims, stored.attributes.get("role")) for name, stored in self._stored_variables.items()
             }
             for name, stored in self._stored_variables.items():
-                if stored.coordinates not in (None, coordinates_of(name, about, former=is_former(self._attributes))):
+                if stored.coordinates not in (
+                    None,
+                    schema.coordinates_of(name, about, former=schema.is_former(self._attributes)),
+                ):
                     yield MANNER, f"variable '{name}' is not stored as it was written"
 
     def _variable_fault(self, name: str) -> Fault | None:
@@ -277,7 +266,7 @@ class _Record:
             text.decode()
         except UnicodeDecodeError as error:
             return HARM, f"variable '{name}' is no text in UTF-8: {error.reason} at {error.start}"
-        stated = self._stated.get(name, attributes.get(DIGEST))
+        stated = self._stated.get(name, attributes.get(schema.DIGEST))
         if stated != digest and (stated or self._stated):
             return EDIT, f"variable '{name}' differs from its digest"
         recoded = dtype is str or (is_text and attributes.get("_Encoding", "utf-8") != "utf-8")
@@ -288,32 +277,36 @@ class _Record:
     def _digest_of(self, name: str) -> str:
         """Return the digest of a variable as the record was written."""
         variable = self._variables[name]
-        if self._numbers is not None and name in NAMES_ROWS:
+        if self._numbers is not None and name in schema.NAMES_ROWS:
             dims, dtype = with_library_lock(lambda: (variable.dimensions, variable.dtype))()
             seal, places = Seal(name, dims, dtype), np.searchsorted(self._numbers, read_stored(variable, ...))
             seal.update(places.astype(dtype))
             return seal.hexdigest()
         return stored_digest(
-            variable, name, single=name in TEXT_NAMES and self._in_words_of_today and self._is_along_document(name)
+            variable,
+            name,
+            single=name in schema.TEXT_NAMES and self._in_words_of_today and self._is_along_document(name),
         )
 
     def _is_along_document(self, name: str) -> bool:
-        return (*with_library_lock(lambda: self._variables[name].dimensions)()[:1],) == (DOCUMENT,)
+        return (*with_library_lock(lambda: self._variables[name].dimensions)()[:1],) == (schema.DOCUMENT,)
 
     def agrees(self) -> bool:
         """Whether the content digest is that of variables and attributes, apart from later notes."""
         digests, variable_attributes, stated_digest = (
             self._variable_digests,
             self._variable_attributes,
-            self._attributes[ROOT_DIGEST],
+            self._attributes[schema.ROOT_DIGEST],
         )
         names = [*self._attributes]
-        behind = names[names.index(VOLATILE_DIGEST) :] if VOLATILE_DIGEST in names else []  # it is written last
+        behind = (
+            names[names.index(schema.VOLATILE_DIGEST) :] if schema.VOLATILE_DIGEST in names else []
+        )  # it is written last
         for added in ((), behind):
             remaining = {
                 name: value
                 for name, value in self._attributes.items()
-                if name not in added or name.startswith(OF_RECORD)
+                if name not in added or name.startswith(schema.OF_RECORD)
             }
             if root_digest(digests, variable_attributes, remaining) == stated_digest:
                 return True

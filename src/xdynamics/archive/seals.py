@@ -18,25 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.archive.netcdf_library import read_stored, with_library_lock
 from xdynamics.archive.netcdf_library import stored_attributes as attributes_of
 from xdynamics.archive.text_encoding import text_form
 from xdynamics.record.flag_words import plain
-from xdynamics.schema import (
-    BOUNDS,
-    CIRCUMSTANCE,
-    CLOSED_LINKS,
-    DIGESTS,
-    EVENTS,
-    RUN_SEAL,
-    SAMPLES,
-    STEPS,
-    TRIALS,
-    VOLATILE,
-    VOLATILE_DIGEST,
-    Variable,
-    content_of,
-)
 
 if TYPE_CHECKING:
     pass
@@ -44,7 +30,14 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 # rows of one stored chunk: a megabyte of floats for what grows by steps, little for what is rare
-CHUNKS = {STEPS: 131_072, SAMPLES: 131_072, CLOSED_LINKS: 131_072, TRIALS: 4_096, EVENTS: 512, BOUNDS: 2}
+CHUNKS = {
+    schema.STEPS: 131_072,
+    schema.SAMPLES: 131_072,
+    schema.CLOSED_LINKS: 131_072,
+    schema.TRIALS: 4_096,
+    schema.EVENTS: 512,
+    schema.BOUNDS: 2,
+}
 OTHER_CHUNK = 4_096
 _MOST_READ = 1 << 25  # bytes of a variable that are read at once
 _TEXTS_AT_ONCE = 1 << 22  # bytes of texts in memory that become letters at once
@@ -140,7 +133,7 @@ class Seal:
         self._inner: tuple[int, ...] | None = () if not dims else None
 
     @classmethod
-    def for_variable(cls, variable: Variable) -> Seal:
+    def for_variable(cls, variable: schema.Variable) -> Seal:
         """Return the digest of a variable of the record, before its first value."""
         return cls(variable.name, variable.dims, np.dtype(variable.dtype))
 
@@ -269,7 +262,7 @@ def digest_lines(digests: Mapping[str, str]) -> str:
 def digests_in(attributes: Mapping[Any, Any]) -> dict[str, str]:
     """Return the digests of variables from a file's attribute of digests; none for the former schema."""
     # from the right: a digest has no blank, and a name may have some
-    lines = [line.rpartition(" ") for line in str(attributes.get(DIGESTS, "")).splitlines()]
+    lines = [line.rpartition(" ") for line in str(attributes.get(schema.DIGESTS, "")).splitlines()]
     return {name: digest for name, _, digest in lines}
 
 
@@ -281,7 +274,7 @@ def root_digest(digests: Mapping[str, str], attributes: Mapping[str, Mapping[str
             for name, attrs in attributes.items()
             if not _is_circumstance(name, attrs)
         },
-        "attributes": plain(content_of(run)),
+        "attributes": plain(schema.content_of(run)),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -291,7 +284,11 @@ def volatile_digest(
 ) -> str:
     """Return the digest of the circumstances: date, versions, machine, and variables that depend on them."""
     content = plain(
-        {key: value for key, value in run.items() if key in VOLATILE and key not in (VOLATILE_DIGEST, DIGESTS)}
+        {
+            key: value
+            for key, value in run.items()
+            if key in schema.VOLATILE and key not in (schema.VOLATILE_DIGEST, schema.DIGESTS)
+        }
     )
     for name, attrs in attributes.items():
         if _is_circumstance(name, attrs):
@@ -301,4 +298,4 @@ def volatile_digest(
 
 def _is_circumstance(name: str, attributes: Mapping[str, Any]) -> bool:
     """Whether a variable depends on circumstances; catalogues of 0.2 had theirs in the content digest."""
-    return name == RUN_SEAL and attributes.get("role") == CIRCUMSTANCE
+    return name == schema.RUN_SEAL and attributes.get("role") == schema.CIRCUMSTANCE

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import record
+from xdynamics import record, schema
 from xdynamics.archive.file_structure import variables_to_compress
 from xdynamics.archive.folder_store import check_suffix, made_folder, store_of
 from xdynamics.archive.integrity import Standing, check_cut, record_standing
@@ -49,31 +49,6 @@ from xdynamics.record.flag_words import own_attributes
 from xdynamics.record.folding import unlabelled
 from xdynamics.record.schemas import in_words_of_today, is_evidence, left_out_atols, with_article
 from xdynamics.record.unfolding import as_recorded, whole_of
-from xdynamics.schema import (
-    AT,
-    BOUNDS,
-    CLOSED_TIME,
-    COMPRESSION,
-    COMPRESSION_WORDS,
-    DERIVED,
-    DERIVED_FROM,
-    DIGEST,
-    DIGESTS,
-    EVIDENCE,
-    LEFT_OUT_ATOL,
-    ORIGIN,
-    ROOT_DIGEST,
-    SEAL_WORDS,
-    SEALED,
-    SELECTION,
-    SELECTION_OF,
-    STEP_NUMBER,
-    STEPS,
-    SWEEP,
-    VOLATILE_DIGEST,
-    coordinates_of,
-    is_former,
-)
 
 if TYPE_CHECKING:
     import netCDF4
@@ -81,7 +56,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
-COUNTED = (STEP_NUMBER.name, CLOSED_TIME)  # that compress to nearly nothing, and always are
+COUNTED = (schema.STEP_NUMBER.name, schema.CLOSED_TIME)  # that compress to nearly nothing, and always are
 BACK = 1 << 19  # values that are read back at once
 
 
@@ -131,7 +106,7 @@ class Writer:
         """Create a variable; a dimension without a size may grow."""
         for dim in dims:
             if dim not in self._file.dimensions:
-                self._file.createDimension(dim, 2 if dim == BOUNDS else sizes.get(dim))
+                self._file.createDimension(dim, 2 if dim == schema.BOUNDS else sizes.get(dim))
         seal = Seal(name, dims, dtype)
         self._seals[name] = seal
         self._attributes[name] = own_attributes(attributes)
@@ -243,27 +218,29 @@ class Writer:
         """Write every attribute and digest; remember the content digest, and whether the run ended well."""
         self.complete = is_evidence(attributes) or attributes.get("run_outcome") in GOOD
         written_attributes = {
-            key: value for key, value in attributes.items() if key not in (ROOT_DIGEST, VOLATILE_DIGEST, DIGESTS)
+            key: value
+            for key, value in attributes.items()
+            if key not in (schema.ROOT_DIGEST, schema.VOLATILE_DIGEST, schema.DIGESTS)
         }
-        written_attributes[SEALED] = SEAL_WORDS
-        written_attributes.pop(COMPRESSION, None)
+        written_attributes[schema.SEALED] = schema.SEAL_WORDS
+        written_attributes.pop(schema.COMPRESSION, None)
         if self._packed:
-            written_attributes[COMPRESSION] = COMPRESSION_WORDS
-        digests, former = self.digests(), is_former(attributes)
+            written_attributes[schema.COMPRESSION] = schema.COMPRESSION_WORDS
+        digests, former = self.digests(), schema.is_former(attributes)
         about = {name: (seal.dims, self._attributes[name].get("role")) for name, seal in self._seals.items()}
         for name, variable_attributes in self._attributes.items():
-            coordinates = coordinates_of(name, about, former=former)
+            coordinates = schema.coordinates_of(name, about, former=former)
             kept_as = {"coordinates": coordinates} if coordinates else {}
             self._file.variables[name].setncatts(
-                variable_attributes | kept_as | ({DIGEST: digests[name]} if former else {})
+                variable_attributes | kept_as | ({schema.DIGEST: digests[name]} if former else {})
             )
         if not former:
-            written_attributes[DIGESTS] = digest_lines(digests)
+            written_attributes[schema.DIGESTS] = digest_lines(digests)
         self._file.setncatts(written_attributes)
         self.digest = root_digest(digests, self._attributes, written_attributes)
-        self._file.setncattr(ROOT_DIGEST, self.digest)
+        self._file.setncattr(schema.ROOT_DIGEST, self.digest)
         # the last one: `integrity_checks` takes attributes behind it for notes of other programs
-        self._file.setncattr(VOLATILE_DIGEST, volatile_digest(digests, self._attributes, written_attributes))
+        self._file.setncattr(schema.VOLATILE_DIGEST, volatile_digest(digests, self._attributes, written_attributes))
 
 
 def _chunk_shape(dims: tuple[str, ...], sizes: Mapping[str, int]) -> list[int]:
@@ -456,8 +433,8 @@ def _check_run(run: xr.Dataset, location: Place, derived: str | None) -> xr.Data
 
 def _write_run(run: xr.Dataset, path: Place, *, compress: bool | None, batch: FileBatch | None = None) -> Place:
     with new_file(path, batch) as writer:
-        writer.numbered = str(run.attrs.get(EVIDENCE, "")).startswith(SWEEP)
-        if COMPRESSION in run.attrs if compress is None else compress:
+        writer.numbered = str(run.attrs.get(schema.EVIDENCE, "")).startswith(schema.SWEEP)
+        if schema.COMPRESSION in run.attrs if compress is None else compress:
             writer.pack(
                 {
                     str(name): (str(variable.dims[0]), variable.dtype.itemsize * prod(variable.shape[1:]))
@@ -488,10 +465,15 @@ def _declare_standing(run: xr.Dataset, derived: str | None) -> xr.Dataset:
     """
     if not isinstance(getattr(run, "attrs", None), Mapping) or not hasattr(run, "variables"):
         raise InputError(f"a run record is to be saved, got {str(run)[:40]!r}")
-    if derived is None and EVIDENCE not in run.attrs:
+    if derived is None and schema.EVIDENCE not in run.attrs:
         record.check_elements(run)  # first: its attributes of elements are as many as there were
     received_run, run = run, as_recorded(run)
-    if AT in run.dims and STEPS not in run.dims and EVIDENCE not in run.attrs and "solver_interpolation" in run.attrs:
+    if (
+        schema.AT in run.dims
+        and schema.STEPS not in run.dims
+        and schema.EVIDENCE not in run.attrs
+        and "solver_interpolation" in run.attrs
+    ):
         raise InputError(
             "these are states at times that were asked for, and no run: the run itself is archived by"
             " simulate(…, times=…, path='run.nc'); states.to_netcdf('states.nc') keeps these alone, without digests"
@@ -500,10 +482,10 @@ def _declare_standing(run: xr.Dataset, derived: str | None) -> xr.Dataset:
         record.check(run, whole=False)
         check_cut(run)
     record_state = record_standing(received_run)
-    attributes = {str(name): value for name, value in run.attrs.items() if name != ORIGIN}
+    attributes = {str(name): value for name, value in run.attrs.items() if name != schema.ORIGIN}
     attributes = _attributes_by_standing(attributes, record_state, derived)
-    is_part = EVIDENCE not in attributes and (derived is not None or bool(record_state.selected))
-    if is_part and is_former(attributes):  # numbers of rows and what names them go with a selection
+    is_part = schema.EVIDENCE not in attributes and (derived is not None or bool(record_state.selected))
+    if is_part and schema.is_former(attributes):  # numbers of rows and what names them go with a selection
         run, attributes = unlabelled(whole_of(received_run)), in_words_of_today(attributes)
     declared = run.copy(deep=False)
     declared.attrs = attributes
@@ -523,13 +505,13 @@ def _attributes_by_standing(attributes: dict[str, Any], result: Standing, derive
             raise InputError(
                 f"derived is {derived!r}, needs a text that says how the data were made, like 'x scaled by 1.1'"
             )
-        earlier_words = f"{attributes[DERIVED]}; " if DERIVED in attributes else ""
+        earlier_words = f"{attributes[schema.DERIVED]}; " if schema.DERIVED in attributes else ""
         attributes |= {
-            DERIVED: earlier_words + derived.strip(),
-            DERIVED_FROM: attributes.get(DERIVED_FROM, result.source_digest or "unknown"),
+            schema.DERIVED: earlier_words + derived.strip(),
+            schema.DERIVED_FROM: attributes.get(schema.DERIVED_FROM, result.source_digest or "unknown"),
         }
     elif is_evidence(attributes) and (result.faults or result.selected):
-        kind = str(attributes[EVIDENCE])
+        kind = str(attributes[schema.EVIDENCE])
         several = with_article(kind) == kind
         this, it, them = ("these are", "they were", "them") if several else ("this is", "it was", "it")
         raise InputError(
@@ -544,13 +526,13 @@ def _attributes_by_standing(attributes: dict[str, Any], result: Standing, derive
             result.faults,
         )
     elif result.selected:
-        earlier_words = f"{attributes[SELECTION]}; of these " if SELECTION in attributes else ""
+        earlier_words = f"{attributes[schema.SELECTION]}; of these " if schema.SELECTION in attributes else ""
         left_out = {**left_out_atols(attributes), **result.left_out_atol}
         attributes |= {
-            SELECTION: earlier_words + result.selected,
-            SELECTION_OF: attributes.get(SELECTION_OF, result.source_digest),
+            schema.SELECTION: earlier_words + result.selected,
+            schema.SELECTION_OF: attributes.get(schema.SELECTION_OF, result.source_digest),
         }
-        attributes |= {LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
+        attributes |= {schema.LEFT_OUT_ATOL: json.dumps(left_out)} if left_out else {}
     return attributes
 
 

@@ -42,23 +42,6 @@ from xdynamics.record.schemas import (
     rows_apart,
 )
 from xdynamics.record.unfolding import column_in_si
-from xdynamics.schema import (
-    AT_REST,
-    CHOSEN,
-    CROSSING,
-    EVENT_KINDS,
-    EVENTS,
-    EVIDENCE,
-    LOG,
-    LOGGED,
-    OF_MOTION,
-    REST,
-    SAMPLES,
-    STEPS,
-    STICK,
-    SWEEP,
-    TRIALS,
-)
 from xdynamics.units import SECONDS, unit_suffix
 from xdynamics.units.digits import OF_DOUBT, digits, with_uncertainty
 
@@ -106,8 +89,8 @@ SHORT = 0.25  # of the slowest period
 
 def at_rest_remark(attributes: Attributes) -> Iterator[str]:
     """Report the velocities that the model does not give."""
-    if AT_REST in attributes:
-        names = ", ".join(str(attributes[AT_REST]).split())
+    if schema.AT_REST in attributes:
+        names = ", ".join(str(attributes[schema.AT_REST]).split())
         yield f"at rest   {names}: [initial] gives none, so that they are 0 at the start"
 
 
@@ -169,23 +152,23 @@ def _shown_part(run: Any) -> Any:
     """Leave out the columns of a run that have dimensions of the model, and of which no description shows a number."""
     if not (dims := {*model_dimensions(run)}):
         return run
-    rows = {STEPS, SAMPLES}
+    rows = {schema.STEPS, schema.SAMPLES}
     left_out = [
         name
         for name, variable in run.variables.items()
-        if dims & {*variable.dims} and rows & {*variable.dims} and variable.attrs.get("role") not in OF_MOTION
+        if dims & {*variable.dims} and rows & {*variable.dims} and variable.attrs.get("role") not in schema.OF_MOTION
     ]
     return run.drop_vars(left_out)
 
 
 def first_elements(run: Any) -> Any:
     """Leave out of a run of very many numbers, in which nothing happens to some of them, those that are not shown."""
-    if not (dims := model_dimensions(run)) or run.sizes.get(EVENTS, 0) or not run.sizes.get(STEPS, 0):
+    if not (dims := model_dimensions(run)) or run.sizes.get(schema.EVENTS, 0) or not run.sizes.get(schema.STEPS, 0):
         return run
     numbers = sum(
-        variable.size // run.sizes[STEPS]
+        variable.size // run.sizes[schema.STEPS]
         for variable in run.variables.values()
-        if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in OF_MOTION
+        if variable.dims[:1] == (schema.STEPS,) and variable.attrs.get("role") in schema.OF_MOTION
     )
     if numbers <= MOST_PARTED:
         return run
@@ -197,7 +180,7 @@ def of_motion(run: Any) -> list[str]:
     return [
         str(name)
         for name, entry in run.variables.items()  # to look up one of them as a DataArray takes time with their number
-        if entry.dims == (STEPS,) and entry.attrs.get("role") in OF_MOTION
+        if entry.dims == (schema.STEPS,) and entry.attrs.get("role") in schema.OF_MOTION
     ]
 
 
@@ -265,9 +248,9 @@ def _ending_lines(label: str, attributes: Mapping[Any, Any], method: str = "") -
 
 def _evidence_lines(evidence: xr.Dataset) -> Iterator[str]:
     """Report the findings of evidence."""
-    kind = str(evidence.attrs[EVIDENCE])
+    kind = str(evidence.attrs[schema.EVIDENCE])
     yield str(evidence.attrs.get("title", kind))
-    if kind != SWEEP:
+    if kind != schema.SWEEP:
         yield f"kind      {kind_description(evidence.attrs)}"
     lines_of = next((module.SUMMARIES[kind] for module in _summarising() if kind in module.SUMMARIES), None)
     if lines_of is not None:
@@ -381,7 +364,12 @@ def _second(run: xr.Dataset) -> str:
 
 
 def _row_counts(run: xr.Dataset) -> str:
-    words = {STEPS: "rows", TRIALS: "rejected trials", EVENTS: "events", SAMPLES: "force samples"}
+    words = {
+        schema.STEPS: "rows",
+        schema.TRIALS: "rejected trials",
+        schema.EVENTS: "events",
+        schema.SAMPLES: "force samples",
+    }
     counts = {word: run.sizes.get(dim, 0) for dim, word in words.items()}
     shortened = words_of_flag(run["trial_reason"]).count("event_substep") if counts["rejected trials"] else 0
     counts["rejected trials"] -= shortened
@@ -389,8 +377,8 @@ def _row_counts(run: xr.Dataset) -> str:
         _, first = np.unique(run["event_row_before"].values, return_index=True)
         shortened = int(run["event_substeps"].values[first].sum())
     text = ", ".join(f"{count} {word}" for word, count in counts.items())
-    if LOG in run.attrs:
-        text += f"; of the columns {run.attrs[LOGGED] if run.attrs[LOG] == CHOSEN else 'the states'} alone"
+    if schema.LOG in run.attrs:
+        text += f"; of the columns {run.attrs[schema.LOGGED] if run.attrs[schema.LOG] == schema.CHOSEN else 'the states'} alone"
     if (row_spacing := rows_apart(run.attrs)) > 1:
         text = (
             f"one in {row_spacing} of {int(run.attrs['run_rows'])} rows of the march, and what belongs to them: {text}"
@@ -399,7 +387,7 @@ def _row_counts(run: xr.Dataset) -> str:
 
 
 def _end_state_texts(run: xr.Dataset) -> Iterator[str]:
-    last = run.sizes.get(EVENTS, 0) - 1
+    last = run.sizes.get(schema.EVENTS, 0) - 1
     if last >= 0 and float(run["event_time"][last]) == float(run["time"][-1]):
         yield f"t = {_event_time_text(run, last)}"
     else:
@@ -471,7 +459,7 @@ def _stopped_motions(run: xr.Dataset) -> Iterator[str]:
     if "closed_force_residual" not in run or "event_energy_lost" not in run:
         return
     energy_lost, units = run["event_energy_lost"].values, run["event_energy_lost"].attrs["units"]
-    is_stopped = np.isin(run["event_kind"].values, (REST, STICK)) & (energy_lost != 0.0)
+    is_stopped = np.isin(run["event_kind"].values, (schema.REST, schema.STICK)) & (energy_lost != 0.0)
     if is_stopped.any():
         yield (
             f"stopped   {is_stopped.sum()} motions lower than a bounce of rest_height, which took {energy_lost[is_stopped].sum():.3g}"
@@ -503,7 +491,7 @@ def _event_description(run: xr.Dataset, name: str, kind: str, i: int) -> str:
     state = (
         ", ".join(_state_texts(run, moving_names, involved, row)) if row >= 0 else "its rows are not in this selection"
     )
-    suffix = "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
+    suffix = "" if kind == schema.EVENT_KINDS[schema.CROSSING] else f" ({kind})"
     return (
         f"event     {name}{suffix} at t = {_event_time_text(run, i)}, located within {doubt:.2g}{_second(run)}: {state}"
     )
@@ -511,7 +499,7 @@ def _event_description(run: xr.Dataset, name: str, kind: str, i: int) -> str:
 
 def _event_series(run: xr.Dataset, name: str, kind: str, rows: list[int]) -> str:
     times = run["event_time"].values[rows]
-    intervals, suffix = np.diff(times), "" if kind == EVENT_KINDS[CROSSING] else f" ({kind})"
+    intervals, suffix = np.diff(times), "" if kind == schema.EVENT_KINDS[schema.CROSSING] else f" ({kind})"
     return (
         f"event     {name}{suffix}: {len(rows)} times, the last at t = {_event_time_text(run, rows[-1])};"
         f" {intervals.mean():.6g}{_second(run)} apart, from {intervals.min():.6g}{_second(run)} to"

@@ -20,19 +20,6 @@ from xdynamics.record.folding import fold
 from xdynamics.record.provenance import circumstances
 from xdynamics.record.schemas import along_document
 from xdynamics.record.unfolding import event_words
-from xdynamics.schema import (
-    AT_TIME,
-    CONVENTIONS,
-    DOCUMENT,
-    EVIDENCE,
-    MODEL_DIMENSIONS,
-    RUNS,
-    SCHEMA_VERSION,
-    STEP_NUMBER,
-    SWEEP,
-    TEXT_NAMES,
-    flag_attributes,
-)
 from xdynamics.shapes import NO_SHAPES, Shapes
 from xdynamics.shapes.naming import display_text
 from xdynamics.units.digits import known_part
@@ -74,35 +61,37 @@ def evidence_dataset(
     import xarray as xr
 
     # one time alone belongs to no dimension: a file would not name it as a coordinate of anything
-    coordinates = [name for name in (AT_TIME, "time", STEP_NUMBER.name) if name in variables and variables[name][0]]
+    coordinates = [
+        name for name in (schema.AT_TIME, "time", schema.STEP_NUMBER.name) if name in variables and variables[name][0]
+    ]
     dataset_variables = {name: xr.Variable(*variable) for name, variable in variables.items()}
-    for name in TEXT_NAMES:
+    for name in schema.TEXT_NAMES:
         if name in dataset_variables and not dataset_variables[name].dims:
             names_and_dims = (
                 (variable_name, *variable.dims)
                 for variable_name, variable in dataset_variables.items()
-                if variable_name not in TEXT_NAMES
+                if variable_name not in schema.TEXT_NAMES
             )
             # dimensions of a sweep are its axes alone; of a model of schema 1 something else may be called so
-            if kind != SWEEP and not any(DOCUMENT in names for names in names_and_dims):
+            if kind != schema.SWEEP and not any(schema.DOCUMENT in names for names in names_and_dims):
                 dataset_variables[name] = along_document(dataset_variables[name])
             coordinates.append(name)
     dataset = xr.Dataset(_with_display_texts(dataset_variables) if shapes.dims else dataset_variables).set_coords(
         coordinates
     )
     header = {
-        "Conventions": CONVENTIONS,
+        "Conventions": schema.CONVENTIONS,
         "title": display_text(title),
         "source": f"{kind} by xdynamics",
-        "schema_version": SCHEMA_VERSION,
-        EVIDENCE: kind,
-        RUNS: " ".join(runs),
+        "schema_version": schema.SCHEMA_VERSION,
+        schema.EVIDENCE: kind,
+        schema.RUNS: " ".join(runs),
     }
     if shapes.dims:
         dataset, attributes = fold(dataset, shapes), _with_display_attributes(attributes)
         for variable in dataset.variables.values():
             variable.attrs["long_name"] = display_text(variable.attrs["long_name"])
-        header |= {key: entry for key, entry in dataset.attrs.items() if key == MODEL_DIMENSIONS}
+        header |= {key: entry for key, entry in dataset.attrs.items() if key == schema.MODEL_DIMENSIONS}
     dataset.attrs = header | dict(attributes) | circumstances(f"{kind} made")
     return archive.marched(dataset, unchanged)
 
@@ -163,7 +152,7 @@ def gate_variables(gates: Sequence[tuple[str, str, str]], question: str) -> dict
         "gate_verdict": (
             (GATE,),
             np.array([GATES.index(verdict) for verdict in verdicts], np.int8),
-            attrs_of("1", "what became of it", "flag") | flag_attributes(dict(enumerate(GATES))),
+            attrs_of("1", "what became of it", "flag") | schema.flag_attributes(dict(enumerate(GATES))),
         ),
     }
 

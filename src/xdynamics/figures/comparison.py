@@ -24,18 +24,6 @@ from xdynamics.figures.curves import thinned_rows
 from xdynamics.figures.marks import COLOURS, draw_line, label_panel, label_time, label_with_unit, typeset
 from xdynamics.figures.sheet import Page, Panel
 from xdynamics.figures.sweep import KEY
-from xdynamics.schema import (
-    AT,
-    AT_TIME,
-    CYCLE,
-    ENCLOSURE,
-    EVIDENCE,
-    FINITE_TIME_GROWTH,
-    LYAPUNOV_UNCERTAINTY,
-    LYAPUNOVS,
-    STEPS,
-    bounds_of,
-)
 from xdynamics.shapes import split_element_name
 from xdynamics.units import unit_suffix
 from xdynamics.units.digits import with_uncertainty
@@ -60,11 +48,11 @@ def panels_of(comparison: xr.Dataset) -> list[Panel]:
     InputError
         If no quantity was compared.
     """
-    is_of_several = comparison.attrs.get(EVIDENCE) == OF_SEVERAL
+    is_of_several = comparison.attrs.get(schema.EVIDENCE) == OF_SEVERAL
     names = [
         str(name).removeprefix("difference_")
         for name, item in comparison.data_vars.items()
-        if str(name).startswith("difference_") and item.dims == (("run", AT) if is_of_several else (AT,))
+        if str(name).startswith("difference_") and item.dims == (("run", schema.AT) if is_of_several else (schema.AT,))
     ]
     if is_of_several:
         return [partial(_draw_distances_of_runs, comparison, name) for name in names]
@@ -96,7 +84,7 @@ def _farthest_first(comparison: xr.Dataset, names: list[str]) -> list[list[str]]
 
 def foot_of(comparison: xr.Dataset) -> str:
     """Describe what differs, and since when."""
-    if comparison.attrs.get(EVIDENCE) == OF_SEVERAL:
+    if comparison.attrs.get(schema.EVIDENCE) == OF_SEVERAL:
         runs = zip(comparison["run_name"].values.tolist(), comparison["cause"].values.tolist(), strict=True)
         return "; ".join(f"{run}: {cause or 'the same'}" for run, cause in runs)
     parting_event, cause = (str(comparison.attrs.get(key, "")) for key in ("parted", "cause"))
@@ -106,12 +94,12 @@ def foot_of(comparison: xr.Dataset) -> str:
 
 def _draw_measured(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     """Draw the measured values with their uncertainty, and the computed values at the same times."""
-    time, order = comparison[AT_TIME].values, np.argsort(comparison[AT_TIME].values)
+    time, order = comparison[schema.AT_TIME].values, np.argsort(comparison[schema.AT_TIME].values)
     doubt = comparison[f"measured_uncertainty_{name}"].values if f"measured_uncertainty_{name}" in comparison else None
     style: dict[str, Any] = {"fmt": ".", "color": COLOURS[1], "markersize": 3, "elinewidth": 1.0, "capsize": 3}
     axes.errorbar(time, comparison[f"measured_{name}"].values, doubt, zorder=3, label="measured", **style)
     draw_line(axes, time[order], comparison[name].values[order], label="computed, at the same times", width=0.9)
-    label_time(axes, comparison[AT_TIME])
+    label_time(axes, comparison[schema.AT_TIME])
     label_panel(axes, f"{name}, measured and computed", y=(name, comparison[name].attrs["units"]))
     axes.legend(fontsize=8, frameon=False)
 
@@ -126,16 +114,16 @@ def _draw_distance(axes: Axes, time: Floats, difference: Floats, k: int, label: 
 
 def _draw_distances(comparison: xr.Dataset, names: list[str], axes: Axes) -> None:
     """Draw how far two runs are apart, or elements of one quantity, in its unit."""
-    order = np.argsort(comparison[AT_TIME].values, kind="stable")
+    order = np.argsort(comparison[schema.AT_TIME].values, kind="stable")
     quantities = {split_element_name(name)[0] for name in names}
     units = {name: str(comparison[f"difference_{name}"].attrs["units"]) for name in names}
     is_of_elements = len(quantities) == 1 < len(names)
     for k, name in enumerate(names[:MOST_LINES]):
         label = name if is_of_elements else label_with_unit(name, units[name])
         difference = comparison[f"difference_{name}"].values[order]
-        _draw_distance(axes, comparison[AT_TIME].values[order], difference, k, label)
+        _draw_distance(axes, comparison[schema.AT_TIME].values[order], difference, k, label)
     axes.set_yscale("log")
-    label_time(axes, comparison[AT_TIME])
+    label_time(axes, comparison[schema.AT_TIME])
     superlative = "the farthest " if is_of_elements else ""
     left_out = f", {superlative}{MOST_LINES} of {len(names)}" if len(names) > MOST_LINES else ""
     y = (f"|difference of {quantities.pop()}|", units[names[0]]) if is_of_elements else "|difference|"
@@ -147,10 +135,10 @@ def _draw_distances_of_runs(comparison: xr.Dataset, name: str, axes: Axes) -> No
     """Draw how far each of several runs is from the reference."""
     differences = comparison[f"difference_{name}"]
     for k, run in enumerate(comparison["run_name"].values[:MOST_LINES].tolist()):
-        _draw_distance(axes, comparison[AT_TIME].values, differences.isel(run=k).values, k, run)
+        _draw_distance(axes, comparison[schema.AT_TIME].values, differences.isel(run=k).values, k, run)
     if any(np.isfinite(line.get_ydata()).any() for line in axes.lines):
         axes.set_yscale("log")
-    label_time(axes, comparison[AT_TIME])
+    label_time(axes, comparison[schema.AT_TIME])
     left_out = f", {MOST_LINES} of {comparison.sizes['run']} runs" if comparison.sizes["run"] > MOST_LINES else ""
     label_panel(axes, f"{name}{left_out}", y=("|difference|", str(differences.attrs["units"])))
     axes.legend(fontsize=8, frameon=False)
@@ -158,8 +146,8 @@ def _draw_distances_of_runs(comparison: xr.Dataset, name: str, axes: Axes) -> No
 
 def _draw_difference(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     """Draw a difference and its uncertainty."""
-    order, difference = np.argsort(comparison[AT_TIME].values, kind="stable"), comparison[f"difference_{name}"]
-    time, values = comparison[AT_TIME].values[order], difference.values[order]
+    order, difference = np.argsort(comparison[schema.AT_TIME].values, kind="stable"), comparison[f"difference_{name}"]
+    time, values = comparison[schema.AT_TIME].values[order], difference.values[order]
     measured = f"measured_uncertainty_{name}"
     doubt = comparison[measured if measured in comparison else f"interpolation_error_{name}"].values[order]
     rows = thinned_rows(values)
@@ -167,7 +155,7 @@ def _draw_difference(comparison: xr.Dataset, name: str, axes: Axes) -> None:
     style = "." if f"measured_{name}" in comparison else ".-" if len(time) <= FEW else "-"
     draw_line(axes, time[rows], values[rows], style)
     axes.axhline(0.0, color="#777777", linewidth=0.8)
-    label_time(axes, comparison[AT_TIME])
+    label_time(axes, comparison[schema.AT_TIME])
     quantity, labels = split_element_name(name)
     title = str(difference.attrs["long_name"])
     if labels and title.startswith(f"{quantity},"):
@@ -250,7 +238,7 @@ def _record_colour(record: int) -> int:
 
 def _rows_by_record(fit: xr.Dataset, name: str) -> Iterator[tuple[int, Any, Floats]]:
     """Yield each record that has a quantity, its rows, and what these are drawn over, in order: times, or occurrences."""
-    abscissa = fit["at_occurrence" if name.startswith(OF_EVENTS) else AT_TIME].values
+    abscissa = fit["at_occurrence" if name.startswith(OF_EVENTS) else schema.AT_TIME].values
     is_finite = np.isfinite(fit[name].values)
     record_of_row = fit["at_record"].values if "at_record" in fit else np.zeros(is_finite.size, int)
     for record in np.unique(record_of_row[is_finite]).tolist():
@@ -263,7 +251,7 @@ def _label_abscissa(fit: xr.Dataset, name: str, axes: Axes) -> None:
     if name.startswith(OF_EVENTS):
         axes.set_xlabel("occurrence")
     else:
-        label_time(axes, fit[AT_TIME])
+        label_time(axes, fit[schema.AT_TIME])
 
 
 NARROW = 1e-2  # of what a quantity goes through: a tube that is narrower is drawn about its middle
@@ -279,14 +267,14 @@ def tube_panels(tube: xr.Dataset, beside: Sequence[Any] = ()) -> list[Panel]:
     """
     runs = [source if isinstance(source, xr.Dataset) else open_run(source) for source in beside]
     for run in runs:
-        if run.attrs.get(EVIDENCE) or "time" not in run:
+        if run.attrs.get(schema.EVIDENCE) or "time" not in run:
             raise InputError("what is drawn inside proven bounds is a run; leave out what is none")
-    time_dim, time = (AT, AT_TIME) if AT_TIME in tube.variables else (STEPS, "time")
+    time_dim, time = (schema.AT, schema.AT_TIME) if schema.AT_TIME in tube.variables else (schema.STEPS, "time")
     proven_part = tube.isel({time_dim: np.flatnonzero(tube[time].values <= float(stated_value(tube, "proven_until")))})
     if not proven_part.sizes[time_dim]:
         raise InputError(f"there is nothing to draw: {stated_value(tube, 'outcome_text')}")
     sorted_tube = proven_part.sortby(time)
-    names = [name for name in bounded_names(tube, time_dim) if sorted_tube[bounds_of(name)[0]].ndim == 1]
+    names = [name for name in bounded_names(tube, time_dim) if sorted_tube[schema.bounds_of(name)[0]].ndim == 1]
     sampled_runs = [_sampled_run(run, sorted_tube[time].values) for run in runs]
     return [partial(_draw_tube, sorted_tube, name, time, sampled_runs) for name in names]
 
@@ -304,8 +292,8 @@ def _sampled_run(run: xr.Dataset, times: Floats) -> xr.Dataset:
 
 def _draw_tube(tube: xr.Dataset, name: str, time: str, sampled_runs: list[xr.Dataset], axes: Axes) -> None:
     """Draw one tube; of a narrow one how far its bounds and the runs are from its middle."""
-    times, (low, high) = tube[time].values, (tube[bound].values for bound in bounds_of(name))
-    width, unit = float((high - low).max()), str(tube[bounds_of(name)[0]].attrs["units"])
+    times, (low, high) = tube[time].values, (tube[bound].values for bound in schema.bounds_of(name))
+    width, unit = float((high - low).max()), str(tube[schema.bounds_of(name)[0]].attrs["units"])
     middle = low + 0.5 * (high - low)
     is_narrow = width < NARROW * float(np.ptp(middle))
     reference = middle if is_narrow else np.zeros_like(middle)
@@ -314,7 +302,7 @@ def _draw_tube(tube: xr.Dataset, name: str, time: str, sampled_runs: list[xr.Dat
         draw_line(axes, times, bound - reference, width=0.8)
     for k, run in enumerate(sampled_runs):
         if name in run:
-            run_times = run.variables[AT_TIME].values
+            run_times = run.variables[schema.AT_TIME].values
             deviation = run.variables[name].values - np.interp(run_times, times, reference)
             draw_line(axes, run_times, deviation, ".-", 1 + k, f"run by {run.attrs['solver_method']}", size=3)
             axes.legend(fontsize=8, loc="upper left", framealpha=0.6)
@@ -336,16 +324,16 @@ def diagnosis_panels(diagnosis: xr.Dataset) -> list[Panel]:
     InputError
         If there is neither a cycle nor an exponent.
     """
-    has_cycles = diagnosis.sizes.get(CYCLE, 0)
+    has_cycles = diagnosis.sizes.get(schema.CYCLE, 0)
     names = [name for name in SHOWN if has_cycles and name in diagnosis and diagnosis[name].notnull().any()]
-    if not names and LYAPUNOVS not in diagnosis:
+    if not names and schema.LYAPUNOVS not in diagnosis:
         raise InputError("there is nothing to draw: the diagnosis has no cycle; `xdynamics show` prints what it found")
     residuals = [
         str(name) for name, item in diagnosis.data_vars.items() if str(name).startswith(RESIDUAL) and item.dims
     ]
     return [
         *(partial(_draw_along_cycles, diagnosis, name) for name in names),
-        *([partial(_draw_exponents, diagnosis)] if LYAPUNOVS in diagnosis else []),
+        *([partial(_draw_exponents, diagnosis)] if schema.LYAPUNOVS in diagnosis else []),
         *(partial(_draw_residual, diagnosis, name) for name in residuals),
     ]
 
@@ -357,8 +345,8 @@ def diagnosis_foot(diagnosis: xr.Dataset) -> str:
         remarks.append(f"cycles of {cycles_text(diagnosis)}; phases beside {stated_value(diagnosis, 'reference')}")
     if doubt := stated_value(diagnosis, "cycle_doubt"):
         remarks.append(str(doubt))
-    if LYAPUNOVS in diagnosis:
-        remarks.append(f"exponents: {diagnosis[LYAPUNOVS].attrs['transient']}; bars are standard uncertainties")
+    if schema.LYAPUNOVS in diagnosis:
+        remarks.append(f"exponents: {diagnosis[schema.LYAPUNOVS].attrs['transient']}; bars are standard uncertainties")
     energy = ""
     if "energy_band" in diagnosis:
         energy = f"; energy band {diagnosed(diagnosis, 'energy_band')}, drift {diagnosed(diagnosis, 'energy_drift')}"
@@ -367,7 +355,7 @@ def diagnosis_foot(diagnosis: xr.Dataset) -> str:
 
 def _draw_exponents(diagnosis: xr.Dataset, axes: Axes) -> None:
     """Draw every exponent with its uncertainty and its digits; for -inf the digits alone."""
-    values, doubts = diagnosis[LYAPUNOVS].values, diagnosis[LYAPUNOV_UNCERTAINTY].values
+    values, doubts = diagnosis[schema.LYAPUNOVS].values, diagnosis[schema.LYAPUNOV_UNCERTAINTY].values
     finite = np.where(np.isfinite(values), values, np.nan)
     numbers = np.arange(1, len(values) + 1)
     axes.axhline(0.0, color="#888888", linewidth=0.8)
@@ -379,10 +367,10 @@ def _draw_exponents(diagnosis: xr.Dataset, axes: Axes) -> None:
     axes.set_xlim(0.5, len(values) + 0.9)
     axes.margins(y=0.15)
     axes.locator_params(axis="x", integer=True)
-    growth = diagnosis[FINITE_TIME_GROWTH]  # of which a figure needs three digits
+    growth = diagnosis[schema.FINITE_TIME_GROWTH]  # of which a figure needs three digits
     growth_text = f"{float(growth):.3g}{unit_suffix(str(growth.attrs['units']))}"
     title = f"Lyapunov exponents; growth over the run's own time {growth_text}"
-    label_panel(axes, title, x="number", y=("Lyapunov exponent", str(diagnosis[LYAPUNOVS].attrs["units"])))
+    label_panel(axes, title, x="number", y=("Lyapunov exponent", str(diagnosis[schema.LYAPUNOVS].attrs["units"])))
 
 
 def _first_value(diagnosis: xr.Dataset, name: str) -> str:
@@ -411,7 +399,7 @@ def _draw_residual(diagnosis: xr.Dataset, name: str, axes: Axes) -> None:
     label_panel(axes, f"{variable.attrs['long_name']}{scale}", y=(name, variable.attrs["units"]))
 
 
-TUBE_PAGE = Page((ENCLOSURE,), tube_panels, tube_foot, 6)
+TUBE_PAGE = Page((schema.ENCLOSURE,), tube_panels, tube_foot, 6)
 PAGES = (
     TUBE_PAGE,
     Page(("comparison", OF_SEVERAL), panels_of, foot_of, most_panels=12),

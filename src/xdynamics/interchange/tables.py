@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.archive import without_stale_units
 from xdynamics.archive.folder_store import is_folder, taking_name
 from xdynamics.archive.store import Place
@@ -28,26 +29,7 @@ from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.folding import is_repeated_label, model_dimensions
 from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.files import file_above
-from xdynamics.schema import (
-    AT,
-    AT_TIME,
-    BOUNDS,
-    CASE,
-    CLOSED_LINKS,
-    DOCUMENT,
-    EVENT_BOUNDS,
-    EVENTS,
-    EVIDENCE,
-    KINEMATIC,
-    LEVEL,
-    OCCURRENCE,
-    SAMPLES,
-    STEPS,
-    SWEEP,
-    TEXT_NAMES,
-    TRIALS,
-    error,
-)
+from xdynamics.schema import error
 from xdynamics.shapes.naming import display_text
 from xdynamics.units.digits import digits, scientific
 
@@ -57,16 +39,16 @@ if TYPE_CHECKING:
 
 MEMBERS, PARAMETERS = "members", "parameters"
 ROWS = {
-    "steps": STEPS,
-    "trials": TRIALS,
-    "events": EVENTS,
-    "samples": SAMPLES,
-    "closed": CLOSED_LINKS,
-    "cases": CASE,
+    "steps": schema.STEPS,
+    "trials": schema.TRIALS,
+    "events": schema.EVENTS,
+    "samples": schema.SAMPLES,
+    "closed": schema.CLOSED_LINKS,
+    "cases": schema.CASE,
     "terms": "term",
-    "levels": LEVEL,
+    "levels": schema.LEVEL,
     "runs": "run",
-    "times": AT,
+    "times": schema.AT,
 }
 OF_LEVEL = ("", "difference_", "order_", "verdict_")  # of each observable, in this order
 FIRST = (
@@ -74,7 +56,7 @@ FIRST = (
     "event_kind",
     "event_direction",
     "event_time",
-    *(f"{EVENT_BOUNDS}_{end}" for end in ("lower", "upper")),
+    *(f"{schema.EVENT_BOUNDS}_{end}" for end in ("lower", "upper")),
     "event_time_uncertainty",
     "event_residual",
 )
@@ -114,11 +96,11 @@ class TableColumn:
 
 def kinds_of(data: xr.Dataset) -> list[str]:
     """Return the kinds of tables of a Dataset, the most wanted first."""
-    if data.attrs.get(EVIDENCE) == SWEEP:
+    if data.attrs.get(schema.EVIDENCE) == schema.SWEEP:
         return [MEMBERS, PARAMETERS]
     if AXES in data.attrs:  # of two sweeps
         return [MEMBERS]
-    record_dims = {*model_dimensions(data), BOUNDS, DOCUMENT, "memory"}
+    record_dims = {*model_dimensions(data), schema.BOUNDS, schema.DOCUMENT, "memory"}
     kinds = [kind for kind, dim in ROWS.items() if dim in data.dims]
     kinds += [dim for dim in map(str, data.dims) if dim not in ROWS.values() and dim not in record_dims]
     return [*kinds, *([PARAMETERS] if any(_is_parameter(variable) for variable in data.variables.values()) else [])]
@@ -183,11 +165,13 @@ def frame(data: xr.Dataset, dim: str) -> pd.DataFrame:
     """
     import pandas as pd
 
-    dimensions = [str(dimension) for dimension in data.dims if str(dimension) not in (BOUNDS, *model_dimensions(data))]
+    dimensions = [
+        str(dimension) for dimension in data.dims if str(dimension) not in (schema.BOUNDS, *model_dimensions(data))
+    ]
     if dim not in dimensions:
         raise InputError(f"the record has no dimension {dim!r}; there are {', '.join(dimensions)}")
     columns = [*_columns_along(_plain_dataset(data), (dim,))]
-    ahead = ("time", AT_TIME, f"{dim}_time")
+    ahead = ("time", schema.AT_TIME, f"{dim}_time")
     columns.sort(key=lambda column: ahead.index(column.name) if column.name in ahead else len(ahead))
     made = pd.DataFrame({column.name: column.values for column in columns})
     made.index.name = dim
@@ -210,7 +194,7 @@ def _is_parameter(variable: xr.Variable) -> bool:
 def _plain_dataset(data: xr.Dataset) -> xr.Dataset:
     """Return a record with a variable an element, and no unit that does not hold."""
     data = sweep_of(data) if is_sweep(data) else data
-    if EVIDENCE in data.attrs:
+    if schema.EVIDENCE in data.attrs:
         data = data.compute()  # at once: of what is lazy each variable would march anew
     data = without_stale_units(data)
     return unfold(data) if model_dimensions(data) else data
@@ -223,16 +207,16 @@ def _table_columns(data: xr.Dataset, kind: str) -> Iterator[TableColumn]:
     if kind == MEMBERS:
         return _columns_along(plain, tuple(dim for dim in sweep_axis_names(plain) if dim in plain.dims))
     dim = ROWS.get(kind, kind)
-    if dim == EVENTS and EVIDENCE not in data.attrs:
+    if dim == schema.EVENTS and schema.EVIDENCE not in data.attrs:
         columns = {column.name: column for column in _columns_along(tree_nodes(plain)["events"].to_dataset(), (dim,))}
         sides = [(f"before_{name}", f"after_{name}") for name in map(str, plain.variables)]
         ordered = [*FIRST, *(name for pair in sides for name in pair)]
         return (columns[name] for name in dict.fromkeys([*ordered, *columns]) if name in columns)
-    if dim in NODES and EVIDENCE not in data.attrs:
+    if dim in NODES and schema.EVIDENCE not in data.attrs:
         plain = tree_nodes(plain)[NODES[dim]].to_dataset()
-    if dim == LEVEL and data.attrs.get(EVIDENCE) == "refinement":
+    if dim == schema.LEVEL and data.attrs.get(schema.EVIDENCE) == "refinement":
         return _level_columns(plain)
-    if data.attrs.get(EVIDENCE) == OF_SEVERAL:  # a row a run tells no times
+    if data.attrs.get(schema.EVIDENCE) == OF_SEVERAL:  # a row a run tells no times
         run_names = [str(name) for name, variable in plain.variables.items() if variable.dims == (dim,)]
         return _columns_along(
             plain, (dim,), sorted(run_names, key=lambda name: _column_rank(name, plain.variables[name]))
@@ -256,7 +240,7 @@ def _level_columns(study: xr.Dataset) -> Iterator[TableColumn]:
     number_names = [f"{prefix}{name}" for name in numbers for prefix in OF_LEVEL]
     further_names = [name for name in map(str, study.variables) if name.startswith(("event_count_", DEFECT))]
     names = [str(study.attrs["varied"]), *number_names, *further_names, "run_outcome"]
-    return _columns_along(study, (LEVEL,), [name for name in names if name in study])
+    return _columns_along(study, (schema.LEVEL,), [name for name in names if name in study])
 
 
 def _columns_along(
@@ -270,7 +254,7 @@ def _columns_along(
             column_names = [
                 str(name)
                 for name, candidate in data.variables.items()
-                if not (_is_parameter(candidate) or name in TEXT_NAMES)
+                if not (_is_parameter(candidate) or name in schema.TEXT_NAMES)
             ]
         names = sorted(column_names, key=lambda name: _column_rank(name, data.variables[name]))
     shape = tuple(data.sizes[dim] for dim in rows)
@@ -285,7 +269,7 @@ def _columns_along(
         flat = spread.reshape(int(np.prod(shape)), int(np.prod(beyond)))
         for number, index in enumerate(product(*(range(data.sizes[dim]) for dim in further_dims))):
             where = "".join(_index_words(data, dim, k) for dim, k in zip(further_dims, index, strict=True))
-            units = str((data["event_time"] if name == EVENT_BOUNDS else variable).attrs.get("units", ""))
+            units = str((data["event_time"] if name == schema.EVENT_BOUNDS else variable).attrs.get("units", ""))
             yield TableColumn(
                 f"{display_text(name)}{where}", flat[:, number], _shown_units(units, values, variable), name
             )
@@ -299,21 +283,19 @@ def _cell_values(variable: xr.Variable) -> NDArray[Any]:
 
 def _shown_units(units: str, values: NDArray[Any], variable: xr.Variable) -> str:
     """Return the unit of a column; that of counts, orders and texts is not said."""
-    pure = units == "1" and variable.attrs.get("role") not in (*KINEMATIC, "observable", "parameter", "time")
+    pure = units == "1" and variable.attrs.get("role") not in (*schema.KINEMATIC, "observable", "parameter", "time")
     return units if values.dtype.kind == "f" and not pure else ""
 
 
 def _index_words(data: xr.Dataset, dim: str, k: int) -> str:
     """Return which of several numbers along a further dimension a column has, in words."""
-    if dim == AT:
-        unit = str(data.variables[AT_TIME].attrs.get("units", "1"))
-        time_words = (
-            f" at t = {float(np.atleast_1d(data.variables[AT_TIME].values)[k])!r}{'' if unit == '1' else f' {unit}'}"
-        )
-        return time_words if data.sizes[AT] > 1 else ""
-    if dim == BOUNDS:
+    if dim == schema.AT:
+        unit = str(data.variables[schema.AT_TIME].attrs.get("units", "1"))
+        time_words = f" at t = {float(np.atleast_1d(data.variables[schema.AT_TIME].values)[k])!r}{'' if unit == '1' else f' {unit}'}"
+        return time_words if data.sizes[schema.AT] > 1 else ""
+    if dim == schema.BOUNDS:
         return ("_lower", "_upper")[k]
-    if dim == OCCURRENCE:
+    if dim == schema.OCCURRENCE:
         return f"[{k + 1}]"
     labels = data.variables.get(dim, data.variables.get(f"{dim}_name"))
     return f"[{k if labels is None else labels.values[k]}]"
@@ -397,7 +379,7 @@ def board_of(data: xr.Dataset, width: int) -> list[str]:
     Of a refinement a row a level: the step, and of each observable its value, the difference to the next finer level and
     the observed order. Of a ledger a row a case.
     """
-    kind = data.attrs.get(EVIDENCE)
+    kind = data.attrs.get(schema.EVIDENCE)
     if kind not in _BOARDS or any(variable.chunks is not None for variable in data.variables.values()):
         return []
     groups = _BOARDS[kind](_plain_dataset(data))
@@ -436,7 +418,7 @@ def _board_of_cases(ledger: xr.Dataset) -> list[list[Shown]]:
         "case_observable": "observable",
         "case_method": "method",
     }
-    columns = {column.name: column.values for column in _columns_along(ledger, (CASE,))}
+    columns = {column.name: column.values for column in _columns_along(ledger, (schema.CASE,))}
     if len({*columns["case_method"]}) == 1:
         del headers_by_name["case_method"]
     return [[(header, DOUBT, columns[name])] for name, header in headers_by_name.items()]
@@ -646,8 +628,8 @@ def check_text_target(path: Place) -> Place:
 @of_elements
 def states_as_csv(states: xr.Dataset) -> str:
     """Return states at some times, as `sample` gives them: CSV with units in its header, numbers to the last bit."""
-    names = [str(name) for name in states.data_vars if states[name].dims == (AT,) and error(str(name)) in states]
-    columns = {f"time [{states[AT_TIME].attrs['units']}]": states[AT_TIME].values}
+    names = [str(name) for name in states.data_vars if states[name].dims == (schema.AT,) and error(str(name)) in states]
+    columns = {f"time [{states[schema.AT_TIME].attrs['units']}]": states[schema.AT_TIME].values}
     columns |= {f"{display_text(name)} [{states[name].attrs['units']}]": states[name].values for name in names}
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")

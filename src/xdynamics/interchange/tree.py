@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics import schema
 from xdynamics.archive import without_stale_units
 from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.faults import InputError
 from xdynamics.record.flag_words import without_bounds
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import check_single
-from xdynamics.schema import BOUNDS, CLOSED_LINKS, EVENT_BOUNDS, EVENTS, KINEMATIC, SAMPLES, STEPS, TRIALS
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -21,8 +21,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # the node of each dimension of a record, and what its events are shown with on either side
-NODES = {STEPS: "steps", TRIALS: "trials", EVENTS: "events", SAMPLES: "samples", CLOSED_LINKS: "closed"}
-ON_SIDES = (*KINEMATIC, "energy", "observable")
+NODES = {
+    schema.STEPS: "steps",
+    schema.TRIALS: "trials",
+    schema.EVENTS: "events",
+    schema.SAMPLES: "samples",
+    schema.CLOSED_LINKS: "closed",
+}
+ON_SIDES = (*schema.KINEMATIC, "energy", "observable")
 ENDS = ("lower", "upper")
 
 
@@ -56,19 +62,19 @@ def tree_nodes(run: xr.Dataset) -> xr.DataTree:
         dim = next((dim for dim in variable.dims if dim in variables_by_dim), None)
         if dim is None:
             root[name] = variable
-        elif name == EVENT_BOUNDS:
+        elif name == schema.EVENT_BOUNDS:
             unit = str(run["event_time"].attrs["units"])
             for k, end in enumerate(ENDS):
                 described = attrs_of(unit, f"{end} end of the bracket of the event's time", "event")
-                variables_by_dim[EVENTS][f"{EVENT_BOUNDS}_{end}"] = xr.Variable(
-                    (EVENTS,), variable.isel({BOUNDS: k}).data, described
+                variables_by_dim[schema.EVENTS][f"{schema.EVENT_BOUNDS}_{end}"] = xr.Variable(
+                    (schema.EVENTS,), variable.isel({schema.BOUNDS: k}).data, described
                 )
         else:
             variables_by_dim[str(dim)][name] = variable.copy(deep=False)
             variables_by_dim[str(dim)][name].attrs = without_bounds(variable.attrs)
-    if {STEPS, EVENTS} <= {*variables_by_dim}:
+    if {schema.STEPS, schema.EVENTS} <= {*variables_by_dim}:
         for side in ("before", "after"):
-            variables_by_dim[EVENTS] |= states_on_side(run, side, rows_named(run, f"event_row_{side}"))
+            variables_by_dim[schema.EVENTS] |= states_on_side(run, side, rows_named(run, f"event_row_{side}"))
     nodes = {f"/{NODES[dim]}": _node_table(variables, run) for dim, variables in variables_by_dim.items()}
     root_table = xr.Dataset(root, attrs=run.attrs).set_coords([name for name in root if name in run.coords])
     return xr.DataTree.from_dict({"/": root_table, **nodes})
@@ -112,10 +118,10 @@ def states_on_side(
 
     states, missing = {}, places < 0
     for name, variable in run.variables.items():
-        if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in roles:
+        if variable.dims[:1] == (schema.STEPS,) and variable.attrs.get("role") in roles:
             # a copy, as nan is written into it; 0 in the place of -1, which would be the last row
-            values = np.array(variable.isel({STEPS: np.maximum(places, 0)}).values)
+            values = np.array(variable.isel({schema.STEPS: np.maximum(places, 0)}).values)
             values[missing] = np.nan
             described = attrs_of(str(variable.attrs["units"]), f"{name} {side} the event", str(variable.attrs["role"]))
-            states[f"{side}_{name}"] = xr.Variable((EVENTS, *variable.dims[1:]), values, described)
+            states[f"{side}_{name}"] = xr.Variable((schema.EVENTS, *variable.dims[1:]), values, described)
     return states

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from xdynamics import schema
 from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.lane_step import STRETCH
@@ -75,10 +76,9 @@ from xdynamics.march.series import choose_series_step
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
 from xdynamics.march.trial_step import copy_numbers, propose_step
 from xdynamics.model.constraint_consistency import CONSISTENT
-from xdynamics.schema import INITIAL, NODE, REASON_DOMAIN, REASON_ERROR, REASON_EVENT, REASON_EVENT_FUNCTION, STEP
 
 ROUNDS = 4  # of attitudes and constraints at a start that is moved: what is left falls as the square
-_INITIAL = np.int64(INITIAL)  # no literal: numba compiles a copy of a function for every literal argument
+_INITIAL = np.int64(schema.INITIAL)  # no literal: numba compiles a copy of a function for every literal argument
 append_row_apart = noinline(append_row)
 
 
@@ -115,7 +115,9 @@ def march(address: Any, rows: int) -> None:
         reason = judge_trial(run)
         # before events, which are then looked for in the trial as shortened to where links meet
         links_met = reason == SOUND and links_meet(run)
-        if run.detectors.shape[0] > 0 and (reason == REASON_DOMAIN or (reason == SOUND and not is_event_free(run))):
+        if run.detectors.shape[0] > 0 and (
+            reason == schema.REASON_DOMAIN or (reason == SOUND and not is_event_free(run))
+        ):
             run.piece[0].verdict = reason
             call_phase(run.functions[EVENT_PHASE], run, 0.0, FIND_EVENTS)
             reason = run.piece[0].verdict
@@ -125,7 +127,7 @@ def march(address: Any, rows: int) -> None:
             reason = run.piece[0].verdict
         if reason == SOUND:
             accept(run)
-        elif reason != REASON_EVENT:
+        elif reason != schema.REASON_EVENT:
             reject(run, reason)
 
 
@@ -187,7 +189,7 @@ def begin_march(run: Run) -> None:
     if not finite_state(run):
         now.status = nonfinite_reason(run)
     elif not sound_events:
-        now.status = REASON_EVENT_FUNCTION
+        now.status = schema.REASON_EVENT_FUNCTION
     elif not row_is_finite:
         now.status = NONFINITE_OBSERVABLE
     now.rows = 1  # every run has an initial row, whatever it holds
@@ -291,8 +293,8 @@ def reject(run: Run, reason: int) -> None:
         return
     shortest = shortest_step(run)
     if min(h, now.step) > shortest:  # h includes the rounding of t + h, the proposal does not
-        reduce_step(run, h, reason == REASON_ERROR)
-    elif reason == REASON_ERROR and plan.min_step < shortest:
+        reduce_step(run, h, reason == schema.REASON_ERROR)
+    elif reason == schema.REASON_ERROR and plan.min_step < shortest:
         end_march(run, STEP_TOO_SMALL)
     else:
         end_march(run, reason)
@@ -302,7 +304,7 @@ def reject(run: Run, reason: int) -> None:
 def accept(run: Run) -> None:
     """Log an accepted state and go on from it."""
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
-    kind = STEP
+    kind = schema.STEP
     if run.delays.shape[0] > 0:
         note_past(run)
     if trial.landing != AT_GRID:
@@ -326,7 +328,7 @@ def kind_at_node(run: Run) -> int:
     """Return the kind of row at the end of a trial that lands on more than a time of the grid."""
     landing, inner = run.trial[0].landing, run.now[0].node < run.nodes.shape[0]  # the end of the run is no breakpoint
     at_break = landing in (AT_BREAK, AT_BREAK_AND_GRID)
-    return NODE if at_break or (landing in (AT_NODE, AT_BOTH) and inner) else STEP
+    return schema.NODE if at_break or (landing in (AT_NODE, AT_BOTH) and inner) else schema.STEP
 
 
 @jit_separate

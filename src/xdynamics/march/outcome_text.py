@@ -10,6 +10,7 @@ from math import isfinite
 
 import numpy as np
 
+from xdynamics import schema
 from xdynamics.expressions import CALLED_ALONE, Binary, Name, Node, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import display_text
@@ -59,17 +60,7 @@ from xdynamics.model.motion import constants
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import TANGENT, reactions
 from xdynamics.model.switches import Switch
-from xdynamics.schema import (
-    REASON_CONTACT,
-    REASON_DOMAIN,
-    REASON_ERROR,
-    REASON_EVENT_FUNCTION,
-    REASON_NEWTON,
-    REASON_NONFINITE,
-    force,
-    rate,
-    velocity,
-)
+from xdynamics.schema import rate
 from xdynamics.shapes.naming import join_element_name, split_element_name
 from xdynamics.units import TIME, UNSCALED, unit_suffix
 from xdynamics.units.digits import MOST, digits, known_part
@@ -164,7 +155,7 @@ def diagnose_failure(march: March) -> Failure:
     is not possible, because equations are solved, the proposed state is examined instead.
     """
     status = int(march.now.status)
-    if status == REASON_EVENT_FUNCTION:
+    if status == schema.REASON_EVENT_FUNCTION:
         return Failure(OUTCOMES[status], _undefined_events(march))
     if status == EVENT_AT_ZERO:
         watched_events = zip(march.layout.watched, march.run.watches["ever"].tolist(), strict=True)
@@ -181,16 +172,16 @@ def diagnose_failure(march: March) -> Failure:
         return _row_failure(march)
     if status == CONSTRAINT_VIOLATED:
         return Failure(OUTCOMES[status], _violated(march))
-    if status in (REASON_CONTACT, CONTACT_PENETRATED, CONTACT_INCONSISTENT):
+    if status in (schema.REASON_CONTACT, CONTACT_PENETRATED, CONTACT_INCONSISTENT):
         few = balance_inconsistency if status == CONTACT_INCONSISTENT else contact_dispute
         say = assembly_dispute if march.model.assemblies else few
         return Failure(OUTCOMES[status], say(march))
-    if status not in (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON):
+    if status not in (schema.REASON_NONFINITE, schema.REASON_DOMAIN, schema.REASON_NEWTON):
         return Failure(OUTCOMES[status], _finite_cause(march))
     for values in () if march.model.delays else replayed_evaluations(march):
         if failure := _evaluation_failure(march, values):
             return failure
-    if status == REASON_NEWTON:
+    if status == schema.REASON_NEWTON:
         return Failure(OUTCOMES[status], _finite_cause(march))
     return _state_failure(march, dict(zip(march.layout.record, march.run.z.tolist(), strict=True)))
 
@@ -327,7 +318,7 @@ def _finite_cause(march: March) -> str:
     """Explain why a march cannot continue though all numbers are finite."""
     norm, plan = float(march.now.norm), march.run.plan[0]
     match int(march.now.status):
-        case status if status == REASON_ERROR:
+        case status if status == schema.REASON_ERROR:
             return (
                 f"the error test fails at the minimum step, with norm {norm:.3g}, most of all in {of_error(march)}; the"
                 " tolerance or the minimum step does not suit the model"
@@ -342,9 +333,9 @@ def _finite_cause(march: March) -> str:
                 return f"{used}: {left}"
             remedy = f"raise max_steps{'' if search else ' or the tolerances'}"
             return f"{used}, where {of_error(march)} has the largest error; {remedy}"
-        case status if status == REASON_NEWTON and np.isnan(march.run.z[plan.moved]) and plan.held:
+        case status if status == schema.REASON_NEWTON and np.isnan(march.run.z[plan.moved]) and plan.held:
             return _unmet(march)
-        case status if status == REASON_NEWTON:
+        case status if status == schema.REASON_NEWTON:
             remedy = "the model is not smooth enough here" if plan.adaptive else "take a shorter step"
             settings = march.settings
             limit = solver_of(settings.method).reported(settings, march.law)["solver_newton_most_iterations"]
@@ -416,7 +407,7 @@ def _drive_argument(march: March, name: str) -> float:
     argument_index = layout.record.index(argument.name)
     if isfinite(march.run.z[argument_index]) or argument.name in layout.velocities:
         return float(march.run.z[argument_index])
-    return float(march.run.y[argument_index] + now.h * march.run.y[layout.record.index(velocity(argument.name))])
+    return float(march.run.y[argument_index] + now.h * march.run.y[layout.record.index(schema.velocity(argument.name))])
 
 
 def _argument_at_state(march: March, name: str, values: dict[str, float]) -> float:
@@ -454,9 +445,11 @@ def _evaluation_failure(march: March, values: dict[str, float]) -> Failure | Non
                 None,
             )
             if sliding is not None:
-                return Failure(OUTCOMES[REASON_CONTACT], painleve_message(sliding, evaluate(sliding.size, values)))
+                return Failure(
+                    OUTCOMES[schema.REASON_CONTACT], painleve_message(sliding, evaluate(sliding.size, values))
+                )
     trees = {
-        force(term, name): tree
+        schema.force(term, name): tree
         for term, components in model.force_components.items()
         for name, tree in components.items()
     }
@@ -506,7 +499,7 @@ def _state_failure(march: March, state: dict[str, float]) -> Failure:
         if not isfinite(state[name]):
             return Failure(NONFINITE_FORCE, f"{name} is {state[name]}")
     if why := undefined_contact(march):
-        return Failure(OUTCOMES[REASON_CONTACT], why)
+        return Failure(OUTCOMES[schema.REASON_CONTACT], why)
     bad = [name for name in layout.accelerations if not isfinite(state[name])]
     return Failure(
         NONFINITE_FORCE, f"{', '.join(bad)} is not finite with finite forces: the mass is not positive definite"

@@ -4,15 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from xdynamics.schema import (
-    REASON_CONTACT,
-    REASON_DOMAIN,
-    REASON_ERROR,
-    REASON_EVENT_FUNCTION,
-    REASON_NEWTON,
-    REASON_NONFINITE,
-    TRIAL_REASONS,
-)
+from xdynamics import schema
 
 SOUND, RUNNING = -1, -1
 # ends of a run without a rejected trial; numbered after the reasons of trials
@@ -30,7 +22,7 @@ SOUND, RUNNING = -1, -1
     CONSTRAINT_VIOLATED,
     EVENT_ACCUMULATION,
     CONTACT_VIOLATED,
-) = range(len(TRIAL_REASONS), len(TRIAL_REASONS) + 13)
+) = range(len(schema.TRIAL_REASONS), len(schema.TRIAL_REASONS) + 13)
 
 
 @dataclass(frozen=True)
@@ -58,11 +50,11 @@ NONFINITE = Outcome("nonfinite_state", _FINITE)
 
 # by what ended the run: the reason of a trial that could not be repeated, or one of the numbers above
 OUTCOMES: dict[int, Outcome] = {
-    REASON_ERROR: Outcome("error_test_at_minimum_step", _ACCEPTED),
-    REASON_NONFINITE: NONFINITE,
-    REASON_DOMAIN: NONFINITE,
-    REASON_NEWTON: Outcome("equations_unsolved", _ACCEPTED),
-    REASON_EVENT_FUNCTION: Outcome("nonfinite_event", _FINITE),
+    schema.REASON_ERROR: Outcome("error_test_at_minimum_step", _ACCEPTED),
+    schema.REASON_NONFINITE: NONFINITE,
+    schema.REASON_DOMAIN: NONFINITE,
+    schema.REASON_NEWTON: Outcome("equations_unsolved", _ACCEPTED),
+    schema.REASON_EVENT_FUNCTION: Outcome("nonfinite_event", _FINITE),
     COMPLETED: Outcome("completed", "reached t = {t}", good=True),
     STOPPED: Outcome("stopped_by_event", "event {cause} stopped the run at t = {t}", good=True),
     STEP_TOO_SMALL: Outcome("step_below_spacing", "at t = {t}, h = {h}: {cause}"),
@@ -71,7 +63,7 @@ OUTCOMES: dict[int, Outcome] = {
     EVENT_AT_ZERO: Outcome(
         "event_at_zero", "reached t = {t}, and {cause} from the start throughout: it tells of nothing"
     ),
-    REASON_CONTACT: Outcome("contact_undetermined", _ACCEPTED),
+    schema.REASON_CONTACT: Outcome("contact_undetermined", _ACCEPTED),
     CONTACT_PENETRATED: Outcome("contact_penetrated", "at t = {t}: {cause}"),
     CONTACT_INCONSISTENT: Outcome("contact_inconsistent", _ACCEPTED),
     CONSTRAINT_VIOLATED: Outcome("constraint_violated", "at t = {t}: {cause}"),

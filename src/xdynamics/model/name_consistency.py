@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from xdynamics import schema
 from xdynamics.expressions import CALLED_ALONE, FUNCTIONS
 from xdynamics.faults import Ledger, ModelError
 from xdynamics.model.statement import Statement
@@ -27,24 +28,7 @@ from xdynamics.reaction_names import (
     joint_force,
     joint_torque,
 )
-from xdynamics.schema import (
-    CLOSED_LINKS,
-    DIMENSIONS,
-    DOCUMENT,
-    ENERGIES,
-    EVENT_UNCERTAINTIES,
-    FIRST_PASSED,
-    FIXED,
-    PASSED,
-    acceleration,
-    end_of,
-    error,
-    force,
-    label_of,
-    rate,
-    sample_name,
-    velocity,
-)
+from xdynamics.schema import force
 from xdynamics.units import CONSTANTS
 
 OTHER_NAMES = (
@@ -58,23 +42,23 @@ OTHER_NAMES = (
     "attitude_deviation",
     "given_step_size",
     "end_memory",
-    PASSED.name,
+    schema.PASSED.name,
     RANK.name,
     PROJECTION.name,
-    FIRST_PASSED.name,
-    *ENERGIES,
-    *(dim for dim in DIMENSIONS if dim != DOCUMENT),
+    schema.FIRST_PASSED.name,
+    *schema.ENERGIES,
+    *(dim for dim in schema.DIMENSIONS if dim != schema.DOCUMENT),
 )
 
 
 def _coordinate_names(name: str) -> tuple[str, ...]:
-    position_and_velocity = (name, velocity(name))
-    record_names = (*position_and_velocity, acceleration(name), f"event_impulse_{name}", f"event_offset_{name}")
-    return (*record_names, *map(sample_name, position_and_velocity), *map(error, position_and_velocity))
+    position_and_velocity = (name, schema.velocity(name))
+    record_names = (*position_and_velocity, schema.acceleration(name), f"event_impulse_{name}", f"event_offset_{name}")
+    return (*record_names, *map(schema.sample_name, position_and_velocity), *map(schema.error, position_and_velocity))
 
 
 def _reaction_names(name: str) -> tuple[str, ...]:
-    return (name, sample_name(name))
+    return (name, schema.sample_name(name))
 
 
 def _friction_names(name: str) -> tuple[str, ...]:
@@ -86,9 +70,9 @@ _CLAIMED: dict[str, Callable[[str], tuple[str, ...]]] = {
     "parameters": lambda name: (name,),
     "definitions": lambda name: (name,),
     "observables": lambda name: (name, f"event_{name}", f"event_{name}_uncertainty"),
-    "drives": lambda name: (name, sample_name(name)),
+    "drives": lambda name: (name, schema.sample_name(name)),
     "coordinates": _coordinate_names,
-    "states": lambda name: (name, rate(name), sample_name(name), error(name)),
+    "states": lambda name: (name, schema.rate(name), schema.sample_name(name), schema.error(name)),
     "contacts": lambda name: (
         contact_gap(name),
         contact_state(name),
@@ -111,21 +95,25 @@ def _dimension_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield name, f"parameter '{name}'"
     for section, entry_kind in (("extents", "dimension"), ("relations", "relation")):
         for name in parts[section]:
-            made = (label_of(name),) if section == "extents" else (end_of(name, "first"), end_of(name, "second"))
+            made = (
+                (schema.label_of(name),)
+                if section == "extents"
+                else (schema.end_of(name, "first"), schema.end_of(name, "second"))
+            )
             for variable_name in (*made, f"event_{name}"):
                 yield variable_name, f"{entry_kind} '{name}'"
 
 
 def _is_used(name: str, parts: Mapping[str, Any]) -> bool:
     """Whether a name is one of every record, or of those of a model like this."""
-    if name == CLOSED_LINKS:
+    if name == schema.CLOSED_LINKS:
         return bool(parts["extents"])
     return bool(parts["constraints"]) if name in (RANK.name, PROJECTION.name) else True
 
 
 def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield every name that the record of a model uses, with the entry that claims it."""
-    for variable in (*FIXED, *EVENT_UNCERTAINTIES):
+    for variable in (*schema.FIXED, *schema.EVENT_UNCERTAINTIES):
         yield variable.name, "the record"
     for name in OTHER_NAMES:
         if _is_used(name, parts):
@@ -142,7 +130,7 @@ def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for term, one_force in parts["forces"].items():
         for name in one_force.components or parts["coordinates"]:
             yield force(term, name), f"force '{term}'"
-            yield sample_name(force(term, name)), f"force '{term}'"
+            yield schema.sample_name(force(term, name)), f"force '{term}'"
 
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")

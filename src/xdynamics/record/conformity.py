@@ -9,43 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.reaction_names import JOINT
 from xdynamics.record.flag_words import plain
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.schemas import are_rows_places, in_words_of, is_run, is_whole
-from xdynamics.schema import (
-    ATOL_EFFECT,
-    BOUNDS,
-    BY_STEP_CONTROL,
-    DERIVED,
-    DERIVED_FROM,
-    DOCUMENT,
-    EVENT_AFTER,
-    EVENT_BEFORE,
-    EVENT_BOUNDS,
-    EVENTS,
-    EVIDENCE,
-    FIXED,
-    GIVEN_STEP,
-    INITIAL,
-    LABEL,
-    LEFT_OUT_ATOL,
-    NUMBERS,
-    OF_ELEMENTS,
-    ORIGIN,
-    PAIRS,
-    REQUIRED_ATTRIBUTES,
-    ROW_SIZE,
-    RUNS,
-    SAMPLE_DIMENSION,
-    SAMPLES,
-    SELECTION,
-    SELECTION_OF,
-    STEP_NUMBER,
-    STEPS,
-    Variable,
-)
 from xdynamics.units import SECONDS, UNKNOWN_UNIT
 
 if TYPE_CHECKING:
@@ -86,7 +55,7 @@ def faults_of(run: xr.Dataset, *, values: bool = True, is_full_run: bool = True)
         Whether a record not marked as a selection or derived data must have all that a run has.
     """
     is_full_run = is_full_run and is_whole(run.attrs)
-    expected = {fixed.name: fixed for fixed in in_words_of(FIXED, run)}
+    expected = {fixed.name: fixed for fixed in in_words_of(schema.FIXED, run)}
     placed, shaped = is_run(run.attrs), {*model_dimensions(run)}
     variable_faults = {
         name: [
@@ -97,8 +66,8 @@ def faults_of(run: xr.Dataset, *, values: bool = True, is_full_run: bool = True)
         for name, variable in run.variables.items()
     }
     faults = [*_attribute_departures(run.attrs), *(_missing_variables(run) if is_full_run else ())]
-    if STEPS in run.dims and not run.sizes[STEPS]:
-        faults.append(f"dimension '{STEPS}' has no row, needs one at least")
+    if schema.STEPS in run.dims and not run.sizes[schema.STEPS]:
+        faults.append(f"dimension '{schema.STEPS}' has no row, needs one at least")
     faults += [
         f"variable {str(name)!r} {fault}" for name, departures in variable_faults.items() for fault in departures
     ]
@@ -111,57 +80,68 @@ def faults_of(run: xr.Dataset, *, values: bool = True, is_full_run: bool = True)
 
 
 def _attribute_departures(attributes: Mapping[Any, Any]) -> Iterator[str]:
-    for name in REQUIRED_ATTRIBUTES:
+    for name in schema.REQUIRED_ATTRIBUTES:
         if name not in attributes:
             if not is_run(attributes):
                 continue
             yield f"attribute '{name}' is missing"
-        elif name not in NUMBERS and not isinstance(attributes[name], str):
+        elif name not in schema.NUMBERS and not isinstance(attributes[name], str):
             yield f"attribute '{name}' is {_short_text(attributes[name])}, needs a text"
     control = attributes.get("solver_step_control", "given")
-    if control not in BY_STEP_CONTROL:
-        yield f"attribute 'solver_step_control' is {_short_text(control)}; there are {', '.join(BY_STEP_CONTROL)}"
+    if control not in schema.BY_STEP_CONTROL:
+        yield f"attribute 'solver_step_control' is {_short_text(control)}; there are {', '.join(schema.BY_STEP_CONTROL)}"
     else:
-        yield from (f"attribute '{name}' is missing" for name in BY_STEP_CONTROL[control] if name not in attributes)
+        yield from (
+            f"attribute '{name}' is missing" for name in schema.BY_STEP_CONTROL[control] if name not in attributes
+        )
     yield from (
         f"attribute '{name}' is {_short_text(attributes[name])}, needs a number"
-        for name in NUMBERS
+        for name in schema.NUMBERS
         if name in attributes and not _is_finite_number(attributes[name])
     )
     yield from (
         f"attribute '{name}' is {_short_text(attributes[name])}, needs two numbers"
-        for name in PAIRS
+        for name in schema.PAIRS
         if name in attributes and np.shape(attributes[name]) != (2,)
     )
     yield from (
         f"attribute '{name}' is {_short_text(attributes[name])}, needs a text"
-        for name in (EVIDENCE, RUNS, DERIVED, DERIVED_FROM, SELECTION, SELECTION_OF, LEFT_OUT_ATOL, ATOL_EFFECT)
+        for name in (
+            schema.EVIDENCE,
+            schema.RUNS,
+            schema.DERIVED,
+            schema.DERIVED_FROM,
+            schema.SELECTION,
+            schema.SELECTION_OF,
+            schema.LEFT_OUT_ATOL,
+            schema.ATOL_EFFECT,
+        )
         if not isinstance(attributes.get(name, ""), str)
     )
     yield from unkeepable(attributes)
 
 
 def _missing_variables(run: xr.Dataset) -> Iterator[str]:
-    for variable in in_words_of(FIXED, run):
-        if variable.name not in run.variables and (variable.dims != (SAMPLES,) or SAMPLES in run.dims):
+    for variable in in_words_of(schema.FIXED, run):
+        if variable.name not in run.variables and (variable.dims != (schema.SAMPLES,) or schema.SAMPLES in run.dims):
             yield f"variable '{variable.name}' is missing"
     if "event_detector" not in run.variables:
         yield "variable 'event_detector' is missing"
-    if run.sizes.get(BOUNDS, 2) != 2:
-        yield f"dimension '{BOUNDS}' has {run.sizes[BOUNDS]} entries, needs 2, the left end and the right one"
-    if run.attrs.get("solver_step_control") == "given" and GIVEN_STEP.name not in run.variables:
-        yield f"variable '{GIVEN_STEP.name}' is missing"
+    if run.sizes.get(schema.BOUNDS, 2) != 2:
+        yield f"dimension '{schema.BOUNDS}' has {run.sizes[schema.BOUNDS]} entries, needs 2, the left end and the right one"
+    if run.attrs.get("solver_step_control") == "given" and schema.GIVEN_STEP.name not in run.variables:
+        yield f"variable '{schema.GIVEN_STEP.name}' is missing"
 
 
 def _variable_departures(
-    name: str, variable: xr.Variable, expected: Variable | None, shaped: set[str], *, placed: bool
+    name: str, variable: xr.Variable, expected: schema.Variable | None, shaped: set[str], *, placed: bool
 ) -> Iterator[str]:
     """List the faults of a variable, with its dims in a run record; `shaped` are dimensions of the model."""
     attributes = variable.attrs
     inner = [size for dim, size in zip(variable.dims, variable.shape, strict=True) if dim in shaped]
     outer_dims = tuple(dim for dim in variable.dims if dim not in shaped)
     is_plain_text = variable.dtype.kind in "UO" and (
-        variable.dims in ((), (DOCUMENT,)) or attributes.get("role") == LABEL
+        variable.dims in ((), (schema.DOCUMENT,)) or attributes.get("role") == schema.LABEL
     )
     if not _is_name(name):
         yield "has a name that no file can keep"
@@ -173,7 +153,7 @@ def _variable_departures(
         variable.dtype.kind not in "UO" and variable.dtype.str[1:] not in STORED
     ):
         yield f"has the type {variable.dtype}, needs numbers, or one text without a dimension"
-    needed_words = () if name == EVENT_BOUNDS else NEEDED
+    needed_words = () if name == schema.EVENT_BOUNDS else NEEDED
     yield from (f"has no attribute '{word}'" for word in needed_words if word not in attributes)
     texts = (*NEEDED, "flag_meanings")
     yield from (
@@ -183,14 +163,14 @@ def _variable_departures(
     )
     yield from (
         f"has the attribute {word} = {_short_text(attributes[word])}, needs a number"
-        for word in OF_ELEMENTS
+        for word in schema.OF_ELEMENTS
         if word in attributes
         and not _is_finite_number(attributes[word])
         and np.shape(attributes[word]) != (prod(inner),)
     )
     yield from (f": {fault}" for fault in unkeepable(attributes))
     role = attributes.get("role")
-    needed = (STEPS,) if role in ALONG_STEPS else () if role == "parameter" else None
+    needed = (schema.STEPS,) if role in ALONG_STEPS else () if role == "parameter" else None
     if placed and needed is not None and isinstance(role, str) and (outer_dims != needed or variable.dtype.kind != "f"):
         yield f"is a {role} along {tuple(variable.dims)} of type {variable.dtype}, needs {needed} and float64"
     timeless = (
@@ -218,7 +198,7 @@ def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
         kind = getattr(value, "dtype", None)
         if not isinstance(name, str) or not _is_name(name):
             yield f"attribute {name!r} has a name that no file can keep"
-        elif name == ORIGIN:  # which is kept in memory alone
+        elif name == schema.ORIGIN:  # which is kept in memory alone
             continue
         elif isinstance(value, str):
             if not _is_text(value):
@@ -233,9 +213,9 @@ def unkeepable(attributes: Mapping[Any, Any]) -> Iterator[str]:
 
 
 def _event_row_departures(run: xr.Dataset, sound: Mapping[str, xr.Variable]) -> Iterator[str]:
-    rows, by_place = run.sizes.get(STEPS, 0), are_rows_places(run)
+    rows, by_place = run.sizes.get(schema.STEPS, 0), are_rows_places(run)
     for name in ("event_row_before", "event_row_after"):
-        if {name, *([] if by_place else [STEP_NUMBER.name])} <= {*sound}:
+        if {name, *([] if by_place else [schema.STEP_NUMBER.name])} <= {*sound}:
             row_places = np.asarray(sound[name].values) if by_place else rows_named(run, name)
             wrong = np.flatnonzero((row_places < 0) | (row_places >= rows))
             if wrong.size:
@@ -245,7 +225,7 @@ def _event_row_departures(run: xr.Dataset, sound: Mapping[str, xr.Variable]) -> 
 
 def _flags(sound: Mapping[str, xr.Variable], *, everywhere: bool) -> Iterator[str]:
     for name, variable in sound.items():
-        if variable.attrs.get("role") == "flag" and (everywhere or EVENTS in variable.dims):
+        if variable.attrs.get("role") == "flag" and (everywhere or schema.EVENTS in variable.dims):
             values = np.asarray(variable.values)
             wrong = np.flatnonzero(~np.isin(values, np.atleast_1d(variable.attrs["flag_values"])))
             if wrong.size:
@@ -261,14 +241,16 @@ def _time_departures(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
         return
     time, kind = np.asarray(sound["time"].values), np.asarray(sound["row_kind"].values)
     gaps = np.diff(time)
-    met_at_once = (kind[1:] == EVENT_BEFORE) & np.isin(kind[:-1], (INITIAL, EVENT_AFTER))  # at the start, or by another
+    met_at_once = (kind[1:] == schema.EVENT_BEFORE) & np.isin(
+        kind[:-1], (schema.INITIAL, schema.EVENT_AFTER)
+    )  # at the start, or by another
     # isnan: comparisons with nan are false, so a time that is none would pass them
-    wrong = (gaps < 0) | ((gaps == 0) & (kind[1:] != EVENT_AFTER) & ~met_at_once) | np.isnan(gaps)
+    wrong = (gaps < 0) | ((gaps == 0) & (kind[1:] != schema.EVENT_AFTER) & ~met_at_once) | np.isnan(gaps)
     sizes = _rows_by_run(sound, sound["time"].dims)
     if sizes is not None:
         if sizes.min(initial=1) < 1 or sizes.sum() != time.size:
             yield (
-                f"variable '{ROW_SIZE}' counts {sizes.sum()} rows of {sizes.size} runs, and there are {time.size}: it needs"
+                f"variable '{schema.ROW_SIZE}' counts {sizes.sum()} rows of {sizes.size} runs, and there are {time.size}: it needs"
                 " at least one for each run, and as many as there are in all"
             )
             return
@@ -283,8 +265,8 @@ def _time_departures(sound: Mapping[str, xr.Variable]) -> Iterator[str]:
 
 def _rows_by_run(sound: Mapping[str, xr.Variable], dims: tuple[Any, ...]) -> Array | None:
     """Return how many rows each run has where rows of several runs follow one another; None where they do not."""
-    sizes = sound.get(ROW_SIZE)
-    if sizes is None or dims != (sizes.attrs.get(SAMPLE_DIMENSION),) or sizes.dtype.kind not in "iu":
+    sizes = sound.get(schema.ROW_SIZE)
+    if sizes is None or dims != (sizes.attrs.get(schema.SAMPLE_DIMENSION),) or sizes.dtype.kind not in "iu":
         return None
     return np.asarray(sizes.values)
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.faults import InputError, first_names
 from xdynamics.march import LogBlock, March
 from xdynamics.model import Model
@@ -34,19 +35,6 @@ from xdynamics.record.folding import (
     attributes_of_element,
     attributes_of_quantity,
     names_as_words,
-)
-from xdynamics.schema import (
-    CLOSED_LINKS,
-    DETECTOR_DIMENSIONS,
-    ELEMENTS,
-    EVENTS,
-    NOWHERE,
-    SAMPLES,
-    STEPS,
-    Variable,
-    at_event,
-    flag_attributes,
-    logged_of,
 )
 from xdynamics.shapes import NO_SHAPES, Extent, Shapes
 from xdynamics.shapes.extents import number_of_element
@@ -137,7 +125,9 @@ class NamedColumns(Mapping[str, Column]):
         return len(self._columns)
 
 
-def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) -> list[tuple[Variable, Any]]:
+def folded_constants(
+    entries: Iterable[tuple[schema.Variable, Any]], shapes: Shapes
+) -> list[tuple[schema.Variable, Any]]:
     """Fold the parameters of a quantity's elements into one parameter with dimensions."""
     all_entries = [*entries]
     if not shapes.dims:
@@ -145,7 +135,7 @@ def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) ->
     by_name = {variable.name: (variable, value) for variable, value in all_entries}
     quantities = Names(shapes).by_quantity(by_name)
     of_name = {name: quantity for quantity in quantities.values() for name in quantity.members.values()}
-    collected: dict[str, tuple[Variable, Any]] = {}
+    collected: dict[str, tuple[schema.Variable, Any]] = {}
     for name, entry in by_name.items():
         quantity = of_name.get(name)
         if quantity is None:
@@ -160,13 +150,13 @@ def folded_constants(entries: Iterable[tuple[Variable, Any]], shapes: Shapes) ->
     return [*collected.values()]
 
 
-def dimension_variables(shapes: Shapes) -> list[tuple[Variable, Any]]:
+def dimension_variables(shapes: Shapes) -> list[tuple[schema.Variable, Any]]:
     """Return the labels of dimensions and the ends of relations."""
     dims = {*shapes.relations, *shapes.extents}
     types = {"U": "U", "i": "i4"}
     return [
         (
-            Variable(
+            schema.Variable(
                 name,
                 variable_dims,
                 types[values.dtype.kind],
@@ -185,14 +175,14 @@ def _more(attributes: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in attributes.items() if key not in ("units", "long_name", "role")}
 
 
-def _quantity_variable(quantity: QuantityElements, elements: Mapping[int, Variable]) -> Variable:
+def _quantity_variable(quantity: QuantityElements, elements: Mapping[int, schema.Variable]) -> schema.Variable:
     """Return the variable of a quantity from those of its elements."""
     first = next(iter(elements.values()))
     attributes_by_number = {
         number: (quantity.members[number], element.attributes) for number, element in elements.items()
     }
     attributes = attributes_of_quantity(attributes_by_number, quantity.size)
-    return Variable(
+    return schema.Variable(
         quantity.name,
         (*first.dims, *quantity.dims),
         first.dtype,
@@ -213,14 +203,18 @@ def detector_columns(column: Column, shapes: Shapes) -> list[Column]:
     kinds = [*dict.fromkeys(places[word][0].name if word in places else word for word in words)]
     dims = shapes.ordered({dim for quantity in quantities.values() for dim in quantity.dims})
     kind_of = np.array([kinds.index(places[word][0].name if word in places else word) for word in words], np.int8)
-    number_of = {dim: np.full(len(words), NOWHERE, np.int32) for dim in dims}
+    number_of = {dim: np.full(len(words), schema.NOWHERE, np.int32) for dim in dims}
     for i, word in enumerate(words):
         if word in places:
             quantity, number = places[word]
             for dim, index in zip(quantity.dims, np.unravel_index(number, quantity.shape), strict=True):
                 number_of[dim][i] = index
     detector_dims = "; ".join(f"{quantity.name}: {' '.join(quantity.dims)}" for quantity in quantities.values())
-    more = dict(column.variable.more) | flag_attributes(dict(enumerate(kinds))) | {DETECTOR_DIMENSIONS: detector_dims}
+    more = (
+        dict(column.variable.more)
+        | schema.flag_attributes(dict(enumerate(kinds)))
+        | {schema.DETECTOR_DIMENSIONS: detector_dims}
+    )
     collected = [_table_column(column, replace(column.variable, dtype="i1", more=more), kind_of)]
     for dim in dims:
         collected.append(_table_column(column, place_variable(dim, dim, dim, shapes.extent(dim)), number_of[dim]))
@@ -239,7 +233,7 @@ def _end_columns(column: Column, shapes: Shapes, dim: str, links: Array, *, sing
         ("second", relation.target, relation.second),
     ):
         # a relation without links has nothing to index, and every place is NOWHERE already
-        places = np.where(links == NOWHERE, NOWHERE, numbers[links]) if len(numbers) else links
+        places = np.where(links == schema.NOWHERE, schema.NOWHERE, numbers[links]) if len(numbers) else links
         name = end if single else f"{dim}_{end}"
         end_variable = place_variable(name, dim, target_dim, shapes.extent(target_dim))
         collected.append(_table_column(column, end_variable, places.astype(np.int32)))
@@ -257,16 +251,24 @@ def element_at(name: str, dim: str, target_dim: str) -> str:
     return name if dim == target_dim else f"{name.removeprefix(f'{dim}_')} {target_dim} of the {dim}"
 
 
-def place_variable(name: str, dim: str, target_dim: str, extent: Extent) -> Variable:
+def place_variable(name: str, dim: str, target_dim: str, extent: Extent) -> schema.Variable:
     """Return the variable for an element at which an event was, as a flag where elements have labels."""
-    long_name = f"{element_at(name, dim, target_dim)} at which the event was, counted from 0; {NOWHERE} where its detector has none"
+    long_name = f"{element_at(name, dim, target_dim)} at which the event was, counted from 0; {schema.NOWHERE} where its detector has none"
     if not extent.labels:
-        return Variable(at_event(name), (EVENTS,), "i4", NUMBERS.text, long_name, "event")
-    words = {NOWHERE: "none"} | dict(enumerate(extent.labels))
-    return Variable(at_event(name), (EVENTS,), "i4", NUMBERS.text, long_name, "flag", flag_attributes(words, "i4"))
+        return schema.Variable(schema.at_event(name), (schema.EVENTS,), "i4", NUMBERS.text, long_name, "event")
+    words = {schema.NOWHERE: "none"} | dict(enumerate(extent.labels))
+    return schema.Variable(
+        schema.at_event(name),
+        (schema.EVENTS,),
+        "i4",
+        NUMBERS.text,
+        long_name,
+        "flag",
+        schema.flag_attributes(words, "i4"),
+    )
 
 
-def _table_column(column: Column, variable: Variable, table: Array) -> Column:
+def _table_column(column: Column, variable: schema.Variable, table: Array) -> Column:
     """Return a column that looks up the numbers of another column in a table."""
     return Column(variable, lambda block: table[column.take(block)])
 
@@ -301,8 +303,8 @@ def shapes_of_log(log: Log, shapes: Shapes) -> Shapes:
         for dim, places in zip(quantity.dims, np.unravel_index([*quantity.members], quantity.shape), strict=True):
             numbers.setdefault(dim, set()).update(places.tolist())
     extents = {
-        logged_of(dim): Extent(
-            logged_of(dim), len(element_numbers), tuple(map(shapes.extent(dim).label, sorted(element_numbers)))
+        schema.logged_of(dim): Extent(
+            schema.logged_of(dim), len(element_numbers), tuple(map(shapes.extent(dim).label, sorted(element_numbers)))
         )
         for dim, element_numbers in numbers.items()
     }
@@ -310,7 +312,9 @@ def shapes_of_log(log: Log, shapes: Shapes) -> Shapes:
         raise InputError(
             f"log names elements, which are recorded along '{dim}', and the model has that name already; give it another name"
         )
-    return Shapes(extents, {}, {name: tuple(map(logged_of, quantity.dims)) for name, quantity in partly_logged.items()})
+    return Shapes(
+        extents, {}, {name: tuple(map(schema.logged_of, quantity.dims)) for name, quantity in partly_logged.items()}
+    )
 
 
 def march_shapes(march: March) -> tuple[Shapes, Shapes]:
@@ -330,9 +334,10 @@ def logged_numbers(name: str, size: int, march: March) -> NDArray[np.int64]:
     shapes, logged = march_shapes(march)
     if name not in logged.dims:
         return np.arange(size)
-    dims = [dim.removeprefix(logged_of("")) for dim in logged.dims[name]]
+    dims = [dim.removeprefix(schema.logged_of("")) for dim in logged.dims[name]]
     places = [
-        [shapes.extent(dim).number_of_label(label) for label in logged.extents[logged_of(dim)].labels] for dim in dims
+        [shapes.extent(dim).number_of_label(label) for label in logged.extents[schema.logged_of(dim)].labels]
+        for dim in dims
     ]
     return np.ravel_multi_index(np.ix_(*places), shapes.shape(tuple(dims))).ravel()
 
@@ -347,7 +352,7 @@ def logged_column(column: Column, log: Sequence[str], model_shapes: Shapes, logg
         return column
     dims, shape = logged.dims[name], logged.shape(logged.dims[name])
     quantity = Names(logged).by_quantity(entry for entry in log if split_element_name(entry)[0] == name)[name]
-    model_dims = [dim.removeprefix(logged_of("")) for dim in dims]
+    model_dims = [dim.removeprefix(schema.logged_of("")) for dim in dims]
     extents = tuple(map(model_shapes.extent, model_dims))
     numbers = {
         number: int(number_of_element(member, extents) or 0)  # among all elements of the model
@@ -395,30 +400,30 @@ def check_logged(log: Sequence[str], available: Sequence[Column], shapes: Shapes
 
 def _has_element(column: Column, name: str, shapes: Shapes) -> bool:
     """Whether a column has an element: of a quantity that some elements lack those are listed."""
-    listed = str(column.variable.more.get(ELEMENTS, "")).split()
+    listed = str(column.variable.more.get(schema.ELEMENTS, "")).split()
     known = Names(shapes).by_quantity([name]).keys() == {column.variable.name}
     return known and (not listed or names_as_words([name]) in listed)
 
 
 def is_by_rows(column: Column) -> bool:
     """Whether a column is one of those that a log may leave out."""
-    return column.variable.dims[0] in (STEPS, SAMPLES, CLOSED_LINKS)
+    return column.variable.dims[0] in (schema.STEPS, schema.SAMPLES, schema.CLOSED_LINKS)
 
 
-def parameter_variables(model: Model) -> list[tuple[Variable, Any]]:
+def parameter_variables(model: Model) -> list[tuple[schema.Variable, Any]]:
     """Return the parameters with their values."""
-    entries: list[tuple[Variable, Any]] = []
+    entries: list[tuple[schema.Variable, Any]] = []
     for name, parameter in _parameters_by_block(model.statement.parameters):
         if isinstance(parameter, ParameterNumbers):
             unit, long_name = parameter.unit.text, parameter.declared_values.description or f"parameter {name}"
             dims = model.shapes.dims[name]
-            entries.append((Variable(name, dims, "f8", unit, long_name, "parameter", {}), parameter.values))
+            entries.append((schema.Variable(name, dims, "f8", unit, long_name, "parameter", {}), parameter.values))
             continue
         extra = _uncertainty_attributes(parameter)
         long_name = parameter.description or f"parameter {name}"
         entries.append(
             (
-                Variable(name, (), "f8", parameter.quantity.unit.text, long_name, "parameter", extra),
+                schema.Variable(name, (), "f8", parameter.quantity.unit.text, long_name, "parameter", extra),
                 parameter.quantity.value,
             )
         )

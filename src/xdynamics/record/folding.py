@@ -14,27 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.faults import InputError
-from xdynamics.schema import (
-    ATOL_FOLLOWING,
-    ATOL_FOLLOWS,
-    ATOL_RULE,
-    ELEMENT_NAME,
-    ELEMENTS,
-    LABEL,
-    LINK,
-    LINK_OF,
-    MODEL_DIMENSIONS,
-    NOWHERE,
-    OF_ELEMENTS,
-    at_event,
-    end_of,
-    flag_attributes,
-    label_of,
-    logged_of,
-    name_of,
-    side_of,
-)
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import DOT, display_text, split_element_name
 
@@ -99,15 +80,15 @@ def attributes_of_quantity(elements: Mapping[int, tuple[str, Mapping[Any, Any]]]
     for key in dict.fromkeys(key for attributes in every.values() for key in attributes):
         values = {number: attributes[key] for number, attributes in every.items() if key in attributes}
         first = next(iter(values.values()))
-        if key in OF_ELEMENTS:
+        if key in schema.OF_ELEMENTS:
             numbers = np.full(size, np.nan)
             numbers[[*values]] = [float(value) for value in values.values()]
             all_equal = len(values) == len(every) and len(set(values.values())) == 1
             shared[key] = float(first) if all_equal else numbers
-        elif key == ATOL_RULE and len(values) < len(every):
+        elif key == schema.ATOL_RULE and len(values) < len(every):
             following = np.zeros(size, np.int8)
             following[[*values]] = 1
-            shared[ATOL_FOLLOWING] = following
+            shared[schema.ATOL_FOLLOWING] = following
         elif isinstance(first, str):
             texts = dict.fromkeys(quantity_of(str(value)) for value in values.values())
             shared[key] = "; ".join(texts)
@@ -118,16 +99,18 @@ def attributes_of_quantity(elements: Mapping[int, tuple[str, Mapping[Any, Any]]]
 
 def attributes_of_element(attributes: Mapping[Any, Any], number: int, size: int) -> dict[str, Any]:
     """Return the attributes of one element."""
-    element_attributes = {key: value for key, value in attributes.items() if key not in (ELEMENTS, ELEMENT_NAME)}
-    for key in OF_ELEMENTS:
+    element_attributes = {
+        key: value for key, value in attributes.items() if key not in (schema.ELEMENTS, schema.ELEMENT_NAME)
+    }
+    for key in schema.OF_ELEMENTS:
         value = element_attributes.get(key)
         if value is None or np.shape(value) != (size,) or size == 1:
             continue
         element_attributes[key] = float(value[number])
         if np.isnan(element_attributes[key]):
             del element_attributes[key]
-    if element_attributes.pop(ATOL_FOLLOWING, 0):
-        element_attributes[ATOL_RULE] = ATOL_FOLLOWS
+    if element_attributes.pop(schema.ATOL_FOLLOWING, 0):
+        element_attributes[schema.ATOL_RULE] = schema.ATOL_FOLLOWS
     return element_attributes
 
 
@@ -136,7 +119,7 @@ Array = NDArray[Any]
 FORCES = ("force_", "sample_force_")  # of which the elements that are not there are 0: the force does not act there
 
 
-SIDE = side_of("")
+SIDE = schema.side_of("")
 
 
 @dataclass(frozen=True)
@@ -176,9 +159,9 @@ class QuantityElements:
         listed_elements = (
             {}
             if len(self.members) == self.size or not self.missing
-            else {ELEMENTS: names_as_words(self.members.values())}
+            else {schema.ELEMENTS: names_as_words(self.members.values())}
         )
-        return listed_elements | ({ELEMENT_NAME: self.pattern} if self.pattern else {})
+        return listed_elements | ({schema.ELEMENT_NAME: self.pattern} if self.pattern else {})
 
     def stacked(self, parts: Mapping[int, Array]) -> Array:
         """Return the values of elements as one array, its dimensions last."""
@@ -187,7 +170,7 @@ class QuantityElements:
         stack = np.empty((self.size, *first.shape), first.dtype)
         if len(parts) < self.size:
             # where an element has no switch, its side is elsewhere
-            stack[:] = self.missing if first.dtype.kind == "f" else 0 if self.name.startswith(SIDE) else NOWHERE
+            stack[:] = self.missing if first.dtype.kind == "f" else 0 if self.name.startswith(SIDE) else schema.NOWHERE
         for number, values in parts.items():
             stack[number] = values
         return np.moveaxis(stack, 0, -1).reshape((*first.shape, *self.shape))
@@ -302,7 +285,7 @@ def fold(dataset: xr.Dataset, shapes: Shapes) -> xr.Dataset:
     for name, (variable_dims, values, attributes) in about_dimensions(shapes, dims).items():
         variables[name] = xr.Variable(variable_dims, values, attributes)
         coordinates.add(name)
-    folded = xr.Dataset(variables, attrs=dict(dataset.attrs) | {MODEL_DIMENSIONS: sized(shapes, dims)})
+    folded = xr.Dataset(variables, attrs=dict(dataset.attrs) | {schema.MODEL_DIMENSIONS: sized(shapes, dims)})
     folded.encoding = {key: entry for key, entry in dataset.encoding.items() if key != FOLDED}
     return folded.set_coords(coordinates)
 
@@ -326,7 +309,7 @@ def _folded_variable(quantity: QuantityElements, dataset: xr.Dataset) -> xr.Vari
         data = quantity.stacked({number: np.asarray(part.values) for number, part in parts.items()})
     if len(parts) < quantity.size and "flag_values" in attributes:  # elements that were not asked for have a word too
         words = zip(np.atleast_1d(attributes["flag_values"]).tolist(), attributes["flag_meanings"].split(), strict=True)
-        attributes |= flag_attributes({NOWHERE: "none"} | dict(words))
+        attributes |= schema.flag_attributes({schema.NOWHERE: "none"} | dict(words))
     return xr.Variable((*outer_dims, *quantity.dims), data, attributes | quantity.more)
 
 
@@ -346,28 +329,32 @@ def about_dimensions(shapes: Shapes, dims: set[str]) -> dict[str, tuple[tuple[st
                 ("second", relation.target, relation.second),
             ):
                 extent = shapes.extent(target_dim)
-                more = flag_attributes(dict(enumerate(extent.labels)), "i4") if extent.labels else {}
+                more = schema.flag_attributes(dict(enumerate(extent.labels)), "i4") if extent.labels else {}
                 long_name = f"number of the {end} {target_dim} of a {dim}, from 0"
-                about = {"units": "1", "long_name": long_name, "role": LINK, LINK_OF: target_dim}
-                parts[end_of(dim, end)] = ((dim,), np.asarray(numbers, np.int32), about | more)
+                about = {"units": "1", "long_name": long_name, "role": schema.LINK, schema.LINK_OF: target_dim}
+                parts[schema.end_of(dim, end)] = ((dim,), np.asarray(numbers, np.int32), about | more)
         elif labels := shapes.extents[dim].labels:
             numbered = all(map(str.isdecimal, labels))  # of a dimension without labels, as no label is a number
-            bare_dim = dim.removeprefix(logged_of(""))
+            bare_dim = dim.removeprefix(schema.logged_of(""))
             label_words = (
                 f"label of the {dim}"
                 if bare_dim == dim
                 else f"which {bare_dim}: its {'number' if numbered else 'label'}"
             )
-            if (of_event := dim.removeprefix(at_event(""))) in shapes.extents and of_event != dim:
+            if (of_event := dim.removeprefix(schema.at_event(""))) in shapes.extents and of_event != dim:
                 label_words = f"label of the {of_event} that the event is of"
-            attributes = {"units": "1", "long_name": label_words, "role": LABEL}
-            parts[label_of(dim)] = ((dim,), np.array(labels).astype("i4") if numbered else np.array(labels), attributes)
+            attributes = {"units": "1", "long_name": label_words, "role": schema.LABEL}
+            parts[schema.label_of(dim)] = (
+                (dim,),
+                np.array(labels).astype("i4") if numbered else np.array(labels),
+                attributes,
+            )
     return parts
 
 
 def model_dimensions(dataset: Any) -> dict[str, int]:
     """Return the dimensions of the model in a record with their sizes in it, in their order; most records have none."""
-    text = getattr(dataset, "attrs", {}).get(MODEL_DIMENSIONS)
+    text = getattr(dataset, "attrs", {}).get(schema.MODEL_DIMENSIONS)
     return {} if text is None else {name: int(size) for name, size in _SIZED.findall(str(text))}
 
 
@@ -403,10 +390,10 @@ def labelled(dataset: xr.Dataset) -> xr.Dataset:
     """
     close = dataset._close  # noqa: SLF001 - a Dataset that xarray derives does not close its file
     for dim in model_dimensions(dataset):
-        if (name := label_of(dim)) in dataset.variables and name not in dataset.dims:
+        if (name := schema.label_of(dim)) in dataset.variables and name not in dataset.dims:
             dataset = dataset.drop_vars(name).assign_coords(_indexed(dim, dataset.variables[name]))
     for dim in map(str, dataset.dims):
-        names = dataset.variables.get(name_of(dim))
+        names = dataset.variables.get(schema.name_of(dim))
         if dim not in dataset.variables and names is not None and _are_labels(dim, names):
             dataset = dataset.assign_coords(_indexed(dim, names))
     dataset.set_close(close)
@@ -429,7 +416,7 @@ def _indexed(dim: str, labels: xr.Variable) -> xr.Coordinates:
 
     values = _label_values(labels)
     index = PandasIndex(pd.Index(values), dim, coord_dtype=values.dtype)
-    variable = xr.Variable(labels.dims, values, labels.attrs | {"role": LABEL}, fastpath=True)
+    variable = xr.Variable(labels.dims, values, labels.attrs | {"role": schema.LABEL}, fastpath=True)
     return xr.Coordinates._construct_direct(index.create_variables({dim: variable}), {dim: index})  # noqa: SLF001
 
 
@@ -441,7 +428,7 @@ def _label_values(labels: xr.Variable) -> Array:
 
 def is_repeated_label(name: str, dataset: xr.Dataset) -> bool:
     """Whether a variable is the index of names that stand in the Dataset as a variable of their own."""
-    return name_of(name) in dataset.variables and dataset.variables[name].attrs.get("role") == LABEL
+    return schema.name_of(name) in dataset.variables and dataset.variables[name].attrs.get("role") == schema.LABEL
 
 
 def unlabelled(dataset: xr.Dataset) -> xr.Dataset:
@@ -451,9 +438,9 @@ def unlabelled(dataset: xr.Dataset) -> xr.Dataset:
     if repeated := [name for name in map(str, dataset.coords) if is_repeated_label(name, dataset)]:
         dataset = dataset.drop_vars(repeated)
     for dim in model_dimensions(dataset):
-        if dim in dataset.variables and dataset.variables[dim].attrs.get("role") == LABEL:
+        if dim in dataset.variables and dataset.variables[dim].attrs.get("role") == schema.LABEL:
             labels = dataset.variables[dim]
             # fastpath: as in `_indexed`
             plain = xr.Variable(labels.dims, _label_values(labels), labels.attrs, fastpath=True)
-            dataset = dataset.drop_vars(dim).assign_coords({label_of(dim): plain})
+            dataset = dataset.drop_vars(dim).assign_coords({schema.label_of(dim): plain})
     return dataset

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.expressions import dimension_of, free_names, text_of
 from xdynamics.expressions.evaluation import evaluate_many
 from xdynamics.march import LogBlock
@@ -29,19 +30,6 @@ from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
 from xdynamics.record.column import About, Column, multiply_values
 from xdynamics.record.folded_columns import element_at, place_variable
-from xdynamics.schema import (
-    CLOSED_AT,
-    CLOSED_LINKS,
-    EVENTS,
-    LINK_STATES,
-    NOWHERE,
-    OPEN,
-    STEPS,
-    Variable,
-    at_closed,
-    flag_attributes,
-    velocity,
-)
 from xdynamics.shapes import Shapes
 from xdynamics.units import TIME, Unit, constant, spell
 
@@ -97,7 +85,7 @@ class ClosedLinks:
 
         def take_element_numbers(block: LogBlock) -> Array:
             numbers, owners = self.rows(block)[1].astype(np.int64), self.contact_numbers(block)
-            numbers_by_link = np.full(numbers.size, NOWHERE, np.int32)
+            numbers_by_link = np.full(numbers.size, schema.NOWHERE, np.int32)
             for c, contact in enumerate(self.contacts):
                 if dim in contact.dims:
                     numbers_by_link[owners == c] = find(contact, numbers[owners == c] - self._begins[c])
@@ -114,22 +102,22 @@ class ClosedLinks:
 
 def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
     """Return the columns of closed links: row, contact, link, elements, gap and force."""
-    words = flag_attributes({c: contact.name for c, contact in enumerate(links.contacts)}, "i4")
+    words = schema.flag_attributes({c: contact.name for c, contact in enumerate(links.contacts)}, "i4")
     contact = replace(_link_variable("contact", "i4", "1", "contact of the link"), role="flag", more=words)
     collected = [
         Column(
             _link_variable("step", "i8", "1", "step_number of the row in which the link is closed"), links.row_numbers
         ),
-        Column(replace(CLOSED_AT, units=about.model.time_unit.text), links.row_times(about.units.time)),
+        Column(replace(schema.CLOSED_AT, units=about.model.time_unit.text), links.row_times(about.units.time)),
         Column(contact, links.contact_numbers),
     ]
     for name, dim, target_dim, find in link_places(links.contacts, about.model.shapes):
         element_variable = place_variable(name, dim, target_dim, about.model.shapes.extent(target_dim))
         which = element_at(name, dim, target_dim).removesuffix(f" of the {dim}")
-        long_name = f"{which} of the closed link, counted from 0; {NOWHERE} where its contact has none"
+        long_name = f"{which} of the closed link, counted from 0; {schema.NOWHERE} where its contact has none"
         role = "contact" if element_variable.role == "event" else element_variable.role
         element_variable = replace(
-            element_variable, name=at_closed(name), dims=(CLOSED_LINKS,), long_name=long_name, role=role
+            element_variable, name=schema.at_closed(name), dims=(schema.CLOSED_LINKS,), long_name=long_name, role=role
         )
         collected.append(Column(element_variable, links.element_numbers(dim, find)))
     if links.iterated and any_rubs(links.contacts):
@@ -137,7 +125,7 @@ def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
         friction_words = (
             friction_words if about.located else "whether the link stuck or slipped over the step before the row"
         )
-        states = flag_attributes(dict(enumerate(LINK_STATES)))
+        states = schema.flag_attributes(dict(enumerate(schema.LINK_STATES)))
         does = replace(_link_variable(FRICTION_STATE, "i1", "1", friction_words), role="flag", more=states)
         collected.append(Column(does, lambda block: np.asarray(links.rows(block)[6].astype(np.int8))))
     return [*collected, *_number_columns(about, links)]
@@ -177,8 +165,8 @@ def _number_columns(about: About, links: ClosedLinks) -> Iterator[Column]:
         yield Column(variable, links.numbers_in_units(row, [*map(about.units.factor, units)]))
 
 
-def _link_variable(name: str, dtype: str, unit: str, long_name: str) -> Variable:
-    return Variable(at_closed(name), (CLOSED_LINKS,), dtype, unit, long_name, "contact")
+def _link_variable(name: str, dtype: str, unit: str, long_name: str) -> schema.Variable:
+    return schema.Variable(schema.at_closed(name), (schema.CLOSED_LINKS,), dtype, unit, long_name, "contact")
 
 
 def link_names(model: Model) -> list[str]:
@@ -186,7 +174,7 @@ def link_names(model: Model) -> list[str]:
     every = assemblies(model)
     dims = dict.fromkeys(dim for contact in every for dim in contact.dims)
     names = ["step", "contact", *dims, *([FRICTION_STATE] if any_rubs(every) else [])]
-    return [*map(at_closed, names)] if every else []
+    return [*map(schema.at_closed, names)] if every else []
 
 
 def any_rubs(every: Sequence[Assembly]) -> bool:
@@ -251,16 +239,16 @@ def _body_columns(about: About) -> list[Column]:
     begins = np.cumsum([0, *(assembly.links for assembly in every)])
     collected: list[Column] = []
     for assembly, begin in zip(every, begins.tolist(), strict=False):
-        dims, shape = (STEPS, *assembly.dims), model.shapes.shape(assembly.dims)
+        dims, shape = (schema.STEPS, *assembly.dims), model.shapes.shape(assembly.dims)
         if assembly.relation is not None:
             continue
         gap, force = unit_of_gap(assembly), unit_of_force(assembly)
-        gap_variable = Variable(
+        gap_variable = schema.Variable(
             contact_gap(assembly.name), dims, "f8", gap.text, f"gap of contact {assembly.name}", "gap"
         )
         collected.append(Column(gap_variable, _link_gaps(about, assembly, gap, shape)))
         words = f"normal force of contact {assembly.name}{about.when_forces_act}, positive where it pushes; 0 where it is open"
-        pressing = Variable(contact_force(assembly.name), dims, "f8", force.text, words, "reaction")
+        pressing = schema.Variable(contact_force(assembly.name), dims, "f8", force.text, words, "reaction")
         collected.append(Column(pressing, _link_values(3, about.units.factor(force), begin, shape)))
         if assembly.contact.slip is not None:
             words = (
@@ -268,7 +256,7 @@ def _body_columns(about: About) -> list[Column]:
                 " while it slips; 0 where it is open"
             )
             (drag,) = units_of_friction([assembly])
-            rubbing = Variable(friction_force(assembly.name), dims, "f8", drag.text, words, "reaction")
+            rubbing = schema.Variable(friction_force(assembly.name), dims, "f8", drag.text, words, "reaction")
             collected.append(Column(rubbing, _link_values(5, about.units.factor(drag), begin, shape)))
     return collected
 
@@ -341,7 +329,7 @@ def _impact_numbers(about: About, dim: str, find: Callable[[Assembly, Array], Ar
 
     def take_numbers(block: LogBlock) -> Array:
         events = block.log.events[: block.events]
-        element_numbers = np.full(block.events, NOWHERE, np.int32)
+        element_numbers = np.full(block.events, schema.NOWHERE, np.int32)
         for number, assembly in watched:
             struck = events["detector"] == number
             if assembly is not None:
@@ -372,7 +360,7 @@ class Impulse(NamedTuple):
     end: int
     shape: tuple[int, ...]
     unit: Unit
-    variable: Variable
+    variable: schema.Variable
 
 
 def impulses_of(every: Sequence[Assembly]) -> Iterator[Impulse]:
@@ -384,14 +372,16 @@ def impulses_of(every: Sequence[Assembly]) -> Iterator[Impulse]:
     for name, body in impulse_quantities(every).items():
         first_element = shapes.first(name)
         i = names.index(first_element)
-        unit = spell(dimension_of(model.mass[i][i], model.dimensions) * model.dimensions[velocity(first_element)])
+        unit = spell(
+            dimension_of(model.mass[i][i], model.dimensions) * model.dimensions[schema.velocity(first_element)]
+        )
         further_dims = tuple(dim for dim in shapes.dims.get(name, ()) if dim != body)
         for k, end in enumerate(("first", "second")):
             if k == 0 or name in seconds:
                 of_body = f" on the {end} {body} of the link" if body else ""
-                variable = Variable(
+                variable = schema.Variable(
                     f"event_impulse_{end}_{name}",
-                    (EVENTS, *further_dims),
+                    (schema.EVENTS, *further_dims),
                     "f8",
                     unit.text,
                     f"contact impulse along {name}{of_body}",
@@ -413,7 +403,7 @@ def _impulses(about: About) -> list[Column]:
         )
         collected.append(Column(impulse.variable, take_impulse))
     last = impulses[-1]
-    speed = about.model.dimensions[velocity(about.model.shapes.first(last.quantity))]
+    speed = about.model.dimensions[schema.velocity(about.model.shapes.first(last.quantity))]
     return [*collected, *_impact_losses(about, 2 * width, last.unit, speed)]
 
 
@@ -431,11 +421,11 @@ def _impact_losses(about: About, row: int, impulse: Unit, speed: Any) -> list[Co
     )
     return [
         Column(
-            Variable("event_energy_lost", (EVENTS,), "f8", energy.text, lost, "event"),
+            schema.Variable("event_energy_lost", (schema.EVENTS,), "f8", energy.text, lost, "event"),
             _impulse_rows(row, (), about.units.factor(energy)),
         ),
         Column(
-            Variable("event_impulse_residual", (EVENTS,), "f8", rate.text, left, "event"),
+            schema.Variable("event_impulse_residual", (schema.EVENTS,), "f8", rate.text, left, "event"),
             _impulse_rows(row + 1, (), about.units.factor(rate)),
         ),
     ]
@@ -494,7 +484,7 @@ def _closed_link_taker(about: About, every: Sequence[Assembly]) -> Callable[[Log
     pulls = [row.offset_of(friction_force(name)) if friction_force(name) in rubbing else -1 for name in links]
 
     def take_links(block: LogBlock) -> Array:
-        rows, closed = block.log.rows, block.log.flags[flags, : block.rows].T != OPEN
+        rows, closed = block.log.rows, block.log.flags[flags, : block.rows].T != schema.OPEN
         steps, link_indices = np.nonzero(closed)
         # a link without friction has -1, which reads some other row, discarded here
         drags = np.where(np.array(pulls)[link_indices] < 0, 0.0, rows[np.array(pulls)[link_indices], steps])

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.faults import InputError, numbered_lines
 from xdynamics.kernels import Layout
 from xdynamics.keywords import FULL
@@ -31,22 +32,6 @@ from xdynamics.record.folded_columns import sizes_of
 from xdynamics.record.folding import check_elements, model_dimensions
 from xdynamics.record.run_columns import columns, constants, followed_tolerances
 from xdynamics.runtime.files import ROOM, UNITS, displayed_path, free_memory, size_text
-from xdynamics.schema import (
-    BOUNDS,
-    DIMENSIONS,
-    EVENT_BOUNDS,
-    EVENTS,
-    EVIDENCE,
-    GIVEN_STEP,
-    LABEL,
-    LINK,
-    SAMPLES,
-    STEPS,
-    TRIALS,
-    Variable,
-    is_coordinate,
-    logged_of,
-)
 from xdynamics.shapes.blocks import Block
 from xdynamics.units import TIME, unit_suffix
 
@@ -219,7 +204,7 @@ Array = NDArray[Any]
 TIME_VARIABLE = "time"
 WIDE = 1 << 16  # numbers of a row of a column from which it is half a megabyte
 WIDEST = 1 << 19  # from which pages of its own are worth their faults: they leave no holes on the heap
-KNOWN_BEFORE = ("parameter", "model", LABEL, LINK)  # roles of what is known before a march
+KNOWN_BEFORE = ("parameter", "model", schema.LABEL, schema.LINK)  # roles of what is known before a march
 
 
 def dataset(
@@ -277,7 +262,7 @@ def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
 
     Variables along dimensions of no given size are left out, and attributes that are known after the march only.
     """
-    known_sizes = {**sizes, BOUNDS: 2, **sizes_of(march)}
+    known_sizes = {**sizes, schema.BOUNDS: 2, **sizes_of(march)}
     variables = [column.variable for column in columns(march)]
     filled = [
         (variable, np.zeros([known_sizes[dim] for dim in variable.dims], variable.dtype))
@@ -287,14 +272,18 @@ def described(march: March, sizes: Mapping[str, int]) -> xr.Dataset:
     filled += [
         (variable, np.asarray(value))
         for variable, value in constants(march)
-        if variable.role in KNOWN_BEFORE or variable.name == GIVEN_STEP.name
+        if variable.role in KNOWN_BEFORE or variable.name == schema.GIVEN_STEP.name
     ]
     return _assemble_dataset(filled, provenance.settings_used(march))
 
 
 def foreseen(march: March) -> xr.Dataset:
     """Return all variables that the record of a march will have, before it begins: a row of zeros of each, and no event."""
-    sizes = dict.fromkeys((STEPS, TRIALS, SAMPLES), 1) | {EVENTS: 0, BOUNDS: 2} | sizes_of(march)
+    sizes = (
+        dict.fromkeys((schema.STEPS, schema.TRIALS, schema.SAMPLES), 1)
+        | {schema.EVENTS: 0, schema.BOUNDS: 2}
+        | sizes_of(march)
+    )
     filled = [
         (column.variable, np.zeros([sizes.get(dim, 0) for dim in column.variable.dims], column.variable.dtype))
         for column in columns(march)
@@ -305,7 +294,7 @@ def foreseen(march: March) -> xr.Dataset:
     )
 
 
-def _assemble_dataset(filled: Sequence[tuple[Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:
+def _assemble_dataset(filled: Sequence[tuple[schema.Variable, Array]], attributes: dict[str, Any]) -> xr.Dataset:
     """Return the variables of one march as a Dataset, without aligning, comparing or copying them.
 
     xarray's public constructors take each of some hundred variables apart several times, longer than a short march
@@ -319,8 +308,10 @@ def _assemble_dataset(filled: Sequence[tuple[Variable, Array]], attributes: dict
             raise ValueError(f"'{variable.name}' has shape {data.shape} along {variable.dims}")
         made = variables[variable.name] = xr.Variable.__new__(xr.Variable)
         made._dims, made._data, made._attrs = variable.dims, data, variable.attributes  # noqa: SLF001
-        made._encoding = {"_FillValue": None} if variable.name == EVENT_BOUNDS else None  # noqa: SLF001
-    coordinates: set[Any] = {variable.name for variable, _ in filled if is_coordinate(variable.name, variable.role)}
+        made._encoding = {"_FillValue": None} if variable.name == schema.EVENT_BOUNDS else None  # noqa: SLF001
+    coordinates: set[Any] = {
+        variable.name for variable, _ in filled if schema.is_coordinate(variable.name, variable.role)
+    }
     return xr.Dataset._construct_direct(variables, coordinates, attrs=attributes)  # noqa: SLF001
 
 
@@ -330,7 +321,7 @@ def _last_rows(march: March) -> Iterator[LogBlock]:
         yield last_row
 
 
-def _with_final_attributes(variable: Variable, tolerances: Mapping[str, Mapping[str, Any]]) -> Variable:
+def _with_final_attributes(variable: schema.Variable, tolerances: Mapping[str, Mapping[str, Any]]) -> schema.Variable:
     """Return a variable with the attributes that are known after the march."""
     extra = tolerances.get(variable.name)
     return replace(variable, more={**variable.more, **extra}) if extra else variable
@@ -348,7 +339,7 @@ def check(run: xr.Dataset, *, whole: bool = True, values: bool = True) -> None:
     faults = faults_of(run, is_full_run=whole, values=values)
     if faults:
         check_elements(run)
-        if EVIDENCE not in run.attrs:
+        if schema.EVIDENCE not in run.attrs:
             check_single(run)
         raise InputError(f"this is no run record:{numbered_lines(faults)}", tuple(faults))
 
@@ -374,8 +365,11 @@ def check_single(run: xr.Dataset) -> None:
     InputError
         Naming the dimension of the runs.
     """
-    single_run_dims = {*DIMENSIONS, *(name for dim in model_dimensions(run) for name in (dim, logged_of(dim)))}
-    dims = {dim for variable in run.variables.values() if STEPS in variable.dims for dim in variable.dims}
+    single_run_dims = {
+        *schema.DIMENSIONS,
+        *(name for dim in model_dimensions(run) for name in (dim, schema.logged_of(dim))),
+    }
+    dims = {dim for variable in run.variables.values() if schema.STEPS in variable.dims for dim in variable.dims}
     if several := sorted(map(str, dims - single_run_dims)):
         raise InputError(
             f"these are several runs, along '{several[0]}'; give one at a time, as in [f(run) for run in runs], before they are"
@@ -400,9 +394,9 @@ def check_kind(run: Any) -> None:
     if missing:
         raise InputError(f"this is no run record: it has no {', '.join(missing)}")
     check_single(run)
-    if run["time"].dims != (STEPS,) or not run["time"].size:
+    if run["time"].dims != (schema.STEPS,) or not run["time"].size:
         raise InputError(
-            f"the record has time along {run['time'].dims} of size {run['time'].size}, needs rows along '{STEPS}'"
+            f"the record has time along {run['time'].dims} of size {run['time'].size}, needs rows along '{schema.STEPS}'"
         )
     check_elements(run)
 
@@ -415,7 +409,8 @@ def _gather_columns(
     # where rows are left out, how many are kept is known in the end
     rows = march.expected_rows if is_lent and not march.thinning else None
     gathered = {
-        column.variable.name: GatheredColumn(rows if column.variable.dims[0] == STEPS else None) for column in spec
+        column.variable.name: GatheredColumn(rows if column.variable.dims[0] == schema.STEPS else None)
+        for column in spec
     }
     for name, values in earlier_parts:
         gathered[name].add(values, is_lent=False)

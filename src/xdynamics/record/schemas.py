@@ -15,34 +15,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from xdynamics import schema
 from xdynamics.faults import InputError
 from xdynamics.record.named_rows import rows_named
-from xdynamics.schema import (
-    CHOSEN,
-    CONVENTIONS,
-    DERIVED,
-    DERIVED_FROM,
-    DOCUMENT,
-    EVENT_BOUNDS,
-    EVENTS,
-    EVIDENCE,
-    KEEP_EVERY,
-    LEFT_OUT_ATOL,
-    LOG,
-    LOGGED,
-    NAMES_ROWS,
-    RUNS,
-    SCHEMA_OF_LAW,
-    SCHEMA_VERSION,
-    SELECTION,
-    SELECTION_OF,
-    STEP_NUMBER,
-    STEPS,
-    SWEEP,
-    TEXT_NAMES,
-    is_coordinate,
-    is_former,
-)
 from xdynamics.shapes.naming import internal_text
 
 if TYPE_CHECKING:
@@ -61,22 +36,22 @@ RARE = f"one in {{0}} (keep_every = {{0}}): {COMPLETED}"
 
 def is_derived(attributes: Mapping[Any, Any]) -> bool:
     """Whether a record is marked as made from a run by anything but a march."""
-    return DERIVED in attributes
+    return schema.DERIVED in attributes
 
 
 def is_selection(attributes: Mapping[Any, Any]) -> bool:
     """Whether a record is marked as an unchanged part of a run."""
-    return SELECTION_OF in attributes and not is_derived(attributes)
+    return schema.SELECTION_OF in attributes and not is_derived(attributes)
 
 
 def is_evidence(attributes: Mapping[Any, Any]) -> bool:
     """Whether a record is marked as evidence, made to judge runs."""
-    return EVIDENCE in attributes and not is_derived(attributes)
+    return schema.EVIDENCE in attributes and not is_derived(attributes)
 
 
 def is_run(attributes: Mapping[Any, Any]) -> bool:
     """Whether a record is a run or a part of one, as it was marched."""
-    return EVIDENCE not in attributes and not is_derived(attributes)
+    return schema.EVIDENCE not in attributes and not is_derived(attributes)
 
 
 def is_whole(attributes: Mapping[Any, Any]) -> bool:
@@ -86,7 +61,12 @@ def is_whole(attributes: Mapping[Any, Any]) -> bool:
 
 def has_its_rows(run: xr.Dataset) -> bool:
     """Whether a run has the rows that its events name; `isel` and the like keep the complete run's attributes."""
-    parts = {"time": STEPS, "event_time": EVENTS, "event_detector": EVENTS, "event_row_before": EVENTS}
+    parts = {
+        "time": schema.STEPS,
+        "event_time": schema.EVENTS,
+        "event_detector": schema.EVENTS,
+        "event_row_before": schema.EVENTS,
+    }
     if "run_outcome" not in run.attrs or any(
         name not in run or run[name].dims != (dim,) for name, dim in parts.items()
     ):
@@ -97,7 +77,7 @@ def has_its_rows(run: xr.Dataset) -> bool:
 
 def rows_apart(attributes: Mapping[Any, Any]) -> int:
     """Return the spacing of recorded rows in a run's grid: 1 where all rows are recorded."""
-    return int(attributes.get(KEEP_EVERY, 1))
+    return int(attributes.get(schema.KEEP_EVERY, 1))
 
 
 def check_every_row(attributes: Mapping[Any, Any], subject: str) -> None:
@@ -114,12 +94,12 @@ def check_every_row(attributes: Mapping[Any, Any], subject: str) -> None:
 
 def log_description(attributes: Mapping[Any, Any]) -> str:
     """Describe the logged columns of a record, and the call that adds the others; empty if it has all."""
-    if LOG not in attributes:
+    if schema.LOG not in attributes:
         return ""
     which = (
-        f"'{attributes[LOG]}'"
-        if attributes[LOG] != CHOSEN
-        else f"[{', '.join(map(repr, str(attributes.get(LOGGED, '')).split()))}]"
+        f"'{attributes[schema.LOG]}'"
+        if attributes[schema.LOG] != schema.CHOSEN
+        else f"[{', '.join(map(repr, str(attributes.get(schema.LOGGED, '')).split()))}]"
     )
     return f"it was marched with log = {which}: {COMPLETED}"
 
@@ -151,13 +131,13 @@ def with_article(kind: str) -> str:
 def kind_description(attributes: Mapping[Any, Any]) -> str:
     """Describe a record that is not a complete run; empty for a complete one."""
     if is_derived(attributes):
-        return f"derived data, no run: {attributes[DERIVED]}; from run {attributes.get(DERIVED_FROM, 'unknown')}"
+        return f"derived data, no run: {attributes[schema.DERIVED]}; from run {attributes.get(schema.DERIVED_FROM, 'unknown')}"
     if is_evidence(attributes):
-        runs = len(str(attributes.get(RUNS, "")).split())
+        runs = len(str(attributes.get(schema.RUNS, "")).split())
         run_count = "1 run" if runs == 1 else f"{runs} runs"
-        return f"evidence, no run: {f'{with_article(attributes[EVIDENCE])} from {run_count}' if runs else attributes[EVIDENCE]}"
+        return f"evidence, no run: {f'{with_article(attributes[schema.EVIDENCE])} from {run_count}' if runs else attributes[schema.EVIDENCE]}"
     if is_selection(attributes):
-        return f"a selection of run {attributes[SELECTION_OF]}: {attributes.get(SELECTION, 'a part')}"
+        return f"a selection of run {attributes[schema.SELECTION_OF]}: {attributes.get(schema.SELECTION, 'a part')}"
     return ""
 
 
@@ -169,11 +149,13 @@ def left_out_atols(attributes: Mapping[Any, Any]) -> dict[str, tuple[float, str]
     InputError
         If the attribute cannot be read.
     """
-    text = str(attributes.get(LEFT_OUT_ATOL, "{}"))
+    text = str(attributes.get(schema.LEFT_OUT_ATOL, "{}"))
     try:
         return {internal_text(str(name)): (float(size), str(units)) for name, (size, units) in json.loads(text).items()}
     except (ValueError, TypeError, AttributeError, RecursionError):
-        raise InputError(f"attribute '{LEFT_OUT_ATOL}' is {text[:40]!r}, needs tolerances and units by name") from None
+        raise InputError(
+            f"attribute '{schema.LEFT_OUT_ATOL}' is {text[:40]!r}, needs tolerances and units by name"
+        ) from None
 
 
 def ending_words(attributes: Mapping[Any, Any]) -> tuple[str, str]:
@@ -196,24 +178,24 @@ def modern(run: xr.Dataset) -> xr.Dataset:
 
     Whether it is of the former schema is said by its attributes, as before.
     """
-    of_run = EVIDENCE not in run.attrs
-    if is_former(run.attrs):
-        if run.attrs.get(EVIDENCE) != SWEEP and not has_document(run):
+    of_run = schema.EVIDENCE not in run.attrs
+    if schema.is_former(run.attrs):
+        if run.attrs.get(schema.EVIDENCE) != schema.SWEEP and not has_document(run):
             run = _with_texts(run, along_document)
-        if STEPS in run.dims and of_run:
+        if schema.STEPS in run.dims and of_run:
             run = _numbered(run)
-    names = {name for name in TEXT_NAMES if name in run.variables}
+    names = {name for name in schema.TEXT_NAMES if name in run.variables}
     if of_run:
         roles = {str(name): variable.attrs.get("role") for name, variable in run.variables.items()}
-        names |= {name for name, role in roles.items() if is_coordinate(name, role)}
+        names |= {name for name, role in roles.items() if schema.is_coordinate(name, role)}
     modern_run = run.set_coords(names - {*run.coords})
     for (
         variable
     ) in modern_run.variables.values():  # xarray would write the names of coordinates that were dropped since
         variable.encoding.pop("coordinates", None)
-    if EVENT_BOUNDS in modern_run.variables:
+    if schema.EVENT_BOUNDS in modern_run.variables:
         # None: xarray would write nan as _FillValue of floats, and bounds of times have no missing values
-        modern_run.variables[EVENT_BOUNDS].encoding["_FillValue"] = None
+        modern_run.variables[schema.EVENT_BOUNDS].encoding["_FillValue"] = None
     modern_run.set_close(run._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
     return modern_run
 
@@ -228,16 +210,16 @@ def as_written(run: xr.Dataset, numbers: NDArray[np.int64] | None = None) -> xr.
         The numbers of all rows of the record that this is a part of, among which what names rows has its places; by
         default its own.
     """
-    if not is_former(run.attrs) or are_rows_places(run):
+    if not schema.is_former(run.attrs) or are_rows_places(run):
         return run
-    run = _with_texts(run, lambda text: text.isel({DOCUMENT: 0}) if text.dims == (DOCUMENT,) else text)
+    run = _with_texts(run, lambda text: text.isel({schema.DOCUMENT: 0}) if text.dims == (schema.DOCUMENT,) else text)
     if is_selection(run.attrs):  # whose names of rows were never converted
         return run
-    if (row_numbers := run.variables.get(STEP_NUMBER.name)) is not None:
+    if (row_numbers := run.variables.get(schema.STEP_NUMBER.name)) is not None:
         if row_numbers.encoding.get(MADE):
-            return run.drop_vars(STEP_NUMBER.name)
+            return run.drop_vars(schema.STEP_NUMBER.name)
         numbers = np.asarray(row_numbers.values) if numbers is None else numbers
-        run = with_variables(run, {STEP_NUMBER.name: _marked(row_numbers, None)})
+        run = with_variables(run, {schema.STEP_NUMBER.name: _marked(row_numbers, None)})
     return run if numbers is None else by_places(run, numbers)
 
 
@@ -249,10 +231,10 @@ def by_places(run: xr.Dataset, numbers: NDArray[np.int64]) -> xr.Dataset:
 def in_own_words(run: xr.Dataset) -> xr.Dataset:
     """Return a record of the former schema, opened here once and written by another program, in the words of its file."""
     if (
-        is_former(run.attrs)
+        schema.is_former(run.attrs)
         and not are_rows_places(run)
         and rows_apart(run.attrs) == 1
-        and (numbers := run.variables.get(STEP_NUMBER.name)) is not None
+        and (numbers := run.variables.get(schema.STEP_NUMBER.name)) is not None
         and np.array_equal(numbers.values, np.arange(numbers.size))
     ):
         numbers.encoding[MADE] = True
@@ -261,11 +243,11 @@ def in_own_words(run: xr.Dataset) -> xr.Dataset:
 
 def are_rows_places(run: xr.Dataset) -> bool:
     """Whether row names of a record are positions among its rows, as in files of the former schema."""
-    numbers = run.variables.get(STEP_NUMBER.name)
+    numbers = run.variables.get(schema.STEP_NUMBER.name)
     return (
-        is_former(run.attrs)
+        schema.is_former(run.attrs)
         and not (numbers is not None and MADE in numbers.encoding)
-        and not any(run.variables[name].dims for name in TEXT_NAMES if name in run.variables)
+        and not any(run.variables[name].dims for name in schema.TEXT_NAMES if name in run.variables)
     )
 
 
@@ -279,22 +261,22 @@ def _marked(numbers: xr.Variable, made: bool | None) -> xr.Variable:  # noqa: FB
 
 def has_document(run: xr.Dataset) -> bool:
     """Whether something of an old model has the name of the dimension of texts, which have none then."""
-    return DOCUMENT in run.variables or run.sizes.get(DOCUMENT, 1) > 1
+    return schema.DOCUMENT in run.variables or run.sizes.get(schema.DOCUMENT, 1) > 1
 
 
 def along_document(text: xr.Variable) -> xr.Variable:
     """Return a text along the dimension that texts have."""
-    return text if text.dims else cast("xr.Variable", text.expand_dims(DOCUMENT))
+    return text if text.dims else cast("xr.Variable", text.expand_dims(schema.DOCUMENT))
 
 
 def _with_texts(run: xr.Dataset, change: Callable[[xr.Variable], xr.Variable]) -> xr.Dataset:
-    texts = {name: change(run.variables[name]) for name in TEXT_NAMES if name in run.variables}
+    texts = {name: change(run.variables[name]) for name in schema.TEXT_NAMES if name in run.variables}
     return with_variables(run, texts)
 
 
 def _with_changed_rows(run: xr.Dataset, change: Callable[[NDArray[np.int64]], NDArray[Any]]) -> xr.Dataset:
     changed = {}
-    for name in NAMES_ROWS:
+    for name in schema.NAMES_ROWS:
         if name in run.variables:
             row_variable = run.variables[name]
             changed[name] = row_variable.copy(data=change(np.asarray(row_variable.values)).astype(row_variable.dtype))
@@ -322,29 +304,35 @@ def _numbered(run: xr.Dataset) -> xr.Dataset:
     """Give rows their numbers, and name rows by them."""
     import xarray as xr
 
-    if STEP_NUMBER.name not in run.variables:
+    if schema.STEP_NUMBER.name not in run.variables:
         if is_selection(run.attrs):
             return run  # its rows have no numbers any more
-        made = xr.Variable((STEPS,), np.arange(run.sizes[STEPS]), STEP_NUMBER.attributes, fastpath=True)
-        return with_variables(run, {STEP_NUMBER.name: _marked(made, True)})  # noqa: FBT003
+        made = xr.Variable(
+            (schema.STEPS,), np.arange(run.sizes[schema.STEPS]), schema.STEP_NUMBER.attributes, fastpath=True
+        )
+        return with_variables(run, {schema.STEP_NUMBER.name: _marked(made, True)})  # noqa: FBT003
     if rows_apart(run.attrs) == 1 or is_selection(run.attrs):
         return run
-    row_numbers = run.variables[STEP_NUMBER.name]
+    row_numbers = run.variables[schema.STEP_NUMBER.name]
     numbers = np.asarray(row_numbers.values)
-    run = with_variables(run, {STEP_NUMBER.name: _marked(row_numbers, False)})  # noqa: FBT003
+    run = with_variables(run, {schema.STEP_NUMBER.name: _marked(row_numbers, False)})  # noqa: FBT003
     return _with_changed_rows(run, lambda places: numbers[places])
 
 
 def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable]:
     """Return the required variables and texts of a schema in the form that a record has, in its file or opened."""
     expected_variables, texts = [*variables], dict[str, tuple[str, ...]]()
-    if is_former(run.attrs) or has_document(run):
-        texts = {name: (DOCUMENT,) if run.variables[name].dims else () for name in TEXT_NAMES if name in run.variables}
-    if is_former(run.attrs):
+    if schema.is_former(run.attrs) or has_document(run):
+        texts = {
+            name: (schema.DOCUMENT,) if run.variables[name].dims else ()
+            for name in schema.TEXT_NAMES
+            if name in run.variables
+        }
+    if schema.is_former(run.attrs):
         expected_variables = [
             expected
             for expected in expected_variables
-            if expected.name != STEP_NUMBER.name or expected.name in run.variables
+            if expected.name != schema.STEP_NUMBER.name or expected.name in run.variables
         ]
     return [replace(variable, dims=texts.get(variable.name, variable.dims)) for variable in expected_variables]
 
@@ -352,7 +340,7 @@ def in_words_of(variables: Sequence[Variable], run: xr.Dataset) -> list[Variable
 def in_words_of_today(attributes: dict[str, Any]) -> dict[str, Any]:
     """Return attributes of a part of a run under today's schema, with the schema of its law."""
     return attributes | {
-        "Conventions": CONVENTIONS,
-        "schema_version": SCHEMA_VERSION,
-        SCHEMA_OF_LAW: attributes["schema_version"],
+        "Conventions": schema.CONVENTIONS,
+        "schema_version": schema.SCHEMA_VERSION,
+        schema.SCHEMA_OF_LAW: attributes["schema_version"],
     }

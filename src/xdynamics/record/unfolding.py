@@ -18,6 +18,7 @@ from xarray import Variable
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from xdynamics import schema
 from xdynamics.faults import InputError
 from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.folding import (
@@ -31,18 +32,6 @@ from xdynamics.record.folding import (
     unlabelled,
 )
 from xdynamics.record.schemas import as_written
-from xdynamics.schema import (
-    DETECTOR_DIMENSIONS,
-    ELEMENT_NAME,
-    ELEMENTS,
-    LINK_OF,
-    MODEL_DIMENSIONS,
-    NOWHERE,
-    at_event,
-    end_of,
-    flag_attributes,
-    label_of,
-)
 from xdynamics.shapes import NO_SHAPES, Extent, Relation, Shapes
 from xdynamics.shapes.extents import indices_of_element
 from xdynamics.shapes.naming import DOT, display_text, join_element_name, split_element_name
@@ -65,7 +54,7 @@ def has_labels(dataset: xr.Dataset, dim: str) -> bool:
 
 
 def _written_labels(dataset: xr.Dataset, dim: str) -> tuple[str, ...]:
-    for name in (dim, label_of(dim)):
+    for name in (dim, schema.label_of(dim)):
         if name in dataset.variables and dataset.variables[name].dims == (dim,):
             return tuple(str(label) for label in np.asarray(dataset.variables[name]).tolist())
     return ()
@@ -73,7 +62,7 @@ def _written_labels(dataset: xr.Dataset, dim: str) -> tuple[str, ...]:
 
 def dims_of_detectors(attributes: Mapping[Any, Any]) -> dict[str, tuple[str, ...]]:
     """Return the dimensions of each detector that has some, from the attributes of `event_detector`."""
-    entries = [entry.partition(": ") for entry in str(attributes.get(DETECTOR_DIMENSIONS, "")).split("; ")]
+    entries = [entry.partition(": ") for entry in str(attributes.get(schema.DETECTOR_DIMENSIONS, "")).split("; ")]
     return {kind: tuple(dims_text.split()) for kind, _, dims_text in entries if kind}
 
 
@@ -173,7 +162,7 @@ def event_words(run: xr.Dataset) -> list[str]:
     words = words_of_flag(run[DETECTOR])
     dims_by_detector = dims_of_detectors(run[DETECTOR].attrs)
     dims = {dim for detector_dims in dims_by_detector.values() for dim in detector_dims}
-    numbers = {dim: np.asarray(run[at_event(dim)].values).tolist() for dim in dims}
+    numbers = {dim: np.asarray(run[schema.at_event(dim)].values).tolist() for dim in dims}
     labels = {dim: _written_labels(run, dim) for dim in dims}
 
     def element_label(dim: str, event: int) -> str:
@@ -260,7 +249,11 @@ def unfold(dataset: xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
     labels = {dim: element_labels(dataset, dim) for dim in dims if dim in dataset.dims}
-    about = {name for dim in dims for name in (dim, label_of(dim), end_of(dim, "first"), end_of(dim, "second"))}
+    about = {
+        name
+        for dim in dims
+        for name in (dim, schema.label_of(dim), schema.end_of(dim, "first"), schema.end_of(dim, "second"))
+    }
     variables: dict[Any, Any] = {}
     coordinates = []
     for name, variable in dataset.variables.items():
@@ -280,7 +273,7 @@ def unfold(dataset: xr.Dataset) -> xr.Dataset:
         indexes=indexes,
         close=dataset._close,  # noqa: SLF001
     )
-    unfolded.attrs.pop(MODEL_DIMENSIONS)
+    unfolded.attrs.pop(schema.MODEL_DIMENSIONS)
     unfolded.encoding = dict(dataset.encoding) | {FOLDED: dataset}
     return unfolded
 
@@ -306,13 +299,13 @@ def _split_elements(
     take = _element_taker(
         variable.transpose(*outer, *inner) if variable.dims != (*outer, *inner) else variable, len(outer)
     )
-    listed_elements = str(variable.attrs.get(ELEMENTS, "")).split()
-    stem, _, tail = str(variable.attrs.get(ELEMENT_NAME, f"{name}{{}}")).partition("{}")
+    listed_elements = str(variable.attrs.get(schema.ELEMENTS, "")).split()
+    stem, _, tail = str(variable.attrs.get(schema.ELEMENT_NAME, f"{name}{{}}")).partition("{}")
     places = product(*(range(len(labels[dim])) for dim in inner))
     size = int(np.prod([len(labels[dim]) for dim in inner]))
     elements_named = {*listed_elements}
     is_named_by = [
-        dim not in map(at_event, labels) for dim in inner
+        dim not in map(schema.at_event, labels) for dim in inner
     ]  # those of events are told for each element that is kept
     for number, element_index in enumerate(places):
         labels_of_element = [labels[dim][i] for dim, i in zip(inner, element_index, strict=True)]
@@ -359,16 +352,18 @@ def _element_detectors(
     combined = np.array([first[number] for number in numbers.tolist()], np.int32)
     number_in_detector = np.zeros(len(combined), np.int32)
     for dim in dims:
-        if (name := at_event(dim)) in variables:
+        if (name := schema.at_event(dim)) in variables:
             dim_numbers = np.asarray(variables[name].values)
             # Horner's scheme over the dimensions that the event's own detector has, the last one fastest
             number_in_detector = np.where(
-                dim_numbers == NOWHERE, number_in_detector, number_in_detector * len(labels.get(dim, ())) + dim_numbers
+                dim_numbers == schema.NOWHERE,
+                number_in_detector,
+                number_in_detector * len(labels.get(dim, ())) + dim_numbers,
             )
     single = [number for number, word in zip(first, words, strict=True) if word not in dims_by_detector]
     number_in_detector[np.isin(numbers, single)] = 0  # impacts of many links are of one detector
-    attributes = {key: value for key, value in detector.attrs.items() if key != DETECTOR_DIMENSIONS}
-    attributes |= flag_attributes(dict(enumerate(detectors_of(dataset))), "i4")
+    attributes = {key: value for key, value in detector.attrs.items() if key != schema.DETECTOR_DIMENSIONS}
+    attributes |= schema.flag_attributes(dict(enumerate(detectors_of(dataset))), "i4")
     # fastpath: xarray would import dask to find out that the numbers are not one of its arrays
     return {
         DETECTOR: xr.Variable(
@@ -383,7 +378,7 @@ def shapes_of(dataset: Any) -> Shapes:
     sizes = model_dimensions(dataset)
     if not sizes:
         return NO_SHAPES
-    relations = {dim: _relation(dataset, dim) for dim in sizes if end_of(dim, "first") in dataset.variables}
+    relations = {dim: _relation(dataset, dim) for dim in sizes if schema.end_of(dim, "first") in dataset.variables}
     extents = {
         dim: Extent(dim, size, tuple(element_labels(dataset, dim)) if has_labels(dataset, dim) else ())
         for dim, size in sizes.items()
@@ -399,9 +394,13 @@ def shapes_of(dataset: Any) -> Shapes:
 
 
 def _relation(dataset: xr.Dataset, name: str) -> Relation:
-    first, second = (dataset.variables[end_of(name, end)] for end in ("first", "second"))
+    first, second = (dataset.variables[schema.end_of(name, end)] for end in ("first", "second"))
     return Relation(
-        name, first.attrs[LINK_OF], second.attrs[LINK_OF], np.asarray(first.values), np.asarray(second.values)
+        name,
+        first.attrs[schema.LINK_OF],
+        second.attrs[schema.LINK_OF],
+        np.asarray(first.values),
+        np.asarray(second.values),
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import record
+from xdynamics import record, schema
 from xdynamics.archive.seals import slabs
 from xdynamics.archive.store import Given
 from xdynamics.elementary.arrays import flattened_rows
@@ -27,23 +27,6 @@ from xdynamics.model.parts import Authorship
 from xdynamics.record.arguments import recorded_arguments
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.schemas import log_description
-from xdynamics.schema import (
-    END_MEMORY,
-    ERRORS,
-    EVENT_AFTER,
-    EVENTS,
-    FAR,
-    FIRST_PASSED,
-    GIVEN_STEP,
-    NODE,
-    PASSED,
-    STEP,
-    STEP_NUMBER,
-    STEPS,
-    WITNESSES,
-    error,
-    velocity,
-)
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.naming import split_element_name
 from xdynamics.simulation.unmarched_runs import check_destination, marched_record, open_source_run
@@ -155,11 +138,11 @@ def _refuse_other_ends(source_run: xr.Dataset) -> None:
             OUTCOMES[INTERRUPTED].word: "resume it first",
         }.get(word, "a run that failed cannot be continued")
         raise InputError(f"the run cannot be extended, it is '{word}' ({text}): {reason}")
-    if GIVEN_STEP.name in source_run:
+    if schema.GIVEN_STEP.name in source_run:
         raise InputError("the run cannot be extended, its steps were given one by one: march anew with all steps")
-    if END_MEMORY.name not in source_run or "names" not in source_run[END_MEMORY.name].attrs:
+    if schema.END_MEMORY.name not in source_run or "names" not in source_run[schema.END_MEMORY.name].attrs:
         raise InputError(
-            f"the run cannot be extended, it keeps no '{END_MEMORY.name}': it was made by another version of xdynamics;"
+            f"the run cannot be extended, it keeps no '{schema.END_MEMORY.name}': it was made by another version of xdynamics;"
             " march anew, up to the new end"
         )
 
@@ -172,8 +155,8 @@ def _source_rows(source_run: xr.Dataset, march: March) -> Iterator[tuple[str, Ar
         first = 0
         for values in slabs(source_run.variables[name]):
             first += len(values)
-            ends_here = name == "row_kind" and first == source_run.sizes[STEPS] and values[-1] == STEP
-            yield name, np.append(values[:-1], np.int8(NODE)) if ends_here else values
+            ends_here = name == "row_kind" and first == source_run.sizes[schema.STEPS] and values[-1] == schema.STEP
+            yield name, np.append(values[:-1], np.int8(schema.NODE)) if ends_here else values
 
 
 def _restore_march(source_run: xr.Dataset, march: March) -> None:
@@ -181,11 +164,14 @@ def _restore_march(source_run: xr.Dataset, march: March) -> None:
     folded_run = source_run
     if march.layout.smooth or not {"event_energy_lost", "event_position"}.isdisjoint(source_run.variables):
         source_run = record.unfold(source_run)  # these are told of elements
-    memory, numbers = str(source_run[END_MEMORY.name].attrs["names"]), np.asarray(source_run[END_MEMORY.name].values)
-    rows = int(source_run[STEP_NUMBER.name][-1]) + 1
+    memory, numbers = (
+        str(source_run[schema.END_MEMORY.name].attrs["names"]),
+        np.asarray(source_run[schema.END_MEMORY.name].values),
+    )
+    rows = int(source_run[schema.STEP_NUMBER.name][-1]) + 1
     if march.thinning:
-        march.thinning.stand_behind(source_run.sizes[STEPS])
-    recalls_witnesses = WITNESSES in memory.split() or not march.settings.keeps_states
+        march.thinning.stand_behind(source_run.sizes[schema.STEPS])
+    recalls_witnesses = schema.WITNESSES in memory.split() or not march.settings.keeps_states
     if recalls_witnesses:
         memory, numbers = _restore_witnesses(march, memory, numbers, rows)
     go_on_from_end(march.run, memory, numbers)
@@ -196,29 +182,30 @@ def _restore_march(source_run: xr.Dataset, march: March) -> None:
         raise InputError(
             f"the run has {rows} rows and its memory is of {int(run_state.rows)}: it was cut; extend the whole run"
         )
-    if "event_energy_lost" in source_run and source_run.sizes[EVENTS]:
+    if "event_energy_lost" in source_run and source_run.sizes[schema.EVENTS]:
         march.gains = add_gains(Gains(), march.layout, _event_energies(source_run, march), 0)
     if "event_position" in source_run:
         labels = source_run["event_detector"].attrs["flag_meanings"].replace(":", ".").split()
         far_events = {
-            labels[i] for i in source_run["event_detector"].values[source_run["event_position"].values == FAR].tolist()
+            labels[i]
+            for i in source_run["event_detector"].values[source_run["event_position"].values == schema.FAR].tolist()
         }
         march.misplaced = np.array([entry.name in far_events for entry in march.layout.watched])
     _restore_passed(source_run, march)
-    march.event_pairs = int((source_run["row_kind"].values == EVENT_AFTER).sum())
+    march.event_pairs = int((source_run["row_kind"].values == schema.EVENT_AFTER).sum())
     if recalls_witnesses:
         return
     stride = march.witnesses.stride(rows)
     scale, used = march.settings.scales.si_factor(TIME), march.layout.used
     times = [folded_run.variables[name].values[::stride] / scale for name in ("time", "step_size")]
     witnesses = np.vstack([np.arange(0.0, rows, stride), *times, _state_rows(folded_run, march, used, stride)])
-    estimated = used.renamed("error", error) if march.estimated else Blocks(())
+    estimated = used.renamed("error", schema.error) if march.estimated else Blocks(())
     march.witnesses.put(witnesses, _state_rows(folded_run, march, estimated, stride))
 
 
 def _state_rows(source_run: xr.Dataset, march: March, names: Blocks, stride: int) -> Floats:
     """Return every so many values of quantities that are as the state is, as the march has them, a row for each number."""
-    numbers = [np.empty((0, len(range(0, source_run.sizes[STEPS], stride))))]
+    numbers = [np.empty((0, len(range(0, source_run.sizes[schema.STEPS], stride))))]
     for block, state_block in zip(names.blocks, march.layout.used.blocks, strict=False):  # there may be no names
         unit = march.model.units[state_block.first]
         factor = march.settings.scales.si_factor(unit.dimension) / float(unit.factor)
@@ -231,20 +218,20 @@ def _restore_witnesses(march: March, memory: str, numbers: Floats, rows: int) ->
     """Split off the witness rows of the complete march, which a thinned record stores after its memory."""
     remaining_memory, count, used = memory, len(range(0, rows, march.witnesses.stride(rows))), march.layout.used.size
     errors = np.full((len(march.estimated), count), np.nan)
-    if memory.endswith(f" {ERRORS}") and numbers.size >= errors.size:
+    if memory.endswith(f" {schema.ERRORS}") and numbers.size >= errors.size:
         border = numbers.size - errors.size
         remaining_memory, numbers, errors = (
-            remaining_memory.removesuffix(f" {ERRORS}"),
+            remaining_memory.removesuffix(f" {schema.ERRORS}"),
             numbers[:border],
             numbers[border:].reshape(errors.shape),
         )
     border = numbers.size - (3 + used) * count
-    if not remaining_memory.endswith(f" {WITNESSES}") or border < 0:
+    if not remaining_memory.endswith(f" {schema.WITNESSES}") or border < 0:
         raise InputError(
-            f"the run cannot be extended, its '{END_MEMORY.name}' has no {WITNESSES}: march it anew, up to the new end"
+            f"the run cannot be extended, its '{schema.END_MEMORY.name}' has no {schema.WITNESSES}: march it anew, up to the new end"
         )
     march.witnesses.put(numbers[border:].reshape(3 + used, count), errors)
-    return remaining_memory.removesuffix(f" {WITNESSES}"), numbers[:border]
+    return remaining_memory.removesuffix(f" {schema.WITNESSES}"), numbers[:border]
 
 
 def _event_energies(source_run: xr.Dataset, march: March) -> EventEnergies:
@@ -257,8 +244,8 @@ def _event_energies(source_run: xr.Dataset, march: March) -> EventEnergies:
     )
     speeds = np.zeros((march.layout.coordinates.size, row_before.size))
     for i, name in enumerate(march.layout.coordinates):
-        speed = np.abs(source_run.variables[velocity(name)].values) * float(
-            parse_unit(source_run.variables[velocity(name)].attrs["units"]).factor
+        speed = np.abs(source_run.variables[schema.velocity(name)].values) * float(
+            parse_unit(source_run.variables[schema.velocity(name)].attrs["units"]).factor
         )
         speeds[i] = speed[row_before] + speed[row_after]
     return EventEnergies(
@@ -274,7 +261,7 @@ def _event_energies(source_run: xr.Dataset, march: March) -> EventEnergies:
 
 def _event_impulses(source_run: xr.Dataset, march: March) -> Floats:
     """Return the impulses of the events of a record, as a log has them."""
-    model, count = march.model, source_run.sizes[EVENTS]
+    model, count = march.model, source_run.sizes[schema.EVENTS]
     if not model.assemblies:
         return np.array([source_run.variables[f"event_impulse_{name}"].values for name in march.layout.coordinates])
     ends = []
@@ -293,7 +280,7 @@ def _event_impulses(source_run: xr.Dataset, march: March) -> Floats:
 
 def _event_links(source_run: xr.Dataset, march: March, detector: Array) -> Array:
     """Return the link of each event of a record."""
-    links = np.full(source_run.sizes[EVENTS], NO_LINK)
+    links = np.full(source_run.sizes[schema.EVENTS], NO_LINK)
     for assembly in assemblies(march.model):
         of_assembly = np.array([march.layout.watched[i].name == assembly.name for i in detector], dtype=bool)
         numbers = tuple(source_run[f"event_{dim}"].values[of_assembly] for dim in assembly.dims)
@@ -307,11 +294,11 @@ def _restore_passed(source_run: xr.Dataset, march: March) -> None:
     if not smooth_switches:
         return
     memory = march.run.w[march.run.w.size - 3 * len(smooth_switches) :].reshape(-1, 3)
-    memory[:, 1] = source_run[PASSED.name].values
-    memory[:, 2] = np.nan_to_num(source_run[FIRST_PASSED.name].values) / march.settings.scales.si_factor(TIME)
+    memory[:, 1] = source_run[schema.PASSED.name].values
+    memory[:, 2] = np.nan_to_num(source_run[schema.FIRST_PASSED.name].values) / march.settings.scales.si_factor(TIME)
     factors = {name: float(unit.factor) for name, unit in model.units.items()}
     for first in range(
-        source_run.sizes[STEPS] - ROWS, -ROWS, -ROWS
+        source_run.sizes[schema.STEPS] - ROWS, -ROWS, -ROWS
     ):  # from the end, to where each was last away from zero
         rows = slice(max(first, 0), first + ROWS)
         state = {name: source_run.variables[name].values[rows] * factors[name] for name in march.layout.used}

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import archive, record
+from xdynamics import archive, record, schema
 from xdynamics.archive.folder_store import is_same
 from xdynamics.archive.store import GIVEN, Given, Place, location_of
 from xdynamics.dynamics.recorded_steps import wanted_times
@@ -34,18 +34,6 @@ from xdynamics.record.folding import fold, labelled
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.run_dataset import KNOWN_BEFORE
 from xdynamics.record.schemas import kind_description
-from xdynamics.schema import (
-    AT,
-    AT_TIME,
-    CLOSED_LINKS,
-    EVENTS,
-    GIVEN_STEP,
-    OF_MOTION,
-    SAMPLES,
-    STEP_NUMBER,
-    STEPS,
-    TRIALS,
-)
 from xdynamics.units import Unit, unit_suffix
 
 if TYPE_CHECKING:
@@ -157,7 +145,7 @@ def sampled_march(model: Model, settings: Settings, sample_times: Floats, progre
     if model.delays:
         return states
     rows = states["row"]
-    return states.assign(row=rows.copy(data=partial_run[STEP_NUMBER.name].values[rows.values]))
+    return states.assign(row=rows.copy(data=partial_run[schema.STEP_NUMBER.name].values[rows.values]))
 
 
 def add_events(states: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
@@ -168,10 +156,10 @@ def add_events(states: xr.Dataset, run: xr.Dataset) -> xr.Dataset:
     variables = {name: run.variables[name].copy(deep=False) for name in ("event_time", "event_detector")}
     variables["event_time"].attrs = without_bounds(run.variables["event_time"].attrs)
     for name, variable in run.variables.items():
-        if variable.dims[:1] == (STEPS,) and variable.attrs.get("role") in OF_MOTION:
+        if variable.dims[:1] == (schema.STEPS,) and variable.attrs.get("role") in schema.OF_MOTION:
             attributes = {"units": variable.attrs["units"], "long_name": f"{name} after the event", "role": "event"}
             variables[f"after_{name}"] = xr.Variable(
-                (EVENTS, *variable.dims[1:]), variable.values[rows_after], attributes
+                (schema.EVENTS, *variable.dims[1:]), variable.values[rows_after], attributes
             )
     return states.assign(variables)
 
@@ -190,7 +178,13 @@ def sampled_states(run: xr.Dataset, sample_times: Floats | None, model: Model) -
 
 
 OUTCOME = {"run_outcome": "how the run ended, in one word", "run_outcome_text": "how the run ended, as a sentence"}
-COUNTED = (STEPS, EVENTS, TRIALS, SAMPLES, CLOSED_LINKS)  # dimensions that sizes can be given of
+COUNTED = (
+    schema.STEPS,
+    schema.EVENTS,
+    schema.TRIALS,
+    schema.SAMPLES,
+    schema.CLOSED_LINKS,
+)  # dimensions that sizes can be given of
 
 
 def unmarched_run(
@@ -217,7 +211,7 @@ def unmarched_run(
             str(name) for name, variable in run.variables.items() if variable.attrs.get("role") in KNOWN_BEFORE
         ]
         foreseen = labelled(record.foreseen(march))
-        return lazy_stage(Stage(_with_outcome(run), task, [*known_names, GIVEN_STEP.name], foreseen))
+        return lazy_stage(Stage(_with_outcome(run), task, [*known_names, schema.GIVEN_STEP.name], foreseen))
     if sizes:
         raise InputError(f"sizes are {dict(sizes)}, and times say already how many states there are; leave sizes out")
     if location is None:
@@ -227,11 +221,11 @@ def unmarched_run(
     else:
         check_sampled(settings)
         task = Task.of("states", partial(_sample_record, model, sample_times), (task,), sample_times.tolist())
-    run = record.described(march, {STEPS: 1})
+    run = record.described(march, {schema.STEPS: 1})
     states = StepInterpolator.of_run(run, model.functions, REINTEGRATE).blank(len(sample_times))
-    states = states.assign_coords({AT_TIME: (AT, sample_times, states[AT_TIME].attrs)})
+    states = states.assign_coords({schema.AT_TIME: (schema.AT, sample_times, states[schema.AT_TIME].attrs)})
     template = labelled(fold(states, record.shapes_of(run)))
-    known_names = [AT_TIME, *(str(name) for name in template.variables if name not in states.variables)]
+    known_names = [schema.AT_TIME, *(str(name) for name in template.variables if name not in states.variables)]
     return lazy_stage(Stage(_with_outcome(template), task, known_names))
 
 
@@ -264,7 +258,7 @@ def _read_sizes(march: March, requested_sizes: Any) -> dict[str, int]:
             raise InputError(f"sizes name {dim!r}; there are {', '.join(COUNTED)}")
         if isinstance(size, bool) or not isinstance(size, int) or size < 1:
             raise InputError(f"sizes have {size!r} for '{dim}', need a positive whole number")
-    if STEPS in requested_sizes:
+    if schema.STEPS in requested_sizes:
         return dict(requested_sizes)
     if (rows := _grid_row_count(march)) is None:
         raise InputError(
@@ -272,7 +266,7 @@ def _read_sizes(march: March, requested_sizes: Any) -> dict[str, int]:
             " or events, nodes or keep_every decide which rows there are. Give a size, sizes={'step': 5000}, say; times=…"
             " for states at these times; or compute=True"
         )
-    return {STEPS: rows, **requested_sizes}
+    return {schema.STEPS: rows, **requested_sizes}
 
 
 def _grid_row_count(march: March) -> int | None:

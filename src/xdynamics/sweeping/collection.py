@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics import schema
 from xdynamics.elementary import NAME, kept_set
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.grid_axes import (
@@ -27,7 +28,6 @@ from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
 from xdynamics.model import Model
 from xdynamics.record.arguments import atol_floor_of, root_method_of
 from xdynamics.record.folding import names_as_words
-from xdynamics.schema import AT, AT_TIME, ATOL_FLOOR_RULE, OCCURRENCE, SWEEP, name_without_clash
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import display_text, internal_text
 from xdynamics.sweeping.axes import (
@@ -96,9 +96,9 @@ def sweep_dataset(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str,
         raise InputError(f"'{name}' is an axis and kept too; call the axis 'initial_{name}'")
     varying = {name for _, variable in grid.columns if variable.kind in MODEL_SECTIONS for name in variable.names}
     times = plan.keeping.times
-    used_names = {*coordinates, *grid.dims, *([AT_TIME] if times.size else [])}
+    used_names = {*coordinates, *grid.dims, *([schema.AT_TIME] if times.size else [])}
     shared = {
-        name_without_clash(used_names, name): (
+        schema.name_without_clash(used_names, name): (
             (),
             parameter.quantity.value,
             attrs_of(parameter.quantity.unit.text, parameter.description or f"parameter {name}", "parameter"),
@@ -107,19 +107,21 @@ def sweep_dataset(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str,
         if name not in varying and name not in member_variables
     }
     extra: dict[str, Any] = (
-        {AT_TIME: ((AT,), times, attrs_of(grid.model.time_unit.text, "wanted time", "time"))} if times.size else {}
+        {schema.AT_TIME: ((schema.AT,), times, attrs_of(grid.model.time_unit.text, "wanted time", "time"))}
+        if times.size
+        else {}
     )
-    if any(OCCURRENCE in variable.dims for variable in plan.variables):
+    if any(schema.OCCURRENCE in variable.dims for variable in plan.variables):
         begin, end = plan.keeping.occurrences
         extra[NUMBER] = (
-            (OCCURRENCE,),
+            (schema.OCCURRENCE,),
             np.arange(begin + 1, end + 1),
             attrs_of("1", "which occurrence it is, from 1", "index"),
         )
     toml = {"model_toml": ((), grid.model.to_toml(), attrs_of("1", "the model that members share, as TOML", "model"))}
     axes = ", ".join(grid.dims)
     sweep = evidence_dataset(
-        SWEEP,
+        schema.SWEEP,
         f"{grid.model.name}: a sweep over {axes}",
         [],
         coordinates | member_variables | extra | shared | toml,
@@ -212,7 +214,7 @@ def _sweep_attributes(plan: Plan) -> dict[str, Any]:
         "math_functions": plan.grid.math_functions,
         "solver_event_root_method": ROOT_METHODS[plan.grid.event_root_method],
         "solver_event_start": plan.grid.event_start,
-        **({ATOL_FLOOR_RULE: rule} if (rule := ATOL_FLOORS[plan.grid.atol_floor]) else {}),
+        **({schema.ATOL_FLOOR_RULE: rule} if (rule := ATOL_FLOORS[plan.grid.atol_floor]) else {}),
         "model_digest": plan.grid.model.digest,
         DIGEST: plan.digest,
     }
@@ -277,8 +279,10 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
         raise InputError(f"the sweep is of {len(texts)} models; sweeps of one model alone can be put together")
     model = Model.from_record(texts.pop(), functions=functions)
     keeping = keeping_of(str(sweep.attrs[KEEP]).split(), None, tuple(map(int, sweep.attrs[OCCURRENCES])))
-    if AT_TIME in sweep.variables and sweep[AT_TIME].attrs.get("role") != "parameter":  # of a model of schema 1
-        keeping = Keeping(keeping.words, np.atleast_1d(sweep[AT_TIME].values).astype(float), keeping.occurrences)
+    if (
+        schema.AT_TIME in sweep.variables and sweep[schema.AT_TIME].attrs.get("role") != "parameter"
+    ):  # of a model of schema 1
+        keeping = Keeping(keeping.words, np.atleast_1d(sweep[schema.AT_TIME].values).astype(float), keeping.occurrences)
     requested_settings = json.loads(sweep.attrs[ASKED])
     if (math_set := kept_set(sweep.attrs.get("math_functions"))) != NAME:  # the default when the sweep was marched
         requested_settings["math_functions"] = math_set

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.diagnosing.diagnosis import diagnose, foreseen_diagnosis
 from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID, STATES
@@ -42,7 +43,6 @@ from xdynamics.record.column import shapes_with_switches
 from xdynamics.record.folding import Names, QuantityElements, attributes_of_quantity, expand_quantities, quantity_names
 from xdynamics.record.run_columns import named_columns
 from xdynamics.runtime.lazy_imports import cached_property
-from xdynamics.schema import AT, COUNTS, CYCLE, EVENT_AFTER, EVENT_BEFORE, EVENTS, OCCURRENCE, flag_attributes
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.naming import DOT, split_element_name
 from xdynamics.sweeping.ensemble_records import MemberRuns
@@ -127,7 +127,7 @@ def _search_extremes(runs: MemberRuns, name: str, sign: float) -> Extremes:
 def _extremes_of_rows(runs: MemberRuns, values: Floats, tops: Rows) -> Extremes:
     """Return the extremes over accepted states alone."""
     has_number = tops >= 0
-    at_event = np.isin(runs["row_kind"][tops], (EVENT_BEFORE, EVENT_AFTER))
+    at_event = np.isin(runs["row_kind"][tops], (schema.EVENT_BEFORE, schema.EVENT_AFTER))
     rule = np.where(has_number, np.where(at_event, LOCATED, SAMPLED), NO_RULE).astype(np.int8)
     best, best_times = np.where(has_number, values[tops], np.nan), np.where(has_number, runs["time"][tops], np.nan)
     return Extremes(best, best_times, rule, np.where(has_number, 0.0, np.nan))
@@ -164,7 +164,7 @@ def _highest_rows(values: Floats, rows: Rows, members: Rows, size: int) -> Rows:
     return tops
 
 
-LISTED = (CYCLE, TURNS)  # of which a run has as many as it happens to have
+LISTED = (schema.CYCLE, TURNS)  # of which a run has as many as it happens to have
 BY_COMPANION = ("believed_until", "phase_offset")  # for which a diagnosis marches once more
 
 
@@ -191,7 +191,7 @@ class RunQuantity:
 def run_quantities(model: Model, settings: Settings) -> dict[str, RunQuantity]:
     """Return by name the numbers that the record and the diagnosis of a model's run have; nothing is marched for it."""
     rate, time = NUMBERS.per(model.time_unit).text, model.time_unit.text
-    units = dict.fromkeys(COUNTS, "1") | {"run_fastest_rate": rate, "run_slowest_period": time}
+    units = dict.fromkeys(schema.COUNTS, "1") | {"run_fastest_rate": rate, "run_slowest_period": time}
     units |= dict.fromkeys(("run_h_omega_start", "run_h_omega_largest"), "1")
     quantities = {
         name: RunQuantity((), "f8", attrs_of(unit, name.removeprefix("run_").replace("_", " "), ROLE))
@@ -464,7 +464,7 @@ class _WordReader:
         return []
 
     def _is_of_events(self, dims: tuple[str, ...]) -> bool:
-        return dims[0] == EVENTS and {*dims[1:]} <= {*self.model.shapes.extents}
+        return dims[0] == schema.EVENTS and {*dims[1:]} <= {*self.model.shapes.extents}
 
     def _event_variable(self, word: str, name: str, detector: str) -> KeptVariable:
         column = self.columns[name].variable
@@ -485,7 +485,7 @@ class _WordReader:
         quantity, (begin, end) = self.of_runs[word], self.keeping.occurrences
         more = {name: quantity.attributes[name] for name in FLAGS if name in quantity.attributes}
         is_counted = quantity.is_listed and (begin, end) != (0, 1)
-        dims = (OCCURRENCE, *quantity.dims) if is_counted else quantity.dims
+        dims = (schema.OCCURRENCE, *quantity.dims) if is_counted else quantity.dims
         sizes = (*((end - begin,) if is_counted else ()), *self.model.shapes.shape(quantity.dims))
         description = f"{quantity.attributes['long_name']}{', first' if quantity.is_listed and not is_counted else ''}"
         missing: Any = np.nan if quantity.dtype.startswith("f") else -1
@@ -535,7 +535,7 @@ class _WordReader:
 
         return KeptVariable(
             name,
-            (AT, *column.dims[1:]),
+            (schema.AT, *column.dims[1:]),
             (times.size, *shape),
             column.units,
             f"{column.long_name}; nan after the end of a run",
@@ -597,7 +597,7 @@ class _WordReader:
             return values[:, 0] if is_single else values
 
         is_single = (begin, end) == (0, 1)
-        dims, sizes = ((), ()) if is_single else ((OCCURRENCE,), (count,))
+        dims, sizes = ((), ()) if is_single else ((schema.OCCURRENCE,), (count,))
         return KeptVariable(
             name,
             (*dims, *element_dims),
@@ -612,7 +612,7 @@ class _WordReader:
         """Return the largest or least value of a quantity, and when it was reached."""
         sign, column = (1.0 if word.startswith(LARGEST) else -1.0), self.columns[name].variable
         description = f"{'largest' if sign > 0 else 'least'} {name} of the run"
-        rules = flag_attributes({NO_RULE: "none", **dict(enumerate(RULES))})
+        rules = schema.flag_attributes({NO_RULE: "none", **dict(enumerate(RULES))})
 
         def extreme_variable(
             end: str, field_index: int, units: str, description: str, role: str, **extra: Any

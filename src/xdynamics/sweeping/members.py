@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import record
+from xdynamics import record, schema
 from xdynamics.archive.folder_store import store_of
 from xdynamics.archive.reading import open_run, verify_digests
 from xdynamics.archive.seals import tail_of
@@ -34,7 +34,6 @@ from xdynamics.model.switches import smooth_switches
 from xdynamics.record.folding import names_as_words
 from xdynamics.record.provenance import xdynamics_version
 from xdynamics.runtime.lazy_imports import cached_property
-from xdynamics.schema import CIRCUMSTANCE, OCCURRENCE, PASSED, REASON_DOMAIN, REASON_NEWTON, REASON_NONFINITE, RUN_SEAL
 from xdynamics.shapes.naming import display_text
 from xdynamics.sweeping.ensemble_records import MemberRuns, parallel_parts
 from xdynamics.sweeping.grid import AxisIndices, Group, SweepGrid
@@ -64,12 +63,16 @@ FIRST_BATCH, MAX_BATCH, BATCH_GROWTH = (
     16,
 )  # members whose logs are held: at first, at most, and growth factor
 FEW_ROWS = 32  # of a member's log, with which the first ones are held
-REFINED = (REASON_NONFINITE, REASON_DOMAIN, REASON_NEWTON)  # whose cause is found by repeating the step
+REFINED = (
+    schema.REASON_NONFINITE,
+    schema.REASON_DOMAIN,
+    schema.REASON_NEWTON,
+)  # whose cause is found by repeating the step
 LONGEST_WORD = max(map(len, WORDS))
 # 2**64 over the golden ratio: its multiples modulo 2**64 spread evenly (Knuth, The Art of Computer Programming 3, 6.4)
 _GOLDEN = 0x9E3779B97F4A7C15
 
-FILE, SEAL, CONTENT_DIGEST = "run_file", RUN_SEAL, "content digest of the run's archive"
+FILE, SEAL, CONTENT_DIGEST = "run_file", schema.RUN_SEAL, "content digest of the run's archive"
 DIGITS = 32  # of a digest of an end: enough to tell a million runs apart, and half the memory
 DIGEST_DESCRIPTION = (
     "first 32 digits of a sha256 of time and state at the run's end, its counts, the time of every event"
@@ -154,7 +157,7 @@ class Plan:
             _judgement_variable(UNCONTROLLED, _OF_UNCONTROLLED, DIAGNOSTIC, _no_errors, "i4"),
         ]
         if smooth_switches(self.grid.model):
-            run_variables.append(_judgement_variable(PASSED.name, _OF_PASSED, DIAGNOSTIC, _passed_counts, "i8"))
+            run_variables.append(_judgement_variable(schema.PASSED.name, _OF_PASSED, DIAGNOSTIC, _passed_counts, "i8"))
         run_variables.append(
             _judgement_variable(OUTCOME, "how the run ended", "outcome", _outcomes, f"U{LONGEST_WORD}")
         )
@@ -353,7 +356,7 @@ def _read_whole_runs(
             continue
         for name, values in run_values(run, [*run_variables]).items():
             variable = run_variables[name]
-            if variable.dims[:1] == (OCCURRENCE,):
+            if variable.dims[:1] == (schema.OCCURRENCE,):
                 occurrences = values[variable.first :][: variable.sizes[0]]
                 arrays[name][i, : len(occurrences)] = occurrences
             elif values.ndim == len(variable.dims):
@@ -417,7 +420,9 @@ _FILES = [
     _judgement_variable(
         FILE, "archive of the run, named by a digest of all that it is marched from", "file", _empty_texts, "U72"
     ),
-    _judgement_variable(SEAL, "sha256 of the archive's bytes, that it ends with", CIRCUMSTANCE, _empty_texts, "U64"),
+    _judgement_variable(
+        SEAL, "sha256 of the archive's bytes, that it ends with", schema.CIRCUMSTANCE, _empty_texts, "U64"
+    ),
 ]
 
 

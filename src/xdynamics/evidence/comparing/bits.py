@@ -10,22 +10,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.elementary.arrays import flattened_rows
 from xdynamics.faults import InputError, escaped
 from xdynamics.record import own_attributes, plain
 from xdynamics.record.folding import model_dimensions
 from xdynamics.record.unfolding import element_labels
-from xdynamics.schema import (
-    ATOL_EFFECT,
-    COUNTS,
-    END_MEMORY,
-    EVENT_BOUNDS,
-    SCHEMA_OF_LAW,
-    SELECTION_OF,
-    SERIES_ARITHMETIC,
-    STEPS,
-    content_of,
-)
 from xdynamics.shapes.naming import join_element_name
 from xdynamics.units import parse_unit
 
@@ -35,7 +25,7 @@ STATES = ("coordinate", "velocity", "state")  # roles
 # records and the sentence of the outcome, in which later versions report more doubts about a run
 LAW = (
     *("force_source", "force_digest", "math_functions"),
-    *("Conventions", "schema_version", SCHEMA_OF_LAW, "run_outcome_text"),
+    *("Conventions", "schema_version", schema.SCHEMA_OF_LAW, "run_outcome_text"),
 )
 # what later versions define differently: in 0.1, the uncertainty of an event's location had no lower bound
 REDEFINED = ("event_time_uncertainty",)
@@ -48,7 +38,7 @@ FOLLOWING = (
     "run_h_omega_start",
     "run_h_omega_largest",
     "run_h_omega_rule",
-    ATOL_EFFECT,
+    schema.ATOL_EFFECT,
 )
 
 
@@ -80,7 +70,7 @@ def compare_reproduction(archived_run: xr.Dataset, repeated_run: xr.Dataset) -> 
     versions = [str(run.attrs.get("xdynamics_version", "of unknown name")) for run in (archived_run, repeated_run)]
     sets = [str(run.attrs.get("math_functions", "of unknown name")) for run in (archived_run, repeated_run)]
     schemas = [
-        str(run.attrs.get(SCHEMA_OF_LAW, run.attrs.get("schema_version", "of unknown name")))
+        str(run.attrs.get(schema.SCHEMA_OF_LAW, run.attrs.get("schema_version", "of unknown name")))
         for run in (archived_run, repeated_run)
     ]
     same = versions[0] == versions[1] and sets[0] == sets[1] and schemas[0] == schemas[1]
@@ -93,10 +83,10 @@ def compare_reproduction(archived_run: xr.Dataset, repeated_run: xr.Dataset) -> 
     if sets[0] != sets[1]:
         reasons.append(f"the archive was made with the elementary functions '{sets[0]}', here they are '{sets[1]}'")
     series = [
-        str(run.attrs.get(SERIES_ARITHMETIC, "products and sums rounded one by one"))
+        str(run.attrs.get(schema.SERIES_ARITHMETIC, "products and sums rounded one by one"))
         for run in (archived_run, repeated_run)
     ]
-    if SERIES_ARITHMETIC in repeated_run.attrs and series[0] != series[1]:
+    if schema.SERIES_ARITHMETIC in repeated_run.attrs and series[0] != series[1]:
         reasons.append(f"the archive has Taylor series by '{series[0]}', here they are by '{series[1]}'")
     if not table.attrs["identical"]:
         return table.assign_attrs(arithmetic="; ".join([*reasons, _largest_difference(archived_run, repeated_run)]))
@@ -130,7 +120,7 @@ def _largest_difference(archived_run: xr.Dataset, repeated_run: xr.Dataset) -> s
                 f"the largest difference is {largest:.3g} {variable.attrs.get('units', '')} in '{name}', row {row}:"
                 f" {worst:.2g} of its largest value"
             )
-    rows = [int(run.sizes.get(STEPS, 0)) for run in (archived_run, repeated_run)]
+    rows = [int(run.sizes.get(schema.STEPS, 0)) for run in (archived_run, repeated_run)]
     return sentence if rows[0] == rows[1] else f"{sentence}; {rows[0]} rows became {rows[1]}"
 
 
@@ -150,7 +140,7 @@ def _bitwise_table(first: xr.Dataset, second: xr.Dataset, *, worded: bool) -> xr
         identical=int(identical),
         first_difference="" if identical else _earliest_difference(first, second, names, rows, settings),
         settings="\n".join(settings),
-        selection=str(first.attrs.get(SELECTION_OF, "")),
+        selection=str(first.attrs.get(schema.SELECTION_OF, "")),
     )
 
 
@@ -190,8 +180,8 @@ def differing_settings(first: xr.Dataset, second: xr.Dataset) -> list[str]:
 
     Dates, versions, the machine, notes, counts of results and attributes that follow from others do not count.
     """
-    content = content_of(first.attrs) | content_of(second.attrs)
-    names = [name for name in content if name not in (*COUNTS, *FOLLOWING)]
+    content = schema.content_of(first.attrs) | schema.content_of(second.attrs)
+    names = [name for name in content if name not in (*schema.COUNTS, *FOLLOWING)]
     lines = []
     for name in names:
         value, other_value = (plain(run.attrs).get(name, "absent") for run in (first, second))
@@ -212,7 +202,7 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
     if (
         variable.dims != counterpart.dims
         or _type_word(variable) != _type_word(counterpart)
-        or (name != EVENT_BOUNDS and _measure(attributes[0]) != _measure(attributes[1]))
+        or (name != schema.EVENT_BOUNDS and _measure(attributes[0]) != _measure(attributes[1]))
         or (worded and not _same_attributes(*attributes))
     ):
         return 0
@@ -227,7 +217,7 @@ def _first_row(first: xr.Dataset, second: xr.Dataset, name: str, *, worded: bool
             return start + int(np.flatnonzero(flattened_rows(_differing_bits(left, right)).any(axis=1))[0])
     if (
         not worded
-        and name == END_MEMORY.name
+        and name == schema.END_MEMORY.name
         and str(counterpart.attrs["names"]).startswith(str(variable.attrs["names"]) + " ")
     ):
         return None  # later versions append what they store in addition
@@ -268,7 +258,9 @@ def _earliest_difference(
     """Describe the first difference: along `step` if there is one, else in any variable, else in a setting."""
     differing_rows = [(row, name) for row, name in zip(rows, names, strict=True) if row is not None]
     differing_step_rows = [
-        (row, name) for row, name in differing_rows if name in first.variables and STEPS in first.variables[name].dims
+        (row, name)
+        for row, name in differing_rows
+        if name in first.variables and schema.STEPS in first.variables[name].dims
     ]
     if not differing_rows:
         return f"attribute {settings[0]}"

@@ -37,7 +37,6 @@ from xdynamics.record.arguments import precision_of
 from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.schemas import rows_apart
 from xdynamics.record.unfolding import element_labels
-from xdynamics.schema import AT, AT_TIME, OCCURRENCE, REST_EVENT_TIME, SERIES_ARITHMETIC, STEPS
 from xdynamics.shapes.naming import join_element_name
 from xdynamics.units import parse_unit, unit_suffix
 
@@ -46,7 +45,7 @@ Functions = Mapping[str, Callable[..., float]]
 
 NONE = np.zeros(0, np.int64)  # events
 # attributes that differ with it
-FOLLOWING_PRECISION = ("precision", "solver_summation", "rest_", "force_digest", SERIES_ARITHMETIC)
+FOLLOWING_PRECISION = ("precision", "solver_summation", "rest_", "force_digest", schema.SERIES_ARITHMETIC)
 ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for rounding may differ
 
 
@@ -64,7 +63,7 @@ def compare_runs(
     names = shared_names(first, second)
     lazy = any(run.variables[name].chunks is not None for run in (first, second) for name in ("time", *names))
     samples = [_sample_run(run, names, sample_times, functions, lazy=lazy) for run in (first, second)]
-    variables: dict[str, Any] = {AT_TIME: times_variable(first, sample_times)}
+    variables: dict[str, Any] = {schema.AT_TIME: times_variable(first, sample_times)}
     for name in names:
         variables |= difference_of(
             name, *(run.variables[name] for run in (first, second)), *(entry.get(name) for entry in samples)
@@ -116,7 +115,7 @@ def title_of(first: xr.Dataset, second: xr.Dataset) -> str:
 
 def times_variable(first: xr.Dataset, times: Floats) -> tuple[tuple[str], Floats, dict[str, Any]]:
     """Return the times of a comparison as a variable."""
-    return (AT,), times, attrs_of(time_unit_of(first).text, "time of comparison", "time")
+    return (schema.AT,), times, attrs_of(time_unit_of(first).text, "time of comparison", "time")
 
 
 def common_times(*runs: xr.Dataset) -> Floats:
@@ -169,7 +168,7 @@ def shared_names(first: xr.Dataset, second: xr.Dataset) -> list[str]:
         and name in second.variables
         and name not in second.coords
         and variable.dims == second.variables[name].dims
-        and variable.dims[:1] == (STEPS,)
+        and variable.dims[:1] == (schema.STEPS,)
     ]
     if not names:
         raise InputError("the runs have no coordinate, velocity, state or observable in common")
@@ -212,7 +211,7 @@ def difference_of(
     units = [parse_unit(str(run.attrs["units"])) for run in (first, second)]
     factor = float(units[1].factor / units[0].factor)
     text = str(first.attrs["units"])
-    dims = (AT, *map(str, first.dims[1:]))
+    dims = (schema.AT, *map(str, first.dims[1:]))
     # floats cancel first, so that rests are added to a small number and are not rounded away
     difference = (second_sample[0] * factor - first_sample[0]) + (second_sample[2] * factor - first_sample[2])
     scale_text = f"largest size of {name} of the first run at the times compared; where that is 0, of the second"
@@ -242,7 +241,7 @@ def event_differences(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[s
         difference[: len(first_rows)] = (
             second["event_time"].values[second_rows] - first["event_time"].values[first_rows]
         )
-        if REST_EVENT_TIME.name in first or REST_EVENT_TIME.name in second:
+        if schema.REST_EVENT_TIME.name in first or schema.REST_EVENT_TIME.name in second:
             rests = [_rests_of_events(run)[rows] for run, rows in ((first, first_rows), (second, second_rows))]
             difference[: len(first_rows)] += rests[1] - rests[0]
         uncertainties = [
@@ -256,7 +255,7 @@ def event_differences(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[s
 
 def _rests_of_events(run: xr.Dataset) -> Floats:
     """Return the rests of event times beside their floats."""
-    name = REST_EVENT_TIME.name
+    name = schema.REST_EVENT_TIME.name
     return np.asarray(run[name].values) if name in run else np.zeros(run["event_time"].size)
 
 
@@ -266,15 +265,17 @@ def event_difference(name: str, units: str, difference: Any, uncertainty: Any, s
     return (
         {
             f"difference_event_time_{name}": (
-                (OCCURRENCE,),
+                (schema.OCCURRENCE,),
                 difference,
                 attrs_of(units, f"time of {name}, second run minus first", ROLE),
             )
         }
-        | scaled_variables("difference", f"event_time_{name}", difference, scale, (OCCURRENCE,), units, scale_text)
+        | scaled_variables(
+            "difference", f"event_time_{name}", difference, scale, (schema.OCCURRENCE,), units, scale_text
+        )
         | {
             f"interpolation_error_event_time_{name}": (
-                (OCCURRENCE,),
+                (schema.OCCURRENCE,),
                 uncertainty,
                 attrs_of(units, f"uncertainty of locating {name}, both runs together", "error"),
             )
@@ -299,7 +300,7 @@ def event_count_differences(first: xr.Dataset, second: xr.Dataset) -> Iterator[s
 
 def parting_text(variables: Mapping[str, Any], first: xr.Dataset, names: Sequence[str], between_events: Any) -> str:
     """Describe when a quantity is first further apart than interpolation and rounding can be."""
-    times, earliest, sentence = variables[AT_TIME][1], np.inf, ""
+    times, earliest, sentence = variables[schema.AT_TIME][1], np.inf, ""
     for name in names:
         if f"difference_{name}" not in variables:
             continue
@@ -374,17 +375,17 @@ def compare_each(
         raise InputError("second has no run; give one at least")
     sample_times = common_times(first, *other_runs.values()) if times is None else times
     comparisons = [compare_runs(first, run, sample_times, functions) for run in other_runs.values()]
-    max_occurrences = max(comparison.sizes.get(OCCURRENCE, 0) for comparison in comparisons)
+    max_occurrences = max(comparison.sizes.get(schema.OCCURRENCE, 0) for comparison in comparisons)
     shared = [
         name for name in comparisons[0].data_vars if all(_is_apart(comparison, name) for comparison in comparisons)
     ]
     padded_comparisons = [
-        comparison[shared].pad({OCCURRENCE: (0, max_occurrences - comparison.sizes[OCCURRENCE])})
-        if OCCURRENCE in comparison.dims
+        comparison[shared].pad({schema.OCCURRENCE: (0, max_occurrences - comparison.sizes[schema.OCCURRENCE])})
+        if schema.OCCURRENCE in comparison.dims
         else comparison[shared]
         for comparison in comparisons
     ]
-    variables: dict[str, Any] = {AT_TIME: times_variable(first, sample_times)}
+    variables: dict[str, Any] = {schema.AT_TIME: times_variable(first, sample_times)}
     variables["run_name"] = (
         (RUN,),
         np.array([*other_runs]),
@@ -416,6 +417,6 @@ def compare_each(
 
 def _is_apart(comparison: xr.Dataset, name: Any) -> bool:
     """Whether a variable of a comparison is of numbers that differ, not of single bits."""
-    return name in comparison and {*comparison[name].dims} <= {AT, OCCURRENCE, *comparison.coords} | {
+    return name in comparison and {*comparison[name].dims} <= {schema.AT, schema.OCCURRENCE, *comparison.coords} | {
         *shapes_of(comparison).extents
     }

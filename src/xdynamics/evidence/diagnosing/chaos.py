@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics import schema
 from xdynamics.dynamics import tangents as rules
 from xdynamics.dynamics.tangents import TOLERANCE, count_of, local_growth
 from xdynamics.dynamics.variational import NotVariedError
@@ -16,7 +17,6 @@ from xdynamics.faults import InputError
 from xdynamics.model import Model
 from xdynamics.model.linearisation import count_of_changes
 from xdynamics.model.motion import variables as variables_of
-from xdynamics.schema import EXPONENT, FINITE_TIME_GROWTH, LYAPUNOV, LYAPUNOV_TIME, LYAPUNOV_UNCERTAINTY, LYAPUNOVS
 from xdynamics.units.digits import with_uncertainty
 
 if TYPE_CHECKING:
@@ -25,15 +25,19 @@ if TYPE_CHECKING:
 ROLE = "diagnostic"
 CERTAIN = 2.0  # uncertainties by which an exponent has to exceed 0 for a time to follow from it
 GROWN = 1000.0  # least growth for that: a smaller one cannot be distinguished from growth by a power of time
-IN_WORDS = (LYAPUNOV, LYAPUNOV_TIME, FINITE_TIME_GROWTH)  # numbers that `exponents_in_words` reports
+IN_WORDS = (
+    schema.LYAPUNOV,
+    schema.LYAPUNOV_TIME,
+    schema.FINITE_TIME_GROWTH,
+)  # numbers that `exponents_in_words` reports
 LONG_NAMES = {
-    LYAPUNOVS: "Lyapunov exponents of coordinates, velocities and states, the largest first",
-    LYAPUNOV_UNCERTAINTY: f"standard uncertainty of each exponent: {rules.UNCERTAINTY_RULE}",
-    LYAPUNOV: f"the largest of {LYAPUNOVS}",
-    LYAPUNOV_TIME: (
-        f"1/{LYAPUNOV}; inf where that is not above twice its uncertainty, or has grown less than a thousandfold"
+    schema.LYAPUNOVS: "Lyapunov exponents of coordinates, velocities and states, the largest first",
+    schema.LYAPUNOV_UNCERTAINTY: f"standard uncertainty of each exponent: {rules.UNCERTAINTY_RULE}",
+    schema.LYAPUNOV: f"the largest of {schema.LYAPUNOVS}",
+    schema.LYAPUNOV_TIME: (
+        f"1/{schema.LYAPUNOV}; inf where that is not above twice its uncertainty, or has grown less than a thousandfold"
     ),
-    FINITE_TIME_GROWTH: (
+    schema.FINITE_TIME_GROWTH: (
         "logarithm of how much the change of the start that grows most has grown at the end of the run,"
         " each variable in units of its range, over the run's time; transients are in it"
     ),
@@ -64,11 +68,11 @@ def lyapunov(
     grown = largest * (float(run["time"][-1]) - exponents.begin) > float(log(GROWN))
     rule_attributes = {"transient_end": exponents.begin, "pieces": exponents.pieces, "variables": exponents.variables}
     numbers: dict[str, Any] = {
-        LYAPUNOVS: exponents.values,
-        LYAPUNOV_UNCERTAINTY: exponents.uncertainties,
-        LYAPUNOV: largest,
-        LYAPUNOV_TIME: 1.0 / largest if grown and largest > CERTAIN * uncertainty else np.inf,
-        FINITE_TIME_GROWTH: exponents.finite_time,
+        schema.LYAPUNOVS: exponents.values,
+        schema.LYAPUNOV_UNCERTAINTY: exponents.uncertainties,
+        schema.LYAPUNOV: largest,
+        schema.LYAPUNOV_TIME: 1.0 / largest if grown and largest > CERTAIN * uncertainty else np.inf,
+        schema.FINITE_TIME_GROWTH: exponents.finite_time,
     }
     return _exponent_variables(str(run["time"].attrs["units"]), numbers, rule_attributes)
 
@@ -85,7 +89,7 @@ def describe_exponents(unit: str, model: Model, *, exponent_count: bool | int) -
     size = len(variables_of(model))
     changes = count_of_changes(model) if model.constraints else size
     several = np.full(count_of(changes, None if exponent_count is True else int(exponent_count)), np.nan)
-    numbers = dict.fromkeys((LYAPUNOVS, LYAPUNOV_UNCERTAINTY), several)
+    numbers = dict.fromkeys((schema.LYAPUNOVS, schema.LYAPUNOV_UNCERTAINTY), several)
     return _exponent_variables(unit, numbers | dict.fromkeys(IN_WORDS, np.nan), {"variables": size})
 
 
@@ -108,18 +112,18 @@ def _exponent_variables(unit: str, numbers: Mapping[str, Any], rule_attributes: 
     per_time = "1" if unit == "1" else f"{unit}-1"
     rule = {
         "rule": rules.RULE,
-        "ancillary_variables": LYAPUNOV_UNCERTAINTY,
+        "ancillary_variables": schema.LYAPUNOV_UNCERTAINTY,
         "piece_tolerance": TOLERANCE,
         "transient": rules.TRANSIENT_RULE,
         **rule_attributes,
     }
     variables = {}
     for name, value in numbers.items():
-        units = unit if name == LYAPUNOV_TIME else per_time
-        role = "error" if name == LYAPUNOV_UNCERTAINTY else ROLE
-        extra = rule if name == LYAPUNOVS else {}
+        units = unit if name == schema.LYAPUNOV_TIME else per_time
+        role = "error" if name == schema.LYAPUNOV_UNCERTAINTY else ROLE
+        extra = rule if name == schema.LYAPUNOVS else {}
         variables[name] = (
-            (EXPONENT,) if np.ndim(value) else (),
+            (schema.EXPONENT,) if np.ndim(value) else (),
             value,
             attrs_of(units, LONG_NAMES[name], role) | extra,
         )
@@ -128,23 +132,25 @@ def _exponent_variables(unit: str, numbers: Mapping[str, Any], rule_attributes: 
 
 def exponents_in_words(diagnosis: xr.Dataset) -> Iterator[str]:
     """Describe all exponents with their justified digits, and the time scale that follows from the largest."""
-    if LYAPUNOVS not in diagnosis:
+    if schema.LYAPUNOVS not in diagnosis:
         return
-    unit = str(diagnosis[LYAPUNOVS].attrs["units"])
+    unit = str(diagnosis[schema.LYAPUNOVS].attrs["units"])
     suffix = "" if unit == "1" else f" {unit}"
-    yield f"{LYAPUNOVS} = {', '.join(exponents_with_uncertainty(diagnosis))}{suffix}"
-    time, unit_of_time = float(diagnosis[LYAPUNOV_TIME]), str(diagnosis[LYAPUNOV_TIME].attrs["units"])
+    yield f"{schema.LYAPUNOVS} = {', '.join(exponents_with_uncertainty(diagnosis))}{suffix}"
+    time, unit_of_time = float(diagnosis[schema.LYAPUNOV_TIME]), str(diagnosis[schema.LYAPUNOV_TIME].attrs["units"])
     if np.isfinite(time):
-        yield f"{LYAPUNOV_TIME} = {time:.3g}{'' if unit_of_time == '1' else f' {unit_of_time}'}"
+        yield f"{schema.LYAPUNOV_TIME} = {time:.3g}{'' if unit_of_time == '1' else f' {unit_of_time}'}"
     else:
         yield (
-            f"{LYAPUNOV_TIME} = inf: the largest exponent is not above twice its uncertainty, or the run is too short"
+            f"{schema.LYAPUNOV_TIME} = inf: the largest exponent is not above twice its uncertainty, or the run is too short"
             " to tell"
         )
-    yield f"{FINITE_TIME_GROWTH} = {float(diagnosis[FINITE_TIME_GROWTH]):.4g}{suffix}, over the run's own time"
+    yield f"{schema.FINITE_TIME_GROWTH} = {float(diagnosis[schema.FINITE_TIME_GROWTH]):.4g}{suffix}, over the run's own time"
 
 
 def exponents_with_uncertainty(diagnosis: xr.Dataset) -> list[str]:
     """Write every exponent with the digits that its uncertainty justifies."""
-    pairs = zip(diagnosis[LYAPUNOVS].values.tolist(), diagnosis[LYAPUNOV_UNCERTAINTY].values.tolist(), strict=True)
+    pairs = zip(
+        diagnosis[schema.LYAPUNOVS].values.tolist(), diagnosis[schema.LYAPUNOV_UNCERTAINTY].values.tolist(), strict=True
+    )
     return [with_uncertainty(*pair) for pair in pairs]

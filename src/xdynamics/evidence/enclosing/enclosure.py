@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xdynamics import schema
 from xdynamics.dynamics.recorded_steps import wanted_times
 from xdynamics.elementary import NAME
 from xdynamics.evidence.enclosing.tube import EventBounds, Tube, join_tubes, prove_tube, split_box, unproven
@@ -24,7 +25,6 @@ from xdynamics.keywords import read_number
 from xdynamics.model import Model, check_model
 from xdynamics.record.column import About
 from xdynamics.record.flag_words import words_of_flag
-from xdynamics.schema import AT, AT_TIME, ENCLOSURE, EVENT_DIRECTIONS, EVENTS, PROVEN, STEPS, bounds_of, flag_attributes
 from xdynamics.tubes import Flow, interval_problem_of
 from xdynamics.tubes.boxes import Box, enclosed, multiply
 from xdynamics.tubes.interval_problem import interval_names, unbounded
@@ -43,7 +43,7 @@ def enclosure_dataset(
     model: Model, tube: Tube, order: int, tolerance: float, occurrences: int | None = None
 ) -> xr.Dataset:
     """Return the evidence, with as many zeros of events as are to be listed."""
-    axis, unit = (AT, AT_TIME) if tube.at_times else (STEPS, "time"), model.time_unit.text
+    axis, unit = (schema.AT, schema.AT_TIME) if tube.at_times else (schema.STEPS, "time"), model.time_unit.text
     long_name = "time at which bounds were asked for" if tube.at_times else "time after a step"
     variables: dict[str, Any] = {axis[1]: ((axis[0],), tube.times, attrs_of(unit, long_name, "time"))}
     variables |= dict(_bound_variables(model, tube, axis[0]))
@@ -52,7 +52,7 @@ def enclosure_dataset(
     variables |= {name: ((), np.array(value), attributes) for name, (value, attributes) in later.items()}
     variables[MODEL] = ((), np.array(model.to_toml()), attrs_of("1", "the whole model as TOML", "model"))
     attributes = {name: value for name, (value, _) in later.items()} | {
-        PROVEN: 1,
+        schema.PROVEN: 1,
         "solver_method": "Taylor series in intervals, carried as Lohner's set",
         "solver_order": order,
         "solver_rtol": tolerance,
@@ -60,7 +60,9 @@ def enclosure_dataset(
         "math_functions": NAME,
         "model_digest": model.digest,
     }
-    return evidence_dataset(ENCLOSURE, f"Proven bounds of {model.name}", [], variables, attributes, shapes=model.shapes)
+    return evidence_dataset(
+        schema.ENCLOSURE, f"Proven bounds of {model.name}", [], variables, attributes, shapes=model.shapes
+    )
 
 
 def _proof_statements(model: Model, tube: Tube) -> dict[str, tuple[Any, dict[str, Any]]]:
@@ -102,7 +104,7 @@ def proposition(model: Model, tube: Tube) -> str:
     )
     text = (
         f"{whose}, the motion exists and is unique from t = {start!r}{suffix} to {tube.reached!r}{suffix}, and at every"
-        f" time told here each quantity y lies between {' and '.join(bounds_of('y'))}."
+        f" time told here each quantity y lies between {' and '.join(schema.bounds_of('y'))}."
     )
     if ignored := unbounded(model):
         text += f" Standard uncertainties, of {', '.join(ignored)}, are no bounds: the values alone count."
@@ -129,7 +131,7 @@ def _bound_variables(model: Model, tube: Tube, dim: str) -> Iterator[tuple[str, 
 
 
 def _bound_pair(name: str, dim: str, bounds: Box, unit: str, quantity_text: str) -> Iterator[tuple[str, Any]]:
-    for key, side, values in zip(bounds_of(name), ("lower", "upper"), bounds, strict=True):
+    for key, side, values in zip(schema.bounds_of(name), ("lower", "upper"), bounds, strict=True):
         yield (key, ((dim,), values, attrs_of(unit, f"proven {side} bound of {quantity_text}", f"{side}_bound")))
 
 
@@ -143,22 +145,29 @@ def _event_bound_variables(model: Model, tube: Tube, occurrences: int | None) ->
     missing = 0 if occurrences is None else occurrences - len(met)
     names = [event.name for event in tube.events]
     times = _padded_intervals([crossing.time for _, crossing in met], missing)
-    yield from _bound_pair("event_time", EVENTS, times, model.time_unit.text, "the time of the event")
+    yield from _bound_pair("event_time", schema.EVENTS, times, model.time_unit.text, "the time of the event")
     detectors = np.array([k for k, _ in met] + [-1] * missing, np.int8)
     none = occurrences is not None  # proven, of those that are listed
     words = ({-1: "none"} if none else {}) | dict(enumerate(names))
-    directions = ({0: "none"} if none else {}) | EVENT_DIRECTIONS
-    yield "event_detector", ((EVENTS,), detectors, attrs_of("1", "event", "flag") | flag_attributes(words))
+    directions = ({0: "none"} if none else {}) | schema.EVENT_DIRECTIONS
+    yield (
+        "event_detector",
+        ((schema.EVENTS,), detectors, attrs_of("1", "event", "flag") | schema.flag_attributes(words)),
+    )
     rising = np.array([1 if crossing.rising else -1 for _, crossing in met] + [0] * missing, np.int8)
     yield (
         "event_direction",
-        ((EVENTS,), rising, attrs_of("1", "direction of the crossing", "flag") | flag_attributes(directions)),
+        (
+            (schema.EVENTS,),
+            rising,
+            attrs_of("1", "direction of the crossing", "flag") | schema.flag_attributes(directions),
+        ),
     )
     for i, name in enumerate(layout_of(model).used):
         unit = model.units[name]
         states = _padded_intervals([crossing.state[:, i] for _, crossing in met], missing)
         yield from _bound_pair(
-            f"event_{name}", EVENTS, _bounds_in_unit(states, unit), unit.text, f"{name} at the event"
+            f"event_{name}", schema.EVENTS, _bounds_in_unit(states, unit), unit.text, f"{name} at the event"
         )
 
 
@@ -188,16 +197,16 @@ def _bounds_in_unit(bounds: Box, unit: Unit) -> Box:
 def enclosure_lines(enclosure: xr.Dataset) -> list[str]:
     """Return the proposition, the last bounds, and the bounds of events as lines of text."""
     lines = [f"proven    {stated_value(enclosure, 'summary')}", f"ended     {stated_value(enclosure, 'outcome_text')}"]
-    dim, time = (AT, AT_TIME) if AT_TIME in enclosure.variables else (STEPS, "time")
+    dim, time = (schema.AT, schema.AT_TIME) if schema.AT_TIME in enclosure.variables else (schema.STEPS, "time")
     unit = unit_suffix(str(enclosure[time].attrs["units"]))
     names = bounded_names(enclosure, dim)
-    firsts = [enclosure[bounds_of(name)[0]].values.reshape(enclosure.sizes[dim], -1)[:, 0] for name in names]
+    firsts = [enclosure[schema.bounds_of(name)[0]].values.reshape(enclosure.sizes[dim], -1)[:, 0] for name in names]
     if (known_rows := np.flatnonzero(~np.isnan(firsts).any(axis=0))).size:
         last = enclosure.isel({dim: int(known_rows[-1])})
         lines.append(f"bounds    at t = {float(last[time])!r}{unit}")
         lines += [f"  {name:<8}  {_interval_text(last, name)}" for name in names]
-    for k in range(enclosure.sizes.get(EVENTS, 0)):
-        event = enclosure.isel({EVENTS: k})
+    for k in range(enclosure.sizes.get(schema.EVENTS, 0)):
+        event = enclosure.isel({schema.EVENTS: k})
         if (word := words_of_flag(event["event_detector"])[0]) != "none":
             lines.append(f"event     {word}: t from {_interval_text(event, 'event_time')}")
     return [*lines, *(f"events    {text}" for text in (stated_value(enclosure, "events_text"),) if text)]
@@ -205,7 +214,7 @@ def enclosure_lines(enclosure: xr.Dataset) -> list[str]:
 
 def bounded_names(enclosure: xr.Dataset, dim: str) -> list[str]:
     """Name the quantities with bounds along a dimension."""
-    prefix, _ = bounds_of("")
+    prefix, _ = schema.bounds_of("")
     return [
         str(name).removeprefix(prefix)
         for name, variable in enclosure.data_vars.items()
@@ -215,14 +224,14 @@ def bounded_names(enclosure: xr.Dataset, dim: str) -> list[str]:
 
 def _interval_text(row: xr.Dataset, name: str) -> str:
     """Write two bounds and how far they are apart, or of many this alone."""
-    low, high = (row[bound] for bound in bounds_of(name))
+    low, high = (row[bound] for bound in schema.bounds_of(name))
     width, unit = float((high - low).max()), unit_suffix(str(low.attrs["units"]))
     if low.ndim:
         return f"{low.size} of width {width:.2g}{unit}"
     return f"{float(low)!r} to {float(high)!r}{unit}, {width:.2g} wide"
 
 
-SUMMARIES = {ENCLOSURE: enclosure_lines}
+SUMMARIES = {schema.ENCLOSURE: enclosure_lines}
 
 
 DEFAULT_RTOL, LEAST_RTOL, LARGEST_RTOL = 1e-16, 1e-20, 1e-3
@@ -375,7 +384,7 @@ class EnclosureRequest:
                 f"how often '{tube.events[0].name}' is met is not known in advance; give the number to list, like occurrences=10"
             )
         template = enclosure_dataset(self.model, tube, self.order, self.tolerance, self.occurrences)
-        return Stage(template, self.task(), (AT_TIME, MODEL))
+        return Stage(template, self.task(), (schema.AT_TIME, MODEL))
 
 
 def enclosure_request(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics import record
+from xdynamics import record, schema
 from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.observables import is_observable
 from xdynamics.evidence.refining.convergence import UNCERTAINTY_RULES, VERDICTS, Judged, judge, observed_orders
@@ -24,7 +24,6 @@ from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model.detectors import labels
 from xdynamics.runtime.lazy_imports import cached_property
-from xdynamics.schema import AT, LEVEL, OCCURRENCE, Variable, at_event, flag_attributes, scale_name
 from xdynamics.shapes import Extent, Shapes
 from xdynamics.shapes.blocks import Block
 from xdynamics.shapes.naming import DOT, split_element_name
@@ -107,7 +106,7 @@ def family(number: TrackedValue, levels: Levels, accepted: int, estimated: float
     the number's size, where something else than the tolerance set them.
     """
     name, units, changes = number.name, number.units, number.changes
-    dims = (LEVEL, *number.dims)
+    dims = (schema.LEVEL, *number.dims)
 
     def levels_first(values: Floats) -> Floats:
         """Return values with levels first; without places, levels only."""
@@ -117,7 +116,7 @@ def family(number: TrackedValue, levels: Levels, accepted: int, estimated: float
     last = np.abs(np.concatenate([changes[..., :-1], changes[..., -2:-1]], axis=-1))
     # negated, so that nothing passes with nan
     gate = (~(number.errors <= last)).astype(np.int8)
-    size = scale_name("difference", name)
+    size = schema.scale_name("difference", name)
     variables: dict[str, Any] = {
         name: (dims, levels_first(number.values), attrs_of(units, number.long_name, ROLE)),
         f"difference_{name}": (
@@ -148,7 +147,7 @@ def family(number: TrackedValue, levels: Levels, accepted: int, estimated: float
                 f"passed where interpolation_error_{name} is at most the difference to the next finer level",
                 "flag",
             )
-            | flag_attributes(dict(enumerate(GATES))),
+            | schema.flag_attributes(dict(enumerate(GATES))),
         ),
     }
     return variables | (_judgement_variables(number, levels, accepted, estimated) if levels.ordered else {})
@@ -164,7 +163,7 @@ def _judgement_variables(number: TrackedValue, levels: Levels, accepted: int, es
 
     return {
         f"order_{name}": (
-            (LEVEL, *number.dims),
+            (schema.LEVEL, *number.dims),
             np.moveaxis(orders, -1, 0) if number.dims else orders[0],
             attrs_of(
                 "1",
@@ -174,7 +173,8 @@ def _judgement_variables(number: TrackedValue, levels: Levels, accepted: int, es
         ),
         f"verdict_{name}": (
             *once(judgement.verdict, np.int8),
-            attrs_of("1", f"verdict on the convergence of {name}", "flag") | flag_attributes(dict(enumerate(VERDICTS))),
+            attrs_of("1", f"verdict on the convergence of {name}", "flag")
+            | schema.flag_attributes(dict(enumerate(VERDICTS))),
         ),
         f"limit_{name}": (
             *once(judgement.limit, float),
@@ -187,7 +187,7 @@ def _judgement_variables(number: TrackedValue, levels: Levels, accepted: int, es
         f"uncertainty_rule_{name}": (
             *once(RULE_NUMBERS[judgement.rule], np.int8),
             attrs_of("1", f"rule by which the uncertainty of {name} was found", "flag")
-            | flag_attributes(dict(enumerate(RULE_WORDS))),
+            | schema.flag_attributes(dict(enumerate(RULE_WORDS))),
         ),
     }
 
@@ -262,8 +262,8 @@ class StateAfter:
     @property
     def places(self) -> tuple[str, ...]:
         """The dimensions of the number: a shared one of the event's has the name that a record has for it."""
-        event_dims = (at_event(dim) if dim in self.shared else dim for dim in self.of_events)
-        return (OCCURRENCE, *event_dims, *self.dims)
+        event_dims = (schema.at_event(dim) if dim in self.shared else dim for dim in self.of_events)
+        return (schema.OCCURRENCE, *event_dims, *self.dims)
 
     def has_value_at(self, event: Mapping[str, int]) -> bool:
         """Whether the number has a value at the event of an element."""
@@ -286,7 +286,7 @@ class StateAfter:
 def with_event_dims(shapes: Shapes, states: list[StateAfter]) -> Shapes:
     """Return the shapes of a model with those of states after events: along a shared dimension events have their own."""
     shared = [dim for dim in shapes.extents if any(state.every and dim in state.shared for state in states)]
-    event_extents = {at_event(dim): replace(shapes.extents[dim], name=at_event(dim)) for dim in shared}
+    event_extents = {schema.at_event(dim): replace(shapes.extents[dim], name=schema.at_event(dim)) for dim in shared}
     dims = {state.name: state.places[1:] for state in states if not state.element}
     return (
         replace(shapes, extents={**event_extents, **shapes.extents}, dims={**shapes.dims, **dims}) if states else shapes
@@ -357,11 +357,11 @@ class StudyQuantities:
         return March(model, unthinned_settings_for(model, **self.levels.settings_of_level(value)))
 
     @cached_property
-    def variables(self) -> Mapping[str, Variable]:
+    def variables(self) -> Mapping[str, schema.Variable]:
         """The variables of a run by name."""
         return {column.variable.name: column.variable for column in record.columns(self.march)}
 
-    def variable(self, name: str) -> Variable | None:
+    def variable(self, name: str) -> schema.Variable | None:
         """Return the variable of a quantity or of one of its elements, along `step` alone; None if a run has none."""
         if name in self.variables or DOT not in name:
             return self.variables.get(name)
@@ -487,9 +487,9 @@ class StudyQuantities:
     def observable(self, name: str) -> Subject:
         """Describe an observable at the times of comparison."""
         variable = self.recorded(name)
-        return name, variable.units, variable.long_name, (AT, *variable.dims[1:])
+        return name, variable.units, variable.long_name, (schema.AT, *variable.dims[1:])
 
-    def recorded(self, name: str) -> Variable:
+    def recorded(self, name: str) -> schema.Variable:
         """Return the variable of a quantity or of one of its elements that a run has."""
         variable = self.variable(name)
         assert variable is not None  # noqa: S101 - it was asked before
@@ -508,12 +508,12 @@ class StudyQuantities:
         if name.startswith(PERIOD):
             unit = self.levels.model.time_unit.text
             return name, unit, f"mean period of {coordinate}, between located crossings of {level}", ()
-        return name, "rad", f"phase of {coordinate}, whole turns at located crossings of {level}", (AT,)
+        return name, "rad", f"phase of {coordinate}, whole turns at located crossings of {level}", (schema.AT,)
 
     def event_time(self, detector: str) -> Subject:
         """Describe the times at which an event was met."""
         unit = self.levels.model.time_unit.text
-        return f"{EVENT_TIME}{detector}", unit, f"time at which {detector} was met", (OCCURRENCE,)
+        return f"{EVENT_TIME}{detector}", unit, f"time at which {detector} was met", (schema.OCCURRENCE,)
 
     def after_event(self, state: StateAfter) -> Subject:
         """Describe a state after an event."""
@@ -539,7 +539,7 @@ class StudyQuantities:
             subjects += map(self.after_event, self.compared_after(detector, self.occurrences or 0))
         times = 1 if self.times is None else len(self.times)
         for subject in subjects:
-            places = {AT: times, OCCURRENCE: self.occurrences or 0}
+            places = {schema.AT: times, schema.OCCURRENCE: self.occurrences or 0}
             shape = self.shapes.shape(subject[3][1:])
             yield TrackedValue.blank(
                 subject, places[subject[3][0]] if subject[3] else 1, len(self.levels.values), shape

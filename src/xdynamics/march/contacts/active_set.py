@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from math import inf
 
+from xdynamics import schema
 from xdynamics.elementary.bounds import EPS
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import UNSOUND
@@ -33,7 +34,6 @@ from xdynamics.march.run import HOLD, STEP_IN_TIME, Run
 from xdynamics.march.trial_step import usual_step
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import MODES, NORMAL, TANGENT
-from xdynamics.schema import BACKWARD, CLOSED, FORWARD, LOOSE, OPEN, SETTLING, STICKING
 
 FLAT = 1e-9  # of the largest effect of a reaction on its own row so far: below it, a gap has no gradient
 ALIKE = 1e-10  # of the effect of a reaction on its own row: what is left of it where others do the same
@@ -60,7 +60,7 @@ def assign_part(run: Run, k: int) -> None:
     still = abs(rate) <= touch.slack
     touch.origin, touch.known, touch.part = run.links[k].free, 0.0, ABSENT
     if reaction.role == NORMAL:
-        settles = touch.state == SETTLING and touch.near and touch.hit != PULL
+        settles = touch.state == schema.SETTLING and touch.near and touch.hit != PULL
         # a method of low order may close a gap that, by its velocities, opens
         late = touch.hit == GAP and not had_impact(run) and rate <= abs(touch.origin) * run.trial[0].h
         if settles or (touch.near and (still or late) and touch.hit != PULL):
@@ -69,7 +69,7 @@ def assign_part(run: Run, k: int) -> None:
     if reaction.role == TANGENT and run.touches[reaction.normal].part == ABSENT:
         return
     touch.way = 1 if rate > 0.0 else -1
-    if touch.hit == GRIP and (still or touch.state == STICKING):
+    if touch.hit == GRIP and (still or touch.state == schema.STICKING):
         # what begins to slip moves against the force that held it; its rate is still rounding
         touch.way, still = (-1 if number_of_force(run, k) > 0.0 else 1), False
     elif touch.hit == SLIP:
@@ -120,20 +120,20 @@ def set_contact_mode(run: Run, k: int) -> None:
     touch = run.touches[k]
     if run.reactions[k].role == NORMAL:
         if touch.part != PRESSING or contact_opens(run, k):
-            touch.state = OPEN
-        elif touch.state != SETTLING or touch.hit == LIMIT:
-            touch.state = CLOSED
+            touch.state = schema.OPEN
+        elif touch.state != schema.SETTLING or touch.hit == LIMIT:
+            touch.state = schema.CLOSED
         return
     if touch.part == ABSENT or (
-        run.reactions[k].role == TANGENT and run.touches[run.reactions[k].normal].state == OPEN
+        run.reactions[k].role == TANGENT and run.touches[run.reactions[k].normal].state == schema.OPEN
     ):
-        touch.state = LOOSE
+        touch.state = schema.LOOSE
     elif touch.part == GRIPPING and not slips(run, k):
-        touch.state = STICKING
+        touch.state = schema.STICKING
     else:
         if touch.part == GRIPPING:
             touch.way = 1 if touch.after > 0.0 else -1
-        touch.state = FORWARD if touch.way > 0 else BACKWARD
+        touch.state = schema.FORWARD if touch.way > 0 else schema.BACKWARD
 
 
 @jit_separate
@@ -150,11 +150,13 @@ def inform(run: Run) -> None:
         if run.plan[0].contacts == STEP_IN_TIME:
             run.modes[MODES * k], run.modes[MODES * k + 1] = 0.0, 0.0
         elif run.reactions[k].role == NORMAL:
-            run.modes[MODES * k] = 0.0 if touch.state == OPEN else 1.0
-            run.modes[MODES * k + 1] = touch.limit if touch.state == SETTLING else 0.0
+            run.modes[MODES * k] = 0.0 if touch.state == schema.OPEN else 1.0
+            run.modes[MODES * k + 1] = touch.limit if touch.state == schema.SETTLING else 0.0
         else:
-            run.modes[MODES * k] = 1.0 if touch.state == STICKING else 0.0
-            run.modes[MODES * k + 1] = 1.0 if touch.state == FORWARD else (-1.0 if touch.state == BACKWARD else 0.0)
+            run.modes[MODES * k] = 1.0 if touch.state == schema.STICKING else 0.0
+            run.modes[MODES * k + 1] = (
+                1.0 if touch.state == schema.FORWARD else (-1.0 if touch.state == schema.BACKWARD else 0.0)
+            )
     release_redundant(run)
     for i in range(run.detectors.shape[0]):
         update_detector(run, i)
@@ -191,7 +193,9 @@ def stays_closed(run: Run, k: int) -> bool:
     that is pulled open starts with no rate and no acceleration, too, but leaves for good.
     """
     touch, h = run.touches[k], usual_step(run)
-    touches = touch.state == OPEN and touch.near == 1 and touch.hit != PULL and abs(run.links[k].rate) <= touch.slack
+    touches = (
+        touch.state == schema.OPEN and touch.near == 1 and touch.hit != PULL and abs(run.links[k].rate) <= touch.slack
+    )
     return bool(touches and abs(touch.after) * h * h <= impact_spread(run, k))
 
 
@@ -204,7 +208,7 @@ def update_detector(run: Run, i: int) -> None:
     state = run.touches[detector.reaction].state
     watch.guard, watch.floor, awake = 1, 0.0, False
     if detector.role == GAP:
-        awake = state == OPEN
+        awake = state == schema.OPEN
         run.lingering[detector.reaction] = (
             impact_spread(run, detector.reaction) if stays_closed(run, detector.reaction) else 0.0
         )
@@ -212,13 +216,13 @@ def update_detector(run: Run, i: int) -> None:
         if run.touches[detector.reaction].near:  # it opens from what is left of it, and that is its zero
             watch.floor = max(watch.floor, 2.0 * abs(run.links[detector.reaction].gap))
     elif detector.role == PULL:
-        awake = state != OPEN
+        awake = state != schema.OPEN
     elif detector.role == LIMIT:
-        watch.guard, awake = -1, state == SETTLING
+        watch.guard, awake = -1, state == schema.SETTLING
     elif detector.role == GRIP:
-        awake = state == STICKING
+        awake = state == schema.STICKING
     else:
-        watch.guard, awake = 1 if state == FORWARD else -1, state in (FORWARD, BACKWARD)
+        watch.guard, awake = 1 if state == schema.FORWARD else -1, state in (schema.FORWARD, schema.BACKWARD)
     if watch.asleep and awake:
         watch.greatest = 0.0
     watch.asleep = 0 if awake and run.plan[0].contacts == HOLD else 1
@@ -239,9 +243,11 @@ def bounce(run: Run, t: float) -> bool:
         changed = False
         for k in range(run.touches.shape[0]):
             touch = run.touches[k]
-            leaves = run.reactions[k].role == NORMAL and touch.near == 1 and touch.state == OPEN and touch.hit != PULL
+            leaves = (
+                run.reactions[k].role == NORMAL and touch.near == 1 and touch.state == schema.OPEN and touch.hit != PULL
+            )
             if leaves and touch.way == 0 and ((impact and ends_soon(run, k, t)) or unseen(run, k, t)):
-                touch.state, changed = SETTLING, True
+                touch.state, changed = schema.SETTLING, True
                 # kinetic energy of this rate, whose effective mass is the inverse of its own effect
                 touch.lost = run.links[k].rate * run.links[k].rate / (2.0 * run.delassus[k, k])
             touch.way = 1 if leaves else touch.way
@@ -253,10 +259,10 @@ def bounce(run: Run, t: float) -> bool:
         touch = run.touches[k]
         if (
             run.reactions[k].role == NORMAL
-            and touch.state == SETTLING
+            and touch.state == schema.SETTLING
             and touch.limit - t <= run.reactions[k].tolerance
         ):
-            touch.state = CLOSED
+            touch.state = schema.CLOSED
     inform(run)
     return True
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.kernels.compiling import jit_separate, noinline
 from xdynamics.kernels.law import RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, T
@@ -83,19 +84,8 @@ from xdynamics.march.trial_step import copy_numbers, evaluate_events, propose_st
 from xdynamics.model.detectors import GRIP, KINK, PERIODIC, PULL, SLIP
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
-from xdynamics.schema import (
-    CROSSING,
-    EVENT_AFTER,
-    EVENT_BEFORE,
-    JUMP,
-    NODE,
-    REASON_CONTACT,
-    REASON_EVENT,
-    REGIME_SWITCH,
-    RESET_KIND,
-)
 
-_CROSSING = np.int64(CROSSING)  # no literal: numba compiles a copy of a function for each
+_CROSSING = np.int64(schema.CROSSING)  # no literal: numba compiles a copy of a function for each
 STATE = 2  # of a row of the log, after time and step
 
 
@@ -173,8 +163,8 @@ def note_offsets(run: Run, row_before: int) -> None:
 
 
 # no literals: numba compiles a copy of a function for each literal that it is given
-_SWITCHED, _RESET = np.int64(REGIME_SWITCH), np.int64(RESET_KIND)
-_CROSSED, _JUMPED = np.int64(CROSSING), np.int64(JUMP)
+_SWITCHED, _RESET = np.int64(schema.REGIME_SWITCH), np.int64(schema.RESET_KIND)
+_CROSSED, _JUMPED = np.int64(schema.CROSSING), np.int64(schema.JUMP)
 _, STOP, SWITCH, RESET = range(len(ACTIONS))
 
 
@@ -212,7 +202,7 @@ def reset(run: Run, i: int, e: int) -> None:
 
 
 # no literals: numba compiles a copy of a function for each literal that it is given
-_BEFORE, _AFTER, _NODE = np.int64(EVENT_BEFORE), np.int64(EVENT_AFTER), np.int64(NODE)
+_BEFORE, _AFTER, _NODE = np.int64(schema.EVENT_BEFORE), np.int64(schema.EVENT_AFTER), np.int64(schema.NODE)
 NEWTON_TURNS = 3  # from the time tolerance to 31 digits
 State = NDArray[Any]
 append_row_apart, note_samples_apart, grow_step_apart = (
@@ -228,7 +218,7 @@ def locate_and_land(run: Run) -> int:
     """Locate the first event of the trial, land on it, and note the state on either side; return the verdict."""
     now, plan, whole_step = run.now[0], run.plan[0], run.located[0].h
     if plan.apart:  # note the whole trial too, and count only substeps of its bracket
-        note_trial(run, whole_step, now.norm if plan.estimates else nan, REASON_EVENT)
+        note_trial(run, whole_step, now.norm if plan.estimates else nan, schema.REASON_EVENT)
         run.piece[0].substeps = 1
     if plan.adaptive:
         grow_step_apart(run, whole_step, run.located[0].landing != AT_GRID)
@@ -240,7 +230,7 @@ def locate_and_land(run: Run) -> int:
     if reached and rings_at_end(run):
         ring_events(run)
     note_both_sides(run, reached)
-    return REASON_EVENT
+    return schema.REASON_EVENT
 
 
 @jit_separate
@@ -260,7 +250,7 @@ def meet_here(run: Run) -> None:
 @jit_separate
 def ring_alone(run: Run) -> None:
     """Act as periodic events at the end of a trial say, where nothing else happens."""
-    run.piece[0].verdict, run.piece[0].substeps = REASON_EVENT, 0
+    run.piece[0].verdict, run.piece[0].substeps = schema.REASON_EVENT, 0
     evaluate_events(run)
     for i in range(run.detectors.shape[0]):
         run.watches[i].hit = NONE
@@ -445,7 +435,7 @@ def reconcile_sides(run: Run) -> bool:
             break
         if holds_contacts(run):
             call_phase(run.functions[CONTACT_PHASE], run, run.trial[0].t, DERIVE)
-            if run.now[0].status == REASON_CONTACT:
+            if run.now[0].status == schema.REASON_CONTACT:
                 return False
     return True
 
@@ -458,7 +448,7 @@ def resolve_contacts(run: Run, row: int) -> bool:
     """
     run.balance[BEFORE] = run.log_rows[run.plan[0].kinetic, row] if row >= 0 else kinetic_energy(run, run.z)
     call_phase(run.functions[CONTACT_PHASE], run, run.trial[0].t, RESOLVE)
-    if run.now[0].status in (CONTACT_PENETRATED, REASON_CONTACT, CONTACT_INCONSISTENT):
+    if run.now[0].status in (CONTACT_PENETRATED, schema.REASON_CONTACT, CONTACT_INCONSISTENT):
         return False
     copy_numbers(run.z, run.whole)
     for i in range(run.plan[0].coordinates):  # the energy of velocities alone: masses depend on positions
