@@ -234,7 +234,7 @@ def test_jacobians_of_the_gallery_have_the_bits_of_their_trees(path: Path) -> No
     state = initial_state(model)
     values = dict(constants(model)) | state | {"_regime": 0.0}
     assert drive_pieces(model) == ()
-    for one in (*motion(model), *derivative_assignments(model)):
+    for one in (*motion(model.elements), *derivative_assignments(model)):
         values[one.name] = evaluate(one.value, values)
     found = linearise(model, state).jacobian.tolist()
     names = (

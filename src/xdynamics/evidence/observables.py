@@ -76,8 +76,10 @@ def is_comparable(model: Model, name: str) -> bool:
     if not reactions(model) or not is_observable(model, name):
         return is_observable(model, name)
     layout = layout_of(model)
-    elements = layout.computed.block(name).elements() if name not in layout.used and DOT not in name else ()
-    return {*elements} <= {*comparable(model)} if elements else name in layout.used or name in comparable(model)
+    if layout.used.find_offset(name) is not None:
+        return True
+    elements = (name,) if DOT in name else layout.computed.block(name).elements()
+    return {*elements} <= {*comparable(model)}
 
 
 def comparable(model: Model) -> tuple[str, ...]:
