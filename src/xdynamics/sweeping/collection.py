@@ -106,30 +106,31 @@ def sweep_dataset(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str,
         for name, parameter in grid.model.statement.parameters.items()
         if name not in varying and name not in member_variables
     }
-    extra: dict[str, Any] = (
-        {schema.AT_TIME: ((schema.AT,), times, attrs_of(grid.model.time_unit.text, "wanted time", "time"))}
-        if times.size
-        else {}
-    )
-    if any(schema.OCCURRENCE in variable.dims for variable in plan.variables):
-        begin, end = plan.keeping.occurrences
-        extra[NUMBER] = (
-            (schema.OCCURRENCE,),
-            np.arange(begin + 1, end + 1),
-            attrs_of("1", "which occurrence it is, from 1", "index"),
-        )
     toml = {"model_toml": ((), grid.model.to_toml(), attrs_of("1", "the model that members share, as TOML", "model"))}
     axes = ", ".join(grid.dims)
     sweep = evidence_dataset(
         schema.SWEEP,
         f"{grid.model.name}: a sweep over {axes}",
         [],
-        coordinates | member_variables | extra | shared | toml,
+        coordinates | member_variables | _numbers_along(plan) | shared | toml,
         _sweep_attributes(plan),
         unchanged,
         shapes=grid.model.shapes,
     )
     return sweep.set_coords([*coordinates])
+
+
+def _numbers_along(plan: Plan) -> dict[str, Any]:
+    """Return the times of a sweep's states, and the numbers of its occurrences, where it has some."""
+    times, (begin, end) = plan.keeping.times, plan.keeping.occurrences
+    variables: dict[str, Any] = {}
+    if times.size:
+        attributes = attrs_of(plan.grid.model.time_unit.text, "wanted time", "time")
+        variables[schema.AT_TIME] = ((schema.AT,), times, attributes)
+    if any(schema.OCCURRENCE in variable.dims for variable in plan.variables):
+        attributes = attrs_of("1", "which occurrence it is, from 1", "index")
+        variables[NUMBER] = ((schema.OCCURRENCE,), np.arange(begin + 1, end + 1), attributes)
+    return variables
 
 
 def _coordinates(grid: SweepGrid) -> dict[str, Any]:
