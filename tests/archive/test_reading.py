@@ -26,7 +26,6 @@ from xdynamics.archive.netcdf_library import opened_file
 from xdynamics.archive.seals import Tail
 from xdynamics.archive.shared_handles import SharedArchive, is_still_read
 from xdynamics.archive.stored_values import StoredValues, VariableStore, read_elements
-from xdynamics.evidence import evidence_dataset
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +175,7 @@ def test_an_archive_of_a_newer_schema_is_not_taken_for_one_of_this(
     paths = [tmp_path / name for name in ("run.nc", "study.nc", "grid", "grid.zarr")]
     asked: dict[str, Any] = {"method": "rk4", "until": 0.2}
     with monkeypatch.context() as patch:
-        for module in (schema, evidence_dataset, reading):
+        for module in (schema, reading):
             patch.setattr(module, "SCHEMA_VERSION", "4")
         xd.save(xd.simulate(oscillator().model, step=0.1, **asked), paths[0])
         xd.save(xd.refine(oscillator().model, steps=[0.1, 0.05], **asked), paths[1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from xdynamics.record.schemas import NAMES_ROWS
+from xdynamics.schema import NAMES_ROWS
 
 
 def former(run: xr.Dataset) -> xr.Dataset:

@@ -36,7 +36,6 @@ from xdynamics.record import identity, is_of, same_settings, word_differences
 from xdynamics.record.arguments import recorded_arguments, recorded_scales
 from xdynamics.record.provenance import _versions_and_processor, xdynamics_version
 from xdynamics.record.schemas import (
-    NAMES_ROWS,
     as_written,
     is_derived,
     is_selection,
@@ -45,6 +44,7 @@ from xdynamics.record.schemas import (
     left_out_atols,
     modern,
 )
+from xdynamics.schema import NAMES_ROWS
 
 FIXED = {"rtol": None, "atol": None, "step": 0.1}
 SCALED = {"length": "3.0 m", "time": "0.5 s", "mass": "2.0 kg"}
