@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib
 import os
+import signal
 import sys
 import time
 from collections import Counter
@@ -48,6 +49,8 @@ def pytest_configure(config: pytest.Config) -> None:
     compile all of it, 45 s each where nothing is kept.
     """
     config.pluginmanager.register(DoctestsAlone())
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as of commands in the background of a script
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if (worker := os.environ.get("PYTEST_XDIST_WORKER")) is None:
         return
     is_odd = worker[-1] in "13579"
