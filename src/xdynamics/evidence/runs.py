@@ -99,11 +99,6 @@ def march_with_settings(
     return run
 
 
-def march_elements(model: Model, **requested_settings: Any) -> xr.Dataset:
-    """March a model as `march_model` does; quantities with dimensions have a variable for each of their elements."""
-    return record.unfold(march_model(model, **requested_settings))
-
-
 def prepare_record(run: xr.Dataset, functions: Mapping[str, Callable[..., float]] | None = None) -> xr.Dataset:
     """Return a record as verbs read it: with one variable for each quantity, or for each element where some were left out."""
     if not model_dimensions(run) or StepInterpolator(run, functions or {}, REINTEGRATE).takes_quantities:
