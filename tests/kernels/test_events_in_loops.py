@@ -81,7 +81,7 @@ def written(functions: dict[str, str], which: str, monkeypatch: pytest.MonkeyPat
     )
     layout, write = layout_of(model), getattr(model_programs, which)
     loops = write(layout)
-    monkeypatch.setattr(model_programs, "_in_loops_to_z", lambda *_: None)
+    monkeypatch.setattr(model_programs, "_quantity_program", lambda *_: None)
     return layout, loops, write(layout)
 
 

@@ -20,10 +20,7 @@ from xdynamics.documenting.manual_pages import (
     words_page,
 )
 from xdynamics.documenting.model_pages import (
-    bodies_page,
-    constraints_page,
-    delays_page,
-    joints_page,
+    page_before,
     shapes_page,
     wrapped_lines,
 )
@@ -195,10 +192,10 @@ def topics() -> dict[str, Callable[[], Iterable[str]]]:
         "json": JSON_PAGE.splitlines,
         "stores": STORES_PAGE.splitlines,
         **{name: partial(_section_page, name) for name in SECTIONS},
-        "bodies": lambda: bodies_page(_section_page("bodies")),
-        "constraints": lambda: constraints_page(_section_page("constraints")),
-        "joints": lambda: joints_page(_section_page("joints")),
-        "delays": lambda: delays_page(_section_page("history")),
+        "bodies": lambda: page_before("bodies.txt", _section_page("bodies")),
+        "constraints": lambda: page_before("constraints.txt", _section_page("constraints")),
+        "joints": lambda: page_before("joints.txt", _section_page("joints")),
+        "delays": lambda: page_before("delays.txt", _section_page("history")),
     }
 
 

@@ -26,39 +26,9 @@ def wrapped_lines(text: str, hang: int = 0) -> list[str]:
     return wrap(text, WIDTH, subsequent_indent=" " * hang, break_long_words=False, break_on_hyphens=False)
 
 
-BODIES_PAGE = page_text("bodies.txt")
-
-
-def bodies_page(section: Iterator[str]) -> Iterator[str]:
-    """Explain the coordinates and forces of bodies, and then the keys of their section."""
-    yield from BODIES_PAGE.splitlines()
-    yield from section
-
-
-CONSTRAINTS_PAGE = page_text("constraints.txt")
-
-
-def constraints_page(section: Iterator[str]) -> Iterator[str]:
-    """Explain how constraints are satisfied, and then the keys of their section."""
-    yield from CONSTRAINTS_PAGE.splitlines()
-    yield from section
-
-
-DELAYS_PAGE = page_text("delays.txt")
-
-
-def delays_page(section: Iterator[str]) -> Iterator[str]:
-    """Explain delayed values, and then the keys of the section with the values before the start."""
-    yield from DELAYS_PAGE.splitlines()
-    yield from section
-
-
-JOINTS_PAGE = page_text("joints.txt")
-
-
-def joints_page(section: Iterator[str]) -> Iterator[str]:
-    """Explain the constraints of joints and their records, and then the keys of their section."""
-    yield from JOINTS_PAGE.splitlines()
+def page_before(text: str, section: Iterator[str]) -> Iterator[str]:
+    """Yield the text of a page by the name of its file, and then the keys of a section."""
+    yield from page_text(text).splitlines()
     yield from section
 
 

@@ -330,7 +330,7 @@ def events(layout: Layout) -> Program:
     """Write the event functions."""
     about = "The function of every event."
     if has_loops(layout.model) and (
-        program := _in_loops_to_z("detect", about, layout, events_of_quantities(layout.model))
+        program := _quantity_program("detect", about, layout, events_of_quantities(layout.model))
     ):
         return program
     trees = [detector.looked_at for detector in layout.watched]
@@ -347,7 +347,7 @@ def event_rates(layout: Layout) -> Program:
             for dims, tree in [layout.derived_quantities[block.name]]
         ]
         rates = rates_of_quantities(model, [*events_of_quantities(model), *observed])
-        if rates is not None and (program := _in_loops_to_z("slopes", about, layout, rates)):
+        if rates is not None and (program := _quantity_program("slopes", about, layout, rates)):
             return program
     trees = [function_rate(model, entry) for entry in layout.watched]
     trees += (model.rate_of(model.observables[name]) for name in layout.followed)
@@ -358,7 +358,7 @@ def event_rates(layout: Layout) -> Program:
     )
 
 
-def _in_loops_to_z(name: str, about: str, layout: Layout, quantities: Iterable[Assignment]) -> Program | None:
+def _quantity_program(name: str, about: str, layout: Layout, quantities: Iterable[Assignment]) -> Program | None:
     """Write quantities to `z`, one after the other, in loops; None where their elements are to be written out."""
     nests, results, count = _state_nests(layout), list[Result](), 0
     for item in quantities:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
         same_settings,
         word_differences,
     )
-    from xdynamics.record.run_columns import columns, constants, element_columns, factors, followed_tolerances
+    from xdynamics.record.run_columns import columns, constants, factors, followed_tolerances
     from xdynamics.record.run_dataset import check, check_kind, dataset, described, foreseen
     from xdynamics.record.unfolding import of_elements, shapes_of, unfold, whole_of
 
@@ -38,7 +38,6 @@ _ROOMS = {
     "constants": "run_columns",
     "dataset": "run_dataset",
     "described": "run_dataset",
-    "element_columns": "run_columns",
     "factors": "run_columns",
     "faults_of": "conformity",
     "followed_tolerances": "run_columns",
@@ -68,7 +67,6 @@ __all__ = [
     "constants",
     "dataset",
     "described",
-    "element_columns",
     "factors",
     "faults_of",
     "followed_tolerances",

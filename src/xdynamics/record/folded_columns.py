@@ -350,14 +350,14 @@ def logged_column(column: Column, log: Sequence[str], model_shapes: Shapes, logg
     variable, name = column.variable, column.variable.name
     if name not in logged.dims:
         return column
-    dims, shape = logged.dims[name], logged.shape(logged.dims[name])
+    dims, numbers = logged.dims[name], dict[int, int]()
     quantity = Names(logged).by_quantity(entry for entry in log if split_element_name(entry)[0] == name)[name]
     model_dims = [dim.removeprefix(schema.logged_of("")) for dim in dims]
     extents = tuple(map(model_shapes.extent, model_dims))
-    numbers = {
-        number: int(number_of_element(member, extents) or 0)  # among all elements of the model
-        for number, member in quantity.members.items()
-    }
+    for number, member in quantity.members.items():
+        number_of_model = number_of_element(member, extents)
+        assert number_of_model is not None  # noqa: S101 - `check_logged` refuses what the model has not
+        numbers[number] = number_of_model
     size = math.prod(extent.size for extent in extents)
     attributes = attributes_of_quantity(
         {
@@ -372,7 +372,6 @@ def logged_column(column: Column, log: Sequence[str], model_shapes: Shapes, logg
         values = column.take(block).reshape(-1, size)
         return quantity.stacked({number: values[:, whole_number] for number, whole_number in numbers.items()})
 
-    assert math.prod(shape) == quantity.size  # noqa: S101 - both are the union of the names
     return Column(replace(variable, dims=(*outer_dims, *dims), more=attributes | quantity.more), take_logged)
 
 

@@ -76,11 +76,6 @@ def columns(march: March) -> list[Column]:
     return _logged(available, settings.log, shapes_with_switches(model), rubbing)
 
 
-def element_columns(march: March) -> list[Column]:
-    """Return all columns of a march, with a variable for each element of a quantity with dimensions."""
-    return split_columns(columns(march), march.model.shapes)
-
-
 def _logged(available: list[Column], log: str | tuple[str, ...], shapes: Shapes, links: Sequence[str]) -> list[Column]:
     """Return the columns that a log holds, always including rejected trials, events, times, steps, flags, and some of links.
 

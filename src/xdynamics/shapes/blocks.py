@@ -232,7 +232,8 @@ def _gathered(names: Sequence[str], role: str, shapes: Shapes) -> Iterator[Block
         if DOT in block.name:
             stem, labels = split_element_name(block.name)
             quantity = Block.of_dims(stem, role, shapes.dims_at_end(stem, len(labels)), shapes)
-            if tuple(names[number : number + quantity.size]) == tuple(quantity.elements()):
+            is_first = block.name == quantity.first  # elements without it are compared with nothing
+            if is_first and tuple(names[number : number + quantity.size]) == tuple(quantity.elements()):
                 number, block = number + quantity.size - 1, quantity
         yield block
         number += 1
