@@ -326,3 +326,47 @@ def test_numbers_of_elements_are_refined_and_budgeted():
     states = xd.sample(run(), 1e8).r.sel(body="Jupiter", axis="x")
     assert float(budget.value) == pytest.approx(float(states[0]), rel=1e-6)
     assert "r[Jupiter, x]" in budget.attrs["title"]
+
+
+def test_elements_of_events_and_of_contacts_of_many_share_a_column() -> None:
+    """Assert which ball each apex and each impact is of, in closed form, where both stand along one dimension."""
+    count = 30
+    speeds = 1.0 + 0.01 * np.arange(count)
+    model = xd.Model(
+        name="balls",
+        dimensions={"ball": count},
+        coordinates={"y": {"unit": "m", "dims": ["ball"]}},
+        parameters={"m": "1 kg", "g": "10 m s-2"},
+        mass={"y": "m"},
+        forces={"weight": {"y": "-m*g"}},
+        contacts={"floor": {"gap": "y", "restitution": "1"}},
+        events={"apex": {"function": "v_y", "direction": "falling"}},
+        initial={"y": {"value": [0.01] * count, "unit": "m"}, "v_y": {"value": speeds.tolist(), "unit": "m s-1"}},
+    )
+    assert model.assemblies  # links of many
+    run = xd.simulate(model, method="velocity_verlet", step=0.01, until=0.28)
+    words = np.array(run.event_detector.attrs["flag_meanings"].split())[run.event_detector.values]
+    times = {"apex": speeds / 10.0, "floor": (speeds + np.sqrt(speeds**2 + 0.2)) / 10.0}
+    assert {*words.tolist()} == {*times}
+    for word, ball, time in zip(words, run.event_ball.values, run.event_time.values, strict=True):
+        assert time == pytest.approx(times[word][ball], abs=1e-9)
+
+
+def test_accelerations_that_contacts_change_are_not_compared() -> None:
+    """Assert that an observable along a dimension that reads them is refused, and one that does not is compared."""
+    model = xd.Model(
+        name="balls",
+        dimensions={"ball": 2},
+        coordinates={"y": {"unit": "m", "dims": ["ball"]}},
+        parameters={"m": "1 kg", "g": "10 m s-2"},
+        mass={"y": "m"},
+        forces={"weight": {"y": "-m*g"}},
+        contacts={"floor": {"gap": "y", "restitution": "1"}},
+        observables={"pull": "m*a_y", "push": "m*v_y"},
+        initial={"y": {"value": [1.0, 2.0], "unit": "m"}},
+    )
+    asked = {"method": "velocity_verlet", "until": "0.2 s", "occurrences": 0}
+    study = xd.refine(model, steps=[0.02, 0.01], observables=["push"], **asked)
+    assert study.push.values[-1].ravel() == pytest.approx([-2.0, -2.0])
+    with pytest.raises(xd.InputError, match="'pull' reads accelerations, which contacts change"):
+        xd.refine(model, steps=[0.02, 0.01], observables=["pull"], **asked)
