@@ -46,7 +46,7 @@ def event(name: str, detector: str, step: float | None = None) -> tuple[float, f
     words = found.event_detector.attrs["flag_meanings"].split()
     at = int(np.flatnonzero(found.event_detector.values == words.index(detector))[0])
     row = int(found.event_row_before[at])
-    q = next(iter(model(name).statement.coordinates))
+    q = next(iter(model(name).elements.statement.coordinates))
     return float(found.event_time[at]), float(found[q][row]), float(found[f"v_{q}"][row])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -45,6 +46,36 @@ def raises(node: ast.AST) -> bool:
         if not noted and not isinstance(inner, ast.FunctionDef | ast.Lambda) and raises(inner):
             return True
     return False
+
+
+def arguments(node: ast.ClassDef | ast.FunctionDef) -> set[str]:
+    """Return the names of a function's arguments; of a class, of its makers, and of its fields."""
+    if isinstance(node, ast.FunctionDef):
+        return {part.arg for part in ast.walk(node.args) if isinstance(part, ast.arg)}
+    fields = {
+        part.target.id for part in node.body if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name)
+    }
+    makers = (part for part in node.body if isinstance(part, ast.FunctionDef) and part.name in ("__init__", "__new__"))
+    return fields.union(*map(arguments, makers))
+
+
+def documented_arguments(node: ast.AST) -> list[str]:
+    """Return the names under `Parameters` in a docstring."""
+    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", ast.get_docstring(node) or "", re.DOTALL | re.MULTILINE)
+    heads = [line for line in section[1].splitlines() if line[:1].strip()] if section else []
+    return [name.strip().lstrip("*") for head in heads for name in head.split(" : ")[0].split(",")]
+
+
+def test_documented_arguments_exist() -> None:
+    """Assert that docstrings describe no argument that its function or class does not have."""
+    strange = [
+        f"{path.name}:{node.lineno} {name}"
+        for path, tree in trees().items()
+        for node in definitions(tree)
+        for name in documented_arguments(node)
+        if name not in arguments(node)
+    ]
+    assert not strange, strange
 
 
 def test_errors_are_documented() -> None:

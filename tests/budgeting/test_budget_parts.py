@@ -756,7 +756,7 @@ def test_fits_that_are_not_adequate_have_no_budget(
     model = standing()
     if adequate is not None:
         model = xd.Model.from_text(
-            toml.model_toml(replace(model.statement, fit=Fitted("bench", adequate, "residuals swing")))
+            toml.model_toml(replace(model.elements.statement, fit=Fitted("bench", adequate, "residuals swing")))
         )
 
     def begun(*_: Any) -> None:

@@ -219,7 +219,7 @@ def test_records_share_what_they_share() -> None:
     models = [xd.Model.from_text(str(text)) for text in found.model_toml.values]
     assert [model.initial["x"].value for model in models] == found.estimate.values[1:].tolist()
     assert [model.initial["v_x"].value for model in models] == [found.estimate.values[0]] * 2
-    assert models[0].statement.correlations["v_x", "x"] == pytest.approx(float(found.correlation[0, 1]))
+    assert models[0].elements.statement.correlations["v_x", "x"] == pytest.approx(float(found.correlation[0, 1]))
     assert "x of two  " in "\n".join(summary(found))
 
 

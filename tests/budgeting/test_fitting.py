@@ -234,7 +234,7 @@ def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
     }
     assert numbers == {"a": (5.0, 0.5), "c": (6.0, 0.25), "v_x": (7.0, 0.125), "x": (0.0, 3.0)}
     assert found.initial["v_x"].value == 7.0
-    assert dict(found.statement.correlations) == {
+    assert dict(found.elements.statement.correlations) == {
         ("a", "c"): -0.5,
         ("a", "v_x"): 1.0,
         ("c", "v_x"): -0.5,
@@ -247,7 +247,7 @@ def test_a_fitted_model_has_what_was_found_and_keeps_the_rest() -> None:
         "residuals are no more than noise",
     )
     known = _fitted_model(asked, np.array([5.0, 6.0, 7.0]), np.array([0.5, 0.0, 0.125]), correlation, mark)
-    assert dict(known.statement.correlations) == {("a", "v_x"): 1.0, ("x", "d"): 0.25}
+    assert dict(known.elements.statement.correlations) == {("a", "v_x"): 1.0, ("x", "d"): 0.25}
 
 
 def test_a_velocity_that_began_at_rest_begins_as_fitted() -> None:
@@ -264,7 +264,7 @@ def test_a_velocity_that_began_at_rest_begins_as_fitted() -> None:
     times = np.linspace(0.05, 0.25, 21)
     noise = np.random.default_rng(1).normal(0.0, 1e-4, times.size)
     bench = pd.DataFrame({"time [s]": times, "y [m]": 1.0 - 2.0 * times - 9.81 / 2.0 * times**2 + noise})
-    assert model.statement.at_rest == ("v_y",)
+    assert model.elements.statement.at_rest == ("v_y",)
     result = xd.fit(model, bench, ["v_y"], method="rk4", step="10 ms", until="0.3 s")
     fitted = xd.Model.from_text(result.model_toml.values.item())
     assert fitted.initial["v_y"].value == float(result.estimate[0]) == pytest.approx(-2.0, rel=1e-3)

@@ -130,7 +130,7 @@ def test_every_model_is_written_in_formulas(path: Path) -> None:
     for formula in {re.sub(r"\d+|(?<=\\mathrm{)[^{}]*", "", one): one for one in formulas}.values():
         parser.parse(f"${formula}$")
     rows = [row[0] for one in model_blocks(model) if isinstance(one, TextTable) for row in one.rows]
-    stated = model.shaped
+    stated = model.statement
     at_start = (f"{name} at the start" for name in (*stated.initial, *stated.starting))
     assert {*stated.parameters, *stated.arrays, *at_start} <= {re.sub(r"\[.*?\]|, along .*", "", row) for row in rows}
 

@@ -84,7 +84,7 @@ def test_the_page_on_shapes_is_true() -> None:
     """Assert that every function along dimensions is explained, and that the model on the page marches: near circles."""
     assert {*MEANINGS} == {*ALONG} == {*FORMS}
     model = xd.Model.from_text("\n".join(MODEL))
-    assert [*model.force_components["gravity"]] == [*model.statement.coordinates]
+    assert [*model.force_components["gravity"]] == [*model.elements.statement.coordinates]
     run = xd.simulate(model)
     assert run.attrs["run_outcome"] == "completed"
     far = np.linalg.norm(run.r.sel(body=["Jupiter", "Saturn"]) - run.r.sel(body="Sun"), axis=-1) / 149597870700.0
@@ -152,7 +152,7 @@ def test_what_show_prints_can_be_written() -> None:
         initial={"q": "1 +/- 0.1 g"},
     )
     assert (model.parameters["m"].quantity.value, model.parameters["m"].uncertainty) == (50.0, 0.5)
-    assert model.starts["q"].uncertainty == 0.1
+    assert model.elements.starts["q"].uncertainty == 0.1
     assert xd.Model.from_text(model.to_toml()) == model
     other = model.replace(parameters={"m": "60 ± 2 g"})
     assert (other.parameters["m"].quantity.value, other.parameters["m"].uncertainty) == (60.0, 2.0)

@@ -229,7 +229,7 @@ def test_rates_of_energies_are_those_of_their_elements(text: str, monkeypatch: p
     model = xd.Model.from_text(text)
     run = unfold(xd.simulate(model))
     times, rows = run.time.values, np.arange(run.sizes["step"])
-    states = {name: run[name].values for name in model.units}
+    states = {name: run[name].values for name in model.elements.units}
     for name in ("kinetic_energy", "potential_energy"):
         whole = observables.rate_on(run, model, name, states, times, rows)
         with monkeypatch.context() as changed:

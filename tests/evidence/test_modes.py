@@ -42,14 +42,18 @@ def slope(model: xd.Model, state: dict[str, float]) -> np.ndarray:
     """d/dt (q, v, x) by the compiled march: what it records of a state that a run starts from."""
     given = {name: f"{value!r} {unit}" for name, value, unit in si(model, state)}
     run = xd.simulate(model.replace(initial=given), method="forward_euler", step=1e-9, until=state["t"] + 1e-9)
-    n = list(model.statement.coordinates)
-    names = [f"v_{one}" for one in n] + [f"a_{one}" for one in n] + [f"rate_{one}" for one in model.statement.states]
+    n = list(model.elements.statement.coordinates)
+    names = (
+        [f"v_{one}" for one in n]
+        + [f"a_{one}" for one in n]
+        + [f"rate_{one}" for one in model.elements.statement.states]
+    )
     return np.array([to_si(run, name) for name in names])
 
 
 def si(model: xd.Model, state: dict[str, float]) -> list[tuple[str, float, str]]:
     """A state with its SI units."""
-    units = {name: str(model.dimensions[name]).split(" (")[0] for name in state}
+    units = {name: str(model.elements.dimensions[name]).split(" (")[0] for name in state}
     return [(name, value, units[name]) for name, value in state.items()]
 
 

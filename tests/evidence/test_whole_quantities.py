@@ -253,9 +253,9 @@ def test_closed_forms_are_checked_and_read_without_their_elements(monkeypatch: p
     monkeypatch.setattr(Elements, "_closed_form", lambda _, form, place: made.append(form.quantity) or (form, place))
     forms = '[validation.end]\nquantity = "u"\nexpression = "1*metre*index(site)"\nbound = "1 m"\n'
     model = xd.Model.from_text(CHAIN + forms)
-    assert [*model.validation] == [f"end{DOT}{label}" for label in "abcd"]
+    assert [*model.elements.validation] == [f"end{DOT}{label}" for label in "abcd"]
     assert made == []
-    assert model.validation[f"end{DOT}c"][1] == {"site": 2}
+    assert model.elements.validation[f"end{DOT}c"][1] == {"site": 2}
 
 
 @pytest.mark.parametrize(

@@ -238,11 +238,11 @@ def test_jacobians_of_the_gallery_have_the_bits_of_their_trees(path: Path) -> No
         values[one.name] = evaluate(one.value, values)
     found = linearise(model, state).jacobian.tolist()
     names = (
-        *model.statement.coordinates,
-        *(f"v_{name}" for name in model.statement.coordinates),
-        *model.statement.states,
+        *model.elements.statement.coordinates,
+        *(f"v_{name}" for name in model.elements.statement.coordinates),
+        *model.elements.statement.states,
     )
-    n = len(model.statement.coordinates)
-    for i, name in enumerate(model.statement.coordinates):
+    n = len(model.elements.statement.coordinates)
+    for i, name in enumerate(model.elements.statement.coordinates):
         expected = [values.get(f"_da_{name}_{by}", 0.0) for by in names]
         assert list(map(bits, found[n + i])) == list(map(bits, expected))

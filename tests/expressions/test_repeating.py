@@ -139,7 +139,7 @@ def test_what_does_not_change_is_taken(case: int) -> None:
     fun, events = list(STEADY.values())[case % len(STEADY)](draw)
     units = None if case % 3 else ["mm", "mm s-1"]
     starts = draw.choice([0.0, 0.5, 1e-30, 1e30], 2) if case % 4 == 0 else [0.5, float(draw.normal())]
-    assert len(model_of_function(fun, ("1 s", "3 s"), starts, (), events, None, units).statement.states) == 2
+    assert len(model_of_function(fun, ("1 s", "3 s"), starts, (), events, None, units).elements.statement.states) == 2
 
 
 def test_both_draws_are_shown() -> None:

@@ -188,7 +188,7 @@ def test_printed_python_tells_what_is_unsound() -> None:
 @pytest.mark.dear
 def test_loops_have_the_bits_of_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert that vectors as loops and vectors written out are one computation."""
-    assert len(model_named("chain").statement.coordinates) > UNROLLED
+    assert len(model_named("chain").elements.statement.coordinates) > UNROLLED
     from xdynamics.kernels import llvm_loops
 
     one = law("chain", xd.METHODS["dormand_prince"])

@@ -157,7 +157,7 @@ def test_it_is_the_march_of_contacts_that_are_written_out() -> None:
     chosen = row(places, speeds, e=0.7)
     model = xd.Model.from_text(chosen.to_toml().replace('of = "ball"', 'of = "ball"\nneighbours = 1'))
     many, few = xd.simulate(chosen, **settings), xd.simulate(model, **settings)
-    assert (len(chosen.contacts), len(model.contacts)) == (0, 7)
+    assert (len(chosen.elements.contacts), len(model.elements.contacts)) == (0, 7)
     assert "contact_force_balls" in few
     times = np.linspace(0.0, 0.9, 50)
     one, other = (xd.sample(run, times=times).x.values for run in (many, few))
@@ -239,7 +239,7 @@ def test_an_event_inside_a_step_comes_before_later_impacts() -> None:
 def test_bodies_that_overlap_at_the_start_are_named() -> None:
     """Assert that the pair inside one another is named with its gap."""
     model = discs(36, 1)
-    r = model.shaped.starting["r"].numbers
+    r = model.statement.starting["r"].numbers
     model = discs(
         36,
         1,

@@ -488,7 +488,7 @@ def work(number: int) -> str:
     found = xd.sample(run, np.linspace(0.0, float(run.time[-1]), 50))
     settings = settings_for(model, method=method, rtol=1e-6, until=1.0)
     name = settings.layout(model).used[0]
-    runs = march_many(model, settings, initial={name: model.statement.initial[name].si + 1e-3 * np.arange(20)})
+    runs = march_many(model, settings, initial={name: model.elements.statement.initial[name].si + 1e-3 * np.arange(20)})
     return (
         xd.content_digest(run)
         + str(float(sum(found[name].values.sum() for name in found.data_vars)))

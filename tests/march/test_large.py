@@ -103,7 +103,7 @@ def test_toda_lattice_keeps_its_integrals() -> None:
 def test_outer_solar_system_keeps_energy_and_angular_momentum() -> None:
     """Assert over 200,000 days that a symplectic method keeps angular momentum to rounding and energy to its order."""
     model = outer_solar_system()
-    assert len(model.statement.coordinates) == 3 * len(BODIES) == 18
+    assert len(model.elements.statement.coordinates) == 3 * len(BODIES) == 18
     verlet, yoshida = (
         xd.simulate(model, method=method, step=step, until="200000 s", force_samples="none")
         for method, step in (("velocity_verlet", "200 s"), ("yoshida8", "50 s"))
@@ -136,8 +136,8 @@ def test_a_thousand_masses_keep_their_energy(method: str) -> None:
 def test_a_diagonal_mass_is_not_looked_at_off_its_diagonal() -> None:
     """Assert that the entries of a mass given by coordinate are as many as its coordinates."""
     model = chain(CHAINED)
-    assert len(model.statement.mass_entries) == CHAINED
-    assert not model.mass_is_full
+    assert len(model.elements.statement.mass_entries) == CHAINED
+    assert not model.elements.mass_is_full
 
 
 @pytest.mark.every(2)
@@ -370,7 +370,7 @@ def test_each_run_has_the_bits_that_it_has_alone(name: str, more: dict[str, Any]
     """Assert states, counts, outcomes, events and whole logs of every member, with parameters and starts of their own."""
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
     settings, random = asked(model, **more), np.random.default_rng(3)
-    parameter, start = next(iter(model.statement.parameters)), settings.layout(model).used[0]
+    parameter, start = next(iter(model.elements.statement.parameters)), settings.layout(model).used[0]
     values = model.parameters[parameter].quantity.si * random.uniform(0.9, 1.1, N)
     starts = model.initial[start].si + random.uniform(0.0, 1e-3, N)
     runs = march_many(model, settings, parameters={parameter: values}, initial={start: starts}, logs=True)
@@ -392,7 +392,7 @@ def _si(model: xd.Model, name: str) -> str:
     """SI unit of a parameter or initial value."""
     from xdynamics.units import spell
 
-    return spell(model.dimensions[name]).text
+    return spell(model.elements.dimensions[name]).text
 
 
 def test_steps_and_tolerances_of_their_own() -> None:

@@ -106,7 +106,7 @@ def test_andrews_squeezer_ends_where_others_found_it() -> None:
         assert run[name].values[-1] == pytest.approx(value, rel=1e-9)
     forces = [
         run[f"constraint_force_{name}"].values[-1]
-        for name in xd.Model.from_toml(CASES / "andrews_squeezer.toml").constraints
+        for name in xd.Model.from_toml(CASES / "andrews_squeezer.toml").elements.constraints
     ]
     assert forces == pytest.approx([-force for force in FORCES], rel=0, abs=2e-5)
     assert run.a_beta.values[0] == pytest.approx(14222.4439199541138705911625887, rel=1e-12)

@@ -239,10 +239,10 @@ def test_defaults_are_as_accurate_in_every_unit(case: int) -> None:
     method = str(rng.choice(("dop853", "dormand_prince", "dprkn6", "radau_iia")))
     model = chain(rng, of)
     run = xd.simulate(model, method=method, rtol=rtol, until=of(10.0, s=1), force_samples="none")
-    exact = spread_out(len(model.statement.coordinates), 10.0)
+    exact = spread_out(len(model.elements.statement.coordinates), 10.0)
     found = [
         float(run[name][-1]) * float(coordinate.unit.factor) / of.large["m"]
-        for name, coordinate in model.statement.coordinates.items()
+        for name, coordinate in model.elements.statement.coordinates.items()
     ]
     assert np.abs(found - exact).max() < 100 * rtol + 1e-13
     # the last mass has moved a millionth of what the first one did, say, and is known to a part of that
@@ -289,7 +289,7 @@ def test_lanes_follow_as_single_runs_do(case: int) -> None:
     rng = np.random.default_rng(case)
     made = (oscillator, orbit, thrown, cart, circuit, chain)[case % 6]
     model, method = made(rng, Units(None)), ("dop853", "bogacki_shampine", "heun")[case % 3]
-    name = next(iter((*model.statement.coordinates, *model.statement.states)))
+    name = next(iter((*model.elements.statement.coordinates, *model.elements.statement.states)))
     starts, rtols = rng.uniform(-1, 1, 24) * (rng.random(24) < 0.8) + 1e-3, 10.0 ** rng.uniform(-9, -4, 24)
     settings = settings_for(model, method=method, rtol=1e-6, until="3 s", force_samples="none")
     given = {"initial": {name: starts}, "rtols": rtols}

@@ -174,7 +174,7 @@ def test_models_end_where_another_method_ends(name: str) -> None:
     ]
     assert ends[0].attrs["run_outcome"] == ends[1].attrs["run_outcome"]
     assert ends[0].sizes.get("event", 0) == ends[1].sizes.get("event", 0)
-    for coordinate in model(name).statement.coordinates:
+    for coordinate in model(name).elements.statement.coordinates:
         first, second = (run[coordinate].values for run in ends)
         assert first[-1] == pytest.approx(second[-1], abs=1e-7 * max(np.abs(second).max(), 1e-9))
 

@@ -98,7 +98,7 @@ def test_rates_are_those_of_the_eigenvalues(case: int) -> None:
     rate, scaled = run.attrs["run_fastest_rate"], jacobian_at(march, 0)
     assert rate == pytest.approx(ritz_rate(scaled), rel=1e-5)
     assert rate <= np.linalg.norm(scaled, 2) * (1.0 + 1e-9)
-    if len(model.statement.coordinates) == 1:
+    if len(model.elements.statement.coordinates) == 1:
         assert rate == pytest.approx(fastest, rel=1e-3)
     first = h if case % 2 == 0 else run.attrs["solver_first_step"]
     assert run.attrs["run_h_omega_start"] == pytest.approx(rate * first, rel=1e-12)

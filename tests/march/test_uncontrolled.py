@@ -87,7 +87,7 @@ def test_lost_and_kept_motions(case: int) -> None:
     """Assert a warning wherever 3 in 100 of a motion are lost by absolute tolerances, and none where less than 1e-8 is."""
     rng = np.random.default_rng(50_000 + case)
     model, rate, large = drawn(case)
-    names = [*model.statement.coordinates]
+    names = [*model.elements.statement.coordinates]
     until, rtol = 2 * math.pi / rate * 10.0 ** rng.uniform(-0.3, 1.5), 10.0 ** rng.uniform(-10, -7)
     part = {"x": 10.0 ** rng.uniform(-14, 0), "v_x": 10.0 ** rng.uniform(-14, 0)}
     atol = dict.fromkeys(names, f"{part['x'] * large['x']!r} m")

@@ -69,5 +69,5 @@ def test_a_band_has_the_bits_of_the_whole_matrix(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(equation_solvers, "band_as_written", lambda *_asked: None)
     assert xd.content_digest(xd.simulate(model, **given)) == xd.content_digest(banded)
     apart = xd.simulate(brusselator(CELLS, side_by_side=False), **given)
-    for name in model.statement.states:
+    for name in model.elements.statement.states:
         assert float(apart[name][-1]) == pytest.approx(float(banded[name][-1]), rel=1e-11)

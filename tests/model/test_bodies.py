@@ -25,9 +25,9 @@ from xdynamics.model.motion import constants, evaluate_motion
 def test_a_body_is_coordinates_states_and_a_parameter_for_each_quantity() -> None:
     """Assert what a body makes, and that its numbers are parameters."""
     model = of_body()
-    assert [*model.shaped.coordinates] == ["frame_r", "frame_turn"]
-    assert [*model.shaped.states] == ["frame_q0", "frame_q"]
-    assert [*model.shaped.parameters] == ["frame_mass", "frame_inertia_x", "frame_inertia_y", "frame_inertia_z"]
+    assert [*model.statement.coordinates] == ["frame_r", "frame_turn"]
+    assert [*model.statement.states] == ["frame_q0", "frame_q"]
+    assert [*model.statement.parameters] == ["frame_mass", "frame_inertia_x", "frame_inertia_y", "frame_inertia_z"]
     assert model.shapes.dims["frame_q"] == model.shapes.dims["frame_tip"] == ("axis",)
     assert model.parameters["frame_inertia_y"].quantity.si == 2.0
 
@@ -63,7 +63,7 @@ def test_a_body_is_written_again(more: dict[str, Any]) -> None:
     model = of_body(more, dimensions={"link": 2}, initial={"s": "0 m"}, **sections)
     text = model.to_toml()
     assert xd.Model.from_text(text).to_toml() == text
-    assert xd.Model.from_text(text).statement == model.statement
+    assert xd.Model.from_text(text).elements.statement == model.elements.statement
     assert "states." not in text and "gyroscopic" not in text and "frame_turn =" not in text.split("[initial]")[0]  # noqa: PT018
 
 
@@ -79,7 +79,7 @@ def test_forces_of_bodies_act_in_regimes_that_name_them_or_in_all() -> None:
 
 def at_start(model: xd.Model) -> dict[str, float]:
     """Forces and accelerations at the start, by name."""
-    state = {name: quantity.si for name, quantity in model.statement.initial.items()}
+    state = {name: quantity.si for name, quantity in model.elements.statement.initial.items()}
     return evaluate_motion(model, state, constants(model), ())
 
 
@@ -138,9 +138,11 @@ def test_functions_of_bodies_are_expressions() -> None:
         "way": "direction(frame, [1, 0, 0])",
     }
     model = of_body(start, definitions=definitions, observables={"found": "place[y] + fast[x]*second - way[y]*metre"})
-    assert model.shaped.definitions["named"] == Name("frame_tip")
-    assert model.shaped.definitions["centre_is"] == Name("frame_r")
-    assert evaluate(model.expanded(model.observables["found"]), at_start(model)) == pytest.approx(-2.0, abs=4e-15)
+    assert model.statement.definitions["named"] == Name("frame_tip")
+    assert model.statement.definitions["centre_is"] == Name("frame_r")
+    assert evaluate(model.elements.expanded(model.elements.observables["found"]), at_start(model)) == pytest.approx(
+        -2.0, abs=4e-15
+    )
 
 
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
@@ -285,7 +287,7 @@ def test_joints_need_bodies() -> None:
 def test_joints_are_written_as_they_were_read(joint: str, count: int) -> None:
     """Assert how many conditions each kind is, and that the text of a model has the joint and none of them."""
     model = xd.Model.from_text(TWO + joint)
-    assert len(model.constraints) == count
+    assert len(model.elements.constraints) == count
     assert xd.Model.from_text(model.to_toml()) == model
     assert "[joints.elbow]" in model.to_toml()
     assert "[constraints" not in model.to_toml()
@@ -322,7 +324,7 @@ def test_a_hinge_holds_at_every_angle(axes: str, degrees: int) -> None:
     about = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis))
     attitude = about * Rotation.from_euler("xyz", AXES[axes], degrees=True)
     model = hinged(axes, attitude)
-    values = {name: part.si for name, part in model.statement.initial.items()}
+    values = {name: part.si for name, part in model.elements.statement.initial.items()}
     for body in ("arm", "rod"):
         rows = [
             [evaluate(condition.row.get(f"{body}_turn·{axis}", ZERO), values) for axis in "xyz"]

@@ -46,7 +46,7 @@ def test_both_energies_are_a_lagrangian() -> None:
         xd.Model.from_sympy((KINETIC, POTENTIAL), **SECTIONS),
         xd.Model.from_sympy(POTENTIAL, mass={"u": "m"}, **SECTIONS),
     )
-    assert models[0].shaped.lagrangian is not None
+    assert models[0].statement.lagrangian is not None
     first, second = (xd.simulate(model, method="rk4", step="0.1 s", until="0.1 s") for model in models)
     assert np.allclose(first.a_u, second.a_u, rtol=1e-14, atol=1e-15)
 

@@ -93,7 +93,7 @@ def test_accelerations_are_those_of_sympy(given: dict[str, Any]) -> None:
     for _ in range(5):
         state = {name: float(rng.uniform(0.3, 1.4)) for name in ("t", *variables(model))}
         found = evaluate_motion(model, state, constants(model), drive_pieces(model))
-        assert [found[f"a_{name}"] for name in model.statement.coordinates] == pytest.approx(
+        assert [found[f"a_{name}"] for name in model.elements.statement.coordinates] == pytest.approx(
             by_sympy(given, state), rel=1e-10
         )
 

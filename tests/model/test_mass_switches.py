@@ -189,4 +189,4 @@ def test_switches_are_counted_in_the_first_elements_that_have_them() -> None:
         initial={"u": "metre*(1 + index(site))/size(site)"},
     )
     assert are_too_many(model)
-    assert dict.keys(model.force_components["pull"]) == {"u·0"}  # in a `dict` what was made so far
+    assert dict.keys(model.elements.force_components["pull"]) == {"u·0"}  # in a `dict` what was made so far

@@ -66,7 +66,7 @@ LISTED = bodies({"dims": ["body"], "value": [1.0, 2.0, 3.0], "unit": "kg"}, {"va
 def test_arrays_say_what_lists_say(mass: Any, start: Any) -> None:
     """Assert that the model is that of lists, whatever the order of labels, dimensions and rows."""
     model = bodies(mass, start)
-    assert model.shaped.arrays["m"].numbers == (1.0, 2.0, 3.0)
+    assert model.statement.arrays["m"].numbers == (1.0, 2.0, 3.0)
     assert [model.initial[f"r·{body}·x"].value for body in BODIES] == [0.0, 2.0, 4.0]
     assert model == LISTED
     assert xd.Model.from_text(model.to_toml()) == LISTED

@@ -38,14 +38,14 @@ def test_sections_have_the_names_of_the_file(name: str) -> None:
     whole = {**model.coordinates, **model.states}
     assert {own: part.dims for own, part in whole.items()} == {own: model.shapes.dims.get(own, ()) for own in whole}
     assert sum(len(model.shapes.elements(own)) for own in whole) == sum(
-        len(part) for part in (model.statement.coordinates, model.statement.states)
+        len(part) for part in (model.elements.statement.coordinates, model.elements.statement.states)
     )
     for section in (model.coordinates, model.states, model.parameters, model.initial):
         assert not [own for own in section if DOT in own]
         assert DOT not in repr(section)
     assert {own: model.initial[own] for own in model.initial} == dict(model.initial)
-    assert [*model.initial.values()] == [*model.statement.initial.values()]
-    assert [*model.parameters.values()] == [*model.statement.parameters.values()]
+    assert [*model.initial.values()] == [*model.elements.statement.initial.values()]
+    assert [*model.parameters.values()] == [*model.elements.statement.parameters.values()]
 
 
 def test_elements_are_asked_for_by_label_or_number(planets: Model) -> None:
@@ -229,21 +229,23 @@ def room() -> xd.Model:
 def test_a_replaced_number_is_on_the_scale_of_the_file(room: xd.Model, name: str, kind: Any) -> None:
     """Assert the SI value of a bare number in the place of one in °C, °F, months, parsecs and light-years."""
     number, si = SI[name]
-    assert room.replace(parameters={name: kind(number)}).statement.parameters[name].si == pytest.approx(si, rel=1e-15)
+    assert room.replace(parameters={name: kind(number)}).elements.statement.parameters[name].si == pytest.approx(
+        si, rel=1e-15
+    )
 
 
 def test_a_start_is_too(room: xd.Model) -> None:
     """Assert the same of the start, and that a unit that is written counts."""
     assert room.replace(initial={"T": 10}).initial["T"].si == 283.15
-    assert room.replace(parameters={"outside": "25 K"}).statement.parameters["outside"].si == 25.0
+    assert room.replace(parameters={"outside": "25 K"}).elements.statement.parameters["outside"].si == 25.0
 
 
 def test_it_is_once_more_where_it_was_replaced(room: xd.Model) -> None:
     """Assert that a model made by replacing keeps the scale, and one that was archived has its own unit."""
     again = room.replace(parameters={"outside": 25}).replace(parameters={"outside": 30})
-    assert again.statement.parameters["outside"].si == pytest.approx(303.15)
+    assert again.elements.statement.parameters["outside"].si == pytest.approx(303.15)
     kept = xd.Model.from_text(room.to_toml()).replace(parameters={"outside": 25})
-    assert kept.statement.parameters["outside"].si == 25.0  # its text says kelvins
+    assert kept.elements.statement.parameters["outside"].si == 25.0  # its text says kelvins
 
 
 @pytest.mark.parametrize(
@@ -271,12 +273,14 @@ def test_an_axis_is_on_the_scale_of_the_file(room: xd.Model, values: Any) -> Non
 def test_elements_are_on_the_scale_of_the_file(value: str) -> None:
     """Assert the same of quantities with dimensions: as they are read, replaced whole, by element, and along an axis."""
     model = xd.Model.from_text(ROOMS.replace("__VALUE__", value))
-    assert {entry.si for entry in model.statement.parameters.values() if entry.quantity.unit.text == "K"} == {293.15}
+    assert {entry.si for entry in model.elements.statement.parameters.values() if entry.quantity.unit.text == "K"} == {
+        293.15
+    }
     whole = model.replace(parameters={"outside": [25, 30, 35]})
     names = [model.shapes.internal_name(f"outside[{i}]") for i in range(3)]
-    assert [whole.statement.parameters[name].si for name in names] == pytest.approx([298.15, 303.15, 308.15])
+    assert [whole.elements.statement.parameters[name].si for name in names] == pytest.approx([298.15, 303.15, 308.15])
     one = model.replace(parameters={"outside[1]": 25})
-    assert one.statement.parameters[names[1]].si == 298.15
+    assert one.elements.statement.parameters[names[1]].si == 298.15
     assert column_of(model, "outside[1]", [25.0]).values.tolist() == [298.15]
 
 
@@ -327,14 +331,14 @@ APEX = {"function": "v_y", "direction": "falling"}
 def test_an_event_is_added_and_taken_away() -> None:
     """Assert that it is located at the top, that the first model stays as it was, and that None takes one away."""
     model = REPLACED_BALL.replace(events={"apex": APEX})
-    assert [*model.statement.events] == ["landing", "apex"]
-    assert [*REPLACED_BALL.statement.events] == ["landing"]
+    assert [*model.elements.statement.events] == ["landing", "apex"]
+    assert [*REPLACED_BALL.elements.statement.events] == ["landing"]
     run = xd.simulate(model, until="3 s")
     top = run.dynamics.events("apex")
     assert abs(float(top.before_v_y[0])) < 1e-9
     assert float(top.before_y[0]) == pytest.approx(float(run.y.max()), abs=1e-12)
     fewer = model.replace(events={"landing": None})
-    assert [*fewer.statement.events] == ["apex"]
+    assert [*fewer.elements.statement.events] == ["apex"]
     assert fewer == xd.Model.from_text(fewer.to_toml())
 
 
@@ -344,7 +348,7 @@ def test_settings_a_name_and_a_force() -> None:
         run={"method": "rk4", "step": "10 ms"}, name="drop", description="without drag", forces={"drag": None}
     )
     assert model.run == {"method": "rk4", "step": "10 ms", "until": REPLACED_BALL.run["until"]}
-    assert (model.name, model.statement.description) == ("drop", "without drag")
+    assert (model.name, model.elements.statement.description) == ("drop", "without drag")
     wind = model.replace(forces={"wind": {"x": "0.1*newton"}})
     run = xd.simulate(wind, until="1 s")
     assert run.force_wind_x.values.tolist() == [0.1] * run.sizes["step"]
@@ -359,7 +363,7 @@ def test_a_model_with_dimensions_likewise() -> None:
     model = PLANETS.replace(run={"rtol": 1e-6}, name="planets")
     assert (model.name, model.run["rtol"]) == ("planets", 1e-6)
     assert "step" not in model.run
-    assert model.shaped.coordinates.keys() == PLANETS.shaped.coordinates.keys()
+    assert model.statement.coordinates.keys() == PLANETS.statement.coordinates.keys()
 
 
 @pytest.mark.parametrize("speed", [20.0, "20 m s-1", "72 km h-1"])
@@ -429,7 +433,7 @@ def test_a_name_of_records_is_refused(name: str) -> None:
     text = SPRING.format(name=name)
     with pytest.raises(xd.ModelError, match=f"parameter '{name}': the record of a run has that name; rename it"):
         xd.Model.from_text(text)
-    assert name in xd.Model.from_record(text).statement.parameters
+    assert name in xd.Model.from_record(text).elements.statement.parameters
 
 
 @pytest.mark.parametrize("name", ["document", "point", "member"])
@@ -447,7 +451,7 @@ def test_a_dimension_of_records_is_refused(name: str) -> None:
 @pytest.mark.parametrize("name", ["work_done", "step_length", "work_of_spring", "share"])
 def test_names_beside_them_are_free(name: str) -> None:
     """Assert that what only resembles them is a name as every other."""
-    assert name in xd.Model.from_text(SPRING.format(name=name)).statement.parameters
+    assert name in xd.Model.from_text(SPRING.format(name=name)).elements.statement.parameters
 
 
 @pytest.mark.parametrize("value", ["3", "true", '["A", "B"]'])

@@ -196,7 +196,7 @@ def test_a_table_of_many_columns_is_split_once(monkeypatch: pytest.MonkeyPatch) 
         csv = f"t [s],{header}\n" + "".join(f"{t}{',2' * n}\n" for t in range(3))
         model = xd.Model(**chain(dimensions={"bead": 3, "site": n}, drives={"pull": {"csv": csv, "dims": ["site"]}}))
         counts.append(len(read))
-        assert len(model.drives) == n
+        assert len(model.elements.drives) == n
     assert counts[0] == counts[1] > 0
 
 

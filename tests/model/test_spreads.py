@@ -100,7 +100,7 @@ def test_what_is_said_is_written_back() -> None:
     """Assert that a model read from its own text is the same, and that no program knows of uncertainties."""
     one = model()
     assert xd.Model.from_text(one.to_toml()) == one
-    assert xd.Model.from_text(one.to_toml()).starts == one.starts
+    assert xd.Model.from_text(one.to_toml()).elements.starts == one.elements.starts
     bare = {"m": '"1 kg"', "k": '"4 N m-1"', "x": '"1 m"'}
     assert (
         one.form

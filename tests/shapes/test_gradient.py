@@ -301,7 +301,7 @@ CASES = {
 def test_rounding_is_known_to_its_own_digits(text: str) -> None:
     """Assert that what rounding did is known to 12 digits of a spacing."""
     model = xd.Model.from_text(MODEL.replace("VALUE", text))
-    tree, shapes = model.shaped.definitions["value"], model.shapes
+    tree, shapes = model.statement.definitions["value"], model.shapes
     found = evaluate_elements(tree, ("site",), {"pi": np.pi}, shapes)
     errors = rounding_errors(tree, ("site",), {"pi": np.pi}, shapes, found)
     with mp.workdps(40):

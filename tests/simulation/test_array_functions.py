@@ -132,7 +132,7 @@ def test_rows_have_scipys_numbers(name: str) -> None:
 def test_a_model_is_as_long_for_any_number(fun: Any) -> None:
     """Assert that the expression of a thousand numbers is that of forty."""
     models = [model_of_function(fun, (0, 1), bump(n), (), None, None, None) for n in (40, 1000)]
-    rates = [text_of(model.shaped.states["y"].rate) for model in models]
+    rates = [text_of(model.statement.states["y"].rate) for model in models]
     assert len(rates[1]) < len(rates[0]) + 30
 
 

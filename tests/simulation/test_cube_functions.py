@@ -95,8 +95,8 @@ def test_cubes_have_scipys_numbers(name: str) -> None:
     """Assert one variable along y_index, an expression whose length no number of elements is in, and scipy's state."""
     fun, y0, args = CASES[name]
     model = model_of_function(fun, (0, 0.2), y0, args, None, None, None)
-    assert [*model.shaped.states] == ["y"]
-    assert len(text_of(model.shaped.states["y"].rate)) < 3000
+    assert [*model.statement.states] == ["y"]
+    assert len(text_of(model.statement.states["y"].rate)) < 3000
     how = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12, "args": args}
     run = xd.solve(fun, (0, 0.2), y0, **how)
     right = solve_ivp(fun, (0, 0.2), y0, **how)
@@ -116,7 +116,7 @@ def test_the_largest_of_a_row_is_one_loop() -> None:
     y0 = 2.0 + waves(400)
     model = model_of_function(decay, (0, 2), y0, (), None, None, None)
     assert are_too_many(model)
-    assert dict.__len__(model.statement.states) == 1
+    assert dict.__len__(model.elements.statement.states) == 1
     assert jumping_switches(model) == ()
     with pytest.warns(xd.AccuracyWarning, match=r"over 100 switches are hidden in 'y' \(abs"):
         run = xd.solve(decay, (0, 2), y0, rtol=1e-10, atol=1e-13)
@@ -144,7 +144,7 @@ def test_pairs_are_as_long_for_any_number() -> None:
             return np.array([v, (apart / (1 + (apart**2).sum(-1, keepdims=True))).sum(1)]).ravel()
 
         model = model_of_function(pairs, (0, 1), waves(6 * count), (), None, None, None)
-        texts.append(text_of(model.shaped.states["y"].rate))
+        texts.append(text_of(model.statement.states["y"].rate))
     assert len(texts[1]) < len(texts[0]) + 30
     assert len(texts[0]) < 1500
     assert xd.Model.from_text(model.to_toml()) == model

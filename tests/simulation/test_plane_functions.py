@@ -136,7 +136,7 @@ def test_a_plate_is_as_long_for_any_number() -> None:
             return d.ravel()
 
         model = model_of_function(spread, (0, 1), bump(20 * rows), (), None, None, None)
-        texts.append(text_of(model.shaped.states["y"].rate))
+        texts.append(text_of(model.statement.states["y"].rate))
     assert len(texts[1]) < len(texts[0]) + 30
     assert len(texts[0]) < 1000
 
@@ -150,4 +150,4 @@ def test_sums_of_windows() -> None:
         return (0.1 * u[2:5, 1:4].sum() + np.mean(u) - u.max() + np.min(u[3:9, 2:]) - 0 * u).ravel()
 
     model = model_of_function(summed, (0, 1), np.sin(np.arange(320.0)), (), None, None, None)
-    assert text_of(model.shaped.states["y"].rate).count("sum(") == 2
+    assert text_of(model.statement.states["y"].rate).count("sum(") == 2

@@ -116,4 +116,4 @@ def test_a_value_that_keeps_an_uncertainty_says_so(tmp_path: Path) -> None:
         assert done.exit_code == 0, done.output
         assert (said in done.output) is (expected == 1.0)
         with xd.open_run(tmp_path / "r.nc") as run:
-            assert xd.Model.from_record(run).statement.parameters["vt"].uncertainty == expected
+            assert xd.Model.from_record(run).elements.statement.parameters["vt"].uncertainty == expected

@@ -187,12 +187,16 @@ def test_what_is_read_of_the_calendar_stays_with_the_numbers_alone(tmp_path: Pat
         initial={"x": "0 m", "v_x": "0 m s-1"},
     )
     changed = model.replace(parameters={"F": "2 N"})
-    assert changed.statement.calendar == xd.Model.from_text(changed.to_toml()).statement.calendar == ("year",)
+    assert (
+        changed.elements.statement.calendar
+        == xd.Model.from_text(changed.to_toml()).elements.statement.calendar
+        == ("year",)
+    )
     grid = xd.sweep(model, {"F": "1, 2 N"}, path=tmp_path, **MEMBERS_ASKED)
     run = xd.member(grid, F=2.0)
     assert np.array_equal(run.x, xd.simulate(changed, method="rk4", step=0.1, until=1.0).x)
     rocket = xd.Model.from_toml(MODELS / "rocket_c6.toml")
-    assert rocket.replace(parameters={"airframe": "45 g"}).statement.calendar == ()
+    assert rocket.replace(parameters={"airframe": "45 g"}).elements.statement.calendar == ()
 
 
 LOGS_ASKED: dict[str, Any] = {"axes": {"k": "1:2:2 N m-1", "until": [1.0, 2.0]}, "method": "rk4", "step": 0.1}

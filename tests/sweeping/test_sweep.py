@@ -170,7 +170,7 @@ def test_what_the_tolerances_did_not_control_is_counted() -> None:
 def test_what_varies_together_and_what_is_drawn() -> None:
     """Assert zipped values, Sobol points with their seed, and draws from the parameters' uncertainties."""
     model = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
-    name, other = list(model.statement.parameters)[:2]
+    name, other = list(model.elements.statement.parameters)[:2]
     pair = {name: [1.0, 2.0, 3.0], other: [4.0, 5.0, 6.0]}
     found = xd.sweep(model, {"body": pair}, method="velocity_verlet", step=0.01, until=1.0).compute()
     assert found.sizes == {"body": 3}
@@ -554,7 +554,7 @@ def test_everything_that_can_be_observed_at_times(name: str) -> None:
     from xdynamics.evidence.observables import comparable, observe
 
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
-    words, times, parameter = comparable(model), [0.2, 0.9, 1.0], next(iter(model.statement.parameters))
+    words, times, parameter = comparable(model), [0.2, 0.9, 1.0], next(iter(model.elements.statement.parameters))
     values = model.parameters[parameter].quantity.value * np.array([0.95, 1.0, 1.1])
     asked = {"method": "dormand_prince", "rtol": 1e-7, "until": 1.5}
     found = xd.sweep(model, {parameter: values}, keep=list(words), times=times, **asked).compute()
@@ -576,7 +576,7 @@ def test_every_model_of_the_data_folder(name: str, request: pytest.FixtureReques
     until = 2.0 if request.config.getoption("--whole") else 0.25
     model = xd.Model.from_toml(MODELS / f"{name}.toml")
     until = max(until, *(2 * part.every.si for part in model.controllers.values()), 0.0)
-    parameter, used = next(iter(model.statement.parameters)), list(model.units)
+    parameter, used = next(iter(model.elements.statement.parameters)), list(model.elements.units)
     value = model.parameters[parameter].quantity.value
     asked: dict[str, Any] = {"method": "dormand_prince", "rtol": 1e-7, "until": until}
     keep = [*used, *(f"maximum_{one}" for one in used)]

@@ -171,7 +171,9 @@ def test_members_are_inside(case: int) -> None:
     tube = xd.enclose(model, at=[until], order=14, rtol=1e-12)
     assert tube.attrs["outcome"] == "completed"
     spreads = {
-        name: part for name, part in (model.statement.parameters | model.starts).items() if part.spread is not None
+        name: part
+        for name, part in (model.elements.statement.parameters | model.elements.starts).items()
+        if part.spread is not None
     }
     random = np.random.default_rng([32, case])
     signs = random.uniform(-1.0, 1.0, (len(spreads), MEMBERS))

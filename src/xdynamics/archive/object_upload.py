@@ -145,7 +145,7 @@ class ObjectBatch:
 
     Parameters
     ----------
-    places : sequence of ObjectName
+    locations : sequence of ObjectName
     stamp : callable
         Returns what is under a name.
     """

@@ -182,7 +182,7 @@ def check_path_target(path: Path, model: Model | None = None) -> None:
     if model is not None:
         if model.file is not None and model.file.exists() and model.file.samefile(path):
             raise InputError(f"'{path}' is the model file itself; name another file")
-        check_path_no_table(path, [drive.table.text for drive in model.drives.values()])
+        check_path_no_table(path, [drive.table.text for drive in model.elements.drives.values()])
     if is_still_read(path):
         raise InputError(
             f"'{path}' is open: a run that was opened from it still reads it; close that run (run.close()) or load it"

@@ -164,18 +164,21 @@ class FitRecord:
 
     def declared(self, name: str) -> Quantity:
         """Return the declared value of a parameter or initial value; a clock's offset begins at 0."""
+        elements = self.model.elements
         if self.is_offset(name):
             return Quantity(0.0, self.model.time_unit)
         return (
-            self.model.statement.parameters[name].quantity
-            if name in self.model.statement.parameters
-            else self.model.statement.initial[name]
+            elements.statement.parameters[name].quantity
+            if name in elements.statement.parameters
+            else elements.statement.initial[name]
         )
 
     def is_offset(self, name: str) -> bool:
         """Whether a name is the offset of the record's clock, and nothing that the model has."""
         return (
-            name == OFFSET and name not in self.model.statement.parameters and name not in self.model.statement.initial
+            name == OFFSET
+            and name not in self.model.elements.statement.parameters
+            and name not in self.model.elements.statement.initial
         )
 
     @property
@@ -231,7 +234,7 @@ class FitRecord:
         import xarray as xr
 
         columns = {
-            f"{INITIAL_PREFIX}{name}" if name in self.model.statement.initial else name: xr.DataArray(
+            f"{INITIAL_PREFIX}{name}" if name in self.model.elements.statement.initial else name: xr.DataArray(
                 values[:, i], attrs={"units": self.declared(name).unit.text}
             )
             for i, name in enumerate(self.names)
@@ -313,7 +316,7 @@ class FitRecord:
         """Return the axis of runs where the offset alone is fitted: a parameter at its constant value."""
         import xarray as xr
 
-        name, part = next(iter(self.model.statement.parameters.items()))
+        name, part = next(iter(self.model.elements.statement.parameters.items()))
         return {name: xr.DataArray(np.full(members, part.quantity.value), attrs={"units": part.quantity.unit.text})}
 
     def _missing(self, values: Floats, row: Floats, member: Any) -> str:

@@ -121,13 +121,17 @@ def fitted_names(model: Model, requested_names: Any, argument: str, *, needs_any
     InputError
         If one is not there, or twice.
     """
+    elements = model.elements
     if not isinstance(requested_names, Iterable) or isinstance(requested_names, Mapping):
         raise InputError(
-            f"{argument} are {brief_repr(requested_names)}, need names, like ['{next(iter(model.statement.parameters), 'k')}']"
+            f"{argument} are {brief_repr(requested_names)}, need names, like ['{next(iter(elements.statement.parameters), 'k')}']"
         )
     entries = (requested_names,) if isinstance(requested_names, str) else tuple(requested_names)
     names = tuple(element for name in entries for element in quantity_elements(model, name))
-    available = [*model.statement.parameters, *(name for name in model.statement.initial if name != "t")]
+    available = [
+        *elements.statement.parameters,
+        *(name for name in elements.statement.initial if name != "t"),
+    ]
     if (needs_any and not names) or len({*names}) < len(names):
         raise InputError(
             f"{argument} are {[*names]}, need one name or more, each once; there are {', '.join(quantity_names(available))}"
@@ -193,7 +197,7 @@ def _check_measured_columns(table: Any, units: Mapping[str, Unit], ledger: Ledge
 
 def timed_names(model: Model) -> tuple[str, ...]:
     """Name the parts of a model with event times: events, contacts and frictions."""
-    statement = model.statement
+    statement = model.elements.statement
     return (*statement.events, *statement.contacts, *statement.frictions)
 
 
@@ -274,7 +278,7 @@ def number_scales(
     for i in np.flatnonzero(scales == 0.0).tolist():
         width = float(high[i] - low[i])
         model = owner_record(records, numbers[i]).model
-        spread = (model.statement.parameters | model.starts).get(numbers[i].name)
+        spread = (model.elements.statement.parameters | model.elements.starts).get(numbers[i].name)
         scales[i] = (
             width / 2.0 if np.isfinite(width) else (spread.uncertainty if spread and spread.uncertainty else 1.0)
         )

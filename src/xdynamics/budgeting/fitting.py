@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,7 +41,7 @@ from xdynamics.budgeting.multistart import (
     searches,
 )
 from xdynamics.evidence.evidence_dataset import evidence_dataset
-from xdynamics.faults import AccuracyWarning, InputError, warn
+from xdynamics.faults import AccuracyWarning, InputError, display_text, warn
 from xdynamics.model import Model
 from xdynamics.model.parts import Fitted, Parameter
 from xdynamics.model.uncertainty import STUDENT, Spread
@@ -369,32 +370,32 @@ def _fitted_model(
     freedom: int | None = None,
 ) -> Model:
     """Return the model with the estimates, their uncertainties and correlations; one number of few degrees of freedom is Student's t."""
-    statement = record.model.statement
-    parameters, starts, initial = dict(statement.parameters), dict(statement.starts), dict(statement.initial)
+    statement = record.model.elements.statement
+    parameters, starts = dict[str, Parameter](), dict[str, Parameter]()
     for i, name in enumerate(record.names):
         if record.is_offset(name):  # of the record's clock, not of the model
             continue
         unit = record.declared(name).unit
-        declared = parameters.get(name) or starts.get(name)
-        entry = Parameter(
+        declared = statement.parameters.get(name) or statement.starts.get(name)
+        fitted = parameters if name in statement.parameters else starts
+        fitted[name] = Parameter(
             Quantity(float(values[i]), unit),
             _estimate_spread(Quantity(float(deviations[i]), unit), freedom),
             declared.description if declared else "",
         )
-        if name in parameters:
-            parameters[name] = entry
-        else:
-            starts[name], initial[name] = entry, entry.quantity
-    correlations = {pair: entry for pair, entry in statement.correlations.items() if not {*pair} & {*record.names}}
+    shapes, names = record.model.shapes, {*record.names}
+    correlations = {
+        pair: entry
+        for pair, entry in record.model.statement.correlations.items()
+        if not names.intersection(map(shapes.internal_name, pair))
+    }
     uncertain_indices = [i for i, name in enumerate(record.names) if deviations[i] > 0.0 and not record.is_offset(name)]
-    for i in uncertain_indices:
-        for j in uncertain_indices:
-            if i < j:
-                correlations[record.names[i], record.names[j]] = float(np.clip(correlation[i, j], -1.0, 1.0))
+    for i, j in combinations(uncertain_indices, 2):
+        pair = display_text(record.names[i]), display_text(record.names[j])
+        correlations[pair] = float(np.clip(correlation[i, j], -1.0, 1.0))
     mark = Fitted(record.data.name.replace("'", ""), test.adequate, test.text)
-    at_rest = tuple(name for name in statement.at_rest if name not in record.names)
-    numbers: dict[str, Any] = {"parameters": parameters, "starts": starts, "initial": initial, "at_rest": at_rest}
-    return record.model.with_statement(replace(statement, **numbers, correlations=correlations, fit=mark))
+    renumbered = record.model.renumbered(parameters, starts)
+    return record.model.with_statement(replace(renumbered, correlations=correlations, fit=mark))
 
 
 def _estimate_spread(standard: Quantity, freedom: int | None) -> Spread:

@@ -87,12 +87,13 @@ class Target:
         InputError
             If the model has no such quantity or event, or not exactly one time or event is given.
         """
+        elements = model.elements
         quantity, event = (
             model.shapes.internal_name(name) if isinstance(name, str) else name for name in (quantity, event)
         )
         quantities, extremes = comparable(model), _extreme_names(model)
         if at is None and event is None and quantity in extremes:
-            return cls(quantity, second=model.statement.time_unit.text)
+            return cls(quantity, second=model.time_unit.text)
         if quantity in extremes:
             raise InputError(_extreme_message(quantity, at, event))
         if (at is None) == (event is None):
@@ -100,8 +101,12 @@ class Target:
                 "a budget is of one number: give at='1 s' or event='ground', one of them, or neither of an extreme"
                 f" like '{extremes[0]}'"
             )
-        if event is not None and event not in (*model.events, *model.contacts, *model.frictions):
-            names = ", ".join((*model.events, *model.contacts, *model.frictions)) or "none"
+        if event is not None and event not in (
+            *elements.events,
+            *elements.contacts,
+            *elements.frictions,
+        ):
+            names = ", ".join((*elements.events, *elements.contacts, *elements.frictions)) or "none"
             if event in model.assemblies:
                 raise InputError(
                     f"event is {event!r}, a contact of many links, whose impacts differ in number from run to run; give"
@@ -118,9 +123,9 @@ class Target:
             raise InputError(f"occurrence is {occurrence!r}, needs a whole number from 1 on")
         if side not in SIDES:
             raise InputError(f"side is {side!r}; there are {', '.join(SIDES)}")
-        unit = model.statement.time_unit
+        unit = model.time_unit
         time = None if at is None else time_in(unit, at, "at")
-        parts = event is None or event not in model.events or bool(model.events[event].reset)
+        parts = event is None or event not in elements.events or bool(elements.events[event].reset)
         return cls(quantity, time, event or "", occurrence, side, unit.text, parts)
 
     @property
@@ -212,7 +217,7 @@ class Target:
         """Return the error of an extreme at an event from the location of the event; 0 where the quantity is level."""
         if top.rule != LOCATED or self.extreme is None:
             return 0.0
-        if (model.python_functions or model.delays) and self.extreme[0] not in model.units:
+        if (model.python_functions or model.delays) and self.extreme[0] not in model.elements.units:
             return 0.0
         name, time = self.extreme[0], run["time"].values
         row = int(np.flatnonzero((time == top.time) & (get_column(run, name).values == top.value))[0])

@@ -121,7 +121,7 @@ def twin_distance(run: xr.Dataset, measurand: Measurand, value: float) -> float 
     floats in the twin too: energies, observables, forces, and extremes inside steps.
     """
     target = measurand.target
-    if target.extreme is not None or target.quantity not in (*measurand.model.units, TIME):
+    if target.extreme is not None or target.quantity not in (*measurand.model.elements.units, TIME):
         return None
     twin_settings = _twin_settings(run, measurand)
     with suppress(InputError):  # what a twin cannot have; the settings of the run itself are in order
@@ -153,10 +153,10 @@ def reversal_distance(run: xr.Dataset, measurand: Measurand) -> float | None:
     V.1).
     """
     model, target = measurand.model, measurand.target
-    velocities = {velocity(name) for name in model.statement.coordinates}
+    velocities = {velocity(name) for name in model.elements.statement.coordinates}
     if (
         target.at is None
-        or target.quantity not in {*model.statement.coordinates, *velocities}
+        or target.quantity not in {*model.elements.statement.coordinates, *velocities}
         or not _is_reversible(run, model)
     ):
         return None
@@ -166,7 +166,7 @@ def reversal_distance(run: xr.Dataset, measurand: Measurand) -> float | None:
         return None
     reversed_start = {
         name: f"{_reversed_value(run, name, int(whole_steps[-1]), velocities)!r} {get_column(run, name).attrs['units']}"
-        for name in (*model.statement.coordinates, *velocities)
+        for name in (*model.elements.statement.coordinates, *velocities)
     }
     until = {"until": float(time[whole_steps[-1]]), "force_samples": "none"}
     reversed_run = march_model(model.replace(initial=reversed_start), **measurand.settings | until)
@@ -182,12 +182,13 @@ def _reversed_value(run: xr.Dataset, name: str, row: int, velocities: set[str]) 
 
 def _is_reversible(run: xr.Dataset, model: Model) -> bool:
     """Return whether equal steps with reversed velocities undo the steps of a run."""
+    elements = model.elements
     irreversible_parts = (
-        model.statement.states,
-        model.events,
-        model.contacts,
+        elements.statement.states,
+        elements.events,
+        elements.contacts,
         model.assemblies,
-        model.frictions,
+        elements.frictions,
         model.regimes,
     )
     if (
@@ -197,9 +198,9 @@ def _is_reversible(run: xr.Dataset, model: Model) -> bool:
         or run.sizes.get("event", 0)
     ):
         return False
-    terms = [tree for components in model.force_components.values() for tree in components.values()]
-    trees = [*terms, *model.statement.mass_entries.values()]
-    reads_time = any("t" in model.reads(tree) or isinstance(tree, Function) for tree in trees)
+    terms = [tree for components in elements.force_components.values() for tree in components.values()]
+    trees = [*terms, *elements.statement.mass_entries.values()]
+    reads_time = any("t" in elements.reads(tree) or isinstance(tree, Function) for tree in trees)
     is_fixed_step = run.attrs["solver_step_control"] == "fixed"
     return is_fixed_step and not reads_time and Trait.VELOCITY_DEPENDENT not in traits_of(model)
 
@@ -508,8 +509,8 @@ def _spread_of_copies(measurand: Measurand, run: xr.Dataset, value: float) -> Te
 def _nudged(model: Model, rng: np.random.Generator) -> Model:
     """Return a model with numbers randomly one spacing smaller; the model itself if it tolerates no change."""
     numbers = {
-        "parameters": {name: entry.quantity for name, entry in model.statement.parameters.items()},
-        "initial": dict(model.statement.initial),
+        "parameters": {name: entry.quantity for name, entry in model.elements.statement.parameters.items()},
+        "initial": dict(model.elements.statement.initial),
     }
     nudged_numbers = {
         section: {

@@ -103,7 +103,7 @@ def _check_points(model: Model, inputs: Sequence[str]) -> None:
     """Refuse tables that jump at points whose times the inputs move."""
     if not (point_inputs := sorted(model.read_by_points.intersection(inputs))):
         return
-    for name, drive in model.drives.items():
+    for name, drive in model.elements.drives.items():
         if drive.argument != CLOCK and (drive.interpolation == "previous" or drive.outside == "zero"):
             raise NotVariedError(f"'{name}' jumps at times that follow '{point_inputs[0]}'")
 
@@ -125,7 +125,7 @@ def _variational_equations(run: xr.Dataset, model: Model, inputs: tuple[str, ...
     refuse_delays(model)
     if model.python_functions:
         raise NotVariedError("a force or event is written in Python")
-    if model.constraints and (model.contacts or any(event.reset for event in model.events.values())):
+    if model.constraints and (model.elements.contacts or any(event.reset for event in model.elements.events.values())):
         raise NotVariedError("constraints answer to impacts and resets, of which there is no map of states")
     equations = Equations(model, inputs)
     if equations.size * len(gauss(int(run.attrs["solver_order"]) // 2 + 2)[0]) > LARGEST:
@@ -140,7 +140,8 @@ def _initial_changes(path: Variations, inputs: tuple[str, ...]) -> Floats:
     change = np.array(
         [
             [
-                float(name == input_name and input_name in model.starts) + followed.get((name, input_name), 0.0)
+                float(name == input_name and input_name in model.elements.starts)
+                + followed.get((name, input_name), 0.0)
                 for input_name in inputs
             ]
             for name in names
@@ -153,7 +154,10 @@ def _follow_constraints(path: Variations, inputs: tuple[str, ...], change: Float
     """Return the initial change as it is where the start follows constraints."""
     model = path.equations.model
     state = {name: float(value[0]) for name, value in path.row(np.zeros(1, np.int64)).items()}
-    if any(abs(state[name] - model.statement.initial[name].si) > NEAR * abs(state[name]) for name in variables(model)):
+    if any(
+        abs(state[name] - model.elements.statement.initial[name].si) > NEAR * abs(state[name])
+        for name in variables(model)
+    ):
         raise NotVariedError("the start is moved to where constraints hold")
     followed = followed_start(model, inputs, state, change)
     if followed is None:
@@ -403,7 +407,7 @@ def _best_pair(differences: Floats) -> int:
 
 def input_axis_name(model: Model, name: str) -> str:
     """Return the name of an axis over an input; for an initial value it differs from the variable's."""
-    return f"{INITIAL_PREFIX}{name}" if name in model.starts else name
+    return f"{INITIAL_PREFIX}{name}" if name in model.elements.starts else name
 
 
 def _with_unit_attribute(values: Floats, parameter: Parameter) -> Any:
@@ -414,7 +418,7 @@ def _with_unit_attribute(values: Floats, parameter: Parameter) -> Any:
 
 def discrepancy_source(measurand: Measurand) -> list[ErrorSource]:
     """Return the discrepancy that the model declares for the quantity, if any."""
-    declared = measurand.model.discrepancy.get(measurand.target.quantity)
+    declared = measurand.model.elements.discrepancy.get(measurand.target.quantity)
     return [] if declared is None else [stated_source(measurand, DISCREPANCY, partial(_discrepancy, declared))]
 
 
@@ -440,7 +444,7 @@ def combined_variance(model: Model, terms: list[Term]) -> float:
 def _correlation_root(model: Model, terms: list[Term]) -> Floats:
     """Return the root of the correlation matrix; terms that are not inputs are independent."""
     names = [term.name for term in terms]
-    return cholesky_factor(correlation_matrix(names, model.correlations))
+    return cholesky_factor(correlation_matrix(names, model.elements.correlations))
 
 
 def _signed_contribution(term: Term) -> float:
@@ -459,7 +463,7 @@ SIDE_WEIGHTS = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 20.0  # of the si
 
 def table_sources(measurand: Measurand) -> Iterator[ErrorSource]:
     """Yield the errors of measured tables with uncertainties: of their rows, and of all rows together."""
-    for name, drive in measurand.model.drives.items():
+    for name, drive in measurand.model.elements.drives.items():
         copies, table = TableCopies(measurand, name, drive.table), drive.table
         for suffix, term, sizes in (
             ("", independent_rows_term, table.uncertainty),
@@ -489,7 +493,7 @@ class TableCopies:
     def number(self, change: Floats) -> float:
         """March the model with its table changed by so much, SI; return the number."""
         model = self.measurand.model
-        declared = SECTIONS["drives"].write(model.drives[self.name], model.time_unit)
+        declared = SECTIONS["drives"].write(model.elements.drives[self.name], model.time_unit)
         text = _table_text(self.table, self.table.value + change)
         drive_entries = {key: value for key, value in declared.items() if key not in ("column", "gaps")}
         changed = model.replace(drives={self.name: drive_entries | {"csv": text}})

@@ -69,7 +69,7 @@ def proven_task(measurand: Measurand, run: Task) -> Task:
         raise InputError(
             f"no bounds are proven of the {target.description}; give a time or an event, or leave proven out"
         )
-    if target.event and target.event not in model.events:
+    if target.event and target.event not in model.elements.events:
         raise InputError(
             f"no bounds are proven of what happens at '{target.event}', which is no event; leave proven out"
         )
@@ -84,12 +84,16 @@ def certain(model: Model) -> Model:
         {name: replace(part, spread=None) for name, part in parts.items()}
         for parts in (statement.parameters, statement.starts)
     )
+    arrays, starting = (
+        {name: replace(values, spreads=()) for name, values in parts.items()}
+        for parts in (statement.arrays, statement.starting)
+    )
     events = {
         name: replace(event, action="record", count=1) if event.action == "stop" else event
         for name, event in statement.events.items()
     }
-    changes: dict[str, Any] = {"parameters": parameters, "starts": starts, "events": events, "correlations": {}}
-    return model.with_statement(replace(statement, **changes))
+    changes: dict[str, Any] = {"parameters": parameters, "starts": starts, "arrays": arrays, "starting": starting}
+    return model.with_statement(replace(statement, **changes, events=events, correlations={}))
 
 
 def _prove_bounds(model: Model, target: Target, run: xr.Dataset) -> ProvenBounds:
@@ -105,7 +109,7 @@ def _prove_bounds(model: Model, target: Target, run: xr.Dataset) -> ProvenBounds
             ended = tube.attrs["outcome"] != COMPLETED
             return ProvenBounds(nan, nan, str(tube.attrs["outcome_text" if ended else "events_text"]))
         names, row = (
-            ["event_time", *(f"event_{name}" for name in model.units)],
+            ["event_time", *(f"event_{name}" for name in model.elements.units)],
             {"event": places[target.occurrence - 1]},
         )
     name = (

@@ -216,9 +216,14 @@ def _changes_by_section(model: Any, changes: dict[str, str]) -> dict[str, dict[s
     from xdynamics.keywords import KEYWORDS
     from xdynamics.record.folding import elements_of, quantity_names
 
-    settable_names, sections = (*model.statement.parameters, *model.statement.initial), dict[str, dict[str, Any]]()
+    settable_names, sections = (
+        (*model.elements.statement.parameters, *model.elements.statement.initial),
+        dict[str, dict[str, Any]](),
+    )
     for name, text in model.shapes.with_internal_names(changes, "--set").items():
-        section = next((title for title in ("parameters", "initial") if name in getattr(model.statement, title)), None)
+        section = next(
+            (title for title in ("parameters", "initial") if name in getattr(model.elements.statement, title)), None
+        )
         if section is None:
             if elements := elements_of(name, settable_names):
                 raise InputError(f"--set {name}: {elements.removeprefix('; ')}")

@@ -198,7 +198,7 @@ def model_blocks(model: Model) -> Iterator[Block]:
     """Write the equations of motion, forces, definitions, events and numbers of a model."""
     if model.description:
         yield Paragraph(model.description)
-    stated = model.shaped
+    stated = model.statement
     yield from _dimension_table(model)
     yield from (
         _motion_formulas(model) if stated.lagrangian is None or not model.shapes.dims else _energy_formulas(model)
@@ -217,7 +217,7 @@ def model_blocks(model: Model) -> Iterator[Block]:
 
 def _motion_formulas(model: Model) -> Iterator[Formula]:
     """Yield the equation of motion of each coordinate, along its dimensions."""
-    stated = model.shaped
+    stated = model.statement
     components = forces_by_coordinate(model)
     for i, name in enumerate(stated.coordinates):
         terms = [
@@ -232,12 +232,12 @@ def _motion_formulas(model: Model) -> Iterator[Formula]:
 
 def _energy_formulas(model: Model) -> Iterator[Block]:
     """Yield the energies that a model with dimensions is derived from."""
-    lagrangian = model.shaped.lagrangian
+    lagrangian = model.statement.lagrangian
     assert lagrangian is not None  # noqa: S101 - asked before
     yield Formula(f"T = {latex(lagrangian.kinetic)}", "kinetic energy")
     if lagrangian.potential is not None:
         yield Formula(f"V = {latex(lagrangian.potential)}", "potential energy")
-    for name in model.shaped.coordinates:
+    for name in model.statement.coordinates:
         symbol, speed = _symbol_latex(name), _symbol_latex(velocity(name))
         yield Formula(
             rf"\frac{{d}}{{dt}}\frac{{\partial T}}{{\partial {speed}}} - \frac{{\partial T}}{{\partial {symbol}}}"
@@ -277,7 +277,7 @@ def _drive_and_number_tables(model: Model) -> Iterator[Block]:
                     drive.outside,
                     drive.description,
                 ]
-                for name, drive in model.drives.items()
+                for name, drive in model.elements.drives.items()
             ],
         )
     yield TextTable(["number", "value", "standard uncertainty", "distribution", "what"], [*_number_rows(model)])
@@ -285,7 +285,8 @@ def _drive_and_number_tables(model: Model) -> Iterator[Block]:
 
 def _number_rows(model: Model) -> Iterator[list[str]]:
     """Yield a row for each number; for many of one quantity, or where an expression gives them, one for all."""
-    stated = model.shaped
+    elements = model.elements
+    stated = model.statement
     for names, values, start_note in (
         ([*stated.parameters, *stated.arrays], stated.arrays, ""),
         ([*stated.initial, *stated.starting], stated.starting, " at the start"),
@@ -297,8 +298,8 @@ def _number_rows(model: Model) -> Iterator[list[str]]:
                 continue
             parts = {}
             for element in model.shapes.elements(name):
-                part = model.statement.parameters[element] if not start_note else model.starts.get(element)
-                parts[element] = part or Parameter(model.statement.initial[element])
+                part = elements.statement.parameters[element] if not start_note else elements.starts.get(element)
+                parts[element] = part or Parameter(elements.statement.initial[element])
             first, *other_parts = parts.values()
             if other_parts and all(part == first for part in other_parts):
                 yield _parameter_row(f"{name}{start_note}{_along_dims_text(model, name)}, {len(parts)} alike", first)
@@ -317,7 +318,7 @@ def _quantity_row(name: str, values: Values) -> list[str]:
 
 
 def _force_formulas(model: Model) -> Iterator[Formula]:
-    stated = model.shaped
+    stated = model.statement
     for term, force in stated.forces.items():
         description = f"{term}: {force.description}" if force.description else term
         relation_note = f", summed over {force.over}" if force.over else ""
@@ -332,13 +333,13 @@ def _force_formulas(model: Model) -> Iterator[Formula]:
                 if isinstance(part, Function)
                 else latex(part)
             )
-            on = f", on {name}" if len(model.statement.coordinates) > 1 else ""
+            on = f", on {name}" if len(model.elements.statement.coordinates) > 1 else ""
             on += f", of each link of {force.over}" if force.over else ""
             yield Formula(rf"F_{{\mathrm{{{_spaced_latex(term)}}}}} = {body}", f"{description}{on}")
 
 
 def _event_formulas(model: Model) -> Iterator[Formula]:
-    stated = model.shaped
+    stated = model.statement
     for name, event in stated.events.items():
         body = (
             rf"\mathrm{{{_spaced_latex(event.function.name)}}}"

@@ -82,6 +82,7 @@ def _full_record_data(record: xr.Dataset, kind: str) -> dict[str, Any]:
 
 def _model_data(model: Model) -> dict[str, Any]:
     """Return the result of `check` for a model."""
+    elements = model.elements
     try:
         scales: dict[str, Any] = _full_record_data(spectrum_of(model), MODES)
     except InputError as error:
@@ -90,14 +91,14 @@ def _model_data(model: Model) -> dict[str, Any]:
         "kind": MODEL,
         "title": model.name,
         "digest": model.digest,
-        "counts": {kind: len(getattr(model.statement, kind)) for kind in COUNTED},
+        "counts": {kind: len(getattr(elements.statement, kind)) for kind in COUNTED},
         "equations": [" ".join(line.split()) for line in equation_lines(model)],
         "parameters": {
             name: {"value": part.quantity.value, "units": part.quantity.unit.text, "uncertainty": part.uncertainty}
-            for name, part in model.statement.parameters.items()
+            for name, part in elements.statement.parameters.items()
         },
         "initial": {
-            name: {"value": part.value, "units": part.unit.text} for name, part in model.statement.initial.items()
+            name: {"value": part.value, "units": part.unit.text} for name, part in elements.statement.initial.items()
         },
         "methods": {
             name: {"order": method.order, "chooses_steps": bool(method.estimate), "refuses": method.refusals(model)}

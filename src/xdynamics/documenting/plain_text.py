@@ -79,15 +79,15 @@ def model_lines(model: Model) -> Iterator[str]:
 
 
 def _unspoken_model_lines(model: Model) -> Iterator[str]:
-    yield from resting_velocities_line(model.shaped.at_rest)
-    counts = [(len(getattr(model.statement, kind)), kind) for kind in COUNTED]
+    yield from resting_velocities_line(model.statement.at_rest)
+    counts = [(len(getattr(model.elements.statement, kind)), kind) for kind in COUNTED]
     counts_text = ", ".join(f"{n} {kind if n > 1 else kind.removesuffix('s')}" for n, kind in counts if n)
     yield f"{model.name}: {counts_text}; every name is known and every unit fits"
     yield from _first_elements(chain(_motion_lines(model), _occasion_lines(model)))
     starts = ", ".join(
         _first_elements(
             (split_element_name(name)[0], partial(_start_text, model, name, value))
-            for name, value in model.statement.initial.items()
+            for name, value in model.elements.statement.initial.items()
         )
     )
     consistency_note = "; moved from there to where constraints hold" if model.consistent else ""
@@ -97,7 +97,7 @@ def _unspoken_model_lines(model: Model) -> Iterator[str]:
 
 def _start_text(model: Model, name: str, value: Quantity) -> str:
     """Return a value at the start as it was written; that of an expression without the digits that rounding leaves."""
-    start_values = model.shaped.starting.get(split_element_name(name)[0])
+    start_values = model.statement.starting.get(split_element_name(name)[0])
     if start_values is not None and start_values.tree is not None:
         value = replace(value, value=float(f"{value.value:.{DIGITS}g}"))
     return f"{name} = {value}".removesuffix(" 1")
@@ -130,10 +130,11 @@ def _joint_of_constraint(model: Model) -> dict[str, str]:
 
 
 def _motion_lines(model: Model) -> Iterator[Line]:
-    joint_names, bodies, keeping = _joint_of_constraint(model), model.shaped.bodies, conditions(model)
-    for i, name in enumerate(model.statement.coordinates):
+    elements = model.elements
+    joint_names, bodies, keeping = _joint_of_constraint(model), model.statement.bodies, conditions(model)
+    for i, name in enumerate(elements.statement.coordinates):
         yield f"motion {split_element_name(name)[0]}", partial(_motion_line, model, i, name, keeping, joint_names)
-    for term, components in model.force_components.items():
+    for term, components in elements.force_components.items():
         if (potential := _whole_potential(model, term, components)) is not None:
             yield term, partial("force     {} by the potential {}".format, term, potential)
             continue
@@ -152,25 +153,26 @@ def _motion_lines(model: Model) -> Iterator[Line]:
         | body_entries(bodies, "states")
         | made_by_joints(model.joints, "definitions")
     )
-    for name in model.definitions:
+    for name in elements.definitions:
         if split_element_name(name)[0] not in generated_names:
             yield split_element_name(name)[0], partial(_definition_line, model, name)
-    held_names = controller_states(model.controllers, model.time_unit)
-    for name in model.statement.states:
+    held_names = controller_states(elements.controllers, model.time_unit)
+    for name in elements.statement.states:
         if name not in held_names and split_element_name(name)[0] not in generated_names:
             yield split_element_name(name)[0], partial(_rate_line, model, name)
-    for name in model.controllers:
+    for name in elements.controllers:
         yield name, partial(_controller_line, model, name)
 
 
 def _motion_line(model: Model, i: int, name: str, keeping: Sequence[Condition], joint_names: Mapping[str, str]) -> str:
-    masses = model.statement.mass_entries
+    elements = model.elements
+    masses = elements.statement.mass_entries
     inertia = [
         f"{_bracketed_factor(masses[i, j])}*{acceleration(coordinate)}"
-        for j, coordinate in enumerate(model.statement.coordinates)
+        for j, coordinate in enumerate(elements.statement.coordinates)
         if (i, j) in masses
     ]
-    acting_terms = [term for term, components in model.force_components.items() if name in components]
+    acting_terms = [term for term, components in elements.force_components.items() if name in components]
     own_conditions = [condition for condition in keeping if name in condition.row]
     acting_terms += [
         f"({printed_simply(condition.row[name])})*{constraint_force(condition.name)}"
@@ -187,7 +189,7 @@ def _motion_line(model: Model, i: int, name: str, keeping: Sequence[Condition], 
 
 def _whole_potential(model: Model, term: str, components: Mapping[str, Node | Function]) -> str | None:
     """Return the potential of a force as it is written, where the force on an element has very many terms."""
-    part, first = model.shaped.forces.get(term), next(iter(components), "")
+    part, first = model.statement.forces.get(term), next(iter(components), "")
     if part is None or part.potential is None or not split_element_name(first)[1]:
         return None
     component = components[first]
@@ -207,15 +209,15 @@ def _force_component_line(term: str, name: str, components: Mapping[str, Node | 
 
 
 def _definition_line(model: Model, name: str) -> str:
-    return f"with      {name} = {printed_simply(model.definitions[name])}"
+    return f"with      {name} = {printed_simply(model.elements.definitions[name])}"
 
 
 def _rate_line(model: Model, name: str) -> str:
-    return f"rate      of {name} = {printed_simply(model.statement.states[name].rate)}"
+    return f"rate      of {name} = {printed_simply(model.elements.statement.states[name].rate)}"
 
 
 def _controller_line(model: Model, name: str) -> str:
-    controller = model.controllers[name]
+    controller = model.elements.controllers[name]
     waits = [f"{word} {time}" for word, time in (("phase", controller.phase), ("delay", controller.delay)) if time]
     values = [f"{output} = {printed_simply(limited_value(part))}" for output, part in controller.outputs.items()]
     values += [f"{state} = {printed_simply(part.next)}" for state, part in controller.states.items()]
@@ -228,23 +230,26 @@ def _bracketed_factor(node: Node) -> str:
 
 
 def _occasion_lines(model: Model) -> Iterator[Line]:
-    for name in model.events:
+    elements = model.elements
+    for name in elements.events:
         yield f"event {split_element_name(name)[0]}", partial(_event_line, model, name)
-    contacts = model.contacts | {name: model.shaped.contacts[name] for name in model.assemblies}
+    contacts = elements.contacts | {name: model.statement.contacts[name] for name in model.assemblies}
     for name in contacts:
         yield f"contact {split_element_name(name)[0]}", partial(_contact_line, name, contacts)
     yield from ((line, partial(str, line)) for line in _constraint_lines(model))
-    for name in model.frictions:
+    for name in elements.frictions:
         yield f"friction {split_element_name(name)[0]}", partial(_friction_line, model, name)
     yield from ((line, partial(str, line)) for line in _switch_lines(model))
 
 
 def _event_line(model: Model, name: str) -> str:
-    event = model.events[name]
+    event = model.elements.events[name]
     if isinstance(event.function, Function):
         body = event.function.name
     else:
-        event_function = None if size(event.function) <= MOST_NODES else model.shaped.events.get(name, event).function
+        event_function = (
+            None if size(event.function) <= MOST_NODES else model.statement.events.get(name, event).function
+        )
         body = text_of(event_function) if isinstance(event_function, Node) else printed_simply(event.function)
     condition = f"{body} = 0, {event.direction}" if event.every is None else f"every {event.every}"
     return f"event     {name}: {condition}: {event.action}{f' to {event.to}' if event.to else ''}"
@@ -259,7 +264,7 @@ def _contact_line(name: str, contacts: Mapping[str, Contact]) -> str:
 
 
 def _friction_line(model: Model, name: str) -> str:
-    friction = model.frictions[name]
+    friction = model.elements.frictions[name]
     return (
         f"friction  {name}: at most {printed_simply(friction.static)} against {printed_simply(friction.slip)},"
         f" {printed_simply(friction.kinetic)} while it slips"
@@ -282,8 +287,9 @@ def _switch_lines(model: Model) -> Iterator[str]:
 
 def _constraint_lines(model: Model) -> Iterator[str]:
     """Print joints, and the constraints that are no part of one, with those that others imply at the start."""
-    joint_names, names = _joint_of_constraint(model), [*model.constraints]
-    implied = implied_at_start(model.statement) if names else ()
+    elements = model.elements
+    joint_names, names = _joint_of_constraint(model), [*elements.constraints]
+    implied = implied_at_start(elements.statement) if names else ()
     for name, joint in model.joints.items():
         first, second = joint.bodies
         word = {HINGE: "about", SLIDER: "along"}.get(joint.kind)
@@ -298,7 +304,7 @@ def _constraint_lines(model: Model) -> Iterator[str]:
         )
         definitions_note = "".join(f", {word}" for word in tables_of_joint(name, joint).get("definitions", ()))
         yield f"joint     {name}: {joint.kind} of {first} and {second}{axis_note}{definitions_note and f'; has{definitions_note[1:]}'}{shared}"
-    for k, (name, constraint) in enumerate(model.constraints.items()):
+    for k, (name, constraint) in enumerate(elements.constraints.items()):
         if split_element_name(name)[0] in joint_names:
             continue
         word = "rolls" if constraint.holds is None else "holds"

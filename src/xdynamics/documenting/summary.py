@@ -73,11 +73,17 @@ def works_of_drag(run: xr.Dataset) -> Iterator[str]:
 
 def _velocity_forces(model: Model) -> dict[str, list[str]]:
     """Return the forces that read velocities, and neither coordinates, states, drives nor time, with where they act."""
-    position_names = {"t", *model.statement.coordinates, *model.statement.states, *model.drives}
-    velocities, forces = {*map(schema.velocity, model.statement.coordinates)}, dict[str, list[str]]()
-    for name, components in model.force_components.items():
+    elements = model.elements
+    position_names = {
+        "t",
+        *elements.statement.coordinates,
+        *elements.statement.states,
+        *elements.drives,
+    }
+    velocities, forces = {*map(schema.velocity, elements.statement.coordinates)}, dict[str, list[str]]()
+    for name, components in elements.force_components.items():
         trees = [tree for tree in components.values() if not isinstance(tree, Function)]
-        names_read = set().union(*(free_names(model.expanded(tree)) for tree in trees)) if trees else set()
+        names_read = set().union(*(free_names(elements.expanded(tree)) for tree in trees)) if trees else set()
         if len(trees) == len(components) and names_read & velocities and not names_read & position_names:
             forces[name] = [*components]
     return forces

@@ -68,7 +68,7 @@ NO_MAP = (
 
 def steps_over_impacts(run: xr.Dataset, model: Model) -> bool:
     """Whether contacts act over complete steps in a run, without located events for their impulses."""
-    touching = bool(model.contacts or model.assemblies)
+    touching = bool(model.elements.contacts or model.assemblies)
     return touching and not METHODS[str(run.attrs["solver_method"])].stepper.locates
 
 
@@ -117,13 +117,17 @@ class RunPath:
         if not np.isfinite(self.states).all():
             raise NotVariedError("a state is no number")
         refuse_ticks(model)
-        if model.constraints and (model.contacts or any(event.reset for event in model.events.values())):
-            raise NotVariedError(f"constraint '{next(iter(model.constraints))}' answers to impacts and resets")
+        if model.constraints and (
+            model.elements.contacts or any(event.reset for event in model.elements.events.values())
+        ):
+            raise NotVariedError(f"constraint '{next(iter(model.elements.constraints))}' answers to impacts and resets")
         if beyond_trees(model):
-            raise NotVariedError(f"constraints couple {len(model.statement.coordinates)} coordinates")
+            raise NotVariedError(f"constraints couple {len(model.elements.statement.coordinates)} coordinates")
         refuse_delays(model)
         if model.frictions:
-            raise NotVariedError(f"friction element '{next(iter(model.frictions))}' slips or sticks all the time")
+            raise NotVariedError(
+                f"friction element '{next(iter(model.elements.frictions))}' slips or sticks all the time"
+            )
         if model.assemblies:
             raise NotVariedError(
                 f"impacts of many links, like those of '{next(iter(model.assemblies))}', have no map of states"
@@ -152,7 +156,7 @@ class RunPath:
     @cached_property
     def states(self) -> Floats:
         """States at the rows, SI, shape (rows, n)."""
-        units, names = self.model.units, variables(self.model)
+        units, names = self.model.elements.units, variables(self.model)
         return np.stack([np.asarray(self.run[name], float) * float(units[name].factor) for name in names], axis=1)
 
     @cached_property
@@ -217,12 +221,13 @@ class RunPath:
     @cached_property
     def _middles(self) -> dict[str, Any]:
         """States in the middle of every step, by Hermite's cubic, where switches and tables are on one side."""
-        names, units, run = variables(self.model), self.model.units, self.run
-        speeds = [velocity(name) for name in self.model.statement.coordinates]
+        elements = self.model.elements
+        names, units, run = variables(self.model), elements.units, self.run
+        speeds = [velocity(name) for name in elements.statement.coordinates]
         rate_names = [
             *speeds,
-            *map(acceleration, self.model.statement.coordinates),
-            *map(rate, self.model.statement.states),
+            *map(acceleration, elements.statement.coordinates),
+            *map(rate, elements.statement.states),
         ]
         rates = np.stack(
             [
@@ -257,9 +262,9 @@ class RunPath:
     @cached_property
     def _table_pieces(self) -> IntArray:
         """The piece of every drive's table that each step goes through."""
-        pieces = np.zeros((len(self.times) - 1, len(self.model.drives)), np.int64)
+        pieces = np.zeros((len(self.times) - 1, len(self.model.elements.drives)), np.int64)
         values = dict(constants(self.model)) | self._middles
-        places = self.model.looked_up_at.values()
+        places = self.model.elements.looked_up_at.values()
         for i, (argument_tree, (origins, _)) in enumerate(zip(places, drive_pieces(self.model), strict=True)):
             piece = np.searchsorted(origins, evaluate_many(argument_tree, values), side="right") - 1
             pieces[:, i] = np.clip(piece, 0, len(origins) - 1)
@@ -302,14 +307,13 @@ class RunPath:
     def law(self) -> tuple[GrowthLaw, list[Any]]:
         """Return the law, and the objects that must stay alive as long as it is called."""
         layout, model = self._layout, self._layout.model
+        coordinates, states = model.elements.statement.coordinates, model.elements.statement.states
         by_differences = bool(model.python_forces)
         program = model_programs.forces(layout) if by_differences else model_programs.linearised(layout)
         tables, places = concatenated_tables(drive_pieces(model))
-        p, nc, n = np.array(list(constants(model).values())), len(model.statement.coordinates), self.size
+        p, nc, n = np.array(list(constants(model).values())), len(coordinates), self.size
         column = {name: i for i, name in enumerate(layout.used)}
-        row = {
-            name: nc + i for i, name in enumerate((*model.statement.coordinates, *map(rate, model.statement.states)))
-        }
+        row = {name: nc + i for i, name in enumerate((*coordinates, *map(rate, states)))}
         pairs = (
             [] if by_differences else [(row[name], column[column_name]) for name, column_name in jacobian_names(model)]
         )

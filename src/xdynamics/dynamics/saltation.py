@@ -85,7 +85,7 @@ class FlowStates:
 
     @cached_property
     def _varying(self) -> dict[str, dict[str, Node]]:
-        return input_differentials(self.model, tuple(self.model.statement.parameters))
+        return input_differentials(self.model, tuple(self.model.elements.statement.parameters))
 
     def _evaluated_trees(self, trees: list[Node]) -> list[Floats]:
         followed_names = self._followed_names
@@ -97,8 +97,8 @@ class FlowStates:
     @cached_property
     def _followed_names(self) -> set[str]:
         model = self.model
-        slopes = {drive_slope(name) for name in model.drives}
-        return {"t", REGIME_NUMBER, *variables(model), *constants(model), *model.drives, *slopes}
+        slopes = {drive_slope(name) for name in model.elements.drives}
+        return {"t", REGIME_NUMBER, *variables(model), *constants(model), *model.elements.drives, *slopes}
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,9 @@ class SimultaneousEvents:
         """Name the rows of a change, and add those of the parameters."""
         inputs = self.variations.equations.inputs
         units = np.broadcast_to(np.eye(len(inputs)), (len(change), len(inputs), len(inputs)))
-        parameters = {name: units[:, i] for i, name in enumerate(inputs) if name in self.model.statement.parameters}
+        parameters = {
+            name: units[:, i] for i, name in enumerate(inputs) if name in self.model.elements.statement.parameters
+        }
         return dict(zip(variables(self.model), np.moveaxis(change, 1, 0), strict=True)) | parameters
 
     @cached_property
@@ -228,22 +230,23 @@ class SimultaneousEvents:
         return times[0]
 
     def _acts(self, name: str) -> bool:
-        return name not in self.model.events or self.model.events[name].action in ACTING
+        return name not in self.model.elements.events or self.model.elements.events[name].action in ACTING
 
     def _mapped(self, flow_states: FlowStates) -> dict[str, Floats]:
         """Return the changes of the variables that the events set."""
-        struck = [name for name in self.names if name in self.model.contacts]
-        resets = [name for name in self.names if name in self.model.events and self.model.events[name].reset]
+        elements = self.model.elements
+        struck = [name for name in self.names if name in elements.contacts]
+        resets = [name for name in self.names if name in elements.events and elements.events[name].reset]
         if len(struck) + len(resets) > 1:
             raise NotVariedError(f"{' and '.join([*struck, *resets])} are met at once")
         if resets:
-            reset = self.model.events[resets[0]].reset
-            return {name: flow_states.change(self.model.expanded(tree)) for name, tree in reset.items()}
+            reset = elements.events[resets[0]].reset
+            return {name: flow_states.change(elements.expanded(tree)) for name, tree in reset.items()}
         return self._struck(flow_states, struck[0]) if struck else {}
 
     def _struck(self, flow_states: FlowStates, name: str) -> dict[str, Floats]:
         """Return the changes of velocities after an impact without friction: v+ = v - (1 + e) W rate/D, W = M^-1 n."""
-        if self.model.contacts[name].slip is not None:
+        if self.model.elements.contacts[name].slip is not None:
             raise NotVariedError(f"'{name}' has friction")
         reaction = next(
             contact for contact in reactions(self.model) if contact.owner == name and contact.sort == NORMAL
@@ -261,7 +264,7 @@ class SimultaneousEvents:
             reaction.rate
         )
         pushes = -(rebound_change + push[:, None] * weights) / weight[:, None]
-        names = [velocity(coordinate) for coordinate in self.model.statement.coordinates]
+        names = [velocity(coordinate) for coordinate in self.model.elements.statement.coordinates]
         self._check(names, lever * push[:, None])
         velocity_changes = levers * push[:, None, None] + lever[..., None] * pushes[:, None]
         return {
@@ -271,9 +274,9 @@ class SimultaneousEvents:
 
     def _normal(self, flow_states: FlowStates, reaction: Reaction) -> tuple[Floats, Floats]:
         """Return the gradient of a gap, and its change."""
-        k, n, m = len(self.change), len(self.model.statement.coordinates), self.change.shape[2]
+        k, n, m = len(self.change), len(self.model.elements.statement.coordinates), self.change.shape[2]
         normal, normals = np.zeros((k, n)), np.zeros((k, n, m))
-        for i, name in enumerate(self.model.statement.coordinates):
+        for i, name in enumerate(self.model.elements.statement.coordinates):
             if name in reaction.row:
                 normal[:, i], normals[:, i] = (
                     flow_states.value(reaction.row[name]),
@@ -283,10 +286,11 @@ class SimultaneousEvents:
 
     def _mass(self, flow_states: FlowStates) -> tuple[Floats, Floats]:
         """Return the mass matrix, and its change."""
-        k, n, m = len(self.change), len(self.model.statement.coordinates), self.change.shape[2]
+        elements = self.model.elements
+        k, n, m = len(self.change), len(elements.statement.coordinates), self.change.shape[2]
         mass, masses = np.zeros((k, n, n)), np.zeros((k, n, n, m))
-        for (i, j), entry in self.model.statement.mass_entries.items():
-            tree = self.model.expanded(entry)
+        for (i, j), entry in elements.statement.mass_entries.items():
+            tree = elements.expanded(entry)
             mass[:, i, j], masses[:, i, j] = flow_states.value(tree), flow_states.change(tree)
         return mass, masses
 
@@ -301,12 +305,12 @@ class SimultaneousEvents:
     def _function(self, name: str) -> Node:
         """Return the function whose zero is the event."""
         model = self.model
-        if name in model.events:
-            tree = model.events[name].function
+        if name in model.elements.events:
+            tree = model.elements.events[name].function
             if isinstance(tree, Function):
                 raise NotVariedError(f"event '{name}' is written in Python")
-            return model.expanded(tree)
-        if name in model.contacts:
+            return model.elements.expanded(tree)
+        if name in model.elements.contacts:
             return next(element.gap for element in reactions(model) if element.owner == name and element.sort == NORMAL)
         for element in watched_switches(model):
             if element.name == name and not element.drive:
@@ -334,14 +338,16 @@ def with_ticks(variations: Variations) -> Variations:
     n, width = len(names), len(names) + len(inputs)
     units = np.broadcast_to(np.eye(width)[:, None], (width, rows.size, width))
     input_changes = dict(zip(names, units, strict=False)) | {"t": np.zeros((rows.size, width))}
-    input_changes |= {name: units[n + i] for i, name in enumerate(inputs) if name in model.statement.parameters}
+    input_changes |= {
+        name: units[n + i] for i, name in enumerate(inputs) if name in model.elements.statement.parameters
+    }
     flow_before = FlowStates(model, _states_before_ticks(variations, rows), input_changes)
     maps = np.moveaxis(units[:n], 0, 1).copy()
-    for change in tick_changes(model.controllers):
+    for change in tick_changes(model.elements.controllers):
         acts = (masks >> change.action) & 1 == 1
         if acts.any():
             maps[acts, names.index(change.target)] = flow_before.change(
-                with_whole_numbers(model.expanded(change.value))
+                with_whole_numbers(model.elements.expanded(change.value))
             )[acts]
     return replace(variations, ticks=TickMaps(rows, maps[..., :n], maps[..., n:]))
 
@@ -356,7 +362,7 @@ def tick_rows(variations: Variations, model: Model) -> tuple[IntArray, IntArray]
     """
     times = np.asarray(variations.run["time"], float)
     instants, masks = ticks(
-        actions(model.controllers), exact_time(model.statement.initial["t"]), exact_value(float(times[-1]))
+        actions(model.elements.controllers), exact_time(model.statement.initial["t"]), exact_value(float(times[-1]))
     )
     # the last row at a tick's time is the one that begins with what the tick has set
     rows = np.searchsorted(times, instants + ROUNDED * np.abs(instants), side="right") - 1
@@ -373,8 +379,8 @@ def _states_before_ticks(variations: Variations, rows: IntArray) -> dict[str, Fl
     state, earlier, first = (
         variations.row(rows),
         variations.row(np.maximum(rows - 1, 0)),
-        start_values(model.controllers),
+        start_values(model.elements.controllers),
     )
-    for name in controller_states(model.controllers, model.time_unit):
+    for name in controller_states(model.elements.controllers, model.time_unit):
         state[name] = np.where(rows == 0, first[name].si, earlier[name])
     return state

@@ -114,7 +114,7 @@ class StepInterpolator:
             raise InputError(f"functions are {str(functions)[:40]!r}, need a mapping of names to functions")
         interpolator = cls(run, functions or {}, rule, model)
         for quantity in interpolator.quantities:
-            name, units = quantity.name, interpolator.model.units[quantity.first].text
+            name, units = quantity.name, interpolator.model.elements.units[quantity.first].text
             if name not in run.variables:
                 record.check_elements(record.whole_of(run), interpolator.model.shapes.parse_element(name)[1])
                 remedy = log_description(run.attrs) or "sample the whole record"

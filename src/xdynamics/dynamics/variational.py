@@ -51,7 +51,7 @@ Numbers = Mapping[tuple[str, Any, str], Floats]
 
 def independent_conditions(model: Model) -> list[int]:
     """Return the conditions that no others imply at the start."""
-    implied = implied_at_start(model.statement)
+    implied = implied_at_start(model.elements.statement)
     return [k for k in range(len(conditions(model))) if k not in implied]
 
 
@@ -88,7 +88,7 @@ def bound_changes(
     accelerations : ndarray, shape (k, n)
     """
     condition_indices, width = independent_conditions(model), force.shape[2]
-    places = {name: i for i, name in enumerate(model.statement.coordinates)}
+    places = {name: i for i, name in enumerate(model.elements.statement.coordinates)}
     rows, lag = (
         np.zeros((len(force), len(condition_indices), force.shape[1])),
         np.zeros((len(force), len(condition_indices), width)),
@@ -126,15 +126,16 @@ def followed_start(model: Model, inputs: Sequence[str], state: Mapping[str, floa
     change : ndarray, shape (2n + m, len(inputs))
         Of coordinates, velocities and states.
     """
-    n, tied = len(model.statement.coordinates), [conditions(model)[k] for k in independent_conditions(model)]
+    elements = model.elements
+    n, tied = len(elements.statement.coordinates), [conditions(model)[k] for k in independent_conditions(model)]
     values, corrected_change = {**constants(model), **state}, change.copy()
     of_inputs = {
         name: np.array([float(name == input_name) for input_name in inputs])
         for name in inputs
-        if name in model.statement.parameters
+        if name in elements.statement.parameters
     }
     rows = np.array(
-        [[evaluate(c.row[q], values) if q in c.row else 0.0 for q in model.statement.coordinates] for c in tied]
+        [[evaluate(c.row[q], values) if q in c.row else 0.0 for q in elements.statement.coordinates] for c in tied]
     )
     reach = solve_systems(next(iter(mass_matrices(model, [state])))[None], rows.T[None])[0]
     for first, trees in ((0, [c.residual for c in tied]), (n, [c.rate for c in tied])):
@@ -162,7 +163,9 @@ def _change_terms(tree: Node, changes: Mapping[str, Floats], values: Mapping[str
 
 
 def _shift_values(model: Model, column: Floats) -> dict[str, float]:
-    return {f"_shift_{name}": float(move) for name, move in zip(model.statement.coordinates, column, strict=True)}
+    return {
+        f"_shift_{name}": float(move) for name, move in zip(model.elements.statement.coordinates, column, strict=True)
+    }
 
 
 BLOCK = 2048  # steps that are solved together
@@ -182,7 +185,9 @@ def refuse_ticks(model: Model) -> None:
     NotVariedError
     """
     if model.controllers:
-        raise NotVariedError(f"controller '{next(iter(model.controllers))}' changes what it holds at its ticks")
+        raise NotVariedError(
+            f"controller '{next(iter(model.elements.controllers))}' changes what it holds at its ticks"
+        )
 
 
 def refuse_delays(model: Model) -> None:
@@ -199,16 +204,17 @@ def refuse_delays(model: Model) -> None:
 def input_differentials(model: Model, inputs: Sequence[str]) -> dict[str, dict[str, Node]]:
     """Return the names by which expressions are differentiated: time, variables, inputs, and drives by their slopes."""
     differentials: dict[str, dict[str, Node]] = {name: {name: ONE} for name in ("t", *variables(model), *inputs)}
-    return differentials | {name: _differentials_of_drive(model, name, differentials) for name in model.drives}
+    return differentials | {name: _differentials_of_drive(model, name, differentials) for name in model.elements.drives}
 
 
 def _differentials_of_drive(
     model: Model, name: str, differentials: Mapping[str, Mapping[str, Node]]
 ) -> dict[str, Node]:
     """Return the derivatives of a drive; the slope of one in time is by time, whatever its argument."""
-    argument, slope_of = model.expanded(model.drives[name].argument), Name(drive_slope(name))
+    elements = model.elements
+    argument, slope_of = elements.expanded(elements.drives[name].argument), Name(drive_slope(name))
     inner = derivatives(argument, differentials)
-    if model.looked_up_at[name] == CLOCK:
+    if elements.looked_up_at[name] == CLOCK:
         pace = inner.get("t", ONE)
         return {
             variable_name: multiply(slope_of, ONE if variable_name == "t" else divide(rate, pace))
@@ -239,14 +245,19 @@ class Equations:
     def matrices_about(self, state: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """Return the matrices of z' = A z + B p at k states: shapes (k, n, n) and (k, n, m)."""
         model, columns, trees = self.model, self._columns, _derivative_trees(self.model, self._parameters)
-        k, n, keys, width = len(state["t"]), len(model.statement.coordinates), list(trees), self.size + len(self.inputs)
+        k, n, keys, width = (
+            len(state["t"]),
+            len(model.elements.statement.coordinates),
+            list(trees),
+            self.size + len(self.inputs),
+        )
         values = evaluate_over_states(model, [trees[key] for key in keys], state, constants(model), drive_pieces(model))
         numbers = {
             key: np.broadcast_to(np.asarray(entry, float), (k,)) for key, entry in zip(keys, values, strict=True)
         }
         mass, force = np.zeros((k, n, n)), np.zeros((k, n, width))
         rates = np.zeros((k, self.size - 2 * n, width))
-        rows = {name: i for i, name in enumerate(model.statement.coordinates)}
+        rows = {name: i for i, name in enumerate(model.elements.statement.coordinates)}
         for (kind, entry, input_name), value in numbers.items():
             if kind == MASS:
                 mass[:, *entry] = value
@@ -255,7 +266,7 @@ class Equations:
             elif kind == INERTIA:
                 force[:, entry[0], columns[input_name]] -= value * numbers[ACCELERATION, list(rows)[entry[1]], ""]
             elif kind == RATE:
-                rates[:, list(model.statement.states).index(entry), columns[input_name]] = value
+                rates[:, list(model.elements.statement.states).index(entry), columns[input_name]] = value
         matrix = np.zeros((k, self.size, width))
         matrix[:, :n, n : 2 * n] = np.eye(n)
         if model.constraints:
@@ -268,7 +279,7 @@ class Equations:
 
     @property
     def _parameters(self) -> tuple[str, ...]:
-        return tuple(name for name in self.inputs if name in self.model.statement.parameters)
+        return tuple(name for name in self.inputs if name in self.model.elements.statement.parameters)
 
     @property
     def _columns(self) -> dict[str, int]:
@@ -283,9 +294,10 @@ FORCE, MASS, INERTIA, RATE, ACCELERATION = ("force", "mass", "inertia", "rate", 
 @lru_cache(maxsize=16)
 def _derivative_trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[str, Any, str], Node]:
     """Return all derivatives, keyed by kind, place and the variable of differentiation."""
+    elements = model.elements
     differentials, states = (
         input_differentials(model, parameters),
-        {rate(name): name for name in model.statement.states},
+        {rate(name): name for name in elements.statement.states},
     )
     trees: dict[tuple[str, Any, str], Node] = {}
     tree_key: Any
@@ -296,8 +308,8 @@ def _derivative_trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[s
             for variable, derivative in derivatives(tree, differentials).items()
             if variable != "t"
         }
-    for tree_key, entry in model.statement.mass_entries.items():
-        tree = model.expanded(entry)
+    for tree_key, entry in elements.statement.mass_entries.items():
+        tree = elements.expanded(entry)
         trees[MASS, tree_key, ""] = tree
         trees |= {
             (INERTIA, tree_key, variable): derivative
@@ -306,7 +318,7 @@ def _derivative_trees(model: Model, parameters: tuple[str, ...]) -> dict[tuple[s
         }
     trees |= dict(trees_of_constraints(model, differentials))
     if model.constraints or any(kind == INERTIA for kind, _, _ in trees):
-        trees |= {(ACCELERATION, name, ""): Name(acceleration(name)) for name in model.statement.coordinates}
+        trees |= {(ACCELERATION, name, ""): Name(acceleration(name)) for name in elements.statement.coordinates}
     return trees
 
 
@@ -402,14 +414,14 @@ class Variations:
         """Return the run's states inside its steps, in SI units, with their regime."""
         model = self.equations.model
         samples = sample_in_steps(self.run, times, after_event=True, rule=REINTEGRATE, functions=model.functions)
-        states = {name: samples[name].values * float(unit.factor) for name, unit in model.units.items()}
+        states = {name: samples[name].values * float(unit.factor) for name, unit in model.elements.units.items()}
         regime = self.run["regime"].values[rows] if "regime" in self.run else np.zeros(rows.size)
         return states | {"t": times, REGIME_NUMBER: regime.astype(float)}
 
     def row(self, rows: NDArray[np.int64]) -> dict[str, Floats]:
         """Return the states of rows, SI, with their regimes, shape (k,)."""
         model, run = self.equations.model, self.run
-        values = {name: np.asarray(run[name])[rows] * float(unit.factor) for name, unit in model.units.items()}
+        values = {name: np.asarray(run[name])[rows] * float(unit.factor) for name, unit in model.elements.units.items()}
         regime = np.asarray(run["regime"])[rows] if "regime" in run else np.zeros(len(rows))
         return values | {"t": np.asarray(run["time"])[rows], REGIME_NUMBER: regime.astype(float)}
 
@@ -417,11 +429,11 @@ class Variations:
         """Return the recorded rates of time and every variable at rows, SI, shape (k, 1)."""
         model, run = self.equations.model, self.run
         rates: dict[str, Floats] = {"t": np.ones((len(rows), 1))}
-        for name, coordinate in model.statement.coordinates.items():
+        for name, coordinate in model.elements.statement.coordinates.items():
             factor = float(coordinate.unit.factor)
             rates[name] = np.asarray(run[velocity(name)])[rows, None] * factor
             rates[velocity(name)] = np.asarray(run[acceleration(name)])[rows, None] * factor
-        for name, state in model.statement.states.items():
+        for name, state in model.elements.statement.states.items():
             rates[name] = np.zeros((len(rows), 1))
             if rate(name) in run:  # else a controller holds it
                 rates[name] = np.asarray(run[rate(name)])[rows, None] * float(state.unit.factor)

@@ -20,7 +20,6 @@ from xdynamics.elementary.tables import TABLES
 
 OF_SUMS = "double_double_"  # before the names of functions of sums of two numbers
 INTERVALS = "interval"  # before the names of operations on intervals that are called
-PROVEN_MARGIN = 2.0**-448
 _PARTS = ("double", "double", "i64")
 _BOUNDS = f"{{ {', '.join(_PARTS)} }}"
 _INLINE = ("point", "between", "low", "high", "flaw", "flawed", "negative")  # a line or two

@@ -104,7 +104,7 @@ def _questions(model: Model) -> Iterator[tuple[str, Look, str]]:
 
 def has_acting(model: Model) -> bool:
     """Whether an event stops a run, switches its regime or resets its state where a function is zero."""
-    return any(event.action != RECORD and event.every is None for event in model.events.values())
+    return any(event.action != RECORD and event.every is None for event in model.elements.events.values())
 
 
 def contradiction(run: xr.Dataset, functions: Functions = None) -> str:
@@ -134,28 +134,29 @@ def _gate(name: str, look: Look, run: xr.Dataset, model: Model, passed: str) -> 
 
 def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
     """Yield acting events that stand at zero and leave it in their direction unmet, or crowd together."""
+    elements = model.elements
     acting = {
         name: event.function
-        for name, event in model.events.items()
+        for name, event in elements.events.items()
         if event.action != RECORD and event.every is None and not isinstance(event.function, Function)
     }
-    trees = {name: model.expanded(tree) for name, tree in acting.items()}
-    trees = {name: tree for name, tree in trees.items() if not any(map(is_before, model.reads(tree)))}
+    trees = {name: elements.expanded(tree) for name, tree in acting.items()}
+    trees = {name: tree for name, tree in trees.items() if not any(map(is_before, elements.reads(tree)))}
     times, met = run["time"].values, _event_times_by_name(run)
     second = unit_suffix(str(run["time"].attrs["units"]))
-    rates = [model.rate_of(tree) for tree in trees.values()]
+    rates = [elements.rate_of(tree) for tree in trees.values()]
     columns = _tree_columns(run, model, [*trees.values(), *rates])
     # the columns of rates stand behind those of values: the zip ends with the trees
     for name, values, slopes in zip(trees, columns, columns[len(trees) :], strict=False):
-        direction = _DIRECTIONS.get(model.events[name].direction, 0.0)
+        direction = _DIRECTIONS.get(elements.events[name].direction, 0.0)
         row = next(_left_unmet(run, values, slopes, direction, met.get(name, np.zeros(0))), None)
         if row is not None:
             yield (
-                f"event '{name}' is at zero at t = {times[row]:.15g}{second} and leaves it {model.events[name].direction},"
+                f"event '{name}' is at zero at t = {times[row]:.15g}{second} and leaves it {elements.events[name].direction},"
                 " which is its direction, and was not met"
             )
     for name in acting:
-        event_tolerance = model.events[name].time_tolerance
+        event_tolerance = elements.events[name].time_tolerance
         tolerance = (
             float(run.attrs.get("solver_time_tolerance", 0.0)) if event_tolerance is None else event_tolerance.si
         )
@@ -235,7 +236,7 @@ def _excesses(run: xr.Dataset, model: Model, reaction: Reaction) -> Iterator[tup
         yield "is penetrated", -gap - SLACK * np.abs(gap).max(initial=0.0) - _located_within(run, model, reaction)
         return
     force = np.abs(column_in_si(run, friction_force(reaction.owner)))
-    (friction_limit,) = _tree_columns(run, model, [model.expanded(reaction.sticking_limit)])
+    (friction_limit,) = _tree_columns(run, model, [model.elements.expanded(reaction.sticking_limit)])
     if reaction.sort == TANGENT:
         friction_limit = friction_limit * column_in_si(run, contact_force(reaction.owner))
     yield "holds more than friction can", force - friction_limit - SLACK * np.abs(force).max(initial=0.0)
@@ -243,12 +244,12 @@ def _excesses(run: xr.Dataset, model: Model, reaction: Reaction) -> Iterator[tup
 
 def _located_within(run: xr.Dataset, model: Model, reaction: Reaction) -> float:
     """Return how far a gap may be passed by the time within which its impacts are located, SI."""
-    contact_tolerance = model.contacts[reaction.owner].time_tolerance
+    contact_tolerance = model.elements.contacts[reaction.owner].time_tolerance
     tolerance = (
         float(run.attrs.get("solver_time_tolerance", 0.0)) if contact_tolerance is None else contact_tolerance.si
     )
     speeds = [
         float(np.abs(column_in_si(run, name)).max(initial=0.0))
-        for name in map(schema.velocity, model.statement.coordinates)
+        for name in map(schema.velocity, model.elements.statement.coordinates)
     ]
     return 2.0 * tolerance * sum(speeds)

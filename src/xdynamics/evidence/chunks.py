@@ -68,7 +68,7 @@ class StoredColumns:
     ----------
     run : xarray.Dataset
     dim : str
-    kept : collection of str
+    cached_names : collection of str
         Variables whose chunks are kept once they were read, as long as there is room.
     room : float, bytes
         Of longer columns chunks are read again where they are needed again.
@@ -247,7 +247,7 @@ class Chunks(StoredColumns):
     def __init__(self, run: xr.Dataset, model: Model) -> None:
         self.model = model
         contacts = {name for by_element in (False, True) for name in reaction_columns(model, by_element=by_element)}
-        needed = {"time", "step_size", "regime", "row_kind", STEP_NUMBER.name, *contacts, *model.units}
+        needed = {"time", "step_size", "regime", "row_kind", STEP_NUMBER.name, *contacts, *model.elements.units}
         needed |= {block.name for block in layout_of(model).used.blocks}
         cached_names = [
             str(name)

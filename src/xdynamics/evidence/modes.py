@@ -102,7 +102,8 @@ def replacements(model: Model, replaced_values: Mapping[str, Any] | None) -> dic
     """
     replaced = model.replace(initial=replaced_values) if replaced_values else model
     return {
-        name: replaced.statement.initial[name].si for name in map(model.shapes.internal_name, replaced_values or ())
+        name: replaced.elements.statement.initial[name].si
+        for name in map(model.shapes.internal_name, replaced_values or ())
     }
 
 
@@ -229,7 +230,7 @@ class Spectrum:
 
     @classmethod
     def of(cls, model: Model, linearisation: Linearisation) -> Spectrum:
-        """Compute it."""
+        """Return the eigenvalues of a linearised model, with the largest stable step of each method."""
         jacobian, space = linearisation.reduced, linearisation.displacements
         normal = NormalModes.from_matrices(*linearisation.displacement_matrices)
         squares, shapes = _squares_and_shapes(normal, space)
@@ -251,7 +252,7 @@ class Spectrum:
     @classmethod
     def blank(cls, model: Model) -> Spectrum:
         """Return one of the right sizes, before anything is computed."""
-        n = len(model.statement.coordinates)
+        n = len(model.elements.statement.coordinates)
         modes, methods = np.full(n - independent_counts(model)[0], np.nan), np.full(len(METHODS), np.nan)
         eigenvalues = np.full(count_of_changes(model), np.nan, np.complex128)
         return cls(modes, modes, np.tile(modes, (n, 1)), eigenvalues, np.tile(methods, (2, 1)), methods, methods)
@@ -275,9 +276,9 @@ def _modes_dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum,
 
 def _check_state(model: Model, linearisation: Linearisation, state: Mapping[str, float]) -> None:
     """Refuse a state at which a drive has no value or the mass matrix is not positive definite."""
-    for name, drive in model.drives.items():
+    for name, drive in model.elements.drives.items():
         low, high = float(drive.table.argument[0]), float(drive.table.argument[-1])
-        drive_argument = evaluate(model.expanded(drive.argument), {**constants(model), **state})
+        drive_argument = evaluate(model.elements.expanded(drive.argument), {**constants(model), **state})
         if drive.outside == "error" and not low <= drive_argument <= high:
             raise InputError(
                 f"model '{model.name}' cannot be linearised: drive '{name}' has no value at {text_of(drive.argument)} ="
@@ -314,8 +315,8 @@ def _state_variables(model: Model, state: Mapping[str, float]) -> list[tuple[Var
     """Return the state that the model is linearised about."""
     roles = (
         {"t": "time"}
-        | dict.fromkeys(model.statement.coordinates, "coordinate")
-        | dict.fromkeys(model.statement.states, "state")
+        | dict.fromkeys(model.elements.statement.coordinates, "coordinate")
+        | dict.fromkeys(model.elements.statement.states, "state")
     )
     return [
         (
@@ -350,7 +351,7 @@ def _undamped(model: Model, spectrum: Spectrum) -> list[tuple[Variable, Any]]:
         (Variable("period", (MODES,), "f8", model.time_unit.text, "natural period", "period"), spectrum.period),
     ]
     scaling = {"comment": "a displacement, scaled so that the largest number of the mode in SI units is 1"}
-    for i, name in enumerate(model.statement.coordinates):
+    for i, name in enumerate(model.elements.statement.coordinates):
         unit, label = _si_unit(model, name).text, f"mode shape along {name}"
         result.append(
             (Variable(f"shape_{name}", (MODES,), "f8", unit, label, "mode_shape", scaling), spectrum.shapes[i])
@@ -447,12 +448,13 @@ def _resolved_time(eigenvalues: NDArray[np.complex128]) -> float:
 
 def _si_unit(model: Model, name: str) -> Unit:
     """Return the SI unit of a coordinate, velocity or state, an angle in rad."""
-    if name not in model.statement.coordinates and name not in model.statement.states:
+    elements = model.elements
+    if name not in elements.statement.coordinates and name not in elements.statement.states:
         return _si_unit(model, name.removeprefix(schema.velocity(""))).per(model.time_unit)
     unit = (
-        model.statement.coordinates[name].unit
-        if name in model.statement.coordinates
-        else model.statement.states[name].unit
+        elements.statement.coordinates[name].unit
+        if name in elements.statement.coordinates
+        else elements.statement.states[name].unit
     )
     if unit.dimension == NONE and unit.text not in ("1", "percent"):
         return Unit("rad", NONE)

@@ -230,7 +230,7 @@ def rate_on(
     if rates is not None:
         rate_values: Floats = rates[0]
         return rate_values
-    return evaluate_at_states(run, model, [model.rate_of(tree_of(model, name))], states, times, rows)[0]
+    return evaluate_at_states(run, model, [model.elements.rate_of(tree_of(model, name))], states, times, rows)[0]
 
 
 def state_rates(
@@ -255,8 +255,8 @@ def momenta_on(
 ) -> Floats:
     """Evaluate the mass of a coordinate with dimensions times its velocity at states inside steps: (numbers, k), SI."""
     evaluator, speed = _quantity_evaluator(run, model, (), times, rows), schema.velocity(name)
-    number = [*model.shaped.coordinates].index(name)
-    mass = model.expanded_by_quantity(model.shaped.mass[number][number])
+    number = [*model.statement.coordinates].index(name)
+    mass = model.expanded(model.statement.mass[number][number])
     parameter_values = parameters_read_by(model, [mass])
     assert evaluator is not None and parameter_values is not None  # noqa: S101, PT018 - the rates of the state are known
     evaluator = replace(evaluator, values={**evaluator.values, **parameter_values})
@@ -273,17 +273,18 @@ def _quantity_evaluator(
 @lru_cache(maxsize=512)
 def rate_tree(model: Model, name: str) -> Node | None:
     """Return the time derivative of a recorded variable along the motion; None if contacts, Python or delays affect it."""
-    if name in model.statement.coordinates:
-        return model.rates[name]
+    elements = model.elements
+    if name in elements.statement.coordinates:
+        return elements.rates[name]
     if reactions(model) or model.python_functions or model.delays:
         return None
-    if name in model.units:
-        return model.rates[name]
+    if name in elements.units:
+        return elements.rates[name]
     terms = _motion_terms(model)
     tree = layout_of(model).derived.get(name, terms.get(name))
     if tree is None or isinstance(tree, Function) or not free_names(tree).isdisjoint(terms):
         return None
-    return model.rate_of(tree)
+    return elements.rate_of(tree)
 
 
 @lru_cache(maxsize=16)
@@ -366,7 +367,9 @@ def evaluate_inside_steps(
     """
     rows, following = ends
     regimes = columns["regime"][rows].astype(float) if "regime" in columns else np.zeros(rows.size)
-    inputs = {name: states[name] * float(model.units[name].factor) for name in states if name in model.units}
+    inputs = {
+        name: states[name] * float(model.elements.units[name].factor) for name in states if name in model.elements.units
+    }
     inputs |= {"t": times, REGIME_NUMBER: regimes} | dict(parameters or {})
     if reactions(model):
         inputs |= modes_behind(model, columns, rows, following)

@@ -175,9 +175,9 @@ class ObservedQuantities:
         if (known_motion := self._motion) is None:
             return None
         assignments, parameter_values = known_motion
-        of_block = {velocity(name): acceleration(name) for name in self.model.shaped.coordinates}
-        of_block |= {name: velocity(name) for name in self.model.shaped.coordinates}
-        of_block |= {name: rate(name) for name in self.model.shaped.states}
+        of_block = {velocity(name): acceleration(name) for name in self.model.statement.coordinates}
+        of_block |= {name: velocity(name) for name in self.model.statement.coordinates}
+        of_block |= {name: rate(name) for name in self.model.statement.states}
         blocks = layout_of(self.model).used.blocks
         rates_by_block: dict[str, list[Floats]] = {block.name: [] for block in blocks}
         for part, batch in self._state_batches():
@@ -280,7 +280,7 @@ class ObservedQuantities:
         return states_by_block
 
     def _unit_factor(self, block: Block) -> float:
-        return float(self.model.units[block.first].factor)
+        return float(self.model.elements.units[block.first].factor)
 
     def values_in_si(self, states: Mapping[str, Floats]) -> dict[str, Floats | float]:
         """Return the values that expressions read, in SI units, from states in recorded units."""
@@ -334,9 +334,9 @@ def parameters_read_by(
     for name in set().union(*map(free_names, trees)) - states - {"t", REGIME_NUMBER, *known_names}:
         if dims := model.shapes.dims.get(name):
             block = Block.from_shapes(name, "parameter", model.shapes)
-            if block.first not in model.statement.parameters:
+            if block.first not in model.elements.statement.parameters:
                 return None
-            parameter_values[name] = in_si(model.statement.parameters, Blocks([block])).reshape(
+            parameter_values[name] = in_si(model.elements.statement.parameters, Blocks([block])).reshape(
                 model.shapes.shape(dims)
             )
         elif name not in constants(model):

@@ -524,7 +524,7 @@ def projected(points: Floats) -> Floats:
 def mechanism_of(run: xr.Dataset, trail: float | None) -> Mechanism | None:
     """Return the bodies of a run that turn, where each is one and is recorded; None if there are none."""
     model = recorded_model(run)
-    bodies: Mapping[str, Body] = model.shaped.bodies if model is not None else {}
+    bodies: Mapping[str, Body] = model.statement.bodies if model is not None else {}
     if model is None or not bodies or any(body.dims for body in bodies.values()):
         return None
     names = [name for body, part in bodies.items() for name in _recorded_names(body, part)]
@@ -542,10 +542,10 @@ def _recorded_names(name: str, body: Body) -> Iterator[str]:
 
 
 def _solid_of(model: Model, name: str, body: Body, values_by_name: Mapping[str, Floats]) -> Solid:
-    constant_values = parameter_values(model.statement)
+    constant_values = parameter_values(model.elements.statement)
 
     def evaluated_number(node: Node) -> float:
-        return evaluate(expand(node, model.statement.definitions), constant_values)
+        return evaluate(expand(node, model.elements.statement.definitions), constant_values)
 
     def evaluated_point(triple: Triple) -> Floats:
         return np.array([evaluated_number(part) for part in triple])
@@ -556,7 +556,7 @@ def _solid_of(model: Model, name: str, body: Body, values_by_name: Mapping[str, 
         np.broadcast_to(evaluated_point(body.pivot), (len(q0), 3)) if body.pivot else np.stack(components[3:], axis=-1)
     )
     arms = [evaluated_point(triple) for triple in body.points.values()]
-    for joint in model.shaped.joints.values():
+    for joint in model.statement.joints.values():
         pairs = zip(joint.bodies, joint.at, strict=True)
         arms += [
             evaluated_point(joint_point)

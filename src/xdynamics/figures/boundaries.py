@@ -238,9 +238,10 @@ def walls_in_space(run: xr.Dataset, view: list[BodyPath]) -> list[str]:
 
 def _plane_expressions(model: Model, count: int) -> Iterator[tuple[Node, tuple[str, str]]]:
     """Yield what a model's plane shows beside plain coordinates, and on which of the axes: a gap may be the same."""
-    for pair in model.pictured.plane[:count]:
-        yield model.expanded(pair[0]), (PLACE, "")
-        yield model.expanded(pair[1]), ("", PLACE)
+    elements = model.elements
+    for pair in elements.pictured.plane[:count]:
+        yield elements.expanded(pair[0]), (PLACE, "")
+        yield elements.expanded(pair[1]), ("", PLACE)
 
 
 def _constants_and_units(model: Model, view: list[BodyPath]) -> tuple[Mapping[str, float], float, float]:
@@ -249,11 +250,11 @@ def _constants_and_units(model: Model, view: list[BodyPath]) -> tuple[Mapping[st
 
 def _contact_gaps(model: Model) -> Iterator[tuple[str, Node]]:
     """Yield the gaps of contacts, of many bodies for each, and for each of the walls that a relation leads to."""
-    for name, contact in model.shaped.contacts.items():
+    for name, contact in model.statement.contacts.items():
         if not isinstance(contact.gap, Node):
             continue
         for element in _contact_elements(model, model.shapes.dims.get(name, ())):
-            yield name, model.expanded(at_element(contact.gap, element, model.shapes))
+            yield name, model.elements.expanded(at_element(contact.gap, element, model.shapes))
 
 
 def _contact_elements(model: Model, dims: tuple[str, ...]) -> Iterator[Mapping[str, int]]:
@@ -328,11 +329,11 @@ def _pair_gaps(
 ) -> Iterator[tuple[tuple[int, int], Node]]:
     """Yield gaps between two bodies of a view, for the wanted pairs of them."""
     owner = {name: k for k, path in enumerate(view) for name in path.all_names}
-    for name, contact in model.shaped.contacts.items():
+    for name, contact in model.statement.contacts.items():
         if not isinstance(contact.gap, Node):
             continue
         if not (dims := model.shapes.dims.get(name, ())):
-            tree = model.expanded(contact.gap)
+            tree = model.elements.expanded(contact.gap)
             bodies = sorted({owner[name_read] for name_read in free_names(tree) if name_read in owner})
             if tuple(bodies) in required_pairs:
                 yield (bodies[0], bodies[1]), tree
@@ -342,7 +343,7 @@ def _pair_gaps(
                 continue
             for link, pair in enumerate(zip(relation.first.tolist(), relation.second.tolist(), strict=True)):
                 if pair in required_pairs:
-                    yield pair, model.expanded(at_element(contact.gap, {dims[0]: link}, model.shapes))
+                    yield pair, model.elements.expanded(at_element(contact.gap, {dims[0]: link}, model.shapes))
 
 
 WIDTHS = {"links": 3.0, "springs": 1.2, "threads": 0.9, "lines": 1.5}
@@ -415,7 +416,7 @@ def fastenings_of(run: xr.Dataset, view: list[BodyPath]) -> list[Fastening]:
     if "model_toml" not in run:
         return []
     model = model_of_record(run, None)
-    pictured = model.pictured
+    pictured = model.elements.pictured
     if not pictured.plane:
         return _relation_fastenings(model, view)
     number = {name: k for k, name in enumerate(pictured.bodies[: len(view)])} | {ORIGIN: -1}
@@ -434,13 +435,15 @@ def _relation_fastenings(model: Model, view: list[BodyPath]) -> list[Fastening]:
     many, or so stiff that none changes its length by what could be seen: the bars of a truss.
     """
     body, link_fastenings = view[0].dims, list[Fastening]()
-    vectors = (part.dims for part in model.shaped.coordinates.values() if len(part.dims) == 2 and part.dims[0] == body)
+    vectors = (
+        part.dims for part in model.statement.coordinates.values() if len(part.dims) == 2 and part.dims[0] == body
+    )
     axis = next(vectors, ("", ""))[1]
-    constrained_names = {dim for name in model.shaped.constraints for dim in model.shapes.dims.get(name, ())}
+    constrained_names = {dim for name in model.statement.constraints for dim in model.shapes.dims.get(name, ())}
     spring_names = {
-        force.over for force in model.shaped.forces.values() if force.potential is not None
+        force.over for force in model.statement.forces.values() if force.potential is not None
     } - constrained_names
-    for name, declared in model.shaped.relations.items():
+    for name, declared in model.statement.relations.items():
         relation = model.shapes.relations[name]
         between = {relation.source, relation.target}
         if body not in between or not (declared.table or declared.neighbours or name in constrained_names):
@@ -470,7 +473,7 @@ def _fixed_places(model: Model, dim: str, axis: str, path: BodyPath) -> Floats:
         name
         for name, dims in shapes.dims.items()
         if dims == (dim, axis)
-        and (parameter := model.statement.parameters.get(shapes.elements(name)[0])) is not None
+        and (parameter := model.elements.statement.parameters.get(shapes.elements(name)[0])) is not None
         and parameter.quantity.unit.dimension == length.dimension
     ]
     if len(position_parameters) != 1:

@@ -120,13 +120,14 @@ def state_derivatives(run: xr.Dataset, model: Model) -> dict[str, Floats]:
 
     None where they are recorded, or depend on what is not known of the states alone.
     """
-    names = {velocity(name): acceleration(name) for name in model.statement.coordinates} | {
-        name: rate(name) for name in model.statement.states
+    elements = model.elements
+    names = {velocity(name): acceleration(name) for name in elements.statement.coordinates} | {
+        name: rate(name) for name in elements.statement.states
     }
     columns = {*run.variables}
-    if not {*model.units} <= columns or {*names.values()} <= columns:
+    if not {*elements.units} <= columns or {*names.values()} <= columns:
         return {}
-    states = {name: run.variables[name].values for name in model.units}
+    states = {name: run.variables[name].values for name in elements.units}
     rows = np.arange(run.sizes[STEPS])
     rates = state_rates(run, model, states, run.variables["time"].values, rows) or {}
     by_element = {
@@ -135,7 +136,9 @@ def state_derivatives(run: xr.Dataset, model: Model) -> dict[str, Floats]:
         for name, numbers in zip(model.shapes.elements(quantity), element_rates, strict=True)
     }
     return {
-        names[name]: numbers / float(model.units[name].factor) for name, numbers in by_element.items() if name in names
+        names[name]: numbers / float(elements.units[name].factor)
+        for name, numbers in by_element.items()
+        if name in names
     }
 
 
@@ -466,7 +469,7 @@ def _numbers_per_energy(run: xr.Dataset) -> int:
 def _numbers_per_state(run: xr.Dataset) -> int:
     """Count the numbers of a state."""
     model = known_model(run)
-    return 1 if model is None else max(1, len(model.units))
+    return 1 if model is None else max(1, len(model.elements.units))
 
 
 def has_missing_rows(run: xr.Dataset) -> bool:
@@ -489,7 +492,7 @@ def _repeat_steps(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Float
     """Repeat steps, shortened to end at the times; None if the record lacks what this needs, or they miss its rows."""
     if (model := known_model(run)) is None:
         return None
-    if len(model.units) > (LARGEST_ENERGETIC if "total_energy" in run.variables else LARGEST):
+    if len(model.elements.units) > (LARGEST_ENERGETIC if "total_energy" in run.variables else LARGEST):
         return None
     time, starts = run.variables["time"].values, np.unique(rows)
     # just before the next row: at its own time the recorded state is returned, which would test nothing
@@ -500,13 +503,13 @@ def _repeat_steps(run: xr.Dataset, times: Floats, rows: Rows) -> dict[str, Float
         )
     except InputError:
         return None
-    for name in model.units:
+    for name in model.elements.units:
         recorded = run.variables[name].values
         deviation = np.abs(samples.variables[name].values[times.size :] - recorded[starts + 1])
         tolerance = max(MET * np.ptp(recorded), ROUNDING * _largest_increment(run, name))
         if not np.nanmax(deviation, initial=0.0) <= tolerance:  # an edited record
             return None
-    return {name: samples.variables[name].values[: times.size] for name in model.units}
+    return {name: samples.variables[name].values[: times.size] for name in model.elements.units}
 
 
 def _largest_increment(run: xr.Dataset, name: str) -> float:
@@ -519,14 +522,17 @@ def _largest_increment(run: xr.Dataset, name: str) -> float:
 def _evaluate_quantity(run: xr.Dataset, name: str, inner: InnerStates) -> Floats | None:
     """Evaluate a quantity that is computed from states; None if it disagrees with the recorded rows."""
     model, columns, attributes = known_model(run), run.variables, run.variables[name].attrs
-    if model is None or attributes.get("role") not in EVALUATED or not {*model.units} <= {*inner.states}:
+    if model is None or attributes.get("role") not in EVALUATED or not {*model.elements.units} <= {*inner.states}:
         return None
     try:
         units = float(parse_unit(str(attributes["units"])).factor)
     except InputError:  # a variable with an unreadable unit is drawn as recorded
         return None
     starts = np.unique(inner.rows)
-    recorded, states = columns[name].values[starts], {state: columns[state].values[starts] for state in model.units}
+    recorded, states = (
+        columns[name].values[starts],
+        {state: columns[state].values[starts] for state in model.elements.units},
+    )
     try:
         evaluated = evaluate_quantity(run, model, name, states, columns["time"].values[starts], starts) / units
         values = evaluate_quantity(run, model, name, inner.states, inner.times, inner.rows) / units
@@ -547,9 +553,9 @@ def energy_changes(run: xr.Dataset) -> dict[str, float] | None:
         recorded_changes: dict[str, float] | None = run.encoding[ENERGY_CHANGES]
         return recorded_changes
     inner, model = inner_states(run), known_model(run)
-    if model is None or has_chords(run, "total_energy") or not {*model.units} <= set(run.variables):
+    if model is None or has_chords(run, "total_energy") or not {*model.elements.units} <= set(run.variables):
         return None
-    if inner is not None and not {*model.units} <= {*inner.states}:
+    if inner is not None and not {*model.elements.units} <= {*inner.states}:
         return None
     accumulated = EnergyAccumulator(model)
     return accumulated.largest_changes if accumulated.add_rows(run, inner) else None
@@ -593,7 +599,7 @@ class EnergyAccumulator:
         )
         states = {
             state: np.concatenate([run.variables[state].values, points_in_steps.states.get(state, time[:0])])[order]
-            for state in model.units
+            for state in model.elements.units
         }
         try:
             rates = rate_on(run, model, "total_energy", states, times, all_rows)

@@ -222,12 +222,16 @@ class _ShownRows:
         model = recorded_model(run)
         start, end = columns.values_at("time", [0, columns.size - 1]).tolist()
         moments = [profile_times(start, end)]
-        if model is not None and model.pictured.section is not None:
+        if model is not None and model.elements.pictured.section is not None:
             moments.append(section_times(model, start, end))
         events = [run.variables[name].values for name in EVENT_ROWS if name in run.variables]
         numbers = np.unique(np.concatenate([np.zeros(0, np.int64), *events]))
         shown_rows = cls(run, model, numbers, run.sizes[STEPS], end - start, np.sort(np.concatenate(moments)))
-        if model is not None and not model.python_functions and {"total_energy", *model.units} <= {*run.variables}:
+        if (
+            model is not None
+            and not model.python_functions
+            and {"total_energy", *model.elements.units} <= {*run.variables}
+        ):
             shown_rows.energy = EnergyAccumulator(model)
         return shown_rows
 

@@ -133,7 +133,7 @@ def _draw_companion_lines(run: xr.Dataset, names: list[str], overlay: Overlay, a
 
 def draw_drives(run: xr.Dataset, names: list[str], overlay: Overlay, axes: Axes) -> None:
     """Draw the values of measured tables along the run, and along others."""
-    drives = model_of_record(run, None).drives
+    drives = model_of_record(run, None).elements.drives
     for k, (label, record) in enumerate(overlay.with_run(run)):
         for name in names:
             if (drive_line := _drive_along_run(record, name)) is not None:
@@ -147,21 +147,21 @@ def draw_drives(run: xr.Dataset, names: list[str], overlay: Overlay, axes: Axes)
 
 def _drive_along_run(run: xr.Dataset, name: str) -> tuple[Floats, Floats] | None:
     """Return times and values of a measured table along a run; None if its model has no such table."""
-    if "model_toml" not in run or name not in (model := model_of_record(run, None)).drives:
+    if "model_toml" not in run or name not in (model := model_of_record(run, None)).elements.drives:
         return None
-    drive, time = model.drives[name], run.variables["time"].values
-    table = dict(zip(model.drives, drive_pieces(model), strict=True))[name]
-    lookup_argument = model.looked_up_at[name]
+    drive, time = model.elements.drives[name], run.variables["time"].values
+    table = dict(zip(model.elements.drives, drive_pieces(model), strict=True))[name]
+    lookup_argument = model.elements.looked_up_at[name]
     of_time = lookup_argument == CLOCK
     if of_time:  # its own points too, which no step may have met
         points = table[0][(table[0] > time[0]) & (table[0] < time[-1])]
         curve_times = argument = np.union1d(line_times(run), points)
     elif isinstance(lookup_argument, Name):
         curve_times, (argument,) = plotted_lines(run, lookup_argument.name)
-        argument = argument * float(model.units[lookup_argument.name].factor)
+        argument = argument * float(model.elements.units[lookup_argument.name].factor)
     else:
-        states_read = free_names(lookup_argument) & {*model.units}
-        state = {word: run.variables[word].values * float(model.units[word].factor) for word in states_read}
+        states_read = free_names(lookup_argument) & {*model.elements.units}
+        state = {word: run.variables[word].values * float(model.elements.units[word].factor) for word in states_read}
         curve_times, argument = time, evaluate_many(lookup_argument, {**constants(model), **state, "t": time})
     values: Floats = value_and_slope(table, argument, of_time=of_time)[0] / float(drive.table.value_unit.factor)
     return curve_times, values
@@ -209,7 +209,7 @@ def torn_angles(values: Floats, units: str) -> Floats:
 
 def wrapped_names(run: xr.Dataset) -> tuple[str, ...]:
     """Name the angles that the run's model asks to wrap."""
-    return model_of_record(run, None).pictured.wrap if "model_toml" in run else ()
+    return model_of_record(run, None).elements.pictured.wrap if "model_toml" in run else ()
 
 
 def draw_section(
@@ -227,7 +227,7 @@ def draw_section(
         states = sample(record, its_times, functions=its_model.functions)
         for name in names:
             position, units = states[name].values, str(run.variables[name].attrs["units"])
-            position = wrapped_angles(position, units) if name in model.pictured.wrap else position
+            position = wrapped_angles(position, units) if name in model.elements.pictured.wrap else position
             colour, text = colour_and_label(name, k, label, names, Overlay())
             draw_line(axes, position, states[velocity(name)].values, ".", colour, text, size=2.5)
     left_out = f" after {strobe_times.size - times.size}" if strobe_times.size > times.size else ""
@@ -252,7 +252,7 @@ def section_times(model: Model, start: float, end: float) -> Floats:
 
 
 def _period(model: Model) -> float:
-    return float(evaluate(model.expanded(model.pictured.section), constants(model)))  # type: ignore[arg-type]
+    return float(evaluate(model.elements.expanded(model.elements.pictured.section), constants(model)))  # type: ignore[arg-type]
 
 
 def draw_phase_portrait(run: xr.Dataset, names: list[str], overlay: Overlay, axes: Axes) -> None:
@@ -369,8 +369,8 @@ def drives_by_unit(run: xr.Dataset) -> list[list[str]]:
         return []
     model = model_of_record(run, None)
     groups: dict[str, list[str]] = {}
-    for name, drive in model.drives.items():
-        if (free_names(model.looked_up_at[name]) & {*model.units}).issubset(run.variables):
+    for name, drive in model.elements.drives.items():
+        if (free_names(model.elements.looked_up_at[name]) & {*model.elements.units}).issubset(run.variables):
             groups.setdefault(drive.table.value_unit.text, []).append(name)
     return list(groups.values())
 
@@ -558,13 +558,13 @@ KINETIC, POTENTIAL = "kinetic_energy", "potential_energy"
 def has_terms(run: xr.Dataset) -> bool:
     """Whether the potential energy of a run is a sum of several, and the record has what they are made of."""
     model = known_model(run)
-    if model is None or not {KINETIC, POTENTIAL, *model.units} <= {*run.variables}:
+    if model is None or not {KINETIC, POTENTIAL, *model.elements.units} <= {*run.variables}:
         return False
     return _count_potentials(model) >= FEWEST_TERMS
 
 
 def _count_potentials(model: Model) -> int:
-    forces = model.shaped.forces if model.shapes.dims else model.forces
+    forces = model.statement.forces if model.shapes.dims else model.elements.forces
     return sum(force.potential is not None for force in forces.values())
 
 
@@ -578,11 +578,11 @@ def potential_terms(run: xr.Dataset) -> tuple[Floats, dict[str, Floats]] | None:
         return None
     time, sums = run.variables["time"].values, run.variables[POTENTIAL].values
     rows = thinned_rows(sums, times=time)
-    states, times, places = {name: run.variables[name].values[rows] for name in model.units}, time[rows], rows
-    if inner is not None and inner.is_repeated and {*model.units} <= {*inner.states}:
+    states, times, places = {name: run.variables[name].values[rows] for name in model.elements.units}, time[rows], rows
+    if inner is not None and inner.is_repeated and {*model.elements.units} <= {*inner.states}:
         order = np.argsort(np.concatenate([rows, inner.rows + 0.5]), kind="stable")
         times = np.concatenate([times, inner.times])[order]
-        states = {name: np.concatenate([states[name], inner.states[name]])[order] for name in model.units}
+        states = {name: np.concatenate([states[name], inner.states[name]])[order] for name in model.elements.units}
         places = np.concatenate([rows, inner.rows])[order]
     try:
         potentials = potentials_on(run, model, states, times, places)

@@ -77,7 +77,7 @@ THIN = 1e-3  # of the longer side, under which a view is a line along an axis
 def views(run: xr.Dataset) -> list[list[BodyPath]]:
     """Return the paths in each view of the plane: all bodies together, or two coordinates per view."""
     model = recorded_model(run)
-    if model is not None and model.pictured.plane:
+    if model is not None and model.elements.pictured.plane:
         return [_model_paths(run, model)]
     if model is not None and model.shapes.dims:
         return _body_views(run, model)
@@ -105,7 +105,7 @@ def state_planes(run: xr.Dataset) -> list[list[BodyPath]]:
     if with_role(run, "coordinate") or not 2 <= len(names) <= SEEN:
         return []
     model = recorded_model(run)
-    model_pairs = [] if model is None else [{*map(text_of, pair)} for pair in model.pictured.plane]
+    model_pairs = [] if model is None else [{*map(text_of, pair)} for pair in model.elements.pictured.plane]
     times, lines = _path_lines(run, names)
     units = [str(run.variables[name].attrs["units"]) for name in names]
     return [
@@ -182,7 +182,7 @@ def _body_axes(model: Model) -> Iterator[tuple[tuple[str, ...], str, list[Axis]]
     They are the last dimension of a coordinate, `r(disc, axis)`, or coordinates called as axes are: `x(disc)` and `y(disc)`.
     """
     separate_axes: dict[tuple[str, tuple[str, ...], str], list[Axis]] = {}
-    for name, part in model.shaped.coordinates.items():
+    for name, part in model.statement.coordinates.items():
         dims, axis = part.dims, _AXIS.fullmatch(name)
         if not dims or not is_length(part.unit.text):
             continue
@@ -343,17 +343,18 @@ def _add_plane_legend(view: list[BodyPath], axes: Axes) -> None:
 
 def _model_paths(run: xr.Dataset, model: Model) -> list[BodyPath]:
     """Evaluate the pairs that a model names along the run."""
+    elements = model.elements
     names = plane_variables(model)
     if not {*names} <= {*run.variables}:
         return []
     times, lines = _path_lines(run, names)
     places = plane_positions(model, times, dict(zip(names, lines, strict=True)))
-    body_names = model.pictured.bodies if len(model.pictured.bodies) == len(places) else ("",) * len(places)
+    body_names = elements.pictured.bodies if len(elements.pictured.bodies) == len(places) else ("",) * len(places)
     bodies = []
-    for pair, (x, y), body in zip(model.pictured.plane, places, body_names, strict=True):
-        across, up = (spell(dimension_of(model.expanded(component), model.dimensions)).text for component in pair)
+    for pair, (x, y), body in zip(elements.pictured.plane, places, body_names, strict=True):
+        across, up = (spell(dimension_of(elements.expanded(component), elements.dimensions)).text for component in pair)
         on_x, on_y = (
-            part.name if isinstance(part, Name) and part.name in model.statement.coordinates else "" for part in pair
+            part.name if isinstance(part, Name) and part.name in elements.statement.coordinates else "" for part in pair
         )
         texts, up_units = [*map(text_of, pair)], up if up != across else ""
         bodies.append(BodyPath(texts[0], texts[1], across, times, x, y, body, up_units, names=(on_x, on_y)))
@@ -362,19 +363,23 @@ def _model_paths(run: xr.Dataset, model: Model) -> list[BodyPath]:
 
 def plane_variables(model: Model) -> list[str]:
     """Return the coordinates, velocities and states that a model's plane reads."""
+    elements = model.elements
     names_read = set().union(
-        *(free_names(model.expanded(component)) for pair in model.pictured.plane for component in pair)
+        *(free_names(elements.expanded(component)) for pair in elements.pictured.plane for component in pair)
     )
-    return [name for name in model.units if name in names_read]
+    return [name for name in elements.units if name in names_read]
 
 
 def plane_positions(model: Model, times: Floats, states: Mapping[str, Floats]) -> list[tuple[Floats, Floats]]:
     """Evaluate the pairs that a model names at states, given in recorded units."""
-    state = {name: states[name] * float(model.units[name].factor) for name in plane_variables(model)}
+    elements = model.elements
+    state = {name: states[name] * float(elements.units[name].factor) for name in plane_variables(model)}
     namespace = dict(constants(model)) | state | {"t": times}
     return [
         (np.broadcast_to(x, times.shape), np.broadcast_to(y, times.shape))
-        for x, y in ((evaluate_many(model.expanded(part), namespace) for part in pair) for pair in model.pictured.plane)
+        for x, y in (
+            (evaluate_many(elements.expanded(part), namespace) for part in pair) for pair in elements.pictured.plane
+        )
     ]
 
 

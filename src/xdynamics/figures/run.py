@@ -55,7 +55,7 @@ class BodyVariables:
 
     def __init__(self, run: xr.Dataset) -> None:
         model = recorded_model(run)
-        bodies = model.shaped.bodies if model is not None else {}
+        bodies = model.statement.bodies if model is not None else {}
         self.attitudes: list[list[str]] = []
         self.angular_velocities, self.positions, self.hidden_names = set[str](), set[str](), set[str]()
         if model is None or not bodies:
@@ -350,7 +350,7 @@ def _requested_variables(kind: str, names: list[str], requested_names: Sequence[
 def _held_by_controllers(run: xr.Dataset) -> list[str]:
     """Name what controllers hold and what is in effect of what they put out."""
     held_names = _drawable_with_role(run, HELD)
-    controllers = model_of_record(run, None).controllers if held_names and "model_toml" in run else {}
+    controllers = model_of_record(run, None).elements.controllers if held_names and "model_toml" in run else {}
     pending_names = {name for part in controllers.values() for output in part.outputs for name in pending(output, part)}
     return [name for name in held_names if name not in pending_names]
 
@@ -372,7 +372,7 @@ def _multipliers_of_joints(run: xr.Dataset) -> list[str]:
 def _is_driven(run: xr.Dataset) -> bool:
     """Whether the run's model names the period of a section, and the run is whole and has one."""
     model = recorded_model(run)
-    return model is not None and is_whole(run.attrs) and model.pictured.section is not None
+    return model is not None and is_whole(run.attrs) and model.elements.pictured.section is not None
 
 
 def _is_steady(run: xr.Dataset) -> bool:

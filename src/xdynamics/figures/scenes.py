@@ -116,7 +116,7 @@ def scene_of(run: xr.Dataset, trail: float | None) -> Scene | None:
     in_space = (
         bool(body_views and body_views[0])
         and body_views[0][0].is_space
-        and bool(model_of_record(run, None).pictured.plane)
+        and bool(model_of_record(run, None).elements.pictured.plane)
     )
     if not in_space and (mechanism := mechanism_of(run, trail)) is not None:
         return mechanism

@@ -61,7 +61,7 @@ def constraint_projection(layout: Layout) -> tuple[Program, ...]:
 
 def _projection_turn(layout: Layout) -> Program:
     """Write one turn: positions are moved while a residual is not small, then velocities, once."""
-    model = layout.model
+    model, coordinates = layout.model, layout.model.elements.statement.coordinates
     lines = write_assignments(layout, correction_assignments(model))
     is_open, turns, farthest = (lines.load(Location("e", i)) for i in range(len(PROGRESS)))
     far: Operand = 0.0
@@ -71,8 +71,8 @@ def _projection_turn(layout: Layout) -> Program:
     # To rounding: near singular positions what is left of a residual is divided by the square of the distance to them.
     close = lines.compute("less", turns, CLOSE_TURNS)
     tolerance = lines.compute("choose", close, SMALLEST, TOLERANCE)
-    positions = _largest_by_dimension(lines, layout, {name: name for name in model.statement.coordinates}, 1.0)
-    speeds = _largest_by_dimension(lines, layout, {name: velocity(name) for name in model.statement.coordinates}, 0.0)
+    positions = _largest_by_dimension(lines, layout, {name: name for name in coordinates}, 1.0)
+    speeds = _largest_by_dimension(lines, layout, {name: velocity(name) for name in coordinates}, 0.0)
     for k, condition in enumerate(conditions(model)):
         acts = lines.operand_of(inverse_pivot(k))
         coordinate_sizes, reached = (
@@ -95,8 +95,8 @@ def _projection_turn(layout: Layout) -> Program:
     late = lines.compute("at_least", made, MOST_TURNS)
     goes_on = lines.compute("choose", late, 0.0, moves)
     failed = lines.compute("choose", late, moves, 0.0)
-    changes = [(name, moves, f"_shift_{name}") for name in (*model.statement.coordinates, *state_corrections(model))]
-    changes += [(velocity(name), slows, f"_slow_{name}") for name in model.statement.coordinates]
+    changes = [(name, moves, f"_shift_{name}") for name in (*coordinates, *state_corrections(model))]
+    changes += [(velocity(name), slows, f"_slow_{name}") for name in coordinates]
     for owner, is_applied, change in changes:
         old = lines.operand_of(owner)
         new = lines.compute("add", old, lines.operand_of(change))
@@ -130,7 +130,7 @@ def impulse_programs(layout: Layout) -> tuple[Program, ...]:
     lines = write_assignments(layout, projection_assignments(model), prefix="_y", operands=off)
     is_open, turns, distance = (lines.load(Location("e", i)) for i in range(len(PROGRESS)))
     moves = lines.compute("choose", lines.compute("more", excess, 0.0), is_open, 0.0)
-    for name in model.statement.coordinates:
+    for name in model.elements.statement.coordinates:
         shift = lines.operand_of(f"_shift_{name}")
         for owner, change in ((name, shift), (velocity(name), lines.compute("divide", shift, distance))):
             location = Location("z", layout.record.offset_of(owner))
@@ -147,7 +147,7 @@ def impulse_programs(layout: Layout) -> tuple[Program, ...]:
 def _change_sizes(lines: Assignments, layout: Layout, condition: Condition) -> Iterator[Operand]:
     """Yield the sizes of a residual's change by the coordinates as they are, by 1 radian of angles."""
     for name, tree in condition.row.items():
-        scale: Operand = 1.0 if layout.model.dimensions[name] == NONE else lines.operand_of(name)
+        scale: Operand = 1.0 if layout.model.elements.dimensions[name] == NONE else lines.operand_of(name)
         yield lines.compute("abs", lines.compute("multiply", lines.value(tree), scale))
 
 
@@ -164,7 +164,7 @@ def _largest_by_dimension(
     """Return the largest coordinate, or velocity, of each kind; of angles `least_angle` where that is not zero."""
     largest: dict[Dimension, Operand] = {}
     for name, variable in variables.items():
-        kind = layout.model.dimensions[name]
+        kind = layout.model.elements.dimensions[name]
         size: Operand = (
             least_angle if least_angle > 0.0 and kind == NONE else lines.compute("abs", lines.operand_of(variable))
         )
@@ -180,7 +180,7 @@ def _swept_change_sizes(
     The height of a piston on a level guide is, or the rate of a body that spins about its axis.
     """
     for name, tree in condition.row.items():
-        reach = largest[layout.model.dimensions[name]]
+        reach = largest[layout.model.elements.dimensions[name]]
         yield lines.compute("abs", lines.compute("multiply", lines.value(tree), reach))
 
 

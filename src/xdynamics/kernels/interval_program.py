@@ -187,7 +187,7 @@ class _IntervalPrinter:
         self._inner = {assignment.name: assignment.value for assignment in differentiated_reactions(layout.model)}
 
     def printed_rows(self) -> Enclosing:
-        """Print everything."""
+        """Return the rows of all watched functions and of what they read, each an interval operation on earlier rows."""
         model = self._layout.model
         lines = Assignments(self._operand_of_name)
         watched = self._layout.watched
@@ -207,7 +207,9 @@ class _IntervalPrinter:
         count, first = len(self._places), len(self._first)
         rows = np.array([*self._first, *self._rows], np.int64).reshape(-1, WIDTH)
         moving = {*self._layout.used, *self._layout.reactions} if watched else set[str]()
-        of_time = tuple(not (detector.sampled or model.reads(detector.function) & moving) for detector in watched)
+        of_time = tuple(
+            not (detector.sampled or model.elements.reads(detector.function) & moving) for detector in watched
+        )
         return Enclosing(
             rows,
             np.array(self._numbers),
@@ -233,7 +235,7 @@ class _IntervalPrinter:
                 names = owner, *(derivative(owner) for derivative in derivatives)
                 places = tuple(map(record.offset_of, names))
                 moving_variables |= {name: (first + k, *places) for k, name in enumerate(names)}
-        for name in self._layout.model.rates if self._layout.model.delays else ():
+        for name in self._layout.model.elements.rates if self._layout.model.delays else ():
             if is_before(name):
                 moving_variables |= dict.fromkeys((name, slope_before(name)), (UNKNOWN,))
         return moving_variables | dict.fromkeys(python_values(self._layout.model), (UNKNOWN,))
@@ -249,7 +251,9 @@ class _IntervalPrinter:
         drive = name.removeprefix(drive_slope(""))
         number = self._layout.drives.index(drive)
         return lines.compute(
-            "value_at" if drive == name else "slope_at", lines.value(self._layout.model.looked_up_at[drive]), number
+            "value_at" if drive == name else "slope_at",
+            lines.value(self._layout.model.elements.looked_up_at[drive]),
+            number,
         )
 
     def _convert_to_rows(self, lines: Assignments, value: Operand, *, of_slopes: bool = False) -> int:
@@ -271,7 +275,7 @@ class _IntervalPrinter:
         name = line.operation
         if name in ("value_at", "slope_at"):
             argument, drive = line.arguments
-            of_time = [*self._layout.model.looked_up_at.values()][int(drive)] == CLOCK
+            of_time = [*self._layout.model.elements.looked_up_at.values()][int(drive)] == CLOCK
             self._add_row(line.target, OPERATIONS.index(name), self._slot_of(argument), int(drive), int(of_time))
             return
         places = [self._slot_of(argument) for argument in line.arguments]

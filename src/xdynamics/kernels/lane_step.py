@@ -167,7 +167,7 @@ class LaneWriter:
         self.body += write.lines
 
     def power(self, name: str, base: str, exponent: int) -> None:
-        """Name a power."""
+        """Give an integer power of a known value a name."""
         write = self.begin_formulas()
         self.known[name] = write.power(self.known[base], Fraction(exponent))
         self.body += write.lines

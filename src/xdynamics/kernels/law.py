@@ -515,7 +515,7 @@ def law_of(layout: Layout, *, sampled: bool, unread: frozenset[str] = frozenset(
 
     Its layout is that of the first such model: names and places hold for all of them, numbers do not.
     """
-    is_judged = bool(layout.model.contacts or layout.model.assemblies)
+    is_judged = bool(layout.model.elements.contacts or layout.model.assemblies)
     if is_judged or not model_programs.has_loops(layout.model) or layout.is_doubled:
         unread -= {ROW_ENERGIES}
     if not sampled:

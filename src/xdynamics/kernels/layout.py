@@ -66,30 +66,30 @@ class Layout:
 
     @cached_property
     def coordinates(self) -> Blocks:
-        """The coordinates."""
-        return self._blocks("coordinate", self.model.shaped.coordinates)
+        """Generalised coordinates q in the order of the model, in its SI units over the scales."""
+        return self._blocks("coordinate", self.model.statement.coordinates)
 
     def _blocks(self, role: str, names: Iterable[str]) -> Blocks:
         return Blocks.from_names(role, names, self.model.shapes)
 
     @cached_property
     def velocities(self) -> Blocks:
-        """The velocities."""
+        """Their time derivatives, in the same order."""
         return self.coordinates.renamed("velocity", schema.velocity)
 
     @cached_property
     def states(self) -> Blocks:
-        """The first-order states."""
-        return self._blocks("state", self.model.shaped.states)
+        """First-order states x, in the order of the model."""
+        return self._blocks("state", self.model.statement.states)
 
     @cached_property
     def accelerations(self) -> Blocks:
-        """The accelerations."""
+        """Second time derivatives of the coordinates, in the same order."""
         return self.coordinates.renamed("acceleration", schema.acceleration)
 
     @cached_property
     def rates(self) -> Blocks:
-        """The first-order states' rates."""
+        """Time derivatives of the first-order states, in the same order."""
         return self.states.renamed("rate", schema.rate)
 
     @cached_property
@@ -115,8 +115,8 @@ class Layout:
 
     @cached_property
     def multipliers(self) -> Blocks:
-        """The multipliers of constraints."""
-        return self._blocks("multiplier", map(reaction_names.constraint_force, self.model.constraints))
+        """Lagrange multipliers of constraints: forces or torques in the unit of the condition's dual."""
+        return self._blocks("multiplier", map(reaction_names.constraint_force, self.model.elements.constraints))
 
     @cached_property
     def applied_forces(self) -> Blocks:
@@ -125,8 +125,8 @@ class Layout:
 
     @cached_property
     def drives(self) -> Blocks:
-        """The drives."""
-        return self._blocks("drive", self.model.drives)
+        """Values of measured drives, in the order of the model."""
+        return self._blocks("drive", self.model.statement.drives)
 
     @cached_property
     def used(self) -> Blocks:
@@ -137,7 +137,7 @@ class Layout:
     def kinds(self) -> NDArray[np.int16]:
         """A number for the kind of each used variable: coordinates of one dimension share a kind, and so on."""
         blocks = self.used.blocks
-        kinds = [(block.role, self.model.dimensions[block.first]) for block in blocks]
+        kinds = [(block.role, self.model.dimensions[block.name]) for block in blocks]
         numbers = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
         return np.repeat(np.array([numbers[kind] for kind in kinds], np.int16), [block.size for block in blocks])
 
@@ -146,7 +146,7 @@ class Layout:
         size_array = self._sizes.get(scales)
         if size_array is None:
             blocks = self.used.blocks
-            sizes = [float(scales.si_factor(self.model.dimensions[block.first])) for block in blocks]
+            sizes = [float(scales.si_factor(self.model.dimensions[block.name])) for block in blocks]
             size_array = self.used.spread(sizes)
             self._sizes.clear()
             self._sizes[scales] = size_array
@@ -156,7 +156,7 @@ class Layout:
         """Divide the numbers of a state in SI units by the sizes of their units, in place."""
         first = 0
         for block in self.used.blocks:
-            numbers[first : first + block.size] /= scales.si_factor(self.model.dimensions[block.first])
+            numbers[first : first + block.size] /= scales.si_factor(self.model.dimensions[block.name])
             first += block.size
 
     @cached_property
@@ -189,7 +189,7 @@ class Layout:
     @cached_property
     def derived(self) -> Mapping[str, Node]:
         """Energies, observables and gaps, computed when a row is logged."""
-        observables = {name: partial(self._observed, name) for name in self.model.observables}
+        observables = {name: partial(self._observed, name) for name in self.model.elements.observables}
         return Lazy(
             {name: partial(self._energy, name) for name in self._energies}
             | observables
@@ -198,13 +198,13 @@ class Layout:
         )
 
     def _observed(self, name: str) -> Node:
-        return self.model.expanded(self.model.observables[name])
+        return self.model.elements.expanded(self.model.elements.observables[name])
 
     @cached_property
     def computed(self) -> Blocks:
         """The blocks of `derived`."""
         return self._blocks(
-            "derived", (*self._energies, *self.model.shaped.observables, *self.gaps, *self.constraint_outputs)
+            "derived", (*self._energies, *self.model.statement.observables, *self.gaps, *self.constraint_outputs)
         )
 
     @cached_property
@@ -253,12 +253,12 @@ class Layout:
     @cached_property
     def resets(self) -> tuple[tuple[str, str], ...]:
         """Pairs of an event and a name that it sets."""
-        return tuple((name, target) for name, event in self.model.events.items() for target in event.reset)
+        return tuple((name, target) for name, event in self.model.elements.events.items() for target in event.reset)
 
     @cached_property
     def ticking(self) -> tuple[TickChange, ...]:
         """The changes by controllers' actions, all of one tick from the values just before it."""
-        return tick_changes(self.model.controllers)
+        return tick_changes(self.model.elements.controllers)
 
     @cached_property
     def tracked(self) -> tuple[str, ...]:
@@ -267,7 +267,7 @@ class Layout:
         if not drives:  # names of a million elements would be made in vain
             return ()
         variables = {*self.coordinates, *self.velocities}
-        places = self.model.looked_up_at
+        places = self.model.elements.looked_up_at
         return tuple(name for name in drives if getattr(places[name], "name", "") not in variables)
 
     @cached_property
@@ -276,8 +276,8 @@ class Layout:
         if not self.watched:
             return Blocks(())
         model = self.model
-        unknown = {*map(schema.acceleration, model.shaped.coordinates)}
-        trees = {name: model.expanded_by_quantity(tree) for name, tree in model.shaped.observables.items()}
+        unknown = {*map(schema.acceleration, model.statement.coordinates)}
+        trees = {name: model.expanded(tree) for name, tree in model.statement.observables.items()}
         return self._blocks("followed", [name for name, tree in trees.items() if not free_names(tree) & unknown])
 
     @cached_property
@@ -312,7 +312,7 @@ class Layout:
         """The places among the used variables of the four parts of every unit quaternion."""
         return tuple(
             tuple(self.used.offset_of(part) for part in parts)
-            for parts in unit_quaternions(self.model.shaped.bodies, self.model.shapes)
+            for parts in unit_quaternions(self.model.statement.bodies, self.model.shapes)
         )
 
     @property
@@ -364,7 +364,7 @@ class Layout:
         """The dimension of kinetic energy, if the terms of all coordinates share one."""
         from xdynamics.expressions import dimension_of
 
-        known_dimensions, mass = self.model.dimensions, self.model.mass
+        known_dimensions, mass = self.model.elements.dimensions, self.model.elements.mass
         dimensions = {
             dimension_of(own_mass(mass, self.coordinates.offset_of(block.first)), known_dimensions)
             * known_dimensions[velocity.first] ** 2
@@ -376,7 +376,7 @@ class Layout:
     def derived_quantities(self) -> dict[str, tuple[tuple[str, ...], Node]]:
         """The dimensions and trees of the quantities in `derived`, of a model with dimensions."""
         model = self.model
-        observables = {name: model.expanded_by_quantity(tree) for name, tree in model.shaped.observables.items()}
+        observables = {name: model.expanded(tree) for name, tree in model.statement.observables.items()}
         dims = model.shapes.dims
         return {name: (dims.get(name, ()), tree) for name, tree in (self._energies | observables).items()}
 

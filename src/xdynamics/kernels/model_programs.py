@@ -100,7 +100,7 @@ class LawNames:
         derived = name != value_before(delay, owner)
         if owner in self._drives:
             argument, number = (
-                lines.value(argument_before(model.looked_up_at[owner], model.moving, delay)),
+                lines.value(argument_before(model.elements.looked_up_at[owner], model.elements.moving, delay)),
                 self._drives[owner],
             )
             piece = lines.compute("find_piece", argument, number)
@@ -138,11 +138,11 @@ class LawNames:
         if (delayed := self._delayed.get(name)) is not None:
             return self._delayed_value(lines, name, *delayed)
         drive = name.removeprefix(drive_slope(""))
-        number, argument = self._drives[drive], self._layout.model.looked_up_at[drive]
+        number, argument = self._drives[drive], self._layout.model.elements.looked_up_at[drive]
         argument_value = lines.value(argument)
         operation = "value_at" if drive == name else "slope_at"
         # where the march lands on ends of pieces, one piece holds throughout a step: a jump falls between steps
-        if argument == CLOCK or (drive in self._kept and self._layout.model.drives[drive].outside != "error"):
+        if argument == CLOCK or (drive in self._kept and self._layout.model.elements.drives[drive].outside != "error"):
             return lines.compute(operation, argument_value, lines.compute("piece_of", number), number)
         looked_up = lines.compute(
             operation, argument_value, lines.compute("find_piece", argument_value, number), number
@@ -194,7 +194,7 @@ def _in_loops(layout: Layout, *, arrays: bool) -> Nests | None:
 def _motion_in_loops(layout: Layout, staged_names: frozenset[str]) -> tuple[Nests, frozenset[str]]:
     """Write the motion in loops, some results to arrays too; return also those that other loops read."""
     names, record, shapes = LawNames(layout, layout.used), layout.record, motion_shapes(layout.model)
-    drives, motion_of, read = layout.model.shaped.drives, motion(layout.model), set[str]()
+    drives, motion_of, read = layout.model.statement.drives, motion(layout.model), set[str]()
     result_names = [*drives, *(item.name for item in motion_of)]
     result_locations = {name: Location("z", record.offset_of(shapes.first(name))) for name in result_names}
 
@@ -240,7 +240,7 @@ def _state_nests(layout: Layout) -> Nests:
     names, model, places = LawNames(layout, layout.record), layout.model, dict[str, Location]()
 
     def first_location(name: str) -> Location:
-        if name.removeprefix(drive_slope("")) not in model.shaped.drives:
+        if name.removeprefix(drive_slope("")) not in model.statement.drives:
             return names.first_location(name)
         if name not in places:
             places[name] = _stage_drive(nests, name)
@@ -350,7 +350,7 @@ def event_rates(layout: Layout) -> Program:
         if rates is not None and (program := _quantity_program("slopes", about, layout, rates)):
             return program
     trees = [function_rate(model, entry) for entry in layout.watched]
-    trees += (model.rate_of(model.observables[name]) for name in layout.followed)
+    trees += (model.elements.rate_of(model.elements.observables[name]) for name in layout.followed)
     for name in layout.tracked:
         trees += argument_motion(model, name)
     return _program_of_trees(
@@ -392,9 +392,9 @@ def resets(layout: Layout) -> Program:
     model = layout.model
     trees = []
     for name, target in layout.resets:
-        tree = model.expanded(model.events[name].reset[target])
-        trees.append(tree if model.events[name].every is None else with_whole_numbers(tree))
-    trees += [with_whole_numbers(model.expanded(change.value)) for change in layout.ticking]
+        tree = model.elements.expanded(model.elements.events[name].reset[target])
+        trees.append(tree if model.elements.events[name].every is None else with_whole_numbers(tree))
+    trees += [with_whole_numbers(model.elements.expanded(change.value)) for change in layout.ticking]
     about = "What events and controllers set the state to." if layout.ticking else "What events set the state to."
     return _program_of_trees("resets", about, layout, trees)
 

@@ -69,7 +69,7 @@ class _Meeting(NamedTuple):
 
     @classmethod
     def sort_links(cls, numbers: IntArray, size: int) -> _Meeting:
-        """Sort links by the elements at one end."""
+        """Return links in the order of the elements at one end, given the number of that element for each link."""
         starts = np.concatenate([[0], np.cumsum(np.bincount(numbers, minlength=size))])
         return cls(np.argsort(numbers, kind="stable"), starts)
 
@@ -447,8 +447,8 @@ class Nests(TakenNumbers):
     shapes : Shapes
     find : callable
         Finds names of single numbers, as `Assignments` does.
-    place : callable
-        Returns the place of the first element of a quantity with dimensions; the last dimension is the fastest.
+    first_location : callable
+        Returns the location of the first element of a quantity with dimensions; the last dimension is the fastest.
     """
 
     def __init__(

@@ -200,7 +200,7 @@ class Pattern(NamedTuple):
 
 def is_compressed(layout: Layout) -> bool:
     """Whether derivatives of the forces are computed by column groups; else each is an expression of elements."""
-    by_motion = any(argument != CLOCK for argument in layout.model.looked_up_at.values())
+    by_motion = any(argument != CLOCK for argument in layout.model.elements.looked_up_at.values())
     return has_loops(layout.model) and not by_motion and layout.used.size - layout.coordinates.size > WRITTEN_OUT
 
 
@@ -250,7 +250,7 @@ def _group_columns(layout: Layout, rows: IntArray, columns: IntArray) -> tuple[B
 
 def moving_quantities(model: Model) -> list[str]:
     """Return accelerations and rates as quantities."""
-    return [*map(schema.acceleration, model.shaped.coordinates), *map(schema.rate, model.shaped.states)]
+    return [*map(schema.acceleration, model.statement.coordinates), *map(schema.rate, model.statement.states)]
 
 
 # ---------------------------------------------------------------------------------------------------------------- groups

@@ -290,9 +290,13 @@ def _loose_tolerance_doubts(march: March) -> Iterator[str]:
     loose_indices, loose, scales = np.flatnonzero(effect.loose).tolist(), [], march.settings.scales
     for variable_index in loose_indices[:MOST_NAMED]:
         name, largest = march.layout.used[variable_index], float(march.run.largest[variable_index])
-        atol, unit, factor = tolerances.atol_of(name) or 0.0, model.units[name].text, float(model.units[name].factor)
+        atol, unit, factor = (
+            tolerances.atol_of(name) or 0.0,
+            model.elements.units[name].text,
+            float(model.elements.units[name].factor),
+        )
         unit = "" if unit == "1" else f" {unit}"
-        size = largest * scales.si_factor(model.dimensions[name])
+        size = largest * scales.si_factor(model.elements.dimensions[name])
         loose.append(f"{name} (largest value {size / factor:.3g}{unit}, atol {atol / factor:.3g}{unit})")
     remainder = f" and {len(loose_indices) - MOST_NAMED} more" if len(loose_indices) > MOST_NAMED else ""
     yield (
@@ -332,10 +336,10 @@ def _first_step_doubts(march: March) -> Iterator[str]:
 def _mass_condition_doubts(march: March) -> Iterator[str]:
     """Report how nearly singular the mass matrix was, at some of the run's rows."""
     model = march.model
-    if not model.mass_is_full:
+    if not model.elements.mass_is_full:
         return
-    moving = {"t", *march.layout.used, *model.drives}
-    varies = any(model.reads(entry) & moving for entry in model.statement.mass_entries.values())
+    moving = {"t", *march.layout.used, *model.elements.drives}
+    varies = any(model.elements.reads(entry) & moving for entry in model.elements.statement.mass_entries.values())
     stride = max(1, march.witnesses.steps.shape[1] // FEW_LOOKS) if varies else march.witnesses.steps.shape[1]
     states = _si_states_of_rows(march, march.witnesses.rows[1:, ::stride])
     conditions = [_scaled_condition_number(mass) for mass in mass_matrices(model, states)]
@@ -388,11 +392,11 @@ def smooth_switch_remark(march: March) -> str:
 
 def _friction_direction_doubts(model: Model) -> Iterator[str]:
     """Report friction whose gap is not a distance or whose slip leaves the surface, by directions at the start."""
-    if not model.contacts:
+    if not model.elements.contacts:
         return
     values = dict(constants(model)) | initial_state(model)
     metre = parse_unit("m").dimension
-    lengths = [name for name, entry in model.statement.coordinates.items() if entry.unit.dimension == metre]
+    lengths = [name for name, entry in model.elements.statement.coordinates.items() if entry.unit.dimension == metre]
     all_reactions = reactions(model)
     for entry in all_reactions:
         rows = [reaction.row.get(name, ZERO) for reaction in (all_reactions[entry.normal], entry) for name in lengths]
@@ -419,7 +423,7 @@ def _energy_gain_doubts(march: March) -> Iterator[str]:
     gains, model = march.gains, march.model
     if not gains.groups:
         return
-    contacts = model.contacts | model.assemblies
+    contacts = model.elements.contacts | model.assemblies
     law, unit = next(iter(contacts.values())).law, spell(impact_energy_dimension(model)).text
     name = f"'{march.layout.watched[int(gains.detector)].name}'"
     for assembly in assemblies(model):
@@ -457,7 +461,7 @@ def _event_position_doubts(march: March) -> Iterator[str]:
 
 def _implied_condition_doubts(model: Model) -> Iterator[str]:
     """Report conditions that are implied by others except for a remainder too small to be enforced."""
-    implied = implied_at_start(model.statement) if model.constraints else ()
+    implied = implied_at_start(model.elements.statement) if model.constraints else ()
     if implied and len(conditions(model)) - len(implied) < independent_counts(model)[0]:
         names = ", ".join(f"'{conditions(model)[condition_index].name}'" for condition_index in implied)
         yield (

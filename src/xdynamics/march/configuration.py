@@ -145,7 +145,10 @@ def _logged_columns(model: Model, requested_log: Any) -> str | tuple[str, ...]:
 
 def _default_log(model: Model) -> str:
     """Return the default log: of a large model with dimensions its states alone."""
-    large = bool(model.shapes.dims) and 2 * len(model.statement.coordinates) + len(model.statement.states) > MOST_LOGGED
+    large = (
+        bool(model.shapes.dims)
+        and 2 * len(model.elements.statement.coordinates) + len(model.elements.statement.states) > MOST_LOGGED
+    )
     return STATES if large else FULL
 
 
@@ -240,7 +243,7 @@ def _tolerance_settings(model: Model, joined_settings: Mapping[str, Any], scales
 
 def _tolerance_names(model: Model) -> str:
     """Return the names that may have a tolerance; of a block with one element as an example."""
-    shaped = model.shaped
+    shaped = model.statement
     blocks = [*shaped.coordinates, *map(schema.velocity, shaped.coordinates), *shaped.states]
     examples = ((block, next(iter(model.shapes.elements(block)))) for block in blocks)
     return ", ".join(block if first == block else f"{block} and its elements, as {first}" for block, first in examples)
@@ -249,8 +252,8 @@ def _tolerance_names(model: Model) -> str:
 def _own_units(model: Model, scales: Scales) -> dict[str, Unit]:
     """Return the unit of a tolerance given without one: the variable's own, or that of the march's scales."""
     if scales == UNSCALED:
-        return model.units
-    sizes = {name: model.dimensions[name] for name in variables(model)}
+        return model.elements.units
+    sizes = {name: model.elements.dimensions[name] for name in variables(model)}
     return {name: Unit("", dimension, Fraction(scales.si_factor(dimension))) for name, dimension in sizes.items()}
 
 

@@ -77,7 +77,7 @@ def _struck_together(march: March, rates: list[float]) -> str:
     touches, all_reactions = march.run.touches, reactions(march.model)
     near = [k for k, reaction in enumerate(all_reactions) if reaction.sort == NORMAL and touches[k].near]
     approach = any(rates[k] < -touches[k].slack for k in near)
-    if not approach or any(march.model.contacts[all_reactions[k].owner].law != ENERGETIC for k in near):
+    if not approach or any(march.model.elements.contacts[all_reactions[k].owner].law != ENERGETIC for k in near):
         return ""
     owners = ", ".join(f"'{all_reactions[k].owner}'" for k in near)
     if len(near) == 1:
@@ -135,7 +135,7 @@ def balance_inconsistency(march: March) -> str:
     group = " and ".join(f"'{reaction}'" for reaction in dict.fromkeys(involved))
     if guard == SHIFTED:
         name = march.layout.coordinates[owner]
-        dimension, finding = model.dimensions[name], f"contacts that come to rest move '{name}' by"
+        dimension, finding = model.elements.dimensions[name], f"contacts that come to rest move '{name}' by"
     elif guard in (APART, SLOWED):
         dimension = rate_dimension(model, all_reactions[owner]) * (
             model.time_unit.dimension if guard == APART else NONE
@@ -195,7 +195,7 @@ def assembly_dispute(march: March) -> str:
     if not model.assemblies or run.counters[FAULT] == 0:
         return ""
     assembly, name = assemblies(model)[int(run.counters[CULPRIT])], _link(march)
-    gap = dimension_of(assembly.contact.gap, model.dimensions)
+    gap = dimension_of(assembly.contact.gap, model.elements.dimensions)
     match int(run.counters[FAULT]):
         case broad_phase.OVERLAP:
             size = run.spans[broad_phase.DEPTH] * march.settings.scales.si_factor(gap)

@@ -200,7 +200,7 @@ def _recorded_states(model: Model, layout: Layout, inner: Floats) -> Floats:
 
 def _exact_factors(model: Model, layout: Layout, *, inverse: bool) -> DoubleDouble:
     """Return the factors from recorded numbers to SI units, or back."""
-    factors = [Fraction(model.units[name].factor) for name in layout.used]
+    factors = [Fraction(model.elements.units[name].factor) for name in layout.used]
     sums = [nearest(1 / factor if inverse else factor) for factor in factors]
     return DoubleDouble(*(np.array(parts)[:, np.newaxis] for parts in zip(*sums, strict=True)))
 

@@ -55,8 +55,9 @@ class EventEnergies(NamedTuple):
 
 def impact_energy_dimension(model: Model) -> Dimension:
     """Return the dimension of the energy that an impact dissipates."""
-    name, dimensions = next(iter(model.statement.coordinates)), model.dimensions
-    return dimension_of(model.mass[0][0], dimensions) * dimensions[velocity(name)] ** 2
+    elements = model.elements
+    name, dimensions = next(iter(elements.statement.coordinates)), elements.dimensions
+    return dimension_of(elements.mass[0][0], dimensions) * dimensions[velocity(name)] ** 2
 
 
 def place_of_loss(layout: Layout) -> int:

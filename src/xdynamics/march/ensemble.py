@@ -82,7 +82,7 @@ class Runs:
     def state(self) -> Floats:
         """Final coordinates, velocities and first-order states, SI, shape (n, m), in the order of `layout.used`."""
         used = self.layout.used
-        factors = np.array([self.scales.si_factor(self.layout.model.dimensions[name]) for name in used])
+        factors = np.array([self.scales.si_factor(self.layout.model.elements.dimensions[name]) for name in used])
         return np.ascontiguousarray(self.log_block.log.rows[2 : 2 + len(used), self.last_rows].T) * factors
 
     @property
@@ -243,7 +243,7 @@ def march_many(
 
 def _si(model: Model, name: str) -> str:
     """Return the SI unit of a parameter."""
-    return spell(model.dimensions[name]).text
+    return spell(model.elements.dimensions[name]).text
 
 
 def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False) -> Runs:
@@ -360,7 +360,7 @@ def _read_run_arrays(
     """Read the arrays, collecting every fault."""
     ledger = Ledger(f"many runs of '{model.name}'")
     arrays: dict[tuple[str, str], Floats] = {}
-    allowed = {"parameter": tuple(model.statement.parameters), "initial value": settings.layout(model).used}
+    allowed = {"parameter": tuple(model.elements.statement.parameters), "initial value": settings.layout(model).used}
     for (kind, name), values in inputs.items():
         label = f"{kind} '{name}'" if name else kind
         if kind in allowed and name not in allowed[kind]:

@@ -64,8 +64,8 @@ def pose_run(model: Model, settings: Settings, law: Law, log: Log, addresses: ND
     scales, plan = settings.scales, march_plan(model, settings, law)
     start, end = float(plan["start"][0]), float(plan["end"][0])
     tables, places = concatenated_tables(drive_pieces(model, scales))
-    instants, actions_there = _ticks_of(actions(model.controllers), model, settings)
-    rings, alarms_there = _ticks_of(alarms(model.events), model, settings)
+    instants, actions_there = _ticks_of(actions(model.elements.controllers), model, settings)
+    rings, alarms_there = _ticks_of(alarms(model.elements.events), model, settings)
     requested_nodes = np.concatenate([np.array(settings.nodes) / scales.si_factor(TIME), instants, rings])
     knots = table_nodes(model, scales)
     nodes = np.union1d(knots, requested_nodes) if requested_nodes.size else knots
@@ -90,7 +90,7 @@ def pose_run(model: Model, settings: Settings, law: Law, log: Log, addresses: ND
         **_law_parameters(model, scales, doubled=law.layout.is_doubled),
         **past_arrays(model, law, scales, tables, places),
         jumps=jumps_at(nodes, knots, np.append(instants, rings)),
-        of_time=np.array([i for i, argument in enumerate(model.looked_up_at.values()) if argument == CLOCK], np.int64),
+        of_time=_drives_of_time(model),
         attitudes=np.array(law.layout.attitudes, np.int64).reshape(-1, PARTS),
         nodes=nodes,
         ticks=_ticks_at(instants, actions_there, np.array([start, *nodes, end])),
@@ -110,6 +110,12 @@ def pose_run(model: Model, settings: Settings, law: Law, log: Log, addresses: ND
     if model.assemblies:
         run.p[-2:] = _address_words(run)
     return run
+
+
+def _drives_of_time(model: Model) -> NDArray[np.int64]:
+    """Return the numbers of the drives whose tables are looked up at the time."""
+    arguments = model.elements.looked_up_at.values()
+    return np.array([i for i, argument in enumerate(arguments) if argument == CLOCK], np.int64)
 
 
 def _pattern(model: Model, settings: Settings, law: Law) -> Run:
@@ -142,11 +148,11 @@ def _state_arrays(model: Model, settings: Settings, law: Law, sampled: int) -> d
     lengths |= dict.fromkeys(("near", "far", "full"), layout.record.size if events else 0)
     lengths |= dict.fromkeys(("samples", "located_samples"), sampled * layout.sample_width)
     arrays = {name: unwritten(length) for name, length in lengths.items()}
-    put_in_si(model.statement.initial, layout.used, arrays["y"])
+    put_in_si(model.elements.statement.initial, layout.used, arrays["y"])
     layout.divide_by_sizes(arrays["y"], settings.scales)
     if layout.is_doubled:
         first = n + layout.evaluation.size
-        arrays["y"][first : first + n] = [quantity_rest(model.statement.initial[name]) for name in layout.used]
+        arrays["y"][first : first + n] = [quantity_rest(model.elements.statement.initial[name]) for name in layout.used]
     arrays["atol"] = _initial_atol(law, settings)
     arrays["probe"], arrays["turning"] = unwritten(layout.record.size), unwritten(3 * n - layout.coordinates.size)
     arrays["tops"] = np.zeros(2 * (1 + int(layout.kinds.max())) + 1)
@@ -287,7 +293,7 @@ def widened(law: Law, rtol: float) -> float:
 
 def table_nodes(model: Model, scales: Scales) -> Floats:
     """Return the breakpoints of drives of time, ascending."""
-    pairs = zip(model.looked_up_at.values(), drive_pieces(model, scales), strict=True)
+    pairs = zip(model.elements.looked_up_at.values(), drive_pieces(model, scales), strict=True)
     times = [origins[np.isfinite(origins)] for argument, (origins, _) in pairs if argument == CLOCK]
     return np.unique(np.concatenate(times)) if times else np.empty(0)
 
@@ -333,11 +339,11 @@ def _law_parameters(model: Model, scales: Scales, *, doubled: bool) -> dict[str,
 
 def _constant_rest(model: Model, name: str) -> float:
     """Return the rest of a constant beside the nearest float."""
-    if name in model.statement.parameters:
-        return quantity_rest(model.statement.parameters[name].quantity)
+    if name in model.elements.statement.parameters:
+        return quantity_rest(model.elements.statement.parameters[name].quantity)
     if name == "pi":
         return PI.low
-    return nearest(constant(name).factor).low if name in CONSTANTS or name in model.shaped.calendar else 0.0
+    return nearest(constant(name).factor).low if name in CONSTANTS or name in model.statement.calendar else 0.0
 
 
 def quantity_rest(quantity: Quantity) -> float:
@@ -358,7 +364,7 @@ def _node_rests(model: Model, settings: Settings, nodes: Floats) -> Floats:
     first, last = exact_time(model.statement.initial["t"]), exact_value(settings.until)
     low_parts |= {
         float(time): nearest(time).low
-        for time in exact_ticks((*actions(model.controllers), *alarms(model.events)), first, last)
+        for time in exact_ticks((*actions(model.elements.controllers), *alarms(model.elements.events)), first, last)
     }
     return np.array([low_parts.get(time, 0.0) for time in (*nodes.tolist(), settings.until)])
 
@@ -367,13 +373,13 @@ def _node_rests(model: Model, settings: Settings, nodes: Floats) -> Floats:
 def _limits_domain(model: Model) -> bool:
     """Whether the model has functions or tables with a limited domain."""
     limited = any(map(limits_domain, _moving_trees(model if has_diagonal_mass(model) else model.elements)))
-    return limited or any(drive.outside == "error" for drive in model.drives.values())
+    return limited or any(drive.outside == "error" for drive in model.elements.drives.values())
 
 
 def _moving_trees(model: Model) -> Iterator[Node]:
     """Yield the forces, masses and rates of a model, without functions in Python."""
     parts = [part for terms in forces_by_coordinate(model).values() for part in terms.values()]
-    rates = [state.rate for state in model.shaped.states.values()]
-    for part in (*parts, *model.shaped.mass_entries.values(), *rates):
+    rates = [state.rate for state in model.statement.states.values()]
+    for part in (*parts, *model.statement.mass_entries.values(), *rates):
         if not isinstance(part, Function):
-            yield model.expanded_by_quantity(part)
+            yield model.expanded(part)

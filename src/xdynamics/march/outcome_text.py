@@ -128,7 +128,7 @@ def ending(march: March) -> Ending:
 
 def _digits(march: March, t: float, h: float) -> int:
     """Return the significant digits of the last time: all of a requested end; of an event, those located and known."""
-    status, events = march.now.status, march.model.events
+    status, events = march.now.status, march.model.elements.events
     if status == COMPLETED:
         return MOST
     if status != STOPPED:
@@ -300,7 +300,7 @@ def _jump_text(march: March, switch: Detector | Switch) -> str:
     else:
         where = f"switches where {_equation(switch.function)}, the argument of its {function}"
     if switch.drive:
-        drive = march.model.drives[switch.drive]
+        drive = march.model.elements.drives[switch.drive]
         table_point = _drive_argument(march, switch.drive) * march.settings.scales.si_factor(
             drive.table.argument_unit.dimension
         )
@@ -372,7 +372,7 @@ def _unresolved(march: March) -> str:
 
 def _unmet(march: March) -> str:
     """State that the result of a step could not be projected onto constraints."""
-    constraint_names = ", ".join(f"'{name}'" for name in march.model.constraints)
+    constraint_names = ", ".join(f"'{name}'" for name in march.model.elements.constraints)
     remedy = (
         "they contradict each other, or the motion is singular here"
         if march.run.plan[0].adaptive
@@ -383,7 +383,7 @@ def _unmet(march: March) -> str:
 
 def _violated(march: March) -> str:
     """State that constraints are violated at the start."""
-    constraint_names = ", ".join(f"'{name}'" for name in march.model.constraints)
+    constraint_names = ", ".join(f"'{name}'" for name in march.model.elements.constraints)
     return f"constraints ({constraint_names}) do not hold at the start; give values that satisfy them, or [initial] consistent = true"
 
 
@@ -399,10 +399,10 @@ def _row_failure(march: March) -> Failure:
 
 def _drive_argument(march: March, name: str) -> float:
     """Return a drive's argument after the last trial, in internal units; without a state, from the old velocity."""
-    now, layout, argument = march.now, march.layout, march.model.drives[name].argument
+    now, layout, argument = march.now, march.layout, march.model.elements.drives[name].argument
     if not isinstance(argument, Name) or argument.name not in layout.used:
         state = dict(zip(layout.used, march.run.z.tolist(), strict=False)) | {"t": float(now.t + now.h)}
-        tree, constant_values = march.model.expanded(argument), constants(march.model, march.settings.scales)
+        tree, constant_values = march.model.elements.expanded(argument), constants(march.model, march.settings.scales)
         return evaluate(tree, {**constant_values, **state})
     argument_index = layout.record.index(argument.name)
     if isfinite(march.run.z[argument_index]) or argument.name in layout.velocities:
@@ -413,11 +413,13 @@ def _drive_argument(march: March, name: str) -> float:
 def _argument_at_state(march: March, name: str, values: dict[str, float]) -> float:
     """Return a drive's argument at a state, in internal units."""
     constant_values = constants(march.model, march.settings.scales)
-    return evaluate(march.model.expanded(march.model.drives[name].argument), {**constant_values, **values})
+    return evaluate(
+        march.model.elements.expanded(march.model.elements.drives[name].argument), {**constant_values, **values}
+    )
 
 
 def _leaves_table(march: March, name: str) -> bool:
-    drive = march.model.drives[name]
+    drive = march.model.elements.drives[name]
     value = _drive_argument(march, name) * march.settings.scales.si_factor(drive.table.argument_unit.dimension)
     return drive.outside == "error" and not drive.table.argument[0] <= value <= drive.table.argument[-1]
 
@@ -450,20 +452,20 @@ def _evaluation_failure(march: March, values: dict[str, float]) -> Failure | Non
                 )
     trees = {
         schema.force(term, name): tree
-        for term, components in model.force_components.items()
+        for term, components in model.elements.force_components.items()
         for name, tree in components.items()
     }
-    trees |= {rate(name): state.rate for name, state in model.statement.states.items()}
+    trees |= {rate(name): state.rate for name, state in model.elements.statement.states.items()}
     for name, tree in trees.items():
         if not isfinite(values[name]):
-            why = "" if isinstance(tree, Function) else undefined_part(model.expanded(tree), values)
+            why = "" if isinstance(tree, Function) else undefined_part(model.elements.expanded(tree), values)
             why = why if march.settings.scales == UNSCALED else ""  # only if numbers are SI
             return Failure(NONFINITE_FORCE, f"{name} is {values[name]} {when}" + (f": {why}" if why else ""))
     return None
 
 
 def _outside_table_text(march: March, name: str, value: float) -> str:
-    drive = march.model.drives[name]
+    drive = march.model.elements.drives[name]
     value *= march.settings.scales.si_factor(drive.table.argument_unit.dimension)
     low, high = drive.table.argument[0], drive.table.argument[-1]
     return (
@@ -474,7 +476,7 @@ def _outside_table_text(march: March, name: str, value: float) -> str:
 
 def _at_end_of_table(march: March) -> str:
     """Name the drive whose table ends where a march with chosen steps stands: longer ones leave it, shorter ones go nowhere."""
-    for name, drive in march.model.drives.items():
+    for name, drive in march.model.elements.drives.items():
         argument, (low, high) = drive.argument, drive.table.argument[[0, -1]].tolist()
         if drive.outside != "error" or not isinstance(argument, Name) or argument.name not in march.layout.used:
             continue

@@ -210,7 +210,7 @@ def past_arrays(
         names = [*constants(model, scales)]
         delays["time"] = delay_times(model, scales)
         delays["flag"] = [names.index(in_history(delay)) for delay in range(count)]
-        pairs = zip(model.looked_up_at.values(), drive_pieces(model, scales), strict=True)
+        pairs = zip(model.elements.looked_up_at.values(), drive_pieces(model, scales), strict=True)
         knots = np.concatenate([np.empty(0), *(origins for argument, (origins, _) in pairs if argument == CLOCK)])
         echoes = np.ravel(knots[knots <= start, None] + delays["time"])
         first_breaks = np.unique(echoes[echoes > start])

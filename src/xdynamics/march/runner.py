@@ -89,7 +89,7 @@ def recurs(model: Model, settings: Settings, layout: Layout) -> bool:
     nodes follow from these.
     """
     return (
-        max(layout.used.size, len(model.statement.parameters)) <= FEW
+        max(layout.used.size, len(model.elements.statement.parameters)) <= FEW
         and not (layout.reactions or layout.watched or model.events)
         and not (model.python_functions or model.assemblies or model.delays or model.drives or model.controllers)
         and not (settings.nodes or isinstance(settings.step, tuple) or settings.until == 0.0)

@@ -35,7 +35,7 @@ def _contact_addresses(model: Model, layout: Layout) -> list[int]:
     """Return the addresses of the code of contacts, and of those of many links, where a model has them."""
     if model.assemblies:
         return [0, meeting()]
-    return [contact_address()] if layout.reactions and PATTERN not in model.contacts else []
+    return [contact_address()] if layout.reactions and PATTERN not in model.elements.contacts else []
 
 
 def event_search_arrays(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:
@@ -97,12 +97,13 @@ def _region_arrays(layout: Layout, intervals: Enclosing, settings: Settings) -> 
 
 def _contact_arrays(model: Model, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return the arrays of contacts and friction elements, with room for the problems that they pose."""
+    elements = model.elements
     all_reactions, scales = reactions(model), settings.scales
-    m, n = len(all_reactions), len(model.statement.coordinates)
+    m, n = len(all_reactions), len(elements.statement.coordinates)
     unknowns = sum(1 if reaction.sort == NORMAL else 3 for reaction in all_reactions)
     fixed = np.zeros(m, REACTION)
     for row, reaction in zip(fixed, all_reactions, strict=True):
-        part: Any = model.frictions[reaction.owner] if reaction.sort == DRY else model.contacts[reaction.owner]
+        part: Any = elements.frictions[reaction.owner] if reaction.sort == DRY else elements.contacts[reaction.owner]
         row.role, row.normal, row.tolerance, row.rest_height = (
             reaction.sort,
             reaction.normal,
@@ -148,7 +149,7 @@ def _contact_tables(m: int, n: int) -> dict[str, NDArray[Any]]:
 
 def _targets(law: Law) -> list[tuple[int, int]]:
     """Return the setter and the index in the state of each set number: an event, or -1 minus a controller's action."""
-    events, used = list(law.layout.model.events), law.layout.used
+    events, used = list(law.layout.model.elements.events), law.layout.used
     targets = [(events.index(name), used.index(target)) for name, target in law.layout.resets]
     return targets + [(-1 - change.action, used.index(change.target)) for change in law.layout.ticking]
 
@@ -158,7 +159,10 @@ def _drive_argument_indices(layout: Layout, drive: str) -> tuple[int, int, int, 
 
     They are places in a state or, counted from -1 downwards, among the numbers of the program `slopes`.
     """
-    argument_node, state_indices = layout.model.looked_up_at[drive], {name: i for i, name in enumerate(layout.record)}
+    argument_node, state_indices = (
+        layout.model.elements.looked_up_at[drive],
+        {name: i for i, name in enumerate(layout.record)},
+    )
     if not isinstance(argument_node, Name) or argument_node.name not in {*layout.coordinates, *layout.velocities}:
         first = -1 - len(layout.watched) - layout.followed.size - 3 * layout.tracked.index(drive)
         return layout.drives.index(drive), first, first - 1, first - 2

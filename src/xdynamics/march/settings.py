@@ -89,7 +89,8 @@ def _of_sums(settings: Any, model: Model) -> list[str]:
 
 def _beyond_float64(settings: Any, model: Model) -> list[tuple[bool, str]]:
     """Return requested features that use single floats, each with a remedy."""
-    on_interpolant = [name for name, event in model.events.items() if event.root_state == INTERPOLANT]
+    elements = model.elements
+    on_interpolant = [name for name, event in elements.events.items() if event.root_state == INTERPOLANT]
     return [
         (
             bool(settings.method.solves),
@@ -115,7 +116,7 @@ def _beyond_float64(settings: Any, model: Model) -> list[tuple[bool, str]]:
             ),
         ),
         (
-            bool(model.contacts or model.frictions or model.assemblies),
+            bool(elements.contacts or model.frictions or model.assemblies),
             (
                 "contacts and frictions, whose impacts and forces are solved in float64; write an impact as an event with"
                 " action = 'reset'"
@@ -123,7 +124,7 @@ def _beyond_float64(settings: Any, model: Model) -> list[tuple[bool, str]]:
         ),
         (
             bool(model.constraints),
-            f"constraints ({', '.join(model.constraints)}), which are held to 1e-12; take float64",
+            f"constraints ({', '.join(elements.constraints)}), which are held to 1e-12; take float64",
         ),
         (
             bool(on_interpolant),
@@ -205,16 +206,21 @@ def _interpolation_faults(settings: Any) -> list[str]:
 
 def _short_table_faults(model: Model, times: NDArray[np.float64], second: str) -> list[str]:
     """Refuse tables of time that end at their beginning, and do not reach back by their delays."""
+    elements = model.elements
     faults, start, tables = (
         [],
         model.statement.initial["t"].si,
-        dict(zip(model.looked_up_at, drive_pieces(model), strict=True)),
+        dict(zip(elements.looked_up_at, drive_pieces(model), strict=True)),
     )
     for call in model.statement.delayed:
-        delayed_tree, delay = (expand(part, model.definitions) for part in call.arguments)
-        for name in sorted(free_names(delayed_tree) & {*model.drives}):
+        delayed_tree, delay = (expand(part, elements.definitions) for part in call.arguments)
+        for name in sorted(free_names(delayed_tree) & {*elements.drives}):
             first, earliest_time = float(tables[name][0][0]), start - float(times[model.delays.index(delay)])
-            if model.drives[name].outside == "error" and model.looked_up_at[name] == CLOCK and first > earliest_time:
+            if (
+                elements.drives[name].outside == "error"
+                and elements.looked_up_at[name] == CLOCK
+                and first > earliest_time
+            ):
                 faults.append(
                     f"the table of drive '{name}' begins at t = {first!r}{second}, and is read from t = {earliest_time!r}{second} on, by"
                     f" its delay '{text_of(delay)}'; begin it there, or give it outside = 'hold'"
@@ -227,7 +233,7 @@ def _state_change_faults(settings: Any, model: Model) -> list[str]:
     faults = []
     if model.constraints or model.bodies:
         owner = (
-            f"constraint '{next(iter(model.constraints))}'"
+            f"constraint '{next(iter(model.elements.constraints))}'"
             if model.constraints
             else f"body '{next(iter(model.bodies))}'"
         )
@@ -480,7 +486,7 @@ class Settings:
             raise InputError(faults[0], tuple(faults))
 
     def _tick_faults(self, model: Model, start: float, second: str) -> list[str]:
-        acting = (*actions(model.controllers), *alarms(model.events))
+        acting = (*actions(model.elements.controllers), *alarms(model.elements.events))
         if not (acting and isfinite(self.until) and self.until > start):
             return []
         if model.assemblies:

@@ -63,6 +63,7 @@ def inputs_of_runs(
     model: Model, settings: Settings, law: Law, run: Run, arrays: Arrays
 ) -> tuple[NDArray[Any], Floats, Floats, Floats]:
     """Return plan, start, parameters and absolute tolerances of every run, in internal units."""
+    elements = model.elements
     n, scales, layout = len(next(iter(arrays.values()))), settings.scales, law.layout
     plans = np.repeat(run.plan, n)
     starts = np.tile(run.y[: layout.used.size], (n, 1))
@@ -70,9 +71,9 @@ def inputs_of_runs(
     places = {name: i for i, name in enumerate(constants(model))}
     for (kind, name), values in arrays.items():
         if kind == "parameter":
-            parameters[:, places[name]] = values / scales.si_factor(model.dimensions[name])
+            parameters[:, places[name]] = values / scales.si_factor(elements.dimensions[name])
         elif kind == "initial value":
-            starts[:, layout.used.offset_of(name)] = values / scales.si_factor(model.dimensions[name])
+            starts[:, layout.used.offset_of(name)] = values / scales.si_factor(elements.dimensions[name])
         elif kind == "step":
             plans["first_step" if settings.adaptive else "step_size"] = values / scales.si_factor(TIME)
         elif settings.tolerances is not None:
@@ -82,7 +83,7 @@ def inputs_of_runs(
             for i, used in enumerate(layout.used):
                 atol = settings.tolerances.atol_of(used)
                 if atol is not None:
-                    atols[:, i] = atol / scales.si_factor(model.dimensions[used]) * factors
+                    atols[:, i] = atol / scales.si_factor(elements.dimensions[used]) * factors
     return plans, starts, parameters, atols
 
 
@@ -171,7 +172,7 @@ def lanes_for(law: Law, settings: Settings, runs: int, requested_lanes: int | No
     solved = solver_of(method).in_lanes(law, settings)
     plain = solved and method.stepper.locates and law.scheme.steps == 1 and not isinstance(settings.step, tuple)
     plain = plain and not (layout.model.python_functions or layout.model.assemblies or layout.model.controllers)
-    plain = plain and not (layout.attitudes or any(event.every for event in layout.model.events.values()))
+    plain = plain and not (layout.attitudes or any(event.every for event in layout.model.elements.events.values()))
     if not plain or PLAINLY or layout.is_doubled or not can_be_watched(layout):
         return 1
     if requested_lanes is not None:
@@ -259,7 +260,7 @@ class _Rows(NamedTuple):
         return cls(**{name: room.take(f"{name} {number}", shape, kinds[name]) for name, shape in shapes.items()})
 
     def first(self, count: int) -> _Rows:
-        """Return the first rows."""
+        """Return the first `count` rows, as views."""
         return _Rows(self.rows[:count], self.flags[:count], self.owners[:count])
 
 

@@ -139,7 +139,7 @@ def parts_of_steps(
         Of a `Run` without contacts.
     forces_at, propose_at : int
         Addresses of a force evaluation and of a step, in all lanes.
-    table, at, y, p, pieces, z
+    table, step_numbers, y, p, pieces, z
         As for `march_lanes`.
     log, flags : ndarray, shape (…, rows)
     parameters : ndarray, shape (runs, …)

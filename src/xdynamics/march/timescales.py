@@ -121,7 +121,8 @@ def _scaled_derivatives(march: March, row: int) -> Floats:
 def beyond_eigenvalues(model: Model) -> bool:
     """Whether a model has too many numbers to look for eigenvalues: one in loops, or one that constraints couple."""
     return beyond_trees(model) or (
-        has_loops(model) and 2 * len(model.statement.coordinates) + len(model.statement.states) > MOST_NUMBERS
+        has_loops(model)
+        and 2 * len(model.elements.statement.coordinates) + len(model.elements.statement.states) > MOST_NUMBERS
     )
 
 

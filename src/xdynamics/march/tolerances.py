@@ -131,7 +131,7 @@ class Tolerances:
         ]
         if bad:
             return faults
-        unscaled = (self.of_all(used) == 0.0) & (in_si(model.statement.initial, used) == 0.0)
+        unscaled = (self.of_all(used) == 0.0) & (in_si(model.elements.statement.initial, used) == 0.0)
         faults += [
             f"atol of '{name}' is 0 and {name} starts at 0: its error would have no scale; give it a positive one"
             for name in map(used.__getitem__, np.flatnonzero(unscaled).tolist())

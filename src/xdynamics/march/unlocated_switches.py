@@ -88,7 +88,7 @@ class Passages:
     @cached_property
     def _functions(self) -> list[Node]:
         """The functions of the switches, with definitions expanded."""
-        return [self.model.expanded(switch.function) for switch in unlocated(self.model)]
+        return [self.model.elements.expanded(switch.function) for switch in unlocated(self.model)]
 
     def shortened(self, pause: int, rows: int) -> int:
         """Return how many more rows to march, besides an initial one: none beyond the next look."""
@@ -141,13 +141,14 @@ class Passages:
 
         The speed of a motion that only decays to the switch would tend to zero with the distance.
         """
-        rates = [self.model.rates[name] for name in self.layout.used]
-        speed, *slopes = self._values_in_rows(run, [self.model.rate_of(tree), *rates], self.last)
+        elements = self.model.elements
+        rates = [elements.rates[name] for name in self.layout.used]
+        speed, *slopes = self._values_in_rows(run, [elements.rate_of(tree), *rates], self.last)
         with np.errstate(all="ignore"):
             time = -values / speed
             meets_switch = (time > 0.0) & (time <= STEPS * self.last[1].max() * self.scales.si_factor(TIME))
             speed_before, speed_beyond = (
-                self._values_in_rows(run, [self.model.rate_of(tree)], self._rows_after(slopes, part * time))[0] / speed
+                self._values_in_rows(run, [elements.rate_of(tree)], self._rows_after(slopes, part * time))[0] / speed
                 for part in (1.0 - NEAR, 1.0 + NEAR)
             )
             return bool(
@@ -171,9 +172,9 @@ class Passages:
         constant_values = dict(constants(model))
         run_values = zip(constant_values, run.p.tolist(), strict=False)
         constant_values |= {
-            name: value * scales.si_factor(model.dimensions[name])
+            name: value * scales.si_factor(model.elements.dimensions[name])
             for name, value in run_values
-            if name in model.statement.parameters
+            if name in model.elements.statement.parameters
         }
         values = evaluate_over_states(model, trees, state, constant_values, drive_pieces(model))
         return [np.broadcast_to(np.asarray(numbers, float), rows.shape[1]) for numbers in values]

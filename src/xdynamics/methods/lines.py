@@ -250,8 +250,8 @@ def _polynomials(text: str) -> tuple[Line, ...]:
 
 def printed_lines(text: str, model: Model | None = None) -> str:
     """Return the lines of a text as one line, with the vectors that a model has; with all if no model is passed."""
-    motion = model is None or bool(model.statement.coordinates)
-    states = model is None or bool(model.statement.states)
+    motion = model is None or bool(model.elements.statement.coordinates)
+    states = model is None or bool(model.elements.statement.states)
     return _printed_vectors(text, motion=motion, states=states)
 
 

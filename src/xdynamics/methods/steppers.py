@@ -110,10 +110,10 @@ class TimeStepping(Lines):
 
     def refusals(self, model: Model) -> list[str]:
         """List why a model has no such steps: another law of impacts, or friction that sticks by more than it slips by."""
-        contacts = model.contacts | model.assemblies
+        contacts = model.elements.contacts | model.assemblies
         unsupported_laws = {contact.law for contact in contacts.values()} - {NEWTON_S}
         slipping = {name: (contact.friction, contact.static) for name, contact in contacts.items()}
-        slipping |= {name: (friction.kinetic, friction.static) for name, friction in model.frictions.items()}
+        slipping |= {name: (friction.kinetic, friction.static) for name, friction in model.elements.frictions.items()}
         return [
             *(
                 f"it has Newton's law of restitution over whole steps, and law = '{law}' is for impacts that are located;"

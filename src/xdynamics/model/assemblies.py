@@ -149,10 +149,8 @@ class Assembly:
     @cached_property
     def pattern(self) -> tuple[Model, Model]:
         """Models of one link, whose coordinates are the leaves: with its gap as an event, and as a contact."""
-        old, names = (
-            self.model,
-            {pattern_input.name: Name(pattern_input_name(k)) for k, pattern_input in enumerate(self.pattern_inputs)},
-        )
+        old = self.model.elements
+        names = {item.name: Name(pattern_input_name(k)) for k, item in enumerate(self.pattern_inputs)}
         units = old.statement.coordinates | old.statement.parameters
         dimensions = {name: old.dimensions[name] for name in (*old.statement.parameters,) if name not in names}
         coordinates, masses, initial = {}, {}, {"t": old.statement.initial["t"]}
@@ -188,8 +186,8 @@ class Assembly:
         )
         all_dimensions = old.dimensions | dimensions
         return (
-            Model.of_elements(replace(bare, events={PATTERN: event}), all_dimensions),
-            Model.of_elements(replace(bare, contacts={PATTERN: contact}), all_dimensions),
+            Model.of_numbers(replace(bare, events={PATTERN: event}), all_dimensions),
+            Model.of_numbers(replace(bare, contacts={PATTERN: contact}), all_dimensions),
         )
 
 
@@ -216,25 +214,24 @@ def assemblies(model: Model) -> tuple[Assembly, ...]:
 @lru_cache(maxsize=16)
 def written_assemblies(model: Model) -> tuple[Assembly, ...]:
     """Return all contacts of a model that has one over a relation, where its few links are written out one by one."""
-    shapes, declared = model.shapes, model.shaped.contacts
+    shapes, declared = model.shapes, model.statement.contacts
     dims = {dim for name in declared for dim in shapes.dims.get(name, ())}
-    if not model.contacts or not dims & shapes.relations.keys():
+    if not model.elements.contacts or not dims & shapes.relations.keys():
         return ()
-    return tuple(_assembly(model, name, model.contacts[shapes.first(name)]) for name in declared)
+    return tuple(_assembly(model, name, model.elements.contacts[shapes.first(name)]) for name in declared)
 
 
 def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
     shapes, dims = model.shapes, model.shapes.dims.get(name, ())
-    elements, coordinate_by_velocity = (
-        _element_quantities(model),
-        {velocity(name): name for name in model.statement.coordinates},
-    )
-    names_read = set[str]().union(*(free_names(model.expanded(tree)) for tree in _contact_trees(contact).values()))
-    read = sorted({coordinate_by_velocity.get(name, name) for name in names_read} & elements)
-    masses = [model.mass[i][i] for i, coordinate in enumerate(model.statement.coordinates) if coordinate in read]
-    read = sorted({*read, *set[str]().union(*(free_names(model.expanded(tree)) for tree in masses)) & elements})
-    ordered = [coordinate for coordinate in model.statement.coordinates if coordinate in read]
-    ordered += [name for name in read if name not in model.statement.coordinates]
+    elements, with_elements = model.elements, _element_quantities(model)
+    coordinates = elements.statement.coordinates
+    coordinate_by_velocity = {velocity(name): name for name in coordinates}
+    names_read = set[str]().union(*(free_names(elements.expanded(tree)) for tree in _contact_trees(contact).values()))
+    read = sorted({coordinate_by_velocity.get(name, name) for name in names_read} & with_elements)
+    masses = [elements.mass[i][i] for i, coordinate in enumerate(coordinates) if coordinate in read]
+    read = sorted({*read, *set[str]().union(*(free_names(elements.expanded(tree)) for tree in masses)) & with_elements})
+    ordered = [coordinate for coordinate in coordinates if coordinate in read]
+    ordered += [name for name in read if name not in coordinates]
     pattern_inputs = tuple(_pattern_input(name, dims, shapes) for name in ordered)
     relation = shapes.relations.get(dims[0]) if len(dims) == 1 else None
     paired = (
@@ -242,8 +239,8 @@ def _assembly(model: Model, name: str, contact: Contact) -> Assembly:
         and _is_every_two(relation, shapes)
         and all(follows != LINK for pattern_input in pattern_inputs for follows, _ in pattern_input.index_sources)
     )
-    coordinates = sum(pattern_input.name in model.statement.coordinates for pattern_input in pattern_inputs)
-    return Assembly(name, contact, pattern_inputs, coordinates, paired, model)
+    number = sum(item.name in coordinates for item in pattern_inputs)
+    return Assembly(name, contact, pattern_inputs, number, paired, model)
 
 
 def _contact_trees(contact: Contact) -> dict[str, Node]:
@@ -254,7 +251,10 @@ def _contact_trees(contact: Contact) -> dict[str, Node]:
 
 def _element_quantities(model: Model) -> set[str]:
     """Return the coordinates, and the parameters that are elements."""
-    return {*model.statement.coordinates, *(name for name in model.statement.parameters if split_element_name(name)[1])}
+    return {
+        *model.elements.statement.coordinates,
+        *(name for name in model.elements.statement.parameters if split_element_name(name)[1]),
+    }
 
 
 def _pattern_input(name: str, dims: tuple[str, ...], shapes: Shapes) -> PatternInput:
@@ -281,7 +281,7 @@ def _pattern_input(name: str, dims: tuple[str, ...], shapes: Shapes) -> PatternI
 def _compare(assembly: Assembly) -> None:
     """Refuse a gap that is not that of the first link with other elements."""
     model, shapes = assembly.model, assembly.model.shapes
-    declared, statement = model.shaped.contacts[assembly.name], model.shaped
+    declared, statement = model.statement.contacts[assembly.name], model.statement
     pattern = {
         pattern_input.name: Name(pattern_input_name(k)) for k, pattern_input in enumerate(assembly.pattern_inputs)
     }
@@ -315,7 +315,7 @@ def _compare(assembly: Assembly) -> None:
         indices = {dim: int(numbers[dim][i]) for dim in assembly.dims}
         for key, tree in _contact_trees(declared).items():
             link_tree = at_element(expand_definitions(tree, statement.definitions, shapes), indices, shapes)
-            if expand(link_tree, renamed) != expand(model.expanded(pattern_trees[key]), pattern):
+            if expand(link_tree, renamed) != expand(model.elements.expanded(pattern_trees[key]), pattern):
                 raise InputError(
                     f"contact '{assembly.name}' reads something else at each of its {assembly.links} links than values"
                     " of its own elements; of many links all read the same, so write what differs as a parameter with"
@@ -328,16 +328,20 @@ def _compare_masses(
 ) -> None:
     """Refuse masses at a link that are not those of the first link with other elements."""
     model = assembly.model
-    coordinate_indices = {name: coordinate_index for coordinate_index, name in enumerate(model.statement.coordinates)}
+    coordinate_indices = {
+        name: coordinate_index for coordinate_index, name in enumerate(model.elements.statement.coordinates)
+    }
     for pattern_input in assembly.pattern_inputs[: assembly.coordinates]:
         link_mass, pattern_mass = (
-            model.mass[coordinate_index][coordinate_index]
+            model.elements.mass[coordinate_index][coordinate_index]
             for coordinate_index in (
                 coordinate_indices[elements[pattern_input]],
                 coordinate_indices[pattern_input.name],
             )
         )
-        if expand(model.expanded(link_mass), renamed) != expand(model.expanded(pattern_mass), pattern):
+        if expand(model.elements.expanded(link_mass), renamed) != expand(
+            model.elements.expanded(pattern_mass), pattern
+        ):
             raise InputError(
                 f"contact '{assembly.name}' has {assembly.links} links, and the mass of '{pattern_input.quantity}' differs from"
                 " element to element by more than values of parameters, as where it is written with index(…): make it a"

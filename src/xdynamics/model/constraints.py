@@ -62,12 +62,13 @@ class Assignment(NamedTuple):
 
 def mass_factors(model: Model) -> Iterator[Assignment]:
     """Return the assignments that solving with the mass reads: a diagonal, or the factors of a full M = L D L^T."""
-    if not model.mass_is_full:
+    elements = model.elements
+    if not elements.mass_is_full:
         # along dimensions a mass is read where it divides: loops over elements keep no array of it
-        for i in range(len(model.shaped.coordinates)) if not model.shapes.dims else ():
+        for i in range(len(model.statement.coordinates)) if not model.shapes.dims else ():
             yield Assignment(f"_m{i}", _positive_mass(model, i))
         return
-    mass = [[model.expanded(entry) for entry in row] for row in model.mass]
+    mass = [[elements.expanded(entry) for entry in row] for row in elements.mass]
     for i, row in enumerate(mass):
         for j in range(i):
             products = (product_of_names(f"_l{i}_{k}", f"_l{j}_{k}", f"_d{k}") for k in range(j))
@@ -78,14 +79,14 @@ def mass_factors(model: Model) -> Iterator[Assignment]:
 
 def _positive_mass(model: Model, i: int) -> Node:
     """Return the mass of a coordinate by its number; nan where it is not positive."""
-    return Call("positive", (model.expanded_by_quantity(own_mass(model.shaped.mass, i)),))
+    return Call("positive", (model.expanded(own_mass(model.statement.mass, i)),))
 
 
 def solve_mass(model: Model, rows: Mapping[str, Node], names: Iterable[str] | None = None) -> Iterator[Assignment]:
     """Solve M u = right for the unknowns, by division or forward and back through the factors."""
     unknowns, right = list(rows), list(rows.values())
-    if not model.mass_is_full:
-        row_of = {name: i for i, name in enumerate(model.shaped.coordinates)}
+    if not model.elements.mass_is_full:
+        row_of = {name: i for i, name in enumerate(model.statement.coordinates)}
         for name, unknown, tree in zip(row_of if names is None else names, unknowns, right, strict=True):
             i = row_of[name]
             mass = _positive_mass(model, i) if model.shapes.dims else Name(f"_m{i}")
@@ -222,14 +223,15 @@ class Condition:
 @lru_cache(maxsize=64)
 def conditions(model: Model) -> tuple[Condition, ...]:
     """Return the conditions of a model, in their order."""
+    elements = model.elements
     if not model.constraints:
         return ()
     if model.elements is not model:
         return conditions(model.elements)
     made_conditions, rates = [], rates_of_states(model)
-    for name, constraint in model.constraints.items():
-        residual = ZERO if constraint.holds is None else model.expanded(constraint.holds)
-        rate = model.rate_of(residual) if constraint.rolls is None else model.expanded(constraint.rolls)
+    for name, constraint in elements.constraints.items():
+        residual = ZERO if constraint.holds is None else elements.expanded(constraint.holds)
+        rate = elements.rate_of(residual) if constraint.rolls is None else elements.expanded(constraint.rolls)
         row, bias = rate_row_and_bias(model, expand(rate, rates))
         made_conditions.append(Condition(name, residual, expand(rate, rates), row, expand(bias, rates)))
     return tuple(made_conditions)
@@ -237,31 +239,32 @@ def conditions(model: Model) -> tuple[Condition, ...]:
 
 def rates_of_states(model: Model) -> dict[str, Node]:
     """Return the rate of each first-order state as it is written: where a condition reads an attitude, say."""
-    return {rate(name): model.expanded(state.rate) for name, state in model.statement.states.items()}
+    return {rate(name): model.elements.expanded(state.rate) for name, state in model.elements.statement.states.items()}
 
 
 def beyond_trees(model: Model) -> bool:
     """Whether constraints couple so many coordinates that derivatives of the accelerations are left to differences."""
-    return bool(model.constraints) and len(model.statement.coordinates) > MOST_DIFFERENTIATED
+    return bool(model.constraints) and len(model.elements.statement.coordinates) > MOST_DIFFERENTIATED
 
 
 def rate_row_and_bias(model: Model, rate: Node) -> tuple[dict[str, Node], Node]:
     """Return the derivatives of a rate by the velocities, and its time derivative with zero accelerations."""
-    rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.statement.coordinates}
+    rows = {name: derivative(rate, {velocity(name): ONE}) for name in model.elements.statement.coordinates}
     accelerations = {Name(acceleration(name)) for name in rows}
-    unaccelerated = {name: tree for name, tree in model.rates.items() if tree not in accelerations}
+    unaccelerated = {name: tree for name, tree in model.elements.rates.items() if tree not in accelerations}
     return {name: tree for name, tree in rows.items() if tree != ZERO}, derivative(rate, unaccelerated)
 
 
 def multiplier_dimensions(model: Model) -> dict[str, Dimension]:
     """Return the dimension of each multiplier: power over that of its rate."""
+    elements = model.elements
     if not model.constraints:
         return {}
-    dimensions, by_condition = model.dimensions, dict[str, Dimension]()
-    row_of = {name: i for i, name in enumerate(model.statement.coordinates)}
+    dimensions, by_condition = elements.dimensions, dict[str, Dimension]()
+    row_of = {name: i for i, name in enumerate(elements.statement.coordinates)}
     for condition in conditions(model):
         name = next(iter(condition.row))
-        inertia = dimension_of(model.mass[row_of[name]][row_of[name]], dimensions)
+        inertia = dimension_of(elements.mass[row_of[name]][row_of[name]], dimensions)
         power = inertia * dimensions[name] / model.time_unit.dimension**2 * dimensions[velocity(name)]
         by_condition[constraint_force(condition.name)] = power / dimension_of(condition.rate, dimensions)
     return by_condition
@@ -339,11 +342,12 @@ def projection_assignments(model: Model) -> Iterator[Assignment]:
 @lru_cache(maxsize=64)
 def state_corrections(model: Model) -> dict[str, Node]:
     """Return how far each state that conditions read goes with the coordinates, by its rate's derivatives by velocities."""
+    elements = model.elements
     read = set[str]().union(*(free_names(condition.residual) for condition in conditions(model)))
-    seeds = {velocity(name): {name: Name(f"_shift_{name}")} for name in model.statement.coordinates}
+    seeds = {velocity(name): {name: Name(f"_shift_{name}")} for name in elements.statement.coordinates}
     return {
-        name: sum_of_terms(list(derivatives(model.expanded(state.rate), seeds).values()))
-        for name, state in model.statement.states.items()
+        name: sum_of_terms(list(derivatives(elements.expanded(state.rate), seeds).values()))
+        for name, state in elements.statement.states.items()
         if name in read
     }
 
@@ -398,7 +402,7 @@ def _sharing(model: Model) -> Sharing:
     """Return how conditions that imply each other share their force."""
     count = range(len(conditions(model)))
     return Sharing(
-        implied_at_start(model.statement) if count else (),
+        implied_at_start(model.elements.statement) if count else (),
         tuple(map(inverse_pivot, count)),
         {(i, p): _factor_name(i, p) for i, p in _coupled(model)},
         tuple(Name(_gram_name(k, k)) for k in count),
@@ -423,7 +427,7 @@ def _coupled(model: Model) -> frozenset[tuple[int, int]]:
 
 def _reached_coordinates(model: Model, condition: Condition) -> list[str]:
     """Return the coordinates that a multiplier accelerates by itself: all of them through a full mass."""
-    return list(model.statement.coordinates) if model.mass_is_full else list(condition.row)
+    return list(model.elements.statement.coordinates) if model.elements.mass_is_full else list(condition.row)
 
 
 def _row_name(k: int, name: str) -> str:

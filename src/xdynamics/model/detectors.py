@@ -74,27 +74,40 @@ class Detector:
 @lru_cache(maxsize=64)
 def detectors(model: Model) -> tuple[Detector, ...]:
     """Return the detectors of a model: its events in their order, contacts, friction, and switches in its forces."""
-    all_detectors = []
-    for name, event in model.events.items():
+    contacts_of_many = (
+        Detector(name, ONE, LINKS, contact.time_tolerance, "falling", position_tolerance=contact.position_tolerance)
+        for name, contact in model.assemblies.items()
+    )
+    return (*_event_detectors(model), *_reaction_detectors(model), *contacts_of_many, *_switch_detectors(model))
+
+
+def _event_detectors(model: Model) -> Iterator[Detector]:
+    for name, event in model.elements.events.items():
         sampled = isinstance(event.function, Function) or reads_past(event.function, model)
-        tree = Name(python_value(name)) if isinstance(event.function, Function) else model.expanded(event.function)
+        tree = (
+            Name(python_value(name))
+            if isinstance(event.function, Function)
+            else model.elements.expanded(event.function)
+        )
         position_tolerance, role = event.position_tolerance, OCCASION
         if event.every is not None:
             tree, role = ONE, PERIODIC
-        all_detectors.append(
-            Detector(
-                name,
-                tree,
-                role,
-                event.time_tolerance,
-                event.direction,
-                event,
-                sampled=sampled,
-                position_tolerance=position_tolerance,
-            )
+        yield Detector(
+            name,
+            tree,
+            role,
+            event.time_tolerance,
+            event.direction,
+            event,
+            sampled=sampled,
+            position_tolerance=position_tolerance,
         )
+
+
+def _reaction_detectors(model: Model) -> Iterator[Detector]:
+    parts: dict[str, Contact | Friction] = {**model.elements.contacts, **model.elements.frictions}
     for k, reaction in enumerate(reactions(model)):
-        part = model.frictions[reaction.owner] if reaction.owner in model.frictions else model.contacts[reaction.owner]
+        part = parts[reaction.owner]
         if reaction.sort == NORMAL:
             until = Binary("-", Name("t"), Name(mode_number(reaction)))
             watched = [(GAP, reaction.gap, "falling"), (PULL, Name(reaction.name), "falling"), (LIMIT, until, "rising")]
@@ -106,23 +119,17 @@ def detectors(model: Model) -> tuple[Detector, ...]:
             )
             grip = Binary("-", grip_limit, Call("abs", (Name(reaction.name),)))
             watched = [(SLIP, reaction.rate, "either"), (GRIP, grip, "falling")]
-        all_detectors += [
-            Detector(
+        for role, tree, direction in watched:
+            tolerance = _gap_tolerance(part, role)
+            yield Detector(
                 reaction.owner,
                 tree,
                 role,
                 part.time_tolerance,
                 direction,
                 reaction=k,
-                position_tolerance=_gap_tolerance(part, role),
+                position_tolerance=tolerance,
             )
-            for role, tree, direction in watched
-        ]
-    for name, contact in model.assemblies.items():
-        all_detectors.append(
-            Detector(name, ONE, LINKS, contact.time_tolerance, "falling", position_tolerance=contact.position_tolerance)
-        )
-    return (*all_detectors, *_switch_detectors(model))
 
 
 def _switch_detectors(model: Model) -> Iterator[Detector]:
@@ -149,7 +156,7 @@ def _switch_detectors(model: Model) -> Iterator[Detector]:
 
 def reads_past(tree: Node, model: Model) -> bool:
     """Whether an expression has delayed values, of which nothing is known between the states where it is evaluated."""
-    return bool(model.delays) and any(is_before(name) for name in free_names(model.expanded(tree)))
+    return bool(model.delays) and any(is_before(name) for name in free_names(model.elements.expanded(tree)))
 
 
 def _gap_tolerance(part: Contact | Friction, role: int) -> Quantity | None:
@@ -164,7 +171,7 @@ def python_value(event: str) -> str:
 
 def python_values(model: Model) -> dict[str, Function]:
     """Return the event functions written in Python, by the names of their values."""
-    functions = {python_value(name): entry.function for name, entry in model.events.items()}
+    functions = {python_value(name): entry.function for name, entry in model.elements.events.items()}
     return {name: entry for name, entry in functions.items() if isinstance(entry, Function)}
 
 
@@ -182,14 +189,14 @@ def function_dimension(model: Model, detector: Detector) -> Dimension:
     if isinstance(detector.event.function, Function):
         return detector.event.unit.dimension if detector.event.unit else NONE
     if detector.role == LINKS:
-        return dimension_of(model.assemblies[detector.name].gap, model.dimensions)
+        return dimension_of(model.assemblies[detector.name].gap, model.elements.dimensions)
     return dimension_of(detector.function, _known_dimensions(model))
 
 
 @lru_cache(maxsize=8)
 def _known_dimensions(model: Model) -> Mapping[str, Dimension]:
     """Return the dimensions of all names in functions of detectors, merged once for many detectors."""
-    return model.dimensions | reaction_dimensions(model) | delayed_dimensions(model)
+    return model.elements.dimensions | reaction_dimensions(model) | delayed_dimensions(model)
 
 
 @lru_cache(maxsize=64)
@@ -205,7 +212,7 @@ def differentiated_reactions(model: Model) -> tuple[Assignment, ...]:
         for i, assignment in enumerate(motion(model.elements))
         if assignment.name in {reaction.name for reaction in reactions(model)}
     )
-    rates, assignments = dict(model.rates), []
+    rates, assignments = dict(model.elements.rates), []
     for assignment in motion(model.elements)[: last + 1]:
         assert not isinstance(assignment.value, Function)  # noqa: S101 - a model with both is refused
         assignments.append(assignment)
@@ -222,7 +229,7 @@ def function_rate(model: Model, detector: Detector) -> Node:
         for assignment in differentiated_reactions(model)
         if assignment.name.startswith("_rate_of_")
     }
-    return derivative(detector.looked_at, ChainMap(rates, model.rates))
+    return derivative(detector.looked_at, ChainMap(rates, model.elements.rates))
 
 
 def argument_motion(model: Model, drive: str) -> tuple[Node, Node, Node]:
@@ -230,15 +237,16 @@ def argument_motion(model: Model, drive: str) -> tuple[Node, Node, Node]:
 
     Of an argument that reads velocities the last is the rate again: how accelerations change is not known.
     """
-    argument = model.looked_up_at[drive]
-    rate = derivative(argument, model.rates)
-    unknown = {name for name, rate_tree in model.rates.items() for name in free_names(rate_tree)} - {*model.rates}
-    return argument, rate, rate if free_names(rate) & unknown else derivative(rate, model.rates)
+    elements = model.elements
+    argument = elements.looked_up_at[drive]
+    rate = derivative(argument, elements.rates)
+    unknown = {name for name, rate_tree in elements.rates.items() for name in free_names(rate_tree)} - {*elements.rates}
+    return argument, rate, rate if free_names(rate) & unknown else derivative(rate, elements.rates)
 
 
 def function_bend(model: Model, detector: Detector) -> Node:
     """Return the second time derivative of a gap along the motion."""
-    return derivative(function_rate(model, detector), model.rates)
+    return derivative(function_rate(model, detector), model.elements.rates)
 
 
 __all__ = [

@@ -1,12 +1,9 @@
-"""The numbers of the elements of a statement with dimensions: parameters and values at the start.
-
-A statement with dimensions and the statement of its elements follow each other where numbers change.
-"""
+"""The numbers of the elements of a statement with dimensions: parameters and values at the start."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -21,12 +18,11 @@ from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, 
 from xdynamics.model.given_values import Values, unit_of_values
 from xdynamics.model.parts import Parameter
 from xdynamics.model.statement import Statement
-from xdynamics.model.uncertainty import Spread
 from xdynamics.schema import velocity
-from xdynamics.shapes import Shapes, at_element, dims_of, internal_text
+from xdynamics.shapes import Shapes, at_element, dims_of
 from xdynamics.shapes.blocks import Blocks
 from xdynamics.shapes.evaluation import evaluate_elements, rounding_errors
-from xdynamics.shapes.naming import DOT
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import Quantity, Unit, constant
 from xdynamics.units.unit import decimal_text
 
@@ -52,7 +48,14 @@ class ElementNumbers:
         """Return a dictionary of elements whose parts `makers` make on look-up."""
         return Elementwise(self.shapes, makers)
 
-    def _element_parameters(self) -> dict[str, Parameter]:
+    def element_parameters(self) -> dict[str, Parameter]:
+        """Return the parameters, each made on first look-up.
+
+        Raises
+        ------
+        ModelError
+            With every parameter whose expression has no number for an element.
+        """
         makers: dict[str, Callable[[ElementIndices], Parameter]] = {
             name: always(part) for name, part in self.statement.parameters.items()
         }
@@ -85,7 +88,7 @@ class ElementNumbers:
             )
         return numbers, shape, unit_of_values(values)
 
-    def _start_sections(self, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+    def start_sections(self, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         """Return values at the start."""
         old, ledger = self.statement, Ledger(f"model '{self.statement.name}'", ModelError)
         initial: dict[str, Callable[[ElementIndices], Quantity]] = {
@@ -104,15 +107,6 @@ class ElementNumbers:
         ranked = {name: initial[name] for name in order if name in initial}
         at_rest = Blocks.from_names("velocity", old.at_rest, self.shapes)
         return {"initial": self._elementwise(ranked | initial), "starts": starts, "at_rest": at_rest}
-
-    def values_at_start(self, parameters: Mapping[str, Parameter]) -> dict[str, Quantity]:
-        """Return every value at the start that is an array or an expression, by element."""
-        return {
-            element: made(indices)
-            for name, values in self.statement.starting.items()
-            for made in (self._start_maker(name, values, parameters),)
-            for element, indices in self._indexed_elements(name)
-        }
 
     def _start_maker(self, name: str, values: Values, parameters: Mapping[str, Parameter]) -> Numbers:
         """Return the function that makes the values of a quantity's elements at the start."""
@@ -216,89 +210,92 @@ def _constant_factors(unit_constants: Iterable[str]) -> dict[str, float]:
     return {name: float(constant(name).factor) for name in unit_constants} | {"pi": math.pi}
 
 
-def replaces_elements(sections: Mapping[str, Any]) -> bool:
-    """Whether new entries of a model are those of single elements, as ``m·Sun``."""
-    return any(
-        DOT in internal_text(str(name))
-        for entries in sections.values()
-        if isinstance(entries, Mapping)
-        for name in entries
-    )
-
-
-def follow_parameters(declared: Statement, elements: Statement, old: Statement, shapes: Shapes) -> Statement:
-    """Return a statement of elements in which values at the start follow the parameters that their expressions read.
+def with_numbers(
+    statement: Statement,
+    elements: Statement,
+    shapes: Shapes,
+    parameters: Mapping[str, Parameter],
+    starts: Mapping[str, Parameter],
+) -> Statement:
+    """Return a statement with other parameters and values at the start; expressions of changed quantities give way.
 
     Parameters
     ----------
-    declared : Statement
-        With the expressions.
-    elements, old : Statement
-        As it is now, and as it was: a value at the start that was changed itself stays.
+    statement : Statement
+    elements : Statement
+        The same of single numbers.
     shapes : Shapes
+    parameters, starts : mapping of str to Parameter
+        By the names of elements, in any unit.
     """
-    if elements.parameters is old.parameters or not any(values.tree for values in declared.starting.values()):
-        return elements
-    start = ElementNumbers(gather_elements(declared, old, shapes), shapes).values_at_start(elements.parameters)
-    same = {name: quantity for name, quantity in start.items() if elements.initial[name] == old.initial[name]}
-    return replace(elements, initial=elements.initial | same)
-
-
-def converted_like(statement: Statement, old: Statement) -> Statement:
-    """Return a statement of elements in the units of another one: all elements of a quantity have one unit."""
-    parameters = {
-        name: replace(part, quantity=part.quantity.into(unit))
-        for name, part in statement.parameters.items()
-        if name in old.parameters and (unit := old.parameters[name].quantity.unit) != part.quantity.unit
-    }
-    initial = {
-        name: quantity.into(unit)
-        for name, quantity in statement.initial.items()
-        if name in old.initial and (unit := old.initial[name].unit) != quantity.unit
-    }
-    if not (parameters or initial):
-        return statement
-    return replace(statement, parameters=statement.parameters | parameters, initial=statement.initial | initial)
-
-
-def gather_elements(declared: Statement, elements: Statement, shapes: Shapes) -> Statement:
-    """Return a statement with dimensions and the numbers of its elements."""
-    arrays, starting = {}, {}
-    for name, values in declared.arrays.items():
-        if _is_as_read(elements.parameters, name):
-            arrays[name] = values
-            continue
-        parts = [elements.parameters[element] for element in shapes.elements(name)]
-        filled = _fill_values(values, tuple(part.quantity for part in parts), tuple(part.spread for part in parts))
-        arrays[name] = values if _values_agree(filled, number_per_element(name, values, declared, shapes)) else filled
-    start = (
-        ElementNumbers(declared, shapes).values_at_start(elements.parameters)
-        if not _is_as_read(elements.initial)
-        else {}
-    )
-    for name, values in declared.starting.items():
-        if _is_as_read(elements.initial, name) and not (start and values.tree):
-            starting[name] = values
-            continue
-        names = shapes.elements(name)
-        spreads = tuple(elements.starts[name].spread if name in elements.starts else None for name in names)
-        numbers = tuple(elements.initial[name] for name in names)
-        filled = _fill_values(values, numbers, spreads)
-        if values.tree is None:
-            same = _values_agree(filled, number_per_element(name, values, declared, shapes))
-        else:
-            same = all(start[name] == elements.initial[name] for name in names)
-        starting[name] = values if same else filled
-    return replace(
-        declared,
+    arrays, starting, initial = dict(statement.arrays), dict(statement.starting), dict(statement.initial)
+    for name, parts in _parts_by_quantity(parameters, statement.parameters).items():
+        old = {element: elements.parameters[element] for element in shapes.elements(name)}
+        arrays[name] = _with_parts(arrays[name], old, parts)
+    for name, parts in _parts_by_quantity(starts, initial.keys() - shapes.dims.keys()).items():
+        old = {
+            element: elements.starts.get(element, Parameter(elements.initial[element]))
+            for element in shapes.elements(name)
+        }
+        values = starting.get(name, Values(shapes.dims.get(name, ())))
+        starting[name] = _with_parts(values, old, parts)
+        initial.pop(name, None)  # the zero of all elements at rest
+    single_parameters = {name: part for name, part in parameters.items() if name in statement.parameters}
+    renumbered = replace(
+        statement,
         arrays=arrays,
         starting=starting,
-        parameters={name: elements.parameters[name] for name in declared.parameters},
-        initial={name: elements.initial.get(name, quantity) for name, quantity in declared.initial.items()},
-        name=elements.name,
-        description=elements.description,
-        fit=elements.fit,
+        parameters=statement.parameters | single_parameters,
+        initial=initial,
+        at_rest=tuple(name for name in statement.at_rest if name in initial),
     )
+    return with_starts(renumbered, {name: part for name, part in starts.items() if name in initial})
+
+
+def with_starts(statement: Statement, parts: Mapping[str, Parameter]) -> Statement:
+    """Return a statement with other values at the start of what has no dimensions."""
+    starts = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in statement.initial.items()}
+    starts |= parts
+    return replace(
+        statement,
+        initial={name: start.quantity for name, start in starts.items()},
+        starts={name: start for name, start in starts.items() if start.spread or start.description},
+        at_rest=tuple(name for name in statement.at_rest if name not in parts),
+    )
+
+
+def _parts_by_quantity(
+    parts: Mapping[str, Parameter], single_names: Collection[str]
+) -> dict[str, dict[str, Parameter]]:
+    """Return parts of elements by their quantities, without those that stand by themselves."""
+    by_quantity: dict[str, dict[str, Parameter]] = {}
+    for name, part in parts.items():
+        if name not in single_names:
+            by_quantity.setdefault(split_element_name(name)[0], {})[name] = part
+    return by_quantity
+
+
+def _with_parts(values: Values, old: Mapping[str, Parameter], parts: Mapping[str, Parameter]) -> Values:
+    """Return the values of a quantity with other parts of some elements, in the unit that they have."""
+    if all(_parts_agree(old[name], part) for name, part in parts.items()):
+        return values
+    unit = next(iter(old.values())).quantity.unit
+    filled = [parts.get(name, part) for name, part in old.items()]
+    spreads = tuple(part.spread for part in filled)
+    shared_spreads = spreads[:1] if len(set(spreads)) == 1 else spreads
+    return replace(
+        values,
+        tree=None,
+        numbers=tuple(part.quantity.into(unit).value for part in filled),
+        unit=unit,
+        spreads=() if shared_spreads == (None,) else shared_spreads,
+    )
+
+
+def _parts_agree(first: Parameter, second: Parameter) -> bool:
+    """Whether parts agree in all digits that are known of them."""
+    numbers = [decimal_text(part.quantity.value) for part in (first, second)]
+    return first.quantity == second.quantity and first.spread == second.spread and numbers[0] == numbers[1]
 
 
 def number_per_element(name: str, values: Values, statement: Statement, shapes: Shapes) -> Values:
@@ -315,28 +312,3 @@ def explicit_values(statement: Statement, shapes: Shapes) -> Statement:
         for name, values in statement.starting.items()
     }
     return replace(statement, arrays=arrays, starting=starting)
-
-
-def _is_as_read(parts: Mapping[str, Any], name: str = "") -> bool:
-    """Whether no element of a quantity, or of any, has another value than the statement had it first."""
-    return isinstance(parts, Elementwise) and (name not in parts.changed if name else not parts.changed)
-
-
-def _values_agree(first: Values, second: Values) -> bool:
-    """Whether values agree in all digits that are known of them."""
-    return first == second and [*map(decimal_text, first.numbers)] == [*map(decimal_text, second.numbers)]
-
-
-def _fill_values(values: Values, quantities: tuple[Quantity, ...], spreads: tuple[Spread | None, ...]) -> Values:
-    """Return the values of a quantity with new numbers for its elements."""
-    if values.tree is not None and values.unit is None and not values.dims:
-        return replace(values, tree=None, numbers=(quantities[0].value,), unit=quantities[0].unit)
-    shared_spreads = spreads[:1] if len(set(spreads)) == 1 else spreads
-    numbers = tuple(quantity.value for quantity in quantities)
-    return replace(
-        values,
-        tree=None,
-        numbers=numbers,
-        unit=quantities[0].unit,
-        spreads=() if shared_spreads == (None,) else shared_spreads,
-    )

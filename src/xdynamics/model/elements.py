@@ -258,7 +258,7 @@ class Elements(ElementNumbers):
             With every fault of values at the start that are expressions.
         """
         old, trees = self.statement, self._element_trees
-        parameters = self._element_parameters()
+        parameters = self.element_parameters()
         new = replace(
             old,
             coordinates=self._elementwise(
@@ -303,7 +303,7 @@ class Elements(ElementNumbers):
             arrays={},
             starting={},
         )
-        return replace(new, **self._start_sections(parameters))
+        return replace(new, **self.start_sections(parameters))
 
     @property
     def _many(self) -> bool:
@@ -474,6 +474,13 @@ class Elements(ElementNumbers):
             return None
         potential = None if energies.potential is None else self._sum_over_dims(energies.potential)
         return Lagrangian(self._sum_over_dims(energies.kinetic), potential)
+
+
+def with_element_numbers(elements: Statement, statement: Statement, shapes: Shapes) -> Statement:
+    """Return a statement of elements with the numbers of another statement, whose trees are the same."""
+    numbers = Elements(statement, shapes)
+    parameters = numbers.element_parameters()
+    return replace(elements, parameters=parameters, **numbers.start_sections(parameters))
 
 
 def _by_element(make: Callable[[str, Part], Iterator[tuple[str, Part]]], parts: Mapping[str, Part]) -> dict[str, Part]:

@@ -75,7 +75,7 @@ def _constrained_derivatives(model: Model, variable: str) -> Iterator[Assignment
     """Write the derivatives of accelerations by one variable where conditions hold: of R a + bias = 0, too."""
     free = {name: Name(f"_free_da_{name}_{variable}") for name in _force_changes(model)[variable]}
     lags = [_lag(model, k, variable) for k in range(len(conditions(model)))]
-    targets = {name: f"_da_{name}_{variable}" for name in model.statement.coordinates}
+    targets = {name: f"_da_{name}_{variable}" for name in model.elements.statement.coordinates}
     yield from keep_conditions(model, free, lags, targets, [f"_du{k}_{variable}" for k in range(len(lags))])
 
 
@@ -107,7 +107,7 @@ def _force_changes(model: Model) -> dict[str, dict[str, Node]]:
     With a diagonal mass, zeros are left out; the factors of a full one couple each row to all others.
     """
     inertia_terms: dict[tuple[str, str], list[Node]] = {}
-    coordinates = list(model.statement.coordinates)
+    coordinates = list(model.elements.statement.coordinates)
     for (i, j), variable in mass_derivatives(model):
         term = Binary("*", Name(f"_dM_{i}_{j}_{variable}"), Name(acceleration(coordinates[j])))
         inertia_terms.setdefault((coordinates[i], variable), []).append(term)
@@ -119,7 +119,7 @@ def _force_changes(model: Model) -> dict[str, dict[str, Node]]:
             for variable, row_derivative in derivatives_of_row.items():
                 pulled = multiply(row_derivative, Name(constraint_force(condition.name)))
                 forces[name, variable] = add(forces.get((name, variable), ZERO), pulled)
-    coupled = model.mass_is_full or bool(model.constraints)
+    coupled = model.elements.mass_is_full or bool(model.constraints)
     full = ((name, variable) for name in coordinates for variable in variables(model)) if coupled else ()
     ranks = _variable_ranks(model)
     changes: dict[str, dict[str, Node]] = {}
@@ -132,7 +132,7 @@ def _force_changes(model: Model) -> dict[str, dict[str, Node]]:
 
 def _acting_pairs(model: Model) -> list[tuple[str, str]]:
     """Return the pairs of a coordinate and a variable that its force depends on."""
-    owners = {f"force_{name}": name for name in model.statement.coordinates}
+    owners = {f"force_{name}": name for name in model.elements.statement.coordinates}
     return [(owners[key], variable) for key, variable in force_derivatives(model) if key in owners]
 
 
@@ -165,19 +165,20 @@ def force_totals(model: Model) -> dict[str, Node]:
     InputError
         If a force is written in Python: it has no tree.
     """
+    elements = model.elements
     if functions := model.python_forces:
         function_names = ", ".join(f"'{component.name}'" for component in functions)
         raise InputError(
             f"model '{model.name}' has forces written in Python, {function_names}, which have no derivative;"
             " write them as expressions to linearise the model"
         )
-    totals: dict[str, Node] = {f"force_{name}": ZERO for name in model.statement.coordinates}
-    for term, components in model.force_components.items():
+    totals: dict[str, Node] = {f"force_{name}": ZERO for name in elements.statement.coordinates}
+    for term, components in elements.force_components.items():
         for name, component in components.items():
             if not isinstance(component, Function):
-                tree = in_regimes(model, term, model.expanded(component))
+                tree = in_regimes(model, term, elements.expanded(component))
                 totals[f"force_{name}"] = add(totals[f"force_{name}"], tree)
-    return totals | {rate(name): model.expanded(state.rate) for name, state in model.statement.states.items()}
+    return totals | {rate(name): elements.expanded(state.rate) for name, state in elements.statement.states.items()}
 
 
 @lru_cache(maxsize=64)
@@ -213,8 +214,8 @@ def mass_derivatives(model: Model) -> dict[tuple[tuple[int, int], str], Node]:
     """
     return {
         ((i, j), variable): derivative
-        for (i, j), entry in model.statement.mass_entries.items()
-        for variable, derivative in _sorted_derivatives(model, model.expanded(entry))
+        for (i, j), entry in model.elements.statement.mass_entries.items()
+        for variable, derivative in _sorted_derivatives(model, model.elements.expanded(entry))
     }
 
 
@@ -242,7 +243,7 @@ def _variable_seeds(model: Model) -> dict[str, dict[str, Node]]:
         name: {
             variable: multiply(Name(drive_slope(name)), rate) for variable, rate in derivatives(argument, seeds).items()
         }
-        for name, argument in model.looked_up_at.items()
+        for name, argument in model.elements.looked_up_at.items()
         if argument != CLOCK
     }
 
@@ -271,7 +272,7 @@ def tangent_space(model: Model, values: Mapping[str, float]) -> Floats:
         with what velocities change by them, then of velocities, then of states. Otherwise changes of (q, x) together, with
         what velocities change by them, then of velocities. Apart from what follows, either are orthonormal.
     """
-    n, size, free = len(model.statement.coordinates), len(variables(model)), free_coordinates(model)
+    n, size, free = len(model.elements.statement.coordinates), len(variables(model)), free_coordinates(model)
     if not model.constraints:
         return np.eye(size)
     residuals, rates = _gradients(model, values)
@@ -299,7 +300,7 @@ def _in_order(moves: Floats, following: Floats, speeds: Floats, first: int) -> F
 
 def displacements(model: Model, values: Mapping[str, float]) -> Floats:
     """Return independent displacements along which no condition acts, as columns, shape (n, n - rank)."""
-    n = len(model.statement.coordinates)
+    n = len(model.elements.statement.coordinates)
     if not model.constraints:
         return np.eye(n)
     return _null_space(_gradients(model, values)[1][:, n : 2 * n], n - independent_counts(model)[0])
@@ -311,27 +312,29 @@ def displacement_turning(model: Model, values: Mapping[str, float], mass: Floats
     Displacements Z that stay orthogonal in the metric of the mass turn with the motion by F = Z', so that what is left of
     M d2(Z u)/dt2 along Z is Z^T M Z u'' - F^T M F u. Of rolling, and of attitudes, none is counted.
     """
-    n, moves = len(model.statement.coordinates), displacements(model, values)
+    n, moves = len(model.elements.statement.coordinates), displacements(model, values)
     if not (model.constraints and free_coordinates(model)):
         return np.zeros_like(moves)
     rates = _gradients(model, values)[1]
     ties, slopes = rates[:, n : 2 * n], rates[:, :n]
-    reach = over_mass(mass, ties.T, list(model.statement.coordinates))
+    reach = over_mass(mass, ties.T, list(model.elements.statement.coordinates))
     return np.asarray(-reach @ np.linalg.pinv(ties @ reach, rcond=INDEPENDENT) @ slopes @ moves)
 
 
 def free_coordinates(model: Model) -> int:
     """Return how many coordinates are left to linear equations q' = v; 0 where they are of the first order."""
     tied = conditions(model)
-    holonomic = all(c.residual != ZERO and not free_names(c.residual) & model.statement.states.keys() for c in tied)
-    return len(model.statement.coordinates) - independent_counts(model)[0] if holonomic else 0
+    holonomic = all(
+        c.residual != ZERO and not free_names(c.residual) & model.elements.statement.states.keys() for c in tied
+    )
+    return len(model.elements.statement.coordinates) - independent_counts(model)[0] if holonomic else 0
 
 
 def count_of_changes(model: Model) -> int:
     """Return the number of columns of `tangent_space`."""
     size, free = len(variables(model)), free_coordinates(model)
     return (
-        size - 2 * (len(model.statement.coordinates) - free)
+        size - 2 * (len(model.elements.statement.coordinates) - free)
         if free or not model.constraints
         else size - independent_counts(model)[1]
     )
@@ -342,9 +345,9 @@ def independent_counts(model: Model) -> tuple[int, int]:
     """Return how many gradients of rates by velocities are independent at the start, and of all conditions by the state."""
     if not model.constraints:
         return 0, 0
-    state = {name: model.statement.initial[name].si for name in ("t", *variables(model))}
+    state = {name: model.elements.statement.initial[name].si for name in ("t", *variables(model))}
     residuals, rates = _gradients(model, motion_inputs(model, state, constants(model), drive_pieces(model)))
-    n = len(model.statement.coordinates)
+    n = len(model.elements.statement.coordinates)
     return _matrix_rank(rates[:, n : 2 * n]), _matrix_rank(np.vstack([residuals, rates]))
 
 
@@ -444,7 +447,7 @@ MAX_TOGETHER = 2_000_000  # numbers of a part of an expression for all direction
 
 def is_densely_linked(model: Model) -> bool:
     """Whether links far outnumber the elements they join, and derivatives of forces are known by quantity."""
-    if not moves_by_quantities(model) or model.assemblies or model.drives or model.shaped.bodies:
+    if not moves_by_quantities(model) or model.assemblies or model.drives or model.statement.bodies:
         return False
     sizes = ((links.first.size, model.shapes.extent(links.source).size) for links in model.shapes.relations.values())
     return any(count > LINKS_OF_EACH * elements for count, elements in sizes)
@@ -475,7 +478,7 @@ def quantity_jacobian(model: Model, values: Mapping[str, float]) -> tuple[Floats
         known_values[name] = np.array([values[element] for element in block.elements()]).reshape(block.shape)
     for item in motion_of:
         known_values[item.name] = evaluate_elements(item.tree, item.dims, known_values, shapes)
-    rows = [*map(acceleration, model.shaped.coordinates), *map(rate, model.shaped.states)]
+    rows = [*map(acceleration, model.statement.coordinates), *map(rate, model.statement.states)]
     state = [Block.from_shapes(name, "", shapes) for name in state_quantities(model)]
     count = sum(block.size for block in state)
     widest = max(links.first.size for links in shapes.relations.values())
@@ -504,7 +507,7 @@ def quantity_jacobian(model: Model, values: Mapping[str, float]) -> tuple[Floats
         jacobian[:, begin:end] = np.concatenate(
             [moved_values[change_name(name)].reshape(-1, end - begin) for name in rows]
         )
-    accelerations = [known_values[acceleration(name)].ravel() for name in model.shaped.coordinates]
+    accelerations = [known_values[acceleration(name)].ravel() for name in model.statement.coordinates]
     return np.concatenate(accelerations), jacobian
 
 
@@ -547,10 +550,11 @@ def linearise_each(model: Model, states: Iterable[Mapping[str, float]]) -> Itera
     InputError
         If a force is written in Python, or a state lacks a number.
     """
+    elements = model.elements
     constant_values, tables, names = constants(model), drive_pieces(model), variables(model)
-    n, column_of = len(model.statement.coordinates), {name: i for i, name in enumerate(names)}
-    mass = {row_column: model.expanded(entry) for row_column, entry in model.statement.mass_entries.items()}
-    attitudes = [column_of[part] for parts in unit_quaternions(model.shaped.bodies, model.shapes) for part in parts]
+    n, column_of = len(elements.statement.coordinates), {name: i for i, name in enumerate(names)}
+    mass = {row_column: elements.expanded(entry) for row_column, entry in elements.statement.mass_entries.items()}
+    attitudes = [column_of[part] for parts in unit_quaternions(model.statement.bodies, model.shapes) for part in parts]
     derived = _derivatives_by_quantity if is_densely_linked(model) else _derivatives_by_element
     for state in states:
         values = motion_inputs(model, _checked_state(model, state), constant_values, tables)
@@ -573,11 +577,12 @@ def _derivatives_by_quantity(model: Model, values: dict[str, float]) -> tuple[Fl
 
 def _derivatives_by_element(model: Model, values: dict[str, float]) -> tuple[Floats, Floats, Floats]:
     """Return accelerations, the derivatives of accelerations and rates, and dF - dM a; add all that they follow from."""
-    names, n = variables(model), len(model.statement.coordinates)
+    elements = model.elements
+    names, n = variables(model), len(elements.statement.coordinates)
     column_of = {name: i for i, name in enumerate(names)}
     row_of = {
         name: i
-        for i, name in enumerate((*model.statement.coordinates, *(rate(name) for name in model.statement.states)))
+        for i, name in enumerate((*elements.statement.coordinates, *(rate(name) for name in elements.statement.states)))
     }
     values |= tape(model).evaluate_tape(values)
     derivatives, slopes = np.zeros((len(row_of), len(names))), np.zeros((n, len(names)))
@@ -586,7 +591,7 @@ def _derivatives_by_element(model: Model, values: dict[str, float]) -> tuple[Flo
         derivatives[row_column] = values[name]
         if row_column[0] < n:
             slopes[row_column] = values[f"_s_{row}_{variable}"]
-    return np.array([values[acceleration(name)] for name in model.statement.coordinates]), derivatives, slopes
+    return np.array([values[acceleration(name)] for name in elements.statement.coordinates]), derivatives, slopes
 
 
 def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterator[Floats]:
@@ -597,8 +602,9 @@ def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterat
     InputError
         If a state lacks a number.
     """
-    constant_values, tables, n = constants(model), drive_pieces(model), len(model.statement.coordinates)
-    entries = {row_column: model.expanded(entry) for row_column, entry in model.statement.mass_entries.items()}
+    elements = model.elements
+    constant_values, tables, n = constants(model), drive_pieces(model), len(elements.statement.coordinates)
+    entries = {row_column: elements.expanded(entry) for row_column, entry in elements.statement.mass_entries.items()}
     for state in states:
         values = motion_inputs(model, _checked_state(model, state), constant_values, tables)
         matrix = np.zeros((n, n))
@@ -609,7 +615,7 @@ def mass_matrices(model: Model, states: Iterable[Mapping[str, float]]) -> Iterat
 
 def initial_state(model: Model) -> dict[str, float]:
     """Return a model's initial time and state in SI units."""
-    return {name: model.statement.initial[name].si for name in ("t", *variables(model))}
+    return {name: model.elements.statement.initial[name].si for name in ("t", *variables(model))}
 
 
 def _checked_state(model: Model, state: Mapping[str, float]) -> dict[str, float]:

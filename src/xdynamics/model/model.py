@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from xdynamics.expressions import free_names
+from xdynamics.expressions import Node, free_names
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.body_consistency import check_bodies_made
@@ -19,25 +19,30 @@ from xdynamics.model.csv_sheet import normalise_newlines
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.element_numbers import (
     ElementNumbers,
-    converted_like,
     explicit_values,
-    follow_parameters,
-    gather_elements,
-    replaces_elements,
+    with_numbers,
 )
-from xdynamics.model.elements import Elements, check_link_tables, check_shapes, declared_shapes, dimensions_of
+from xdynamics.model.elements import (
+    Elements,
+    check_link_tables,
+    check_shapes,
+    declared_shapes,
+    dimensions_of,
+    with_element_numbers,
+)
 from xdynamics.model.end_forces import check_end_forces
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess, parse_model_text
 from xdynamics.model.kinds import Functions
 from xdynamics.model.model_trees import BY_NAME, ModelTrees
 from xdynamics.model.name_consistency import check_names_of_today
-from xdynamics.model.parts import NOBODY, Authorship
+from xdynamics.model.parts import NOBODY, Authorship, Function, Parameter
 from xdynamics.model.reading import derive_motion, read_statement
-from xdynamics.model.replacement import changes_numbers_alone, replace_entries
+from xdynamics.model.replacement import changes_numbers_alone, read_parts, replace_entries
 from xdynamics.model.statement import Statement
 from xdynamics.runtime.files import ask_path, check_no_address, decoded, read_bounded, reason
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes import Shapes, internal_text
+from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import Dimension
 
 _OF_TREES = (
@@ -48,16 +53,8 @@ _OF_TREES = (
     "units",
 )  # what does not change with the numbers of a model
 LARGEST_FILE = 20_000_000  # bytes
+_OF_ELEMENTS = ("parameters", "initial")  # sections with entries of single elements
 _IN_TABLES = "; keep its numbers in tables beside it; what to_toml wrote is read by Model.from_record"
-
-
-def _named_inside(entries: Any) -> Any:
-    """Return entries with elements as they are named inside."""
-    return (
-        {internal_text(str(name)): entry for name, entry in entries.items()}
-        if isinstance(entries, Mapping)
-        else entries
-    )
 
 
 class Model(ModelTrees):
@@ -95,6 +92,7 @@ class Model(ModelTrees):
     """
 
     file: Path | None = None  # that it was read from
+    _element_trees: Mapping[str, Any] = {}  # of the model of its elements, where they are known already
 
     def __init__(self, **statement: Any) -> None:
         self._fill_from_sections(statement, Path(), {}, FileAccess(Path(), ANYWHERE))
@@ -241,34 +239,31 @@ class Model(ModelTrees):
 
     @cached_property
     def _toml(self) -> str:
-        return toml.model_toml(self.shaped)
-
-    @cached_property
-    def shaped(self) -> Statement:
-        """The statement with dimensions; without any it is `statement`, of which it has the numbers in any case."""
-        return (
-            self.statement if self._declared is None else gather_elements(self._declared, self.statement, self.shapes)
-        )
+        return toml.model_toml(self.statement)
 
     @cached_property
     def elements(self) -> Model:
         """The model of its elements, each a quantity of its own without dimensions, like ``r·Jupiter·x``."""
-        if self._declared is None:
+        if self._element_statement is self.statement:
             return self
-        model = Model.of_elements(self.statement, self.dimensions)
+        # asked of the elements they would make the trees of all
+        known = {name: getattr(self.statement, name) for name in ("calendar", "functions")}
+        vars(self._element_statement).update(known if self.statement.delayed else known | {"delayed": ()})
+        model = Model.of_numbers(self._element_statement, self._element_dimensions)
         # the text of all elements would be as long as they are many
         model.__dict__.update(digest=f"elements of {self.digest}", form=f"elements of {self.form}", file=self.file)
+        model.__dict__.update(self._element_trees)
         return model
 
     def written_out(self) -> dict[str, Any]:
         """Return the sections of its file with a number for each element, be they given one by one or by an expression."""
-        return toml.section_tables(explicit_values(self.shaped, self.shapes))
+        return toml.section_tables(explicit_values(self.statement, self.shapes))
 
     @classmethod
-    def of_elements(cls, statement: Statement, dimensions: dict[str, Dimension]) -> Model:
+    def of_numbers(cls, statement: Statement, dimensions: dict[str, Dimension]) -> Model:
         """Return the model of a statement of single numbers that is known to be sound."""
         model = object.__new__(cls)
-        model._hold_statement(statement, dimensions, Shapes(), None)
+        model._hold_statement(statement, dimensions, Shapes(), statement, dimensions)
         return model
 
     def replace(self, **sections: Mapping[str, Any] | str) -> Model:
@@ -285,82 +280,107 @@ class Model(ModelTrees):
         ModelError
             If there is no such section or entry, or the new model is faulty.
         """
-        model = object.__new__(Model)
-        model.file = self.file
-        sections = self._with_labels(sections)
-        if (
-            self._declared is not None
-            and replaces_elements(sections)
-            and (further_titles := sections.keys() - {"parameters", "initial"})
-        ):
-            numbers = {title: entries for title, entries in sections.items() if title not in further_titles}
-            return self.replace(**numbers).replace(**{title: sections[title] for title in further_titles})
-        if self._declared is None or replaces_elements(sections):
-            internal_sections = {title: _named_inside(entries) for title, entries in sections.items()}
-            return self.with_statement(replace_entries(self.statement, internal_sections, self.functions))
-        model._take_statement(replace_entries(self.shaped, sections, self.functions))
-        if "forces" in sections:
-            check_end_forces(model.shaped, model.shapes)
+        sections = self._with_internal_names(sections)
+        elements = {
+            title: self._element_entries(entries) for title, entries in sections.items() if title in _OF_ELEMENTS
+        }
+        quantities = {
+            title: {name: entry for name, entry in entries.items() if name not in elements.get(title, {})}
+            if isinstance(entries, Mapping)
+            else entries
+            for title, entries in sections.items()
+        }
+        model: Model = self
+        if any(quantities.values()) or not any(elements.values()):
+            model = self.with_statement(replace_entries(self.statement, quantities, self.functions))
+            if "forces" in sections and self.shapes.dims:
+                check_end_forces(model.statement, model.shapes)
+        if any(elements.values()):
+            parts = read_parts(model.elements.statement, elements, model.functions)
+            return model.with_statement(model.renumbered(parts["parameters"], parts["initial"]))
         return model
 
-    def _with_labels(self, sections: dict[str, Any]) -> dict[str, Any]:
-        """Return sections with elements of quantities that are given by number named by their labels."""
-        if self._declared is None:
-            return sections
-        element_sections = {title: entries for title, entries in sections.items() if title in ("parameters", "initial")}
+    def _with_internal_names(self, sections: dict[str, Any]) -> dict[str, Any]:
+        """Return sections whose entries have the names that they have inside, elements those by their labels."""
+        internal_sections = dict(sections)
         try:
-            return sections | {
-                title: self.shapes.with_internal_names(
-                    {str(name): entry for name, entry in entries.items()}, f"[{title}] names"
-                )
-                for title, entries in element_sections.items()
-                if isinstance(entries, Mapping)
-            }
+            for title, entries in sections.items():
+                if isinstance(entries, Mapping):
+                    texts = {str(name): entry for name, entry in entries.items()}
+                    internal_sections[title] = (
+                        self.shapes.with_internal_names(texts, f"[{title}] names")
+                        if title in _OF_ELEMENTS
+                        else {internal_text(name): entry for name, entry in texts.items()}
+                    )
         except InputError as error:
-            raise ModelError(f"model '{self.shaped.name}': {error}") from None
+            raise ModelError(f"model '{self.name}': {error}") from None
+        return internal_sections
+
+    def _element_entries(self, entries: Any) -> dict[str, Any]:
+        """Return the entries of single elements of quantities with dimensions."""
+        return (
+            {name: entry for name, entry in entries.items() if split_element_name(name)[0] != name}
+            if isinstance(entries, Mapping) and self.shapes.dims
+            else {}
+        )
+
+    def renumbered(self, parameters: Mapping[str, Parameter], starts: Mapping[str, Parameter]) -> Statement:
+        """Return the statement with other parameters and values at the start, by the names of elements."""
+        return with_numbers(self.statement, self._element_statement, self.shapes, parameters, starts)
 
     def with_statement(self, statement: Statement) -> Model:
         """Return the model of another statement, checked unless numbers alone changed; a faulty one is a `ModelError`."""
         model = object.__new__(Model)
         model.file = self.file
-        if self._declared is not None:
-            statement = converted_like(statement, self.statement)
-        if changes_numbers_alone(self.statement, statement):  # trees are those of this model
-            if self._declared is not None:
-                statement = follow_parameters(self._declared, statement, self.statement, self.shapes)
-            model._hold_statement(statement, self.dimensions, self.shapes, self._declared)
-            vars(statement).setdefault("calendar", self.statement.calendar)  # of its trees alone
-            model.__dict__.update({name: value for name, value in vars(self).items() if name in _OF_TREES})
-        elif self._declared is not None:
-            model._take_statement(gather_elements(self._declared, statement, self.shapes))
-        else:
-            statement = derive_motion(statement)
-            model._hold_statement(statement, check_statement(statement), Shapes(), None)
+        if not changes_numbers_alone(self.statement, statement):
+            model._take_statement(statement)
+            return model
+        # trees are those of this model
+        element_statement = statement
+        if self._element_statement is not self.statement:
+            element_statement = with_element_numbers(self._element_statement, statement, self.shapes)
+        vars(statement).setdefault("calendar", self.statement.calendar)
+        model._hold_statement(statement, self.dimensions, self.shapes, element_statement, self._element_dimensions)
+        model.__dict__.update({name: value for name, value in vars(self).items() if name in _OF_TREES})
+        if "elements" in vars(self):
+            trees = {name: value for name, value in vars(self.elements).items() if name in _OF_TREES}
+            model._element_trees = trees
         return model
+
+    @cached_property
+    def force_components(self) -> Mapping[str, Mapping[str, Node | Function]]:
+        """The components of every force term; those of a potential are derived: -dV/dq."""
+        if not self.shapes.dims:
+            return super().force_components
+        elements = Elements(self.statement, self.shapes)
+        return {term: elements.force_by_coordinate(force) for term, force in self.forces.items()}
 
     @cached_property
     def read_at_start(self) -> frozenset[str]:
         """The parameters that expressions of values at the start read."""
-        return frozenset() if self._declared is None else ElementNumbers(self.shaped, self.shapes).read_at_start()
+        return ElementNumbers(self.statement, self.shapes).read_at_start()
 
     def slopes_at_start(self, parameters: Iterable[str]) -> dict[tuple[str, str], float]:
         """Return the derivatives of values at the start by parameters that they follow, by both names, in SI units."""
         if not self.read_at_start.intersection(parameters):
             return {}
-        return ElementNumbers(self.shaped, self.shapes).start_slopes(self.statement.parameters, parameters)
+        numbers = ElementNumbers(self.statement, self.shapes)
+        return numbers.start_slopes(self._element_statement.parameters, parameters)
 
     def started(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values at the start that follow arrays of parameters, in SI units, by name; see `march_many`."""
         if not self.read_at_start & parameters.keys():
             return {}
-        si_values = {name: part.quantity.si for name, part in self.statement.parameters.items()}
-        return ElementNumbers(self.shaped, self.shapes).varied_starts(parameters, si_values)
+        si_values = {name: part.quantity.si for name, part in self._element_statement.parameters.items()}
+        return ElementNumbers(self.statement, self.shapes).varied_starts(parameters, si_values)
 
     @cached_property
     def read_by_points(self) -> frozenset[str]:
         """The parameters on which it depends when the points of tables are passed: of arguments that are linear in t."""
-        timed = [self.expanded(part.argument) for name, part in self.drives.items() if self.looked_up_at[name] == CLOCK]
-        return frozenset(name for tree in timed for name in free_names(tree) if name in self.statement.parameters)
+        model = self.elements
+        drives = ((name, part) for name, part in model.drives.items() if model.looked_up_at[name] == CLOCK)
+        timed = [model.expanded(part.argument) for name, part in drives]
+        return frozenset(name for tree in timed for name in free_names(tree) if name in model.statement.parameters)
 
     @cached_property
     def digest(self) -> str:
@@ -376,9 +396,9 @@ class Model(ModelTrees):
     def __repr__(self) -> str:
         dims_text = {name: f"({', '.join(dims)})" for name, dims in self.shapes.dims.items()}
         variables = ", ".join(
-            name + dims_text.get(name, "") for name in (*self.shaped.coordinates, *self.shaped.states)
+            name + dims_text.get(name, "") for name in (*self.statement.coordinates, *self.statement.states)
         )
-        return f"<xdynamics.Model {self.name!r}: {variables}; forces {', '.join(self.shaped.forces) or 'none'}>"
+        return f"<xdynamics.Model {self.name!r}: {variables}; forces {', '.join(self.statement.forces) or 'none'}>"
 
     @classmethod
     def _from_parsed_text(
@@ -405,38 +425,45 @@ class Model(ModelTrees):
     ) -> None:
         self._take_statement(read_statement(statement, path, functions, access))
         if not recorded:
-            check_names_of_today(self.shaped)
-        if self._declared is not None and not recorded:
-            check_end_forces(self._declared, self.shapes)
+            check_names_of_today(self.statement)
+            check_end_forces(self.statement, self.shapes)
 
-    def _take_statement(self, declared_statement: Statement) -> None:
+    def _take_statement(self, statement: Statement) -> None:
         """Check a statement, perhaps with dimensions, and make it the model's own."""
-        if not (declared_statement.extents or declared_statement.starting):
-            statement = derive_motion(declared_statement)
-            self._hold_statement(statement, check_statement(statement), Shapes(), None)
+        if not statement.extents:
+            statement = derive_motion(statement)
+        if not (statement.extents or statement.starting):
+            dimensions = check_statement(statement)
+            self._hold_statement(statement, dimensions, Shapes(), statement, dimensions)
             return
-        ledger = Ledger(f"model '{declared_statement.name}'", ModelError)
-        check_link_tables(declared_statement, ledger)
-        shapes = declared_shapes(declared_statement, ledger)
+        ledger = Ledger(f"model '{statement.name}'", ModelError)
+        check_link_tables(statement, ledger)
+        shapes = declared_shapes(statement, ledger)
         ledger.raise_faults()
-        units = check_written(declared_statement)
-        check_shapes(declared_statement, shapes, ledger)
+        dimensions = check_written(statement)
+        check_shapes(statement, shapes, ledger)
         ledger.raise_faults()
-        statement, dimensions = (
-            derive_motion(Elements(declared_statement, shapes).element_statement()),
-            dimensions_of(units, shapes),
-        )
-        check_made(statement, dimensions, motion=declared_statement.lagrangian is not None)
-        check_bodies_made(statement, shapes, ledger)
+        elements = Elements(statement, shapes).element_statement()
+        derived = bool(statement.extents) and statement.lagrangian is not None
+        elements = derive_motion(elements) if derived else elements
+        element_dimensions = dimensions_of(dimensions, shapes)
+        check_made(elements, element_dimensions, motion=derived)
+        check_bodies_made(elements, shapes, ledger)
         ledger.raise_faults()
-        self._hold_statement(statement, dimensions, shapes, declared_statement)
+        self._hold_statement(statement, dimensions, shapes, elements, element_dimensions)
 
     def _hold_statement(
-        self, statement: Statement, dimensions: dict[str, Dimension], shapes: Shapes, declared: Statement | None
+        self,
+        statement: Statement,
+        dimensions: dict[str, Dimension],
+        shapes: Shapes,
+        element_statement: Statement,
+        element_dimensions: dict[str, Dimension],
     ) -> None:
-        self.statement, self.shapes, self._declared = statement, shapes, declared
+        self.statement, self.shapes = statement, shapes
+        self._element_statement, self._element_dimensions = element_statement, element_dimensions
         parts = {name: part for name, part in vars(statement).items() if name not in BY_NAME}
-        self.__dict__.update(parts, dimensions=dimensions)
+        self.__dict__.update(parts, dimensions=dimensions, assemblies=element_statement.assemblies)
 
 
 def check_model(model: Any) -> None:

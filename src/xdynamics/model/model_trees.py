@@ -24,7 +24,6 @@ from xdynamics.model.delays import (
     with_delayed_names,
 )
 from xdynamics.model.drive_arguments import lookup_argument
-from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.joint_sections import Joint
 from xdynamics.model.lagrangian import Lagrangian
 from xdynamics.model.parts import (
@@ -145,7 +144,6 @@ class ModelTrees:
     """The sections of a statement with the trees derived from them; every name of a section is an attribute."""
 
     statement: Statement
-    shaped: Statement
     name: str
     description: str
     mass: Sequence[tuple[Node, ...]]
@@ -178,32 +176,28 @@ class ModelTrees:
     lagrangian: Lagrangian | None
     dimensions: dict[str, Dimension]
     shapes: Shapes
-    _declared: Statement | None
+    _element_statement: Statement  # of single numbers; the statement itself where nothing has dimensions
+    _element_dimensions: dict[str, Dimension]
 
     @cached_property
     def coordinates(self) -> Mapping[str, Coordinate]:
         """The coordinates, each with its unit and its dimensions."""
-        return ReadOnlySection("coordinates", (self._declared or self.statement).coordinates, self.shapes)
+        return ReadOnlySection("coordinates", self.statement.coordinates, self.shapes)
 
     @cached_property
     def states(self) -> Mapping[str, State]:
         """The first-order states, each with its unit and its dimensions."""
-        return ReadOnlySection("states", (self._declared or self.statement).states, self.shapes)
+        return ReadOnlySection("states", self.statement.states, self.shapes)
 
     @cached_property
     def parameters(self) -> Mapping[str, Parameter]:
         """The parameters, those with dimensions by element: ``m[Sun]``."""
-        return ReadOnlySection("parameters", self.statement.parameters, self.shapes)
+        return ReadOnlySection("parameters", self._element_statement.parameters, self.shapes)
 
     @cached_property
     def initial(self) -> Mapping[str, Quantity]:
         """Time, coordinates, velocities and states at the start, those with dimensions by element: ``r[Sun, x]``."""
-        return ReadOnlySection("initial", self.statement.initial, self.shapes)
-
-    @property
-    def _written_statement(self) -> Statement:
-        """The statement as it was written, perhaps with other numbers."""
-        return self.statement if self._declared is None else self._declared
+        return ReadOnlySection("initial", self._element_statement.initial, self.shapes)
 
     @property
     def functions(self) -> dict[str, Callable[..., float]]:
@@ -228,20 +222,18 @@ class ModelTrees:
     @property
     def python_functions(self) -> list[Function]:
         """Everything written in Python: force components and event functions."""
-        return list({function.name: function for function in self._written_statement.functions}.values())
+        return list({function.name: function for function in self.statement.functions}.values())
 
     @property
     def python_forces(self) -> list[Function]:
         """Every force component written in Python."""
-        components = [
-            component for force in self._written_statement.forces.values() for component in force.components.values()
-        ]
+        components = [component for force in self.statement.forces.values() for component in force.components.values()]
         return list({component.name: component for component in components if isinstance(component, Function)}.values())
 
     @cached_property
     def form(self) -> str:
         """The model as TOML without numbers of parameters, tables and the start: the source of compiled programs."""
-        statement = self._written_statement
+        statement = self.statement
         parameters = {
             name: replace(entry, quantity=Quantity(0.0, entry.quantity.unit), spread=None)
             for name, entry in statement.parameters.items()
@@ -274,27 +266,22 @@ class ModelTrees:
     @cached_property
     def units(self) -> dict[str, Unit]:
         """The unit of every coordinate, velocity and first-order state: as declared; of a velocity, that per time."""
-        statement = self._written_statement
+        statement = self.statement
         coordinate_units = {name: part.unit for name, part in statement.coordinates.items()}
         velocity_units = {velocity(name): unit.per(self.time_unit) for name, unit in coordinate_units.items()}
-        units = coordinate_units | velocity_units | {name: part.unit for name, part in statement.states.items()}
-        return (
-            Elementwise(self.shapes, {name: always(unit) for name, unit in units.items()})
-            if self.shapes.dims
-            else units
-        )
+        return coordinate_units | velocity_units | {name: part.unit for name, part in statement.states.items()}
 
     @cached_property
-    def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
+    def force_components(self) -> Mapping[str, Mapping[str, Node | Function]]:
         """The components of every force term; those of a potential are derived: -dV/dq."""
         return {term: self._derived_components(force) for term, force in self.forces.items()}
 
     @cached_property
     def uncertain(self) -> dict[str, Parameter]:
-        """The inputs with an uncertainty: parameters, then values at the start."""
+        """The inputs with an uncertainty by element: parameters, then values at the start."""
         return {
             name: parameter
-            for name, parameter in (self.statement.parameters | self.starts).items()
+            for name, parameter in (self._element_statement.parameters | self._element_statement.starts).items()
             if parameter.uncertainty > 0
         }
 
@@ -305,19 +292,15 @@ class ModelTrees:
 
     def expanded(self, node: Node) -> Node:
         """Return an expression with every definition substituted, and with names for delayed values."""
+        if self.shapes.dims:
+            return expand_definitions(node, self.definitions, self.shapes)
         tree = expand(node, self.definitions)
         return with_delayed_names(tree, self.delays, self.moving | {*self.drives}) if self.delays else tree
-
-    def expanded_by_quantity(self, node: Node) -> Node:
-        """Return an expression of quantities, along their dimensions, with every definition substituted."""
-        return (
-            expand_definitions(node, self.shaped.definitions, self.shapes) if self.shapes.dims else self.expanded(node)
-        )
 
     @cached_property
     def delays(self) -> tuple[Node, ...]:
         """The different delays, with definitions expanded."""
-        return delays_of(self._written_statement)
+        return delays_of(self.statement)
 
     @cached_property
     def moving(self) -> frozenset[str]:

@@ -55,10 +55,11 @@ Table = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 def variables(model: Model) -> tuple[str, ...]:
     """Return the variables of the motion: coordinates, velocities, first-order states."""
+    elements = model.elements
     return (
-        *model.statement.coordinates,
-        *(velocity(name) for name in model.statement.coordinates),
-        *model.statement.states,
+        *elements.statement.coordinates,
+        *(velocity(name) for name in elements.statement.coordinates),
+        *elements.statement.states,
     )
 
 
@@ -82,10 +83,11 @@ def moves_by_quantities(model: Model) -> bool:
 
     Elements alone have full masses, constraints, contacts of few, sides of switches, delays and functions in Python.
     """
+    elements = model.elements
     by_element = (
-        model.contacts,
-        model.frictions,
-        model.constraints,
+        elements.contacts,
+        elements.frictions,
+        elements.constraints,
         model.python_functions,
         model.delays,
         watched_by(model),
@@ -96,7 +98,7 @@ def moves_by_quantities(model: Model) -> bool:
 
 def has_diagonal_mass(model: Model) -> bool:
     """Whether each quantity has a mass of its own, as it was written: not derived from a Lagrangian, and not full."""
-    return model.shaped.lagrangian is None and not model.mass_is_full
+    return model.statement.lagrangian is None and not model.elements.mass_is_full
 
 
 @lru_cache(maxsize=64)
@@ -109,7 +111,7 @@ def motion(model: Model) -> tuple[Assignment, ...]:
     """
     if not moves_by_quantities(model):
         return motion(model.elements)
-    coordinates = model.shaped.coordinates
+    coordinates = model.statement.coordinates
     assignments = [*_force_terms(model), *mass_factors(model)]
     tied = conditions(model)
     free_of_reactions = free_acceleration if reactions(model) else acceleration
@@ -127,7 +129,7 @@ def motion(model: Model) -> tuple[Assignment, ...]:
             [unloaded(condition) if reactions(model) else constraint_force(condition.name) for condition in tied],
         )
     assignments += reaction_assignments(model)
-    rates = {rate(name): model.expanded_by_quantity(state.rate) for name, state in model.shaped.states.items()}
+    rates = {rate(name): model.expanded(state.rate) for name, state in model.statement.states.items()}
     assignments += (Assignment(name, tree) for name, tree in rates.items())
     dims = motion_shapes(model).dims
     return tuple(item._replace(dims=dims.get(item.name, ())) for item in assignments)
@@ -144,16 +146,16 @@ def _force_terms(model: Model) -> Iterator[Assignment]:
                 yield Assignment(f"_any_{target}", component)
                 yield Assignment(target, in_regimes(model, term, Name(f"_any_{target}")))
             else:
-                yield Assignment(target, in_regimes(model, term, model.expanded_by_quantity(component)))
+                yield Assignment(target, in_regimes(model, term, model.expanded(component)))
 
 
 @lru_cache(maxsize=64)
 def forces_by_coordinate(model: Model) -> Mapping[str, Mapping[str, Node | Function]]:
     """Return every force term by the coordinates on which it acts: derived from a Lagrangian, for elements."""
-    if not model.shapes.dims or model.shaped.lagrangian is not None:
-        return model.force_components
-    elements = Elements(model.shaped, model.shapes)
-    return {term: elements.force_by_coordinate(part) for term, part in model.shaped.forces.items()}
+    if not model.shapes.dims or model.statement.lagrangian is not None:
+        return model.elements.force_components
+    elements = Elements(model.statement, model.shapes)
+    return {term: elements.force_by_coordinate(part) for term, part in model.statement.forces.items()}
 
 
 @lru_cache(maxsize=64)
@@ -162,7 +164,7 @@ def motion_shapes(model: Model) -> Shapes:
     dims_by_name = model.shapes.dims
     if not dims_by_name:
         return model.shapes
-    names = {drive_slope(name): dims_by_name.get(name, ()) for name in model.shaped.drives}
+    names = {drive_slope(name): dims_by_name.get(name, ()) for name in model.statement.drives}
     names |= {
         force(term, name): dims_by_name.get(name, ())
         for term, parts in forces_by_coordinate(model).items()
@@ -191,21 +193,28 @@ def in_regimes(model: Model, term: str, tree: Node) -> Node:
 def decides(model: Model, switch: Switch) -> Node:
     """Return 1 where a switch has an effect, else 0: on other sides of a `where`, and in other regimes."""
     indicator = where_it_decides(switch, {}, ONE, ZERO)
-    return in_regimes(model, switch.owner, indicator) if switch.owner in model.forces else indicator
+    return in_regimes(model, switch.owner, indicator) if switch.owner in model.elements.forces else indicator
 
 
 @lru_cache(maxsize=64)
 def constant_names(model: Model) -> Blocks:
     """Return the names of `constants`, of which no value is made."""
     parameter_blocks, past_names = _parameter_names(model), _past_constants(model, UNSCALED) if model.delays else ()
-    further_names = (*CONSTANTS, "pi", *model.shaped.calendar, *past_names, *mode_names(model), *switch_inputs(model))
+    further_names = (
+        *CONSTANTS,
+        "pi",
+        *model.statement.calendar,
+        *past_names,
+        *mode_names(model),
+        *switch_inputs(model),
+    )
     return parameter_blocks + Blocks.from_names(
         "constant", [name for name in dict.fromkeys(further_names) if name not in parameter_blocks]
     )
 
 
 def _parameter_names(model: Model) -> Blocks:
-    parameters = model.statement.parameters
+    parameters = model.elements.statement.parameters
     return parameters.names if isinstance(parameters, Elementwise) else Blocks.from_names("parameter", parameters)
 
 
@@ -215,8 +224,10 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
 
     They are in SI units over the scales. A march that closes a contact changes the modes, which come last.
     """
-    dimensions = model.dimensions
-    values = {name: part.si / scales.si_factor(dimensions[name]) for name, part in model.statement.parameters.items()}
+    dimensions = model.elements.dimensions
+    values = {
+        name: part.si / scales.si_factor(dimensions[name]) for name, part in model.elements.statement.parameters.items()
+    }
     return values | _unit_constants(model, scales) | dict.fromkeys([*mode_names(model), *switch_inputs(model)], 0.0)
 
 
@@ -224,9 +235,9 @@ def constants(model: Model, scales: Scales = UNSCALED) -> Mapping[str, float]:
 def constant_values(model: Model, scales: Scales = UNSCALED) -> NDArray[np.float64]:
     """Return the values of `constants`, without one of each element of a parameter by its name."""
     blocks = _parameter_names(model)
-    values, first = in_si(model.statement.parameters, blocks), 0
+    values, first = in_si(model.elements.statement.parameters, blocks), 0
     for block in blocks.blocks:
-        values[first : first + block.size] /= scales.si_factor(model.dimensions[block.first])
+        values[first : first + block.size] /= scales.si_factor(model.dimensions[block.name])
         first += block.size
     further_values = [
         *_unit_constants(model, scales).values(),
@@ -240,19 +251,20 @@ def constant_values(model: Model, scales: Scales = UNSCALED) -> NDArray[np.float
 
 def _unit_constants(model: Model, scales: Scales) -> dict[str, float]:
     """Return unit constants, pi, and the constants that delayed values read."""
-    dimensions = model.dimensions
+    dimensions = model.elements.dimensions
     values = {name: float(constant(name).factor) / scales.si_factor(dimensions[name]) for name in CONSTANTS}
     values["pi"] = math.pi
-    values |= {name: float(constant(name).factor) / scales.si_factor(TIME) for name in model.shaped.calendar}
+    values |= {name: float(constant(name).factor) / scales.si_factor(TIME) for name in model.statement.calendar}
     return values | _past_constants(model, scales) if model.delays else values
 
 
 def _past_constants(model: Model, scales: Scales) -> dict[str, float]:
     """Return the constants that delayed values read: flags of times before the start, and the values there."""
+    elements = model.elements
     history_flags = {in_history(i): 1.0 for i in range(len(model.delays))}
-    names = [name for name in model.moving if name not in model.history]
+    names = [name for name in elements.moving if name not in model.history]
     return history_flags | {
-        value_at_start(name): model.statement.initial[name].si / scales.si_factor(model.dimensions[name])
+        value_at_start(name): elements.statement.initial[name].si / scales.si_factor(elements.dimensions[name])
         for name in sorted(names)
     }
 
@@ -266,16 +278,17 @@ def drive_pieces(model: Model, scales: Scales = UNSCALED) -> tuple[Table, ...]:
     ModelError
         If a slope between two points of a table overflows.
     """
+    elements = model.elements
     tables = []
-    for name, drive in model.drives.items():
+    for name, drive in elements.drives.items():
         argument = drive.table.argument / scales.si_factor(drive.table.argument_unit.dimension)
-        value = drive.table.value / scales.si_factor(model.dimensions[name])
-        of_time = model.looked_up_at[name] == CLOCK
+        value = drive.table.value / scales.si_factor(elements.dimensions[name])
+        of_time = elements.looked_up_at[name] == CLOCK
         with np.errstate(all="ignore"):  # checked below, where the position is known
             tables.append(piece_coefficients(argument, value, drive.interpolation, drive.outside, of_time=of_time))
         _check_pieces(name, drive, tables[-1])
         if of_time and drive.argument != CLOCK:
-            tree, constant_numbers = model.expanded(drive.argument), constants(model, scales)
+            tree, constant_numbers = elements.expanded(drive.argument), constants(model, scales)
             rate_in_time = evaluate(derivative(tree, {"t": ONE}), constant_numbers)
             tables[-1] = table_in_time(tables[-1], rate_in_time, evaluate(tree, {**constant_numbers, "t": 0.0}))
     return tuple(tables)
@@ -322,7 +335,7 @@ def motion_inputs(
         raise InputError(f"the model '{model.name}' {ALONG_A_MARCH}")
     values = dict(constant_numbers) | {name: state[name] for name in ("t", *variables(model))}
     values[REGIME_NUMBER] = state.get(REGIME_NUMBER, float(first_regime(model)))
-    for (name, argument), table in zip(model.looked_up_at.items(), tables, strict=True):
+    for (name, argument), table in zip(model.elements.looked_up_at.items(), tables, strict=True):
         pair = value_and_slope(table, evaluate(argument, values), of_time=argument == CLOCK)
         values[name], values[drive_slope(name)] = map(float, pair)
     return values
@@ -335,7 +348,7 @@ def evaluate_motion(
 
     Parameters
     ----------
-    model, state, known, tables
+    model, state, constant_numbers, tables
         As for `motion_inputs`.
 
     Returns
@@ -368,7 +381,7 @@ def evaluate_over_states(
         With definitions expanded.
     state : mapping of str to ndarray, shape (k,)
         For `t`, every coordinate, velocity and first-order state, and the regime.
-    known, tables
+    constant_numbers, tables
         As for `evaluate_motion`.
     math_functions : str
         The set of elementary functions.
@@ -385,7 +398,7 @@ def evaluate_over_states(
     values: dict[str, Any] = dict(constant_numbers) | dict(state)
     read = assignments_read(model, trees) if read is None else read
     names = _names_in(trees, read) if model.delays or model.drives else set[str]()
-    for (name, argument), table in zip(model.looked_up_at.items(), tables, strict=True):
+    for (name, argument), table in zip(model.elements.looked_up_at.items(), tables, strict=True):
         if names & {name, drive_slope(name)}:  # the state of a table that is not read may not be known
             x = evaluate_many(argument, values, math_functions)
             values[name], values[drive_slope(name)] = value_and_slope(table, x, of_time=argument == CLOCK)
@@ -443,7 +456,7 @@ def assignments_read(model: Model, trees: Iterable[Node]) -> list[Assignment]:
 @lru_cache(maxsize=64)
 def _unassigned_names(model: Model) -> frozenset[str]:
     """Name the inputs of the motion, without writing its assignments, which takes long for many bodies."""
-    return frozenset(("t", REGIME_NUMBER, *variables(model), *model.statement.parameters, *CONSTANTS, "pi"))
+    return frozenset(("t", REGIME_NUMBER, *variables(model), *model.elements.statement.parameters, *CONSTANTS, "pi"))
 
 
 @lru_cache(maxsize=512)
@@ -465,24 +478,24 @@ def _summed_force_terms(model: Model) -> dict[str, Node]:
         for name in components:
             addend = Name(force(term, name))
             totals[name] = Binary("+", totals[name], addend) if name in totals else addend
-    return {name: totals.get(name, ZERO) for name in model.shaped.coordinates}
+    return {name: totals.get(name, ZERO) for name in model.statement.coordinates}
 
 
 def energies(model: Model) -> dict[str, Node]:
     """Return kinetic energy and, where a force has a potential, potential and total energy."""
     if not has_diagonal_mass(model):
         model = model.elements
-    moving = list(map(velocity, model.shaped.coordinates))
+    moving = list(map(velocity, model.statement.coordinates))
     kinetic = _sum_trees(
         _sum_over_elements(
             model,
             Binary(
                 "*",
-                Binary("/", model.expanded_by_quantity(entry), Number(2.0)),
+                Binary("/", model.expanded(entry), Number(2.0)),
                 Binary("*", Name(moving[i]), Name(moving[j])),
             ),
         )
-        for (i, j), entry in model.shaped.mass_entries.items()
+        for (i, j), entry in model.statement.mass_entries.items()
     )
     terms = potentials(model)
     if not terms:
@@ -494,9 +507,9 @@ def energies(model: Model) -> dict[str, Node]:
 
 def potentials(model: Model) -> dict[str, Node]:
     """Return the potential energy of each force term that has one: their sum, in this order, is the potential energy."""
-    statement = model.shaped
+    statement = model.statement
     return {
-        name: in_regimes(model, name, _sum_over_elements(model, model.expanded_by_quantity(force.potential)))
+        name: in_regimes(model, name, _sum_over_elements(model, model.expanded(force.potential)))
         for name, force in statement.forces.items()
         if force.potential is not None
     }
@@ -513,7 +526,7 @@ def _sum_trees(terms: Iterable[Node]) -> Node:
 
 def state_quantities(model: Model) -> list[str]:
     """Return the quantities of a state, as a force evaluation uses them."""
-    shaped = model.shaped
+    shaped = model.statement
     return [*shaped.coordinates, *map(velocity, shaped.coordinates), *shaped.states]
 
 
@@ -545,9 +558,9 @@ def changes_of_quantities(model: Model) -> list[Assignment]:
 def events_of_quantities(model: Model) -> list[Assignment]:
     """Return the function of each event, and 1 for events located otherwise: ticks, links of contacts."""
     functions = list[Assignment]()
-    for name, event in model.shaped.events.items():
+    for name, event in model.statement.events.items():
         assert not isinstance(event.function, Function)  # noqa: S101 - asked before
-        tree = ONE if event.every is not None else model.expanded_by_quantity(event.function)
+        tree = ONE if event.every is not None else model.expanded(event.function)
         functions.append(Assignment(name, tree, model.shapes.dims.get(name, ())))
     return [*functions, *(Assignment(name, ONE) for name in model.assemblies)]
 
@@ -557,15 +570,15 @@ def rates_of_quantities(model: Model, quantities: Sequence[Assignment]) -> list[
 
     None where they read a table for each element that is looked up at anything but a time: only elements say at what.
     """
-    shaped, rates = model.shaped, dict[str, Node](t=ONE)
+    shaped, rates = model.statement, dict[str, Node](t=ONE)
     for name in shaped.coordinates:
         rates |= {name: Name(velocity(name)), velocity(name): Name(acceleration(name))}
     rates |= {name: Name(rate(name)) for name in shaped.states}
     for name in shaped.drives:
-        if model.looked_up_at[model.shapes.first(name)] == CLOCK:
+        if model.elements.looked_up_at[model.shapes.first(name)] == CLOCK:
             rates[name] = Name(drive_slope(name))
         elif not model.shapes.dims.get(name):
-            rates[name] = model.rates[name]
+            rates[name] = model.elements.rates[name]
         elif any(name in free_names(item.tree) for item in quantities):
             return None
     shapes = motion_shapes(model)
@@ -580,7 +593,7 @@ def delayed_names(model: Model) -> dict[str, tuple[int, str]]:
     delay_by_name: dict[str, tuple[int, str]] = {}
     for delay in range(len(model.delays)):
         delay_by_name[value_before(delay, "t")] = delay, "t"
-        for name in (*model.moving, *model.drives):
+        for name in (*model.elements.moving, *model.elements.drives):
             value = value_before(delay, name)
             delay_by_name |= {value: (delay, name), slope_before(value): (delay, name)}
     return delay_by_name
@@ -589,7 +602,7 @@ def delayed_names(model: Model) -> dict[str, tuple[int, str]]:
 def delayed_dimensions(model: Model) -> dict[str, Dimension]:
     """Return the dimension of every name of a delayed value."""
     return {
-        name: model.dimensions[owner]
+        name: model.elements.dimensions[owner]
         for name, (delay, owner) in delayed_names(model).items()
         if name == value_before(delay, owner)
     }
@@ -597,15 +610,16 @@ def delayed_dimensions(model: Model) -> dict[str, Dimension]:
 
 def delayed_quantities(model: Model) -> list[str]:
     """Return the coordinates, velocities and states that are delayed somewhere, in their order."""
+    elements = model.elements
     calls = model.statement.delayed
-    read = {name for call in calls for name in free_names(expand(call.arguments[0], model.definitions))}
-    arguments = [model.expanded(model.drives[name].argument) for name in model.drives if name in read]
+    read = {name for call in calls for name in free_names(expand(call.arguments[0], elements.definitions))}
+    arguments = [elements.expanded(elements.drives[name].argument) for name in elements.drives if name in read]
     read |= {name for tree in arguments for name in free_names(tree)}
-    return [name for name in model.units if name in read]
+    return [name for name in elements.units if name in read]
 
 
 def before_start(model: Model, name: str, delay: int) -> Node:
     """Return what something was before the start, at the time of a delay."""
     if name not in model.history:
         return Name(value_at_start(name))
-    return expand(model.history[name], {**model.definitions, "t": Name(value_before(delay, "t"))})
+    return expand(model.history[name], {**model.elements.definitions, "t": Name(value_before(delay, "t"))})

@@ -76,38 +76,39 @@ class Reaction:
 @lru_cache(maxsize=64)
 def reactions(model: Model) -> tuple[Reaction, ...]:
     """Return the forces of contacts and friction elements: normal ones, then tangents, then dry friction."""
-    if not (model.contacts or model.frictions):
+    elements = model.elements
+    if not (elements.contacts or model.frictions):
         return ()
     if model.elements is not model:
         return reactions(model.elements)
     forces = []
-    for i, (name, contact) in enumerate(model.contacts.items()):
-        rate = model.rate_of(contact.gap)
-        restitution = expand(model.expanded(contact.restitution), {APPROACH: Negative(rate)})
+    for i, (name, contact) in enumerate(elements.contacts.items()):
+        rate = elements.rate_of(contact.gap)
+        restitution = expand(elements.expanded(contact.restitution), {APPROACH: Negative(rate)})
         forces.append(
             Reaction(
                 contact_force(name),
                 name,
                 NORMAL,
                 i,
-                model.expanded(contact.gap),
+                elements.expanded(contact.gap),
                 rate,
                 *rate_row_and_bias(model, rate),
                 restitution,
                 ONE,
             )
         )
-    for i, (name, contact) in enumerate(model.contacts.items()):
+    for i, (name, contact) in enumerate(elements.contacts.items()):
         if contact.slip is not None and contact.friction is not None and contact.static is not None:
             forces.append(_tangent_reaction(model, name, TANGENT, i, (contact.slip, contact.friction, contact.static)))
-    for name, element in model.frictions.items():
+    for name, element in elements.frictions.items():
         trees = element.slip, element.kinetic, element.static
         forces.append(_tangent_reaction(model, name, DRY, len(forces), trees))
     return tuple(forces)
 
 
 def _tangent_reaction(model: Model, owner: str, sort: int, normal: int, trees: tuple[Node, Node, Node]) -> Reaction:
-    slip, size, sticking_limit = map(model.expanded, trees)
+    slip, size, sticking_limit = map(model.elements.expanded, trees)
     return Reaction(
         friction_force(owner), owner, sort, normal, ZERO, slip, *rate_row_and_bias(model, slip), size, sticking_limit
     )
@@ -140,11 +141,12 @@ def unloaded(condition: Condition) -> str:
 
 def reaction_dimensions(model: Model) -> dict[str, Dimension]:
     """Return the dimension of each reaction: power over that of its rate."""
-    dimensions, by_reaction = model.dimensions, {}
+    elements = model.elements
+    dimensions, by_reaction = elements.dimensions, {}
     for reaction in reactions(model):
-        i, name = next((i, name) for i, name in enumerate(model.statement.coordinates) if name in reaction.row)
+        i, name = next((i, name) for i, name in enumerate(elements.statement.coordinates) if name in reaction.row)
         power = (
-            dimension_of(model.mass[i][i], dimensions)
+            dimension_of(elements.mass[i][i], dimensions)
             * dimensions[name]
             / model.time_unit.dimension**2
             * dimensions[velocity(name)]
@@ -155,7 +157,7 @@ def reaction_dimensions(model: Model) -> dict[str, Dimension]:
 
 def rate_dimension(model: Model, reaction: Reaction) -> Dimension:
     """Return the dimension of a reaction's rate."""
-    dimensions = model.dimensions
+    dimensions = model.elements.dimensions
     if reaction.sort == NORMAL:
         return dimension_of(reaction.gap, dimensions) / model.time_unit.dimension
     return dimension_of(reaction.rate, dimensions)
@@ -188,7 +190,7 @@ def reaction_assignments(model: Model) -> Iterator[Assignment]:
     for c, condition in enumerate(conditions(model)):
         shares = (multiply(Name(_borne(k, c)), Name(reaction.name)) for k, reaction in enumerate(acting))
         yield Assignment(constraint_force(condition.name), sum_of_terms([Name(unloaded(condition)), *shares]))
-    for name in model.statement.coordinates:
+    for name in model.elements.statement.coordinates:
         pulls = [
             multiply(Name(_reaction_reach(k, name)), Name(reaction.name))
             for k, reaction in enumerate(acting)
@@ -235,7 +237,7 @@ def reaction_table(model: Model) -> tuple[list[Node], ...]:
         effect of a unit of it on each acceleration.
     """
     acting = reactions(model)
-    coordinates = list(model.statement.coordinates) if acting else []  # the names of a million are 0.1 GB
+    coordinates = list(model.elements.statement.coordinates) if acting else []  # the names of a million are 0.1 GB
     numbers: list[Node] = []
     grams: list[Node] = []
     rows: list[Node] = []
@@ -288,7 +290,11 @@ def _eliminated(entries: dict[tuple[int, int], Node], right: list[Node], names: 
 
 def _accelerated_coordinates(model: Model, reaction: Reaction) -> list[str]:
     """Return the coordinates that a reaction accelerates: all of them through a full mass, or constraints."""
-    return list(model.statement.coordinates) if model.mass_is_full or model.constraints else list(reaction.row)
+    return (
+        list(model.elements.statement.coordinates)
+        if model.elements.mass_is_full or model.constraints
+        else list(reaction.row)
+    )
 
 
 def _shared_coordinates(model: Model, reaction: Reaction, second_reaction: Reaction) -> list[str]:

@@ -11,6 +11,7 @@ from xdynamics.expressions import Node
 from xdynamics.model.elementwise import Diagonal
 from xdynamics.model.kinks import on_sides
 from xdynamics.model.model import Model
+from xdynamics.model.model_trees import BY_NAME
 from xdynamics.model.parts import Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.switches import (
@@ -45,23 +46,31 @@ class RegimeModel(Model):
 
     def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str) -> None:
         # what the plain model has cached under these names would hide the properties of this class
-        replaced_names = ("digest", "form", "force_components", "elements", "shaped")
+        replaced_names = ("digest", "form", "force_components", "elements")
         self.__dict__.update({name: value for name, value in vars(plain).items() if name not in replaced_names})
         self.plain, self.switches, self.located = plain, switches, located
-        states = {
-            name: replace(part, rate=self._one_sided_tree(name, part.rate))
-            for name, part in plain.statement.states.items()
+        if plain.shapes.dims:  # whose elements have sides
+            return
+        written = plain.statement
+        changes: dict[str, Any] = {
+            "states": {
+                name: replace(part, rate=self._one_sided_tree(name, part.rate)) for name, part in written.states.items()
+            },
+            "mass": self._one_sided_masses(),
+            "frictions": {
+                name: replace(
+                    part,
+                    kinetic=self._one_sided_tree(name, part.kinetic),
+                    static=self._one_sided_tree(name, part.static),
+                )
+                for name, part in written.frictions.items()
+            },
+            "contacts": {name: self._one_sided_contact(name, part) for name, part in written.contacts.items()},
         }
-        self.statement = replace(plain.statement, states=states, mass=self._one_sided_masses())
-        self.mass = self.statement.mass
-        self.shaped = self.statement if plain.elements is plain else plain.shaped
-        self.frictions = {
-            name: replace(
-                part, kinetic=self._one_sided_tree(name, part.kinetic), static=self._one_sided_tree(name, part.static)
-            )
-            for name, part in plain.frictions.items()
-        }
-        self.contacts = {name: self._one_sided_contact(name, part) for name, part in plain.contacts.items()}
+        self.statement = replace(written, **changes)
+        if plain.elements is plain:
+            self._element_statement = self.statement
+        self.__dict__.update({name: part for name, part in changes.items() if name not in BY_NAME})
         checked_owners = {
             owner_of_masses(plain),
             *bounds_of_friction(plain),
@@ -83,7 +92,8 @@ class RegimeModel(Model):
     def with_statement(self, statement: Statement) -> Model:
         """Return the plain model of another statement, whose rates stay; see `Model.with_statement`."""
         plain = self.plain.statement
-        return self.plain.with_statement(replace(statement, states=plain.states, mass=plain.mass))
+        one_sided = ("states", "mass", "frictions", "contacts")
+        return self.plain.with_statement(replace(statement, **{name: getattr(plain, name) for name in one_sided}))
 
     @cached_property
     def digest(self) -> str:
@@ -96,7 +106,7 @@ class RegimeModel(Model):
         return f"{self.plain.form}\n# switches: {self.located}\n"
 
     @cached_property
-    def force_components(self) -> dict[str, Mapping[str, Node | Function]]:
+    def force_components(self) -> Mapping[str, Mapping[str, Node | Function]]:
         """The components of every force term, in which sides of switches replace signs and comparisons."""
         terms = self.plain.force_components
         return {

@@ -10,6 +10,7 @@ from typing import Any
 from xdynamics.expressions import parse
 from xdynamics.faults import DOT, InputError, Ledger, ModelError, display_text, first_names, internal_text
 from xdynamics.keywords import merge_settings
+from xdynamics.model.element_numbers import with_starts
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.given_values import Values, is_expression, unit_of_values
 from xdynamics.model.grammar import SECTIONS
@@ -82,41 +83,75 @@ def _on_scales(statement: Statement, title: str, entries: Any) -> Any:
 
 def changes_numbers_alone(old: Statement, new: Statement) -> bool:
     """Whether two statements differ in numbers of parameters and of the start alone, and no check depends on these."""
-    starts: dict[str, Any] = {"initial": old.initial, "starts": old.starts, "at_rest": old.at_rest}
-    same_otherwise = replace(new, parameters=old.parameters, **starts) == old and _statement_units(
-        new
-    ) == _statement_units(old)
-    return same_otherwise and not (
-        old.contacts or old.assemblies or old.frictions or old.constraints or old.correlations
+    names = ("parameters", "arrays", "initial", "starting", "starts", "at_rest")
+    numbers: dict[str, Any] = {name: getattr(old, name) for name in names}
+    same_otherwise = replace(new, **numbers) == old and _statement_units(new) == _statement_units(old)
+    are_known = _are_trees_known(old.arrays, new.arrays) and _are_trees_known(old.starting, new.starting)
+    return (
+        same_otherwise
+        and are_known
+        and not (old.contacts or old.assemblies or old.frictions or old.constraints or old.correlations or old.bodies)
     )
 
 
 def _statement_units(statement: Statement) -> tuple[Any, ...]:
-    parameters = {name: (entry.quantity.unit, entry.description) for name, entry in statement.parameters.items()}
-    return parameters, {name: start.unit for name, start in statement.initial.items()}
+    """Return what of the numbers expressions depend on: units, dimensions, and what is said of them."""
+    return (
+        {name: (entry.quantity.unit, entry.description) for name, entry in statement.parameters.items()},
+        {name: (item.dims, unit_of_values(item), item.description) for name, item in statement.arrays.items()},
+        {name: start.unit for name, start in statement.initial.items()},
+        {name: item.dims for name, item in statement.starting.items()},
+    )
 
 
-def _with_parts(statement: Statement, title: str, entries: Any, ledger: Ledger, source: Source) -> Statement:
-    section = SECTIONS[title]
-    old: dict[str, Any] = dict(getattr(statement, title))
+def _are_trees_known(old: Mapping[str, Values], new: Mapping[str, Values]) -> bool:
+    """Whether values are numbers, or the expressions that they were."""
+    return all(item.tree is None or (name in old and item.tree == old[name].tree) for name, item in new.items())
+
+
+def read_parts(
+    statement: Statement, sections: Mapping[str, Any], functions: Functions
+) -> dict[str, dict[str, Parameter]]:
+    """Return the new parameters and values at the start of a statement of single numbers.
+
+    Raises
+    ------
+    ModelError
+        If an entry does not exist or cannot be read.
+    """
+    ledger = Ledger(f"model '{statement.name}'", ModelError)
+    source = Source(functions, _OUTSIDE, statement.time_unit)
+    parts: dict[str, dict[str, Parameter]] = {"parameters": {}, "initial": {}}
+    for title, entries in sections.items():
+        parts[title] = _read_parts(statement, title, _on_scales(statement, title, entries), ledger, source)
+    ledger.raise_faults()
+    return parts
+
+
+def _read_parts(
+    statement: Statement, title: str, entries: Mapping[str, Any], ledger: Ledger, source: Source
+) -> dict[str, Any]:
+    """Return the parts of a section that new entries give."""
+    section, old = SECTIONS[title], getattr(statement, title)
+    changed = {name: old[name] for name in entries if name in old} if isinstance(entries, Mapping) else {}
     if title == "initial":
-        old = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in old.items()}
-    old_parts = {name: old[name] for name in entries if name in old} if isinstance(entries, Mapping) else {}
-    old_entries = {name: section.write(part, source.time) for name, part in old_parts.items()}
+        changed = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in changed.items()}
+    old_entries = {name: section.write(part, source.time) for name, part in changed.items()}
     parts = {}
     for name, value in _new_entries(title, {**dict.fromkeys(old), **old_entries}, entries).items():
         with ledger.entry(f"{section.entry} '{name}'"):
             parts[name] = section.read(name, value, source)
+    return parts
+
+
+def _with_parts(
+    statement: Statement, title: str, entries: Mapping[str, Any], ledger: Ledger, source: Source
+) -> Statement:
+    parts = _read_parts(statement, title, entries, ledger, source)
     if title != "initial":
-        changed: dict[str, Any] = {title: old | parts}
+        changed: dict[str, Any] = {title: getattr(statement, title) | parts}
         return replace(statement, **changed)
-    all_parts = old | parts
-    return replace(
-        statement,
-        initial={name: start.quantity for name, start in all_parts.items()},
-        starts={name: start for name, start in all_parts.items() if start.spread or start.description},
-        at_rest=tuple(name for name in statement.at_rest if name not in parts),
-    )
+    return with_starts(statement, parts)
 
 
 def _new_entries(title: str, old: Any, entries: Any, shaped: Mapping[str, Values] | None = None) -> dict[str, Any]:

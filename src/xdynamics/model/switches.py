@@ -105,7 +105,7 @@ def _homes(model: Model, owner: str, functions: Sequence[tuple[str, Node]]) -> d
     for tree in _trees_with_dims(model, owner):
         for node in dict.fromkeys(reversed([*every(tree)])):
             for function, home in _homes_of_node(node, model):
-                key = node.function, model.expanded(function) if model.delays else function  # type: ignore[union-attr]
+                key = node.function, model.elements.expanded(function) if model.delays else function  # type: ignore[union-attr]
                 if key in sought:
                     homes[key] = home
                     sought.remove(key)
@@ -133,7 +133,7 @@ def _homes_of_node(node: Node, model: Model) -> Iterator[tuple[Node, Home]]:
 
 def _trees_with_dims(model: Model, owner: str) -> Iterator[Node]:
     """Yield a force by coordinate, or the rate of a state, with definitions substituted."""
-    statement = model.shaped
+    statement = model.statement
     force = statement.forces.get(owner)
     if force is not None:
         trees = [*Elements(statement, model.shapes).force_by_coordinate(force).values()]
@@ -239,10 +239,10 @@ def count_of_switches(model: Model) -> str:
 
 def jumping_switches(model: Model) -> tuple[Switch, ...]:
     """Return the hidden switches at which a force itself jumps, and not a derivative."""
-    if model.shapes.dims and not model.shaped.drives:
+    if model.shapes.dims and not model.statement.drives:
         # derivatives of a potential jump where it has a kink
-        derived = model.shaped.lagrangian is not None
-        derived = derived or any(force.potential is not None for force in model.shaped.forces.values())
+        derived = model.statement.lagrangian is not None
+        derived = derived or any(force.potential is not None for force in model.statement.forces.values())
         if not any(
             _call_any(trees, SWITCHING if derived else JUMPING) for _, trees, _ in _quantities_with_trees(model)
         ):
@@ -254,7 +254,7 @@ def owners_of_switches(model: Model) -> tuple[str, ...]:
     """Return the forces, and states by their rates, that switches are hidden in; of elements, the quantity."""
     if not model.shapes.dims:
         return tuple(dict.fromkeys(switch.owner for switch in switches(model)))
-    drives = model.shaped.drives.keys()
+    drives = model.statement.drives.keys()
     return tuple(
         owner
         for owner, trees, smooth in _quantities_with_trees(model)
@@ -353,18 +353,19 @@ def _bent(model: Model, trees: Iterator[Node]) -> list[str]:
     names = {name for tree in trees for name in free_names(tree)}
     return [
         name
-        for name, drive in model.drives.items()
-        if name in names and model.looked_up_at[name] != CLOCK and drive.interpolation in BENT
+        for name, drive in model.elements.drives.items()
+        if name in names and model.elements.looked_up_at[name] != CLOCK and drive.interpolation in BENT
     ]
 
 
 def _table_switch(model: Model, owner: str, name: str) -> Switch:
     """Return the switch at the neighbouring points of a table."""
-    argument = model.looked_up_at[name]
+    elements = model.elements
+    argument = elements.looked_up_at[name]
     left, left_far, right, right_far = map(Name, borders(name))
     below = Binary("+", Binary("*", left, argument), left_far)
     above = Binary("-", right_far, Binary("*", right, argument))
-    jumps = model.drives[name].interpolation == "previous" or model.drives[name].outside == "zero"
+    jumps = elements.drives[name].interpolation == "previous" or elements.drives[name].outside == "zero"
     table, labels = split_element_name(name)
     dims = model.shapes.dims.get(table, ())
     return Switch(
@@ -380,7 +381,7 @@ def landed_on(model: Model) -> dict[str, str]:
 def landed_on_by_default(model: Model) -> dict[str, str]:
     """Return the tables whose points are landed on by default: all, where one has many points; else none."""
     tables = landed_on(model)
-    many = any(len(model.drives[name].table.argument) > MANY_POINTS for name in tables.values())
+    many = any(len(model.elements.drives[name].table.argument) > MANY_POINTS for name in tables.values())
     return tables if many else {}
 
 
@@ -401,26 +402,27 @@ def switch_side(i: int) -> str:
 
 def _trees_by_owner(model: Model, *, smooth: bool) -> Iterator[tuple[str, Callable[[], Iterator[Node]]]]:
     """Yield every force and state with a function that makes its trees; of a quantity those of all elements."""
+    elements = model.elements
     if model.shapes.dims and not _may_switch(model):
         return
-    for term, components in model.force_components.items():
-        if model.forces[term].smooth == smooth:
+    for term, components in elements.force_components.items():
+        if elements.forces[term].smooth == smooth:
             yield term, partial(_component_trees, model, components)
-    for name, state in model.shaped.states.items():
+    for name, state in model.statement.states.items():
         if state.smooth == smooth:
             yield name, partial(_rate_trees, model, name)
     if not smooth:
         yield owner_of_masses(model), partial(_switching_masses, model)
         for name, trees in bounds_of_friction(model).items():
-            yield name, partial(map, model.expanded, trees)
+            yield name, partial(map, elements.expanded, trees)
 
 
 def bounds_of_friction(model: Model) -> dict[str, list[Node]]:
     """Return kinetic and static bounds of friction, by friction element and contact, elements joined."""
     bounds: dict[str, list[Node]] = {}
-    for name, friction in model.frictions.items():
+    for name, friction in model.elements.frictions.items():
         bounds.setdefault(split_element_name(name)[0], []).extend((friction.kinetic, friction.static))
-    for name, contact in model.contacts.items():
+    for name, contact in model.elements.contacts.items():
         if contact.friction is not None and contact.static is not None:
             bounds.setdefault(split_element_name(name)[0], []).extend((contact.friction, contact.static))
     return bounds
@@ -428,54 +430,58 @@ def bounds_of_friction(model: Model) -> dict[str, list[Node]]:
 
 def _slips(model: Model, owner: str) -> set[Node]:
     """Return the slips of friction, whose zeros are events of their own: friction may read ``abs(slip)``."""
-    parts: dict[str, Friction | Contact] = {**model.frictions, **model.contacts}
+    elements = model.elements
+    parts: dict[str, Friction | Contact] = {**elements.frictions, **elements.contacts}
     slips = [
         part.slip for name, part in parts.items() if split_element_name(name)[0] == owner and part.slip is not None
     ]
-    return {tree for slip in map(model.expanded, slips) for tree in (slip, Negative(slip))}
+    return {tree for slip in map(elements.expanded, slips) for tree in (slip, Negative(slip))}
 
 
 def owner_of_masses(model: Model) -> str:
     """Return the owner's name of switches in masses: a force or state may be called ``mass``."""
-    return "mass_matrix" if "mass" in model.shaped.forces or "mass" in model.shaped.states else "mass"
+    return "mass_matrix" if "mass" in model.statement.forces or "mass" in model.statement.states else "mass"
 
 
 def _switching_masses(model: Model) -> Iterator[Node]:
     """Yield the masses that may switch, definitions substituted; of a quantity that may switch all elements."""
     if model.shapes.dims and not _call_any(masses_of_quantities(model), SWITCHING):
         return
-    for entry in model.statement.mass_entries.values():
-        tree = model.expanded(entry)
+    for entry in model.elements.statement.mass_entries.values():
+        tree = model.elements.expanded(entry)
         if model.drives or _call_any([tree], SWITCHING):
             yield tree
 
 
 def masses_of_quantities(model: Model) -> list[Node]:
     """Return the masses of a model with dimensions, or the energy from which they are derived."""
-    statement = model.shaped
+    statement = model.statement
     trees = statement.mass_entries.values() if statement.lagrangian is None else [statement.lagrangian.kinetic]
     return [expand_definitions(tree, statement.definitions, model.shapes) for tree in trees]
 
 
 def _component_trees(model: Model, components: Mapping[str, Node | Function]) -> Iterator[Node]:
     parts = (components[name] for name in components)  # each when it is asked for: the first may be too many
-    return (model.expanded(part) for part in parts if not isinstance(part, Function))
+    return (model.elements.expanded(part) for part in parts if not isinstance(part, Function))
 
 
 def _rate_trees(model: Model, name: str) -> Iterator[Node]:
-    return (model.expanded(model.statement.states[element].rate) for element in model.shapes.elements(name))
+    return (
+        model.elements.expanded(model.elements.statement.states[element].rate)
+        for element in model.shapes.elements(name)
+    )
 
 
 def _may_switch(model: Model) -> bool:
     """Whether a model with dimensions can switch at all; if not, no trees of its elements are made."""
-    return bool(model.shaped.drives) or any(
+    return bool(model.statement.drives) or any(
         _call_any(trees, SWITCHING) for _, trees, _ in _quantities_with_trees(model)
     )
 
 
 def _quantities_with_trees(model: Model) -> Iterator[tuple[str, list[Node], bool]]:
     """Yield every force and state of a model with dimensions: its trees, and whether it is declared smooth."""
-    statement = model.shaped
+    statement = model.statement
     for name, force in statement.forces.items():
         parts = (force.potential, *force.components.values())
         trees = [part for part in parts if part is not None and not isinstance(part, Function)]
@@ -514,12 +520,18 @@ def _moves(model: Model, function: Node) -> bool:
     """Whether the function of a switch changes along a motion."""
     if not free_names(function).isdisjoint(_moving_variables(model)):
         return True
-    read = model.reads(function)
+    read = model.elements.reads(function)
     return bool(read & _moving_variables(model)) or (bool(model.delays) and any(map(is_before, read)))
 
 
 @lru_cache(maxsize=1)
 def _moving_variables(model: Model) -> frozenset[str]:
+    elements = model.elements
     return frozenset(
-        {"t", *model.statement.coordinates, *map(velocity, model.statement.coordinates), *model.statement.states}
+        {
+            "t",
+            *elements.statement.coordinates,
+            *map(velocity, elements.statement.coordinates),
+            *elements.statement.states,
+        }
     )

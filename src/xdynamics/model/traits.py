@@ -38,36 +38,37 @@ class Trait(StrEnum):
 @lru_cache(maxsize=64)
 def traits_of(model: Model) -> dict[Trait, str]:
     """Return the traits of a model, each with a phrase that names the entries that cause it."""
+    elements = model.elements
     traits: dict[Trait, str] = {}
-    if not model.statement.coordinates:
+    if not elements.statement.coordinates:
         traits[Trait.NO_COORDINATES] = "the model has first-order states only"
     owners = {
         Trait.PYTHON_FORCES: [f"function {', '.join(item.name for item in model.python_forces)}"]
         * bool(model.python_forces),
         Trait.CONTACTS: [*dict.fromkeys(item.owner for item in reactions(model))],
-        Trait.CONSTRAINTS: [*model.shaped.constraints],
+        Trait.CONSTRAINTS: [*model.statement.constraints],
         Trait.HELD_LINKS: curved_contacts(model) if _takes_energy(model) else [],
     }
     traits |= {trait: ", ".join(names) for trait, names in owners.items() if names}
     coordinates, held_names = (
-        element_blocks(model.statement.coordinates),
-        controller_states(model.controllers, model.time_unit),
+        element_blocks(elements.statement.coordinates),
+        controller_states(elements.controllers, model.time_unit),
     )
     velocities = coordinates.renamed("", velocity)
     states = Blocks(
-        block for block in element_blocks(model.statement.states).blocks if block.name not in held_names
+        block for block in element_blocks(elements.statement.states).blocks if block.name not in held_names
     )  # constant between ticks
     for label, names_read in _right_hand_side(model):
         if fault := _among(names_read, velocities):
             traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_list_names(fault)}")
         if fault := _among(names_read, states):
             traits.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_list_names(fault)}")
-    if model.mass_is_full:
-        for (i, j), entry in model.statement.mass_entries.items():
-            if fault := model.reads(entry) & set(model.statement.coordinates):
+    if elements.mass_is_full:
+        for (i, j), entry in elements.statement.mass_entries.items():
+            if fault := elements.reads(entry) & set(elements.statement.coordinates):
                 traits.setdefault(Trait.COUPLED_MASS, f"mass entry ({i + 1}, {j + 1}) depends on {_list_names(fault)}")
     varying_blocks = velocities + coordinates + states
-    for name, state in model.shaped.states.items():
+    for name, state in model.statement.states.items():
         if Trait.COUPLED_STATES in traits:  # the first is told
             break
         if fault := _among(_names_read(model, state.rate), varying_blocks):
@@ -85,12 +86,12 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
         for term, parts in forces_by_coordinate(model).items()
         for coordinate, part in parts.items()
     ]
-    entries = (model if has_diagonal_mass(model) else model.elements).shaped.mass_entries.values()
+    entries = (model if has_diagonal_mass(model) else model.elements).statement.mass_entries.values()
     masses = [("the mass", _names_read(model, entry)) for entry in entries]
     pressed = [
         (
-            f"'{reaction.name}'{' along a curved gap' * (reaction.sort == NORMAL and reaction.owner in model.contacts)}",
-            set().union(*(model.reads(tree) for tree in (*reaction.row.values(), reaction.bias, *sizes))),
+            f"'{reaction.name}'{' along a curved gap' * (reaction.sort == NORMAL and reaction.owner in model.elements.contacts)}",
+            set().union(*(model.elements.reads(tree) for tree in (*reaction.row.values(), reaction.bias, *sizes))),
         )
         for reaction in reactions(model)
         for sizes in [() if reaction.sort == NORMAL else (reaction.size, reaction.sticking_limit)]
@@ -105,16 +106,17 @@ def curved_contacts(model: Model) -> list[str]:
 
 def _takes_energy(model: Model) -> bool:
     """Whether impacts or friction take energy, so that bodies may come to rest on links."""
-    contacts = [*model.contacts.values(), *model.assemblies.values()]
+    contacts = [*model.elements.contacts.values(), *model.assemblies.values()]
     return bool(model.frictions) or any(contact.restitution != ONE or contact.slip is not None for contact in contacts)
 
 
 def _turns_direction(model: Model, contact: Contact) -> bool:
     """Whether a contact holds its links along a direction that changes as bodies move, or with such friction."""
-    gap, coordinates = model.expanded(contact.gap), {*model.statement.coordinates}
+    elements = model.elements
+    gap, coordinates = elements.expanded(contact.gap), {*elements.statement.coordinates}
     slopes = [derivative(gap, {name: ONE}) for name in free_names(gap) & coordinates]
-    slips = [] if contact.slip is None else [model.expanded(contact.slip)]
-    rubs = [model.expanded(tree) for tree in (contact.friction, contact.static) if tree is not None]
+    slips = [] if contact.slip is None else [elements.expanded(contact.slip)]
+    rubs = [elements.expanded(tree) for tree in (contact.friction, contact.static) if tree is not None]
     moving = coordinates | set(map(velocity, coordinates))
     changing = set[str]().union(*map(free_names, (*slopes, *slips))) & coordinates
     return bool(changing or set[str]().union(*map(free_names, rubs)) & moving)
@@ -128,10 +130,10 @@ def _among(names: set[str], blocks: Blocks) -> set[str]:
 def _names_read(model: Model, tree: Node | Function) -> set[str]:
     """Return the names of quantities that an expression or a function reads, also through drives."""
     if isinstance(tree, Function):
-        return model.reads(tree)
-    names = free_names(model.expanded_by_quantity(tree))
-    arguments = (drive.argument for name, drive in model.shaped.drives.items() if name in names)
-    return names.union(*(free_names(model.expanded_by_quantity(argument)) for argument in arguments))
+        return model.elements.reads(tree)
+    names = free_names(model.expanded(tree))
+    arguments = (drive.argument for name, drive in model.statement.drives.items() if name in names)
+    return names.union(*(free_names(model.expanded(argument)) for argument in arguments))
 
 
 def _list_names(names: set[str]) -> str:

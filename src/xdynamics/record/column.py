@@ -115,13 +115,13 @@ class Units:
         self.scales = about.scales
         self.time = self.scales.si_factor(TIME)
         model, layout = about.model, about.layout
-        declared, dimensions, time = model.shaped, model.dimensions, model.time_unit
+        declared, dimensions, time = model.statement, model.elements.dimensions, model.time_unit
         self.known = {name: state.unit for name, state in declared.states.items()}
         for block in layout.coordinates.blocks:
             name, unit = block.name, declared.coordinates[block.name].unit
             self.known[name], self.known[schema.velocity(name)] = unit, unit.per(time)
             self.known[schema.acceleration(name)] = unit.per(time, 2)
-            mass = dimension_of(own_mass(model.mass, layout.coordinates.offset_of(name)), dimensions)
+            mass = dimension_of(own_mass(model.elements.mass, layout.coordinates.offset_of(name)), dimensions)
             coordinate_dimension = dimensions[block.first]
             force_unit = spell(mass * coordinate_dimension / time.dimension**2, angle=coordinate_dimension == NONE)
             forces = [(term, part.name) for term, parts in layout.terms.items() for part in parts.blocks]
@@ -146,17 +146,17 @@ class Units:
         if name in schema.ENERGIES:
             return spell(layout.energy_dimension or NONE)
         if block.first in layout.gaps:
-            return spell(dimension_of(layout.gaps[block.first], self.about.model.dimensions))
-        observable = self.about.model.shaped.observed.get(name)
+            return spell(dimension_of(layout.gaps[block.first], self.about.model.elements.dimensions))
+        observable = self.about.model.statement.observed.get(name)
         if observable is not None and observable.unit is not None:
             return observable.unit
         # not element by element: a sum may have a million terms
-        return spell(dimension_of(self.about.model.shaped.observables[name], self._quantity_dimensions))
+        return spell(dimension_of(self.about.model.statement.observables[name], self._quantity_dimensions))
 
     @cached_property
     def _quantity_dimensions(self) -> dict[str, Dimension]:
         """The dimension of every name that an observable may read."""
-        dimensions, square = self.about.model.dimensions, self.about.model.time_unit.dimension**2
+        dimensions, square = self.about.model.elements.dimensions, self.about.model.time_unit.dimension**2
         dimensions_by_name = {block.name: dimensions[block.first] for block in element_blocks(dimensions).blocks}
         coordinate_blocks = self.about.layout.coordinates.blocks
         return dimensions_by_name | {
@@ -264,9 +264,9 @@ def effort_columns(layout: Layout) -> list[Column]:
 def of_first_order(about: About) -> Iterator[tuple[Quantity, str]]:
     """Yield first-order states and their rates with long names; states of controllers have a role and no rate."""
     layout, model = about.layout, about.model
-    held_states = controller_states(model.controllers, model.time_unit)
+    held_states = controller_states(model.elements.controllers, model.time_unit)
     for state, rate in zip(layout.states.blocks, layout.rates.blocks, strict=True):
-        long_name = model.shaped.states[state.name].description or f"state {state.name}"
+        long_name = model.statement.states[state.name].description or f"state {state.name}"
         if state.name in held_states:
             yield state._replace(role=HELD), long_name
         else:
@@ -280,7 +280,7 @@ def of_constraints(about: About) -> Iterator[Column]:
     computed, first = {block.name: block for block in layout.computed.blocks}, 0
     for multiplier in layout.multipliers.blocks:
         owner = quantity_of(conditions(model)[first].name)
-        constraint = model.shaped.constraints[owner]
+        constraint = model.statement.constraints[owner]
         noun = constraint.description or f"constraint {owner}"
         words = f"multiplier of {noun}: the force on a coordinate is it times the derivative"
         attributes = _constraint_attributes(constraint)
@@ -290,7 +290,7 @@ def of_constraints(about: About) -> Iterator[Column]:
             (constraint_rate, f"how fast velocities leave {noun}"),
         ):
             if (block := computed.get(name(owner))) is not None:
-                unit = spell(dimension_of(layout.constraint_outputs[block.first], model.dimensions))
+                unit = spell(dimension_of(layout.constraint_outputs[block.first], model.elements.dimensions))
                 yield row_column(about, block, unit, words, "residual", {})
         first += multiplier.size
     yield from _of_joints(about, computed)

@@ -152,7 +152,7 @@ def _impact_columns(about: About) -> list[Column]:
         ]
     if about.layout.reactions:
         first = about.layout.coordinates.blocks[0]
-        energy = spell(_impulse_unit(about, first).dimension * model.dimensions[schema.velocity(first.first)])
+        energy = spell(_impulse_unit(about, first).dimension * model.elements.dimensions[schema.velocity(first.first)])
         long_name = (
             "energy that the motion lost in the impact, or in bounces that were skipped, relative to a surface that"
             " moves"
@@ -223,7 +223,7 @@ def _residual_taker(about: About) -> Callable[[LogBlock], Array]:
 
 def _detector_attributes(about: About) -> dict[str, str]:
     """Describe every event by its function, direction, action and tolerances, contacts and friction by their rules."""
-    shaped = about.model.shaped
+    shaped = about.model.statement
     elements: dict[str, Mapping[str, Any]] = {
         "": shaped.events,
         "contact_": shaped.contacts,
@@ -428,8 +428,8 @@ def _unit_text(dimension: Dimension) -> str:
 def _impulse_unit(about: About, coordinate: Quantity) -> Unit:
     """Return the unit of an impulse along a coordinate."""
     model, first_index = about.model, about.layout.coordinates.offset_of(coordinate.name)
-    mass = dimension_of(own_mass(model.mass, first_index), model.dimensions)
-    return spell(mass * model.dimensions[schema.velocity(coordinate.first)])
+    mass = dimension_of(own_mass(model.elements.mass, first_index), model.elements.dimensions)
+    return spell(mass * model.elements.dimensions[schema.velocity(coordinate.first)])
 
 
 def _zero_taker(shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:

@@ -412,7 +412,7 @@ def is_by_rows(column: Column) -> bool:
 def parameter_variables(model: Model) -> list[tuple[schema.Variable, Any]]:
     """Return the parameters with their values."""
     entries: list[tuple[schema.Variable, Any]] = []
-    for name, parameter in _parameters_by_block(model.statement.parameters):
+    for name, parameter in _parameters_by_block(model.elements.statement.parameters):
         if isinstance(parameter, ParameterNumbers):
             unit, long_name = parameter.unit.text, parameter.declared_values.description or f"parameter {name}"
             dims = model.shapes.dims[name]

@@ -204,12 +204,12 @@ def _find_end(k: int) -> Finding:
 
 def unit_of_gap(contact: Assembly) -> Unit:
     """Return the unit of the gaps of a contact."""
-    return spell(dimension_of(contact.contact.gap, contact.model.dimensions))
+    return spell(dimension_of(contact.contact.gap, contact.model.elements.dimensions))
 
 
 def unit_of_force(contact: Assembly) -> Unit:
     """Return the unit of normal forces of a contact."""
-    gap = dimension_of(contact.contact.gap, contact.model.dimensions)
+    gap = dimension_of(contact.contact.gap, contact.model.elements.dimensions)
     return spell(impact_energy_dimension(contact.model) / gap, angle=True)
 
 
@@ -219,7 +219,8 @@ def units_of_friction(every: Sequence[Assembly]) -> list[Unit]:
     power = impact_energy_dimension(model) / model.time_unit.dimension
     slips = [contact.contact.slip for contact in every]
     units = [
-        None if slip is None else spell(power / dimension_of(slip, model.dimensions), angle=True) for slip in slips
+        None if slip is None else spell(power / dimension_of(slip, model.elements.dimensions), angle=True)
+        for slip in slips
     ]
     shared = next(unit for unit in units if unit is not None)
     return [shared if unit is None else unit for unit in units]
@@ -279,7 +280,11 @@ def _link_values(row: int, factor: float, begin: int, shape: tuple[int, ...]) ->
 def _link_gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
     """Return a function from a block to the gaps of a contact's links, computed from the coordinates of each row."""
     model, links = assembly.model, np.arange(assembly.links)
-    tree, link_ends, numbers = model.expanded(assembly.contact.gap), assembly.ends(links), assembly.numbers(links)
+    tree, link_ends, numbers = (
+        model.elements.expanded(assembly.contact.gap),
+        assembly.ends(links),
+        assembly.numbers(links),
+    )
     read, leaves = free_names(tree), {leaf.name: leaf for leaf in assembly.pattern_inputs}
     elements = {name: assembly.elements(leaf, *link_ends, numbers) for name, leaf in leaves.items() if name in read}
     moving = {leaf.name: leaf.quantity for leaf in assembly.pattern_inputs[: assembly.coordinates] if leaf.name in read}
@@ -288,12 +293,12 @@ def _link_gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, .
         if name in elements:
             every = model.shapes.elements(leaves[name].quantity)
             constant_values[name] = np.array(
-                [model.statement.parameters[every[k]].quantity.si for k in elements[name].tolist()]
+                [model.elements.statement.parameters[every[k]].quantity.si for k in elements[name].tolist()]
             )
         else:
             constant_values[name] = (
-                model.statement.parameters[name].quantity.si
-                if name in model.statement.parameters
+                model.elements.statement.parameters[name].quantity.si
+                if name in model.elements.statement.parameters
                 else float(constant(name).factor)
             )
 
@@ -303,7 +308,7 @@ def _link_gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, .
             "t": multiply_values(rows[row_index_of("time")], about.scales.si_factor(TIME))[:, None]
         }
         for name, quantity in moving.items():
-            factor = about.scales.si_factor(model.dimensions[name])
+            factor = about.scales.si_factor(model.elements.dimensions[name])
             values[name] = multiply_values(rows[row_index_of(quantity) + elements[name]].T, factor)
         gap_values = np.broadcast_to(evaluate_many(tree, values), (block.rows, assembly.links))
         return multiply_values(gap_values, 1.0 / float(unit.factor)).reshape(block.rows, *shape)
@@ -366,14 +371,15 @@ class Impulse(NamedTuple):
 def impulses_of(every: Sequence[Assembly]) -> Iterator[Impulse]:
     """Yield the impulses on the bodies at both ends of a link."""
     model = every[0].model
-    shapes, names = model.shapes, [*model.statement.coordinates]
+    shapes, names = model.shapes, [*model.elements.statement.coordinates]
     moving = [leaf for contact in every for leaf in contact.pattern_inputs[: contact.coordinates]]
     seconds = {leaf.quantity for leaf in moving if leaf.end == SECOND}
     for name, body in impulse_quantities(every).items():
         first_element = shapes.first(name)
         i = names.index(first_element)
         unit = spell(
-            dimension_of(model.mass[i][i], model.dimensions) * model.dimensions[schema.velocity(first_element)]
+            dimension_of(model.elements.mass[i][i], model.elements.dimensions)
+            * model.elements.dimensions[schema.velocity(first_element)]
         )
         further_dims = tuple(dim for dim in shapes.dims.get(name, ()) if dim != body)
         for k, end in enumerate(("first", "second")):
@@ -403,7 +409,7 @@ def _impulses(about: About) -> list[Column]:
         )
         collected.append(Column(impulse.variable, take_impulse))
     last = impulses[-1]
-    speed = about.model.dimensions[schema.velocity(about.model.shapes.first(last.quantity))]
+    speed = about.model.elements.dimensions[schema.velocity(about.model.shapes.first(last.quantity))]
     return [*collected, *_impact_losses(about, 2 * width, last.unit, speed)]
 
 
@@ -411,7 +417,7 @@ def _impact_losses(about: About, row: int, impulse: Unit, speed: Any) -> list[Co
     """Return the energy that impacts took, and the residual of the equations of those that were at one time."""
     energy = spell(impulse.dimension * speed)
     first = next(iter(about.model.assemblies.values()))
-    rate = spell(dimension_of(first.gap, about.model.dimensions) / about.model.time_unit.dimension)
+    rate = spell(dimension_of(first.gap, about.model.elements.dimensions) / about.model.time_unit.dimension)
     rubs = any(assembly.contact.slip is not None for assembly in assemblies(about.model))
     stopped = ", or as slow motions of a heap were stopped" if rubs else ""
     lost = f"energy that the motion lost in the impact{stopped}, relative to a surface that moves"
@@ -444,9 +450,9 @@ def _impulse_rows(row: int, shape: tuple[int, ...], factor: float) -> Callable[[
 
 def impact_laws(model: Model) -> dict[str, str]:
     """Return the law of impacts, and the order in which they are computed."""
-    if not (model.contacts or model.assemblies):
+    if not (model.elements.contacts or model.assemblies):
         return {}
-    contacts = model.shaped.contacts
+    contacts = model.statement.contacts
     contact = next(iter(contacts.values()))
     restitutions = "; ".join(f"{name}: {text_of(contact.restitution)}" for name, contact in contacts.items())
     return {"impact_law": contact.law, "impact_order": " ".join(contacts), "restitution": restitutions}

@@ -341,7 +341,7 @@ def _time_scales(march: March) -> dict[str, Any]:
 
 def _assumed(model: Model) -> dict[str, str]:
     """Name the coordinates that start at rest because no velocity is given."""
-    at_rest = model.shaped.at_rest
+    at_rest = model.statement.at_rest
     return {schema.AT_REST: " ".join(at_rest)} if at_rest else {}
 
 

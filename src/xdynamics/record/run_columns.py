@@ -164,7 +164,7 @@ def constants(march: March) -> list[tuple[Variable, Any]]:
 def factors(layout: Layout, scales: Scales) -> Array:
     """Return the factor from a march's numbers to the record's, for every coordinate, velocity and state."""
     blocks = layout.used.blocks
-    units = [layout.model.units[block.first] for block in blocks]
+    units = [layout.model.elements.units[block.first] for block in blocks]
     return np.repeat(
         [scales.si_factor(unit.dimension) / float(unit.factor) for unit in units], [block.size for block in blocks]
     )
@@ -185,21 +185,21 @@ def _step_columns(about: About) -> list[Column]:
     owners = zip(layout.coordinates.blocks, layout.velocities.blocks, layout.accelerations.blocks, strict=True)
     for entry, velocity, acceleration in owners:
         name = entry.name
-        add_column(entry, model.shaped.coordinates[name].description or f"coordinate {name}", units.known[name])
+        add_column(entry, model.statement.coordinates[name].description or f"coordinate {name}", units.known[name])
         add_column(velocity, f"velocity of {name}", units.known[velocity.name])
         add_column(acceleration, f"acceleration of {name}", units.known[acceleration.name])
     for entry, long_name in of_first_order(about):
         add_column(entry, long_name, units.known[entry.name])
     term_components = [(term, block.name) for term, parts in layout.terms.items() for block in parts.blocks]
     for (term, name), force in zip(term_components, layout.forces.blocks, strict=True):
-        label = model.forces[term].description or term
+        label = model.elements.forces[term].description or term
         add_column(force, f"component of force {label} along {name}", units.known[force.name])
     for entry in (block for block in layout.computed.blocks if block.first not in layout.constraint_outputs):
         name = entry.name
         role = "energy" if name in schema.ENERGIES else "gap" if entry.first in layout.gaps else "observable"
         noun = "gap of contact" if role == "gap" else "observable"
         owner = name.removeprefix(reaction_names.contact_gap("")) if role == "gap" else name
-        observed = model.shaped.observed.get(name)
+        observed = model.statement.observed.get(name)
         description = observed.description if observed else schema.ENERGIES.get(name)
         add_column(entry._replace(role=role), description or f"{noun} {owner}", units.derived(entry))
     for entry in layout.reactions.blocks:
@@ -246,7 +246,7 @@ def _long_name(about: About, reaction: Reaction) -> str:
 
 def _declared_attributes(model: Model, reaction: Reaction) -> dict[str, str]:
     """Return the model's declarations of a contact or friction element; the force acts along the gradient of its gap, or slip."""
-    owner, shaped = quantity_of(reaction.owner), model.shaped
+    owner, shaped = quantity_of(reaction.owner), model.statement
     element: Contact | Friction = shaped.frictions[owner] if reaction.sort == DRY else shaped.contacts[owner]
     keys = (
         ("gap", "restitution")
@@ -296,7 +296,7 @@ def _state_of(about: About, reaction: Reaction, dims: tuple[str, ...]) -> Variab
 
 def _drive_attributes(model: Model, name: str) -> dict[str, str]:
     """Return how a drive is interpolated between the points of its table, and extrapolated beyond them."""
-    drive = model.shaped.drives.get(name)
+    drive = model.statement.drives.get(name)
     if drive is None:
         return {}
     return {"interpolation": drive.interpolation, "outside": drive.outside, "argument": text_of(drive.argument)}
@@ -337,7 +337,7 @@ def followed_tolerances(march: March) -> dict[str, dict[str, Any]]:
         follows = following[indices] & _is_logged(march, quantity)[logged]
         if follows.any():
             in_si = last[indices] if follows.all() else np.where(follows, last[indices], given_atols[indices])
-            final[quantity.name] = _atol(in_si / float(march.model.units[quantity.first].factor), in_si)
+            final[quantity.name] = _atol(in_si / float(march.model.elements.units[quantity.first].factor), in_si)
             if follows.all():
                 final[quantity.name][schema.ATOL_RULE] = schema.ATOL_FOLLOWS
             else:
@@ -354,7 +354,7 @@ def left_out_tolerances(march: March) -> dict[str, tuple[float, str]]:
     for quantity in march.layout.used.blocks:
         atols = np.where(_is_logged(march, quantity), np.nan, tolerances.of_all(Blocks([quantity])))
         for number in np.flatnonzero(~np.isnan(atols)).tolist():
-            left_out[quantity.element(number)] = float(atols[number]), model.units[quantity.first].text
+            left_out[quantity.element(number)] = float(atols[number]), model.elements.units[quantity.first].text
     return left_out
 
 

@@ -510,7 +510,7 @@ class GatheredColumn:
         return np.frombuffer(self._pages, values.dtype).reshape(-1, *values.shape[1:])
 
     def joined_rows(self) -> Array:
-        """Return all of them."""
+        """Return all rows in the order of their blocks."""
         if self.room is not None:
             return self.room[: self.filled]
         if all(map(_is_nothing, self.pieces)):

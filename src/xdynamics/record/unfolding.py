@@ -189,7 +189,7 @@ class SharedElements:
     ----------
     variable : xarray.Variable
         With the dimensions of the model last.
-    own : int
+    outer_count : int
         How many other dimensions it has.
     """
 

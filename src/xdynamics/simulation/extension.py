@@ -207,7 +207,7 @@ def _state_rows(source_run: xr.Dataset, march: March, names: Blocks, stride: int
     """Return every so many values of quantities that are as the state is, as the march has them, a row for each number."""
     numbers = [np.empty((0, len(range(0, source_run.sizes[schema.STEPS], stride))))]
     for block, state_block in zip(names.blocks, march.layout.used.blocks, strict=False):  # there may be no names
-        unit = march.model.units[state_block.first]
+        unit = march.model.elements.units[state_block.first]
         factor = march.settings.scales.si_factor(unit.dimension) / float(unit.factor)
         values = source_run.variables[block.name].values[::stride]
         numbers.append(flattened_rows(values).T / factor)
@@ -296,7 +296,7 @@ def _restore_passed(source_run: xr.Dataset, march: March) -> None:
     memory = march.run.w[march.run.w.size - 3 * len(smooth_switches) :].reshape(-1, 3)
     memory[:, 1] = source_run[schema.PASSED.name].values
     memory[:, 2] = np.nan_to_num(source_run[schema.FIRST_PASSED.name].values) / march.settings.scales.si_factor(TIME)
-    factors = {name: float(unit.factor) for name, unit in model.units.items()}
+    factors = {name: float(unit.factor) for name, unit in model.elements.units.items()}
     for first in range(
         source_run.sizes[schema.STEPS] - ROWS, -ROWS, -ROWS
     ):  # from the end, to where each was last away from zero

@@ -128,11 +128,11 @@ def solve(
     model = model_of_function(fun, t_span, y0, args, events, names, units)
     if not isinstance(settings.get("atol", 0.0), str | int | float | Mapping) and settings["atol"] is not None:
         tolerances = [float(number) for number in settings["atol"]]
-        if len(tolerances) != len(model.statement.states):
+        if len(tolerances) != len(model.elements.statement.states):
             raise InputError(
-                f"atol has {len(tolerances)} numbers, and y0 {len(model.statement.states)}; give one, or one for each"
+                f"atol has {len(tolerances)} numbers, and y0 {len(model.elements.statement.states)}; give one, or one for each"
             )
-        settings["atol"] = dict(zip(model.statement.states, tolerances, strict=True))
+        settings["atol"] = dict(zip(model.elements.statement.states, tolerances, strict=True))
     settings |= {"method": _method_name(method), "until": t_span[1] if isinstance(t_span[1], str) else float(t_span[1])}
     if t_eval is None or not model.events:
         return simulate(model, times=t_eval, path=path, **settings)

@@ -224,7 +224,7 @@ def _file_value(name: str, value: Any, model: Model) -> Any:
     if KEYWORDS[name].kind in (TIME, STEP):
         return float(value) if model.time_unit == NUMBERS else str(Quantity(float(value), SECONDS))
     if name == "atol" and isinstance(value, Mapping):
-        return {key: f"{size.value!r} {coherent(model.units[key]).text}" for key, size in value.items()}
+        return {key: f"{size.value!r} {coherent(model.elements.units[key]).text}" for key, size in value.items()}
     return [*value] if isinstance(value, tuple) else value
 
 

@@ -182,9 +182,9 @@ def _comparable_values(column: AxisColumn) -> list[Any]:
 def _value_of_all_members(grid: SweepGrid, column: AxisColumn) -> Any:
     """Return the value that all members of a sweep share; None where it is the model's own setting."""
     if column.kind == PARAMETER:
-        return _single_value({grid.model.statement.parameters[name].quantity.si for name in column.names})
+        return _single_value({grid.model.elements.statement.parameters[name].quantity.si for name in column.names})
     if column.kind == INITIAL:
-        return _single_value({grid.model.statement.initial[name].si for name in column.names})
+        return _single_value({grid.model.elements.statement.initial[name].si for name in column.names})
     if column.name not in grid.shared_settings or column.tables:
         return None
     return _comparable_values(column_of(grid.model, column.name, [grid.shared_settings[column.name]]))[0]

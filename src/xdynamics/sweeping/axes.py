@@ -439,6 +439,7 @@ def _display_label(name: str) -> str:
 
 
 def _read_axis(model: Model, dim: str, entries: Any) -> Axis:
+    elements = model.elements
     if dim in (*model.shapes.extents, *model.shapes.relations):
         raise InputError(f"is a dimension of the model; call what varies in another way, like '{dim}_together'")
     if isinstance(entries, Draws):
@@ -452,10 +453,10 @@ def _read_axis(model: Model, dim: str, entries: Any) -> Axis:
         raise InputError("varies nothing; give names with as many values each")
     if dim not in entries and dim in (
         *RESERVED_NAMES,
-        *model.statement.parameters,
-        *model.units,
-        *model.drives,
-        *model.observables,
+        *elements.statement.parameters,
+        *elements.units,
+        *elements.drives,
+        *elements.observables,
     ):
         raise InputError(
             f"is the name of something else; call what varies together in another way, like '{dim}_together'"
@@ -481,14 +482,14 @@ def _drawn_columns(model: Model, draws: Draws) -> tuple[AxisColumn, ...]:
     """Return columns of drawn points, scaled to the range or the distribution of each parameter."""
     if draws.design == DECLARED:
         declared = model.uncertain | {
-            f"{INITIAL_PREFIX}{name}": entry for name, entry in model.starts.items() if entry.uncertainty > 0
+            f"{INITIAL_PREFIX}{name}": entry for name, entry in model.elements.starts.items() if entry.uncertainty > 0
         }
         draws = replace(draws, ranges=_declared_names(map(model.shapes.internal_name, draws.ranges), declared))
     points, names, columns = draws.points(), [*map(model.shapes.internal_name, draws.ranges)], []
     if draws.design == DECLARED:
         offsets = draw_deviations(
             [spread for name in names if (spread := declared[name].spread)],
-            correlation_matrix([entry.removeprefix(INITIAL_PREFIX) for entry in names], model.correlations),
+            correlation_matrix([entry.removeprefix(INITIAL_PREFIX) for entry in names], model.elements.correlations),
             points,
         )
         for i, name in enumerate(names):
@@ -550,20 +551,25 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
     InputError
         If the name cannot vary, or a value cannot be used.
     """
+    elements = model.elements
     name = model.shapes.internal_name(name)
-    if name in model.statement.parameters:
+    if name in elements.statement.parameters:
         return _number_column(
-            name, PARAMETER, values, model.statement.parameters[name].quantity.scale_of_numbers, _display_label(name)
+            name,
+            PARAMETER,
+            values,
+            elements.statement.parameters[name].quantity.scale_of_numbers,
+            _display_label(name),
         )
     if (column := _quantity_column(model, name, values)) is not None:
         return column
     initial = name.removeprefix(INITIAL_PREFIX)
-    if initial in model.statement.initial:
+    if initial in elements.statement.initial:
         kind = START if initial == "t" else INITIAL
         return _number_column(
-            initial, kind, values, model.statement.initial[initial].scale_of_numbers, _display_label(name)
+            initial, kind, values, elements.statement.initial[initial].scale_of_numbers, _display_label(name)
         )
-    if name in model.drives:
+    if name in elements.drives:
         return _table_column(name, values)
     label = f"{SETTING_PREFIX}{name}"
     if name == STEP:
@@ -572,8 +578,8 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
         return _positive_column(_number_column(name, RTOL, values, Scale(parse_unit("1")), label))
     if name in SETTINGS:
         return _setting_column(model, name, values, label)
-    quantities = quantity_names((*model.statement.parameters, *model.statement.initial))
-    available = [*quantities, *model.drives, STEP, RTOL, *SETTINGS]
+    quantities = quantity_names((*elements.statement.parameters, *elements.statement.initial))
+    available = [*quantities, *elements.drives, STEP, RTOL, *SETTINGS]
     raise InputError(f"'{_display_label(name)}' is nothing that can vary; there are {', '.join(available)}")
 
 
@@ -581,7 +587,10 @@ def _quantity_column(model: Model, name: str, values: Any) -> AxisColumn | None:
     """Read values of a quantity with dimensions, each of which all its elements have; None if it is no such quantity."""
     quantity = name.removeprefix(INITIAL_PREFIX)
     elements = tuple(model.shapes.elements(quantity)) if quantity in model.shapes.dims else ()
-    for kind, declared in ((PARAMETER, model.statement.parameters), (INITIAL, model.statement.initial)):
+    for kind, declared in (
+        (PARAMETER, model.elements.statement.parameters),
+        (INITIAL, model.elements.statement.initial),
+    ):
         if elements and elements[0] in declared and (kind == INITIAL or name == quantity):
             return replace(column_of(model, elements[0], values), name=quantity, label=name, elements=elements)
     return None

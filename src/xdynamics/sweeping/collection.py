@@ -103,7 +103,7 @@ def sweep_dataset(plan: Plan, arrays: Mapping[str, Any], unchanged: Mapping[str,
             parameter.quantity.value,
             attrs_of(parameter.quantity.unit.text, parameter.description or f"parameter {name}", "parameter"),
         )
-        for name, parameter in grid.model.statement.parameters.items()
+        for name, parameter in grid.model.elements.statement.parameters.items()
         if name not in varying and name not in member_variables
     }
     toml = {"model_toml": ((), grid.model.to_toml(), attrs_of("1", "the model that members share, as TOML", "model"))}
@@ -190,10 +190,11 @@ def _shared_columns(grid: SweepGrid) -> list[AxisColumn]:
 
 def _meaning(model: Model, column: AxisColumn) -> str:
     """Describe a varied quantity, with the model's own description if there is one."""
+    elements = model.elements
     sections: dict[str, Mapping[str, Any]] = {
-        PARAMETER: model.statement.parameters,
-        INITIAL: model.statement.coordinates,
-        TABLE: model.drives,
+        PARAMETER: elements.statement.parameters,
+        INITIAL: elements.statement.coordinates,
+        TABLE: elements.drives,
     }
     description = getattr(sections.get(column.kind, {}).get(column.name), "description", "")
     meaning = _KIND_DESCRIPTIONS[column.kind].format(column.name)

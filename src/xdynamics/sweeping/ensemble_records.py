@@ -239,8 +239,11 @@ class MemberRuns:
 
     def _member_model(self, member: int, row: int) -> Model:
         """Return a member's own model, that begins with its first row."""
-        model, si = self.model, {name: spell(dimension).text for name, dimension in self.model.dimensions.items()}
-        member_values = self._member_parameters(np.array([member]), frozenset(model.statement.parameters))
+        model, si = (
+            self.model,
+            {name: spell(dimension).text for name, dimension in self.model.elements.dimensions.items()},
+        )
+        member_values = self._member_parameters(np.array([member]), frozenset(model.elements.statement.parameters))
         starts = {name: f"{self[name][row].item()!r} {self.columns[name].variable.units}" for name in self.layout.used}
         starts["t"] = f"{self['time'][row].item()!r} {model.time_unit.text}"
         parameters = {name: f"{value[0].item()!r} {si[name]}" for name, value in member_values.items()}
@@ -338,7 +341,7 @@ class MemberRuns:
         """Return the named parameters of each member, SI."""
         model, scales, places = self.model, self.settings.scales, _parameter_indices(self.model)
         return {
-            name: self.runs.parameters[members, i] * scales.si_factor(model.dimensions[name])
+            name: self.runs.parameters[members, i] * scales.si_factor(model.elements.dimensions[name])
             for i, name in sorted((places[name], name) for name in names if name in places)
         }
 
@@ -355,7 +358,7 @@ class _EvaluationPlan(NamedTuple):
 @lru_cache(maxsize=64)
 def _parameter_indices(model: Model) -> dict[str, int]:
     """Return the index of each parameter among the constants of a law."""
-    return {name: i for i, name in enumerate(constants(model)) if name in model.statement.parameters}
+    return {name: i for i, name in enumerate(constants(model)) if name in model.elements.statement.parameters}
 
 
 @lru_cache(maxsize=64)
@@ -371,7 +374,7 @@ def _evaluation_plan(model: Model, name: str, kinds: tuple[str, ...]) -> _Evalua
     values = [entry.value for entry in assignments]
     names = [set(entry.arguments) if isinstance(entry, Function) else free_names(entry) for entry in (*trees, *values)]
     needed_names = frozenset().union(
-        *names, *map(free_names, model.looked_up_at.values())
+        *names, *map(free_names, model.elements.looked_up_at.values())
     )  # tables are looked up all at once
     used = layout_of(model).used
     states = sorted((name for name in needed_names if name in used), key=used.index)

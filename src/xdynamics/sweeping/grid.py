@@ -285,8 +285,8 @@ class SweepGrid:
             elif column.kind in NUMBERS:
                 arrays[{STEP: "steps", RTOL: "rtols"}[column.kind]] = column.si[axis_indices[:, k]]
         if not arrays:  # only words vary
-            name = next(iter(self.model.units))
-            arrays["initial"] = {name: np.full(len(axis_indices), self.model.statement.initial[name].si)}
+            name = next(iter(self.model.elements.units))
+            arrays["initial"] = {name: np.full(len(axis_indices), self.model.elements.statement.initial[name].si)}
         return arrays
 
     def _model_with_tables(self, axis_indices: AxisIndices) -> Model:

@@ -231,7 +231,7 @@ def _sweep_designs(
     column = find_column(sweep, quantity)
     if column is None or column.dims[:1] != ("draw",) or not {*column.dims[1:]} <= {*model_dimensions(sweep)}:
         raise InputError(
-            f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.units))}'"
+            f"quantity is {quantity!r}, needs a word that stands for one number, like 'end_{next(iter(model.elements.units))}'"
         )
     return sweep.assign({quantity: element_array(sweep, quantity)})
 
@@ -263,8 +263,9 @@ def _variance_shares(f: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _range_column(model: Model, name: str, ends: Sequence[Any]) -> AxisColumn:
-    available = quantity_names((*model.statement.parameters, *model.statement.initial))
-    if name not in (*model.statement.parameters, *model.statement.initial, *available):
+    elements = model.elements
+    available = quantity_names((*elements.statement.parameters, *elements.statement.initial))
+    if name not in (*elements.statement.parameters, *elements.statement.initial, *available):
         raise InputError(f"'{name}' is no parameter or initial value; there are {', '.join(available)}")
     return range_of(model, name, ends)
 
@@ -289,7 +290,7 @@ def _uncertain_parameter(model: Model, name: str, names: Sequence[str]) -> Param
         raise InputError(
             f"'{name}' has no uncertainty in the model; there are {', '.join(quantity_names(model.uncertain)) or 'none'}"
         )
-    for pair in model.correlations:
+    for pair in model.elements.correlations:
         if name in pair and {*pair} <= {*map(str, names)}:
             raise InputError(f"{pair[0]} and {pair[1]} are correlated: no share of the variance is one's alone")
     return model.uncertain[name]

@@ -112,9 +112,11 @@ def open_logs(
     if folder is None:
         raise InputError("it is not known where the runs of the sweep are: open it by open_sweep")
     model = plan.grid.model
-    state_names = expand_quantities(map(model.shapes.internal_name, names or model.units), model.units, model.shapes)
-    if unknown := [name for name in state_names if name not in model.units]:
-        raise InputError(f"names have '{unknown[0]}'; there are {', '.join(quantity_names(model.units))}")
+    state_names = expand_quantities(
+        map(model.shapes.internal_name, names or model.elements.units), model.elements.units, model.shapes
+    )
+    if unknown := [name for name in state_names if name not in model.elements.units]:
+        raise InputError(f"names have '{unknown[0]}'; there are {', '.join(quantity_names(model.elements.units))}")
     if times is None and not plan.keeping.times.size:
         raise InputError("the sweep has no times of its own; give times, like '0:10:101 s'")
     sample_times = plan.keeping.times if times is None else wanted_times(times, model.time_unit)
@@ -124,7 +126,7 @@ def open_logs(
         name: (
             (*dims, AT),
             arrays[name],
-            attrs_of(model.units[name].text, f"{name} of the run at a time", "coordinate"),
+            attrs_of(model.elements.units[name].text, f"{name} of the run at a time", "coordinate"),
         )
         for name in state_names
     }

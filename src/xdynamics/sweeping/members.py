@@ -150,7 +150,7 @@ class Plan:
     def _run_variables(self) -> list[KeptVariable]:
         """The variables that judge every member as a run: doubts, outcome, digest, file."""
         keeps_runs = self.keeping.keeps_whole_runs
-        stops = [name for name, event in self.grid.model.events.items() if event.action == "stop"]
+        stops = [name for name, event in self.grid.model.elements.events.items() if event.action == "stop"]
         run_variables = _FILES if keeps_runs else []
         run_variables = [
             *run_variables,
@@ -251,7 +251,9 @@ def _stopped_by(runs: MemberRuns) -> Values:
     names = runs.detectors or ("",)
     words = np.array([names_as_words([name]) for name in names])
     stops = [
-        i for i, name in enumerate(names) if name in runs.model.events and runs.model.events[name].action == "stop"
+        i
+        for i, name in enumerate(names)
+        if name in runs.model.elements.events and runs.model.elements.events[name].action == "stop"
     ]
     places = np.flatnonzero(np.isin(runs.event_detectors, stops))
     is_stopped = runs.runs.status == STOPPED
@@ -282,7 +284,9 @@ def _uncontrolled(group: Group, runs: MemberRuns, part: slice) -> Values:
     if not group.settings.adaptive or tolerances is None:
         return np.zeros(runs.size, np.int64)
     scales = group.settings.scales
-    largest = runs.runs.largest * np.array([scales.si_factor(layout.model.dimensions[name]) for name in layout.used])
+    largest = runs.runs.largest * np.array(
+        [scales.si_factor(layout.model.elements.dimensions[name]) for name in layout.used]
+    )
     if rtols is None:
         return np.asarray(np.count_nonzero(uncontrolled(tolerances, layout, largest, runs.runs.accepted), axis=1))
     members = zip(rtols[part].tolist(), largest, runs.runs.accepted.tolist(), strict=True)

@@ -365,7 +365,11 @@ def array_form(variable: KeptVariable, plan: Plan) -> tuple[tuple[str, ...], tup
 
 def _flag_words(name: str, plan: Plan) -> list[str]:
     """Return the words of a variable, in the order of their flags."""
-    return sorted(WORDS) if name == OUTCOME else sorted(names_as_words([event]) for event in plan.grid.model.events)
+    return (
+        sorted(WORDS)
+        if name == OUTCOME
+        else sorted(names_as_words([event]) for event in plan.grid.model.elements.events)
+    )
 
 
 def _stored_values(variable: KeptVariable, values: Values, plan: Plan) -> Values:

@@ -210,7 +210,7 @@ class StepConstants:
     @classmethod
     def of_model(cls, model: Model) -> StepConstants:
         """Return the tables of a model whose drives are all of time."""
-        return cls(dict(zip(model.drives, drive_pieces(model), strict=True)) if model.drives else {})
+        return cls(dict(zip(model.elements.drives, drive_pieces(model), strict=True)) if model.drives else {})
 
     @property
     def nodes(self) -> Floats:

@@ -74,16 +74,17 @@ def interval_problem_of(model: Model) -> IntervalProblem:
     InputError
         If it has what no bounds are proven of; with each fault and what to do about it.
     """
+    elements = model.elements
     if faults := list(_enclosure_faults(model)):
         raise InputError(f"model '{model.name}' cannot be enclosed: " + "; ".join(faults))
     layout = layout_of(model)
     motion = Motion(layout.coordinates.size, layout.states.size)
     lines = tuple(with_pieces(needed_lines(forces_by_elements(layout).body, motion)))
     used, uncertain = tuple(layout.used), list[str]()
-    start = [_enclose_quantity(model.statement.initial[name], model.starts.get(name)) for name in used]
+    start = [_enclose_quantity(elements.statement.initial[name], elements.starts.get(name)) for name in used]
     places: dict[Location, Value] = {}
     for i, (name, value) in enumerate(_enclosed_constants(model).items()):
-        if name in model.statement.parameters and _half_width(model.statement.parameters[name]) > 0:
+        if name in elements.statement.parameters and _half_width(elements.statement.parameters[name]) > 0:
             places[Location("p", i)] = len(used) + len(uncertain)
             uncertain.append(name)
             start.append(value)
@@ -117,12 +118,12 @@ def _enclosed_constants(model: Model) -> Mapping[str, Box]:
     """Return the constants of a law, as they are written."""
     constant_boxes: dict[str, Box] = {}
     for name, value in constants(model).items():
-        if name in model.statement.parameters:
-            part = model.statement.parameters[name]
+        if name in model.elements.statement.parameters:
+            part = model.elements.statement.parameters[name]
             constant_boxes[name] = _enclose_quantity(part.quantity, part)
         elif name == "pi":
             constant_boxes[name] = PI
-        elif name in CONSTANTS or name in model.shaped.calendar:
+        elif name in CONSTANTS or name in model.statement.calendar:
             constant_boxes[name] = enclosed(constant(name).factor)
         else:
             constant_boxes[name] = point_box(value)
@@ -142,7 +143,11 @@ def _enclose_quantity(quantity: Quantity, part: Parameter | None) -> Box:
 
 def interval_names(model: Model) -> list[str]:
     """Name the values at the start and the parameters that are intervals."""
-    return [name for name, part in (model.statement.parameters | model.starts).items() if _half_width(part) > 0]
+    return [
+        name
+        for name, part in (model.elements.statement.parameters | model.elements.starts).items()
+        if _half_width(part) > 0
+    ]
 
 
 def unbounded(model: Model) -> list[str]:
@@ -152,42 +157,44 @@ def unbounded(model: Model) -> list[str]:
 
 def _enclosure_faults(model: Model) -> Iterator[str]:
     """Yield the parts of a model that prevent proven bounds, with a remedy."""
+    elements = model.elements
     if functions := model.python_functions:
         function_names = ", ".join(function.name for function in functions)
         yield f"nothing is known of the Python function {function_names} between two of its values; write it as an expression"
     if model.delays:
         yield "nothing is proven of delayed values; leave them out, or compare runs by refine"
-    for kind, names in (("contact", model.shaped.contacts), ("friction", model.shaped.frictions)):
+    for kind, names in (("contact", model.statement.contacts), ("friction", model.statement.frictions)):
         if names:
             yield f"{kind} '{next(iter(names))}' ends the smooth motion; enclose a model without it, from one impact to the next"
-    for name, event in model.shaped.events.items():
+    for name, event in model.statement.events.items():
         if event.every is not None:
             yield f"event '{name}' is periodic; give the times at which bounds are wanted as at"
             break
-        if read := {"t", *model.drives} & set[str]().union(*map(model.reads, event.reset.values())):
+        if read := {"t", *elements.drives} & set[str]().union(*map(elements.reads, event.reset.values())):
             yield f"what event '{name}' sets reads {min(read)}; write it in coordinates, velocities and states"
             break
     if model.controllers:
-        name = next(iter(model.controllers))
+        name = next(iter(elements.controllers))
         yield f"controller '{name}' changes at its ticks what it holds; enclose a model with that as a parameter, from tick to tick"
     if model.constraints:
-        name = next(iter(model.constraints))
+        name = next(iter(elements.constraints))
         yield f"constraint '{name}' is kept by projections, which no bound follows; write the motion in free coordinates"
     yield from _faulty_numbers(model)
 
 
 def _faulty_numbers(model: Model) -> Iterator[str]:
     """Yield which tables, and which numbers that others follow from, no bounds are proven of."""
-    for name, argument in model.looked_up_at.items():
+    elements = model.elements
+    for name, argument in elements.looked_up_at.items():
         if argument != CLOCK:
             yield (
-                f"drive '{name}' is a table of '{text_of(model.drives[name].argument)}', whose points are met at times that are not known"
+                f"drive '{name}' is a table of '{text_of(elements.drives[name].argument)}', whose points are met at times that are not known"
                 " before; write it as an expression"
             )
             break
-    if wide := [name for name in sorted(model.read_by_points) if _half_width(model.statement.parameters.get(name))]:
+    if wide := [name for name in sorted(model.read_by_points) if _half_width(elements.statement.parameters.get(name))]:
         yield f"the times of a table's points depend on '{wide[0]}', which has a half_width; write it as a number"
-    if "t" in model.starts and _half_width(model.starts["t"]):
+    if "t" in elements.starts and _half_width(elements.starts["t"]):
         yield "the time of the start has a half_width; give it to the state there"
-    if wide := [name for name in sorted(model.read_at_start) if _half_width(model.statement.parameters.get(name))]:
+    if wide := [name for name in sorted(model.read_at_start) if _half_width(elements.statement.parameters.get(name))]:
         yield f"values at the start are expressions of '{wide[0]}', which has a half_width; write them as numbers"

@@ -231,7 +231,7 @@ def parse_time(value: Any, subject: str) -> float:
     Raises
     ------
     InputError
-        If `given` is no finite time; the message names `subject`.
+        If `value` is no finite time; the message names `subject`.
     """
     try:
         quantity = parse_quantity(value)

@@ -141,7 +141,7 @@ def test_a_cradle_swings_on_for_a_minute() -> None:
     run = xd.simulate(model, until=60.0)
     assert run.attrs["run_outcome"] == "completed"
     assert np.abs(run.total_energy.values / float(run.total_energy[0]) - 1.0).max() < 1e-9
-    assert min(float(run[f"contact_gap_{name}"].min()) for name in model.contacts) > -1e-12
+    assert min(float(run[f"contact_gap_{name}"].min()) for name in model.elements.contacts) > -1e-12
 
 
 @pytest.mark.every(9)

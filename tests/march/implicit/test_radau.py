@@ -217,7 +217,7 @@ def test_many_runs_have_the_bits_of_each_alone() -> None:
     found = march_many(model, settings_for(model, rtol=1e-5, **asked), rtols=rtols)
     for k, rtol in enumerate(rtols):
         alone = xd.simulate(model, rtol=rtol, **asked)
-        assert [float(alone[name].values[-1]) for name in model.statement.states] == found.state[k].tolist()
+        assert [float(alone[name].values[-1]) for name in model.elements.statement.states] == found.state[k].tolist()
         assert alone.sizes["step"] == found.rows[k]
 
 

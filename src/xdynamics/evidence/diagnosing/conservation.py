@@ -128,10 +128,11 @@ class _ConservedQuantity:
 
     def state_names(self, run: xr.Dataset, model: Model) -> list[str]:
         """Return the coordinates, velocities and states that its tree reads: of a momentum a few, of others maybe all."""
+        elements = model.elements
         if model_dimensions(run):
             return [block.name for block in layout_of(model).used.blocks]
-        read = model.units if self.tree is None else model.reads(self.tree)
-        return [name for name in read if name in model.units]
+        read = elements.units if self.tree is None else elements.reads(self.tree)
+        return [name for name in read if name in elements.units]
 
     def span(self, rows: Chunks) -> tuple[Floats, Floats]:
         """Return its least and its greatest value in all rows."""
@@ -167,7 +168,7 @@ def conservation_variables(
         return
     for name, mass, momentum in _dimensional_momenta(model) if model_dimensions(run) else _scalar_momenta(model):
         low, high = momentum.span(rows)
-        units = spell(dimension_of(mass, model.dimensions) * model.dimensions[schema.velocity(name)])
+        units = spell(dimension_of(mass, model.elements.dimensions) * model.elements.dimensions[schema.velocity(name)])
         drift, rule = _drift_and_rule(rows, momentum, cycles)
         momentum_name = momentum.momentum_of or name
         band_text = f"largest minus smallest momentum (M v) of {momentum_name} over the accepted states"
@@ -187,8 +188,9 @@ def conservation_variables(
 
 def _scalar_momenta(model: Model) -> Iterator[tuple[str, Node, _ConservedQuantity]]:
     """Yield each coordinate, its mass, and its momentum."""
-    coordinates = list(model.statement.coordinates)
-    entries = {entry_index: model.expanded(entry) for entry_index, entry in model.statement.mass_entries.items()}
+    elements = model.elements
+    coordinates = list(elements.statement.coordinates)
+    entries = {entry_index: elements.expanded(entry) for entry_index, entry in elements.statement.mass_entries.items()}
     for i, name in enumerate(coordinates):
         terms: list[Node] = [
             Binary("*", mass, Name(schema.velocity(coordinates[j]))) for (k, j), mass in entries.items() if k == i
@@ -198,10 +200,10 @@ def _scalar_momenta(model: Model) -> Iterator[tuple[str, Node, _ConservedQuantit
 
 def _dimensional_momenta(model: Model) -> Iterator[tuple[str, Node, _ConservedQuantity]]:
     """Yield for each coordinate with dimensions its first element, that element's mass, and all momenta."""
-    for number, name in enumerate(model.shaped.coordinates):
+    for number, name in enumerate(model.statement.coordinates):
         block = layout_of(model).used.block(name)
         first_index = next(iter(model.shapes.index_combinations(block.dims)))
-        mass = at_element(model.expanded_by_quantity(model.shaped.mass[number][number]), first_index, model.shapes)
+        mass = at_element(model.expanded(model.statement.mass[number][number]), first_index, model.shapes)
         yield block.first, mass, _ConservedQuantity("", dims=block.dims, shape=block.shape, momentum_of=name)
 
 
@@ -319,8 +321,8 @@ def _element_closed_forms(rows: Chunks, name: str, text: str) -> Iterator[tuple[
     places = shapes.index_combinations(shapes.dims.get(quantity_name, ()))
     elements = [(shapes.element_at(quantity_name, element_index), element_index) for element_index in places]
     first, element_index = elements[0]
-    if first not in model.units or first not in rows.run.variables:
-        raise InputError(f"exact names '{first}'; there are {', '.join(quantity_names(model.units))}")
+    if first not in model.elements.units or first not in rows.run.variables:
+        raise InputError(f"exact names '{first}'; there are {', '.join(quantity_names(model.elements.units))}")
     ledger = Ledger(f"exact '{name}'")
     with ledger.entry(repr(text)[:60]):
         tree = resolve_min_max(parse(text), shapes)
@@ -328,12 +330,14 @@ def _element_closed_forms(rows: Chunks, name: str, text: str) -> Iterator[tuple[
             raise InputError(
                 f"has the dimension '{further[0]}', which {name} does not have; reduce it, like sum(…, {further[0]})"
             )
-        dimension = dimension_of(model.expanded(at_element(tree, element_index, shapes)), model.dimensions)
-        if dimension != model.units[first].dimension:
-            raise InputError(f"has units '{dimension}', needs '{model.units[first].text}'")
-        computed = {*model.units, *model.drives}
+        dimension = dimension_of(
+            model.elements.expanded(at_element(tree, element_index, shapes)), model.elements.dimensions
+        )
+        if dimension != model.elements.units[first].dimension:
+            raise InputError(f"has units '{dimension}', needs '{model.elements.units[first].text}'")
+        computed = {*model.elements.units, *model.elements.drives}
         for element, element_index in elements:
-            element_tree = model.expanded(at_element(tree, element_index, shapes))
+            element_tree = model.elements.expanded(at_element(tree, element_index, shapes))
             if read := sorted(free_names(element_tree) & computed):
                 raise InputError(f"reads '{read[0]}', which is what is computed; a closed form is of t and parameters")
             yield element, text, element_tree
@@ -343,14 +347,16 @@ def _element_closed_forms(rows: Chunks, name: str, text: str) -> Iterator[tuple[
 def _computed_and_expected(rows: Chunks, forms: Sequence[tuple[str, str, Node]]) -> tuple[Floats, Floats]:
     """Return variables, and expressions of time and parameters in their units, at the accepted times."""
     model, trees = rows.model, [tree for _, _, tree in forms]
-    units = {name: float(model.units[name].factor) for name, _, _ in forms}
-    drive_inputs = {name for argument_tree in model.looked_up_at.values() for name in free_names(argument_tree)} & {
-        *model.units
-    }
+    units = {name: float(model.elements.units[name].factor) for name, _, _ in forms}
+    drive_inputs = {
+        name for argument_tree in model.elements.looked_up_at.values() for name in free_names(argument_tree)
+    } & {*model.elements.units}
     computed, expected = np.zeros((2, len(forms), rows.size))
     for part in rows.parts("time", *dict.fromkeys((*units, *drive_inputs))):
         times, row_slice = part.own_rows("time"), slice(part.first, part.first + part.count)
-        state = {name: part.own_rows(name) * float(model.units[name].factor) for name in drive_inputs} | {"t": times}
+        state = {name: part.own_rows(name) * float(model.elements.units[name].factor) for name in drive_inputs} | {
+            "t": times
+        }
         values = evaluate_over_states(model, trees, state, constants(model), drive_pieces(model))
         for i, ((name, _, _), value) in enumerate(zip(forms, values, strict=True)):
             computed[i, row_slice], expected[i, row_slice] = (

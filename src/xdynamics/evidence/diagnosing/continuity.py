@@ -119,12 +119,12 @@ def _recomputed_rows(rows: Chunks) -> tuple[Rows, str]:
     kinds, times = (rows.values_at(name, np.arange(rows.size)) for name in ("row_kind", "time"))
     starts = np.flatnonzero(np.diff(times) > 0.0)
     chosen_rows, left = starts, ""
-    if any(event.root_state == INTERPOLANT for event in rows.model.events.values()):
+    if any(event.root_state == INTERPOLANT for event in rows.model.elements.events.values()):
         chosen_rows = starts[kinds[starts + 1] != schema.EVENT_BEFORE]
         left = ", but those to events on interpolants"
     if not chosen_rows.size:
         return chosen_rows, f"there is no step to recompute{left}"
-    max_steps = max(FEWEST_STEPS, MOST_NUMBERS // max(1, len(rows.model.units)))
+    max_steps = max(FEWEST_STEPS, MOST_NUMBERS // max(1, len(rows.model.elements.units)))
     if schema.CLOSED_LINKS in rows.run.dims:
         max_steps = min(max_steps, MOST_SOLVED)
     if chosen_rows.size <= max_steps:
@@ -137,7 +137,7 @@ def _interpolator_batches(
     rows: Chunks, chosen_rows: Rows, functions: Functions
 ) -> Iterator[tuple[StepInterpolator, Rows]]:
     """Yield records in memory, and rows of theirs that steps are recomputed from."""
-    size, near = max(1, MOST_NUMBERS // max(1, len(rows.model.units))), rows.run
+    size, near = max(1, MOST_NUMBERS // max(1, len(rows.model.elements.units))), rows.run
     is_far = rows.is_stored and not rows.model.delays
     if rows.is_stored and not is_far:  # delayed values are of all rows before
         near = rows.load_variables(rows.run)

@@ -145,7 +145,7 @@ class _ByTrees:
     def searches(self, places: Rows) -> list[Summits]:
         """Begin the searches of the steps around each hump, whose rows are at these places."""
         model, sizes = self.rows.model, [heights.rows.size for heights in self.all_heights]
-        states = {variable: variable_numbers(self.near, variable)[places] for variable in model.units}
+        states = {variable: variable_numbers(self.near, variable)[places] for variable in model.elements.units}
         times = np.concatenate([heights.times.ravel() for heights in self.all_heights])
         unknown = [np.zeros(0)] * len(self.all_heights)
         inside = StatesInside(states, {}, times, places, consecutive_slices(sizes))
@@ -236,7 +236,7 @@ def takes_too_much(states: int, rows: Chunks) -> bool:
     """Whether states inside steps are too many to compute: their values, their errors and all links, or impulses anew."""
     if rows.model.assemblies and steps_over_impacts(rows.run, rows.model):
         return True
-    return states * (2 * len(rows.model.units) + widest(rows.model)) > MOST_NUMBERS
+    return states * (2 * len(rows.model.elements.units) + widest(rows.model)) > MOST_NUMBERS
 
 
 def _accepted_extremes(heights: Heights, search: Summits) -> ElementExtremes:

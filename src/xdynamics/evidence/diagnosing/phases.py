@@ -117,7 +117,7 @@ def count_coordinate_cycles(
     names = with_roles(run, ("coordinate",))
     if coordinate is None and not names:
         return None
-    name = coordinate or next(iter(rows.model.statement.coordinates))
+    name = coordinate or next(iter(rows.model.elements.statement.coordinates))
     if level is not None and (coordinate_variable := find_column(run, name)) is not None:
         unit = parse_unit(str(coordinate_variable.attrs["units"]))
         quantity = parse_quantity(level)

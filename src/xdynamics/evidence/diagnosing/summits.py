@@ -435,8 +435,8 @@ class StatesInside:
     @classmethod
     def from_dataset(cls, model: Model, states: xr.Dataset, sizes: Sequence[int]) -> StatesInside:
         """Read interpolated or marched states, `sizes` of them for each quantity in turn."""
-        variables = {name: variable_numbers(states, name) for name in model.units}
-        errors = {name: variable_numbers(states, schema.error(name)) for name in model.units}
+        variables = {name: variable_numbers(states, name) for name in model.elements.units}
+        errors = {name: variable_numbers(states, schema.error(name)) for name in model.elements.units}
         return cls(
             variables,
             errors,
@@ -477,7 +477,7 @@ class QuantitiesInside:
 
     @cached_property
     def _value_trees(self) -> list[Node | None]:
-        return [None if name in self.model.units else tree_of(self.model, name) for name in self.names]
+        return [None if name in self.model.elements.units else tree_of(self.model, name) for name in self.names]
 
     @cached_property
     def _rate_trees(self) -> list[Node | None]:
@@ -498,15 +498,16 @@ class QuantitiesInside:
 
     def errors(self, states: StatesInside, values: Sequence[Floats]) -> list[Floats]:
         """Return how far the errors of the variables move each."""
+        elements = self.model.elements
         totals = [np.zeros(value.shape) for value in values]
-        computed = [name for name in self.names if name not in self.model.units]
-        for variable in (name for name in self.model.units if computed and states.errors[name].any()):
+        computed = [name for name in self.names if name not in elements.units]
+        for variable in (name for name in elements.units if computed and states.errors[name].any()):
             shifted_values = self.values(states, states.shifted_by_error(variable))
             totals = [
                 total + np.abs(off - value) for total, off, value in zip(totals, shifted_values, values, strict=True)
             ]
         return [
-            np.abs(states.errors[name][part]) if name in self.model.units else total
+            np.abs(states.errors[name][part]) if name in elements.units else total
             for name, total, part in zip(self.names, totals, states.parts, strict=True)
         ]
 

@@ -118,7 +118,7 @@ def proposition(model: Model, tube: Tube) -> str:
 def _bounded_units(model: Model) -> dict[str, Unit]:
     """Return the unit of everything that is bounded, in its order."""
     layout = layout_of(model)
-    state_units = {name: model.units[name] for name in layout.used}
+    state_units = {name: model.elements.units[name] for name in layout.used}
     units = About(layout, UNSCALED, None, samples=False).units
     derived = {name: units.derived(block) for block in layout.computed.blocks for name in block.elements()}
     return state_units | {name: derived[name] for name in layout.derived}
@@ -164,7 +164,7 @@ def _event_bound_variables(model: Model, tube: Tube, occurrences: int | None) ->
         ),
     )
     for i, name in enumerate(layout_of(model).used):
-        unit = model.units[name]
+        unit = model.elements.units[name]
         states = _padded_intervals([crossing.state[:, i] for _, crossing in met], missing)
         yield from _bound_pair(
             f"event_{name}", schema.EVENTS, _bounds_in_unit(states, unit), unit.text, f"{name} at the event"
@@ -352,7 +352,7 @@ class EnclosureRequest:
     occurrences: int | None
 
     def computed(self, progress: Progress | None = None) -> xr.Dataset:
-        """Prove."""
+        """Return the proven bounds of the motion as a Dataset."""
         flow = Flow(interval_problem_of(self.model), self.order, self.tolerance)
         tubes = [
             prove_tube(self.model, flow.with_starts(start), self.end, self.times, self.max_steps, progress)

@@ -234,9 +234,9 @@ def _acting_event(flow: Flow, layout: Layout, event: EventBounds, detector: Dete
     if declared.action == "record":
         return None
     to = list(model.regimes).index(declared.to) if declared.action == "switch" else -1
-    trees = {problem.names.index(target): model.expanded(tree) for target, tree in declared.reset.items()}
+    trees = {problem.names.index(target): model.elements.expanded(tree) for target, tree in declared.reset.items()}
     reset = Reset(Functions(problem, layout, [*trees.values()]), tuple(trees)) if trees else None
-    resets_function = not model.reads(detector.function).isdisjoint(declared.reset)
+    resets_function = not model.elements.reads(detector.function).isdisjoint(declared.reset)
     function, zeros, stops = text_of(detector.function), replace(event.crossings, fine=True), declared.action == "stop"
     return ActingEvent(event.name, event.direction, declared.count, to, stops, reset, function, resets_function, zeros)
 

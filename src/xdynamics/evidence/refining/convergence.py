@@ -216,8 +216,6 @@ def _solution(values: Floats, powers: Floats, weights: Floats, *, free: bool) ->
     return solution, residuals, spread
 
 
-Truths = NDArray[np.bool_]
-
 VERDICTS = ("asymptotic", "pre_asymptotic", "roundoff", "event_limited", "interpolation_limited", "not_converging")
 ASYMPTOTIC, PRE_ASYMPTOTIC, ROUNDOFF, EVENT_LIMITED, INTERPOLATION_LIMITED, NOT_CONVERGING = range(len(VERDICTS))
 # largest order assumed for a switch that was stepped over: a single level may by chance have it at the end of a step

@@ -199,7 +199,7 @@ class Levels:
 
     def located(self) -> Levels | None:
         """Return the levels with every switch located, even if declared smooth; None if a switch has no such entry."""
-        tables = section_tables(self.model.shaped)
+        tables = section_tables(self.model.statement)
         changed = {
             part: {
                 name: {**entry, "smooth": False} for name, entry in tables.get(part, {}).items() if entry.get("smooth")
@@ -240,7 +240,7 @@ def absolute_tolerances(model: Model, settings: dict[str, Any], ratio: float = 1
     dims, scaled = model.shapes.dims, dict[str, Quantity]()
     for name, tolerance in tolerances.of_blocks(layout_of(model).used).items():
         first = model.shapes.first(name) if name in dims else name
-        scaled[name] = Quantity(ratio * tolerance, Unit("", model.dimensions[first]))
+        scaled[name] = Quantity(ratio * tolerance, Unit("", model.elements.dimensions[first]))
     return {"atol": scaled} if scaled else {}
 
 

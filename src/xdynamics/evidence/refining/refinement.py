@@ -323,7 +323,7 @@ def _known_observables(model: Model, names: Sequence[str]) -> tuple[str, ...]:
             name for name in dict.fromkeys(requested_names) if split_element_name(name)[0] not in whole_names - {name}
         )
     extra = [ENERGY_RANGE] if "total_energy" in layout_of(model).derived else []
-    extra += [kind + name for name in model.statement.coordinates for kind in (PERIOD, PHASE)]
+    extra += [kind + name for name in model.elements.statement.coordinates for kind in (PERIOD, PHASE)]
     available = dict.fromkeys((*observables_of(model), *extra))
     observable_names = [
         element_name

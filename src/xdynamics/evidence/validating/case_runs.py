@@ -59,16 +59,17 @@ def start_without_rounding(model: Model) -> Model | None:
 
     None where no start is given by an expression, or rounding did nothing to any.
     """
-    if not any(values.tree is not None for values in model.shaped.starting.values()):
+    elements = model.elements
+    if not any(values.tree is not None for values in model.statement.starting.values()):
         return None
-    errors = ElementNumbers(model.shaped, model.shapes).rounding_at_start(
-        model.statement.parameters, model.statement.initial
+    errors = ElementNumbers(model.statement, model.shapes).rounding_at_start(
+        elements.statement.parameters, elements.statement.initial
     )
     initial = {}
     for name, rounding_error in errors.items():
         block = Blocks.from_names("", [name], model.shapes)
-        start = in_si(model.statement.initial, block).reshape(rounding_error.shape)
-        tree = model.shaped.starting[name].tree
+        start = in_si(elements.statement.initial, block).reshape(rounding_error.shape)
+        tree = model.statement.starting[name].tree
         error = (
             rounding_error
             if tree is None
@@ -76,7 +77,7 @@ def start_without_rounding(model: Model) -> Model | None:
         )
         if error.any():
             moved_start = start - MAGNIFIED * error
-            unit = model.statement.initial[block.blocks[0].first].unit
+            unit = elements.statement.initial[block.blocks[0].first].unit
             initial[name] = {"unit": unit.text, "value": (moved_start / float(unit.factor)).tolist()}
     return model.replace(initial=initial) if initial else None
 
@@ -113,10 +114,10 @@ def rounding_of_form(
         The largest value of the quantity along the run.
     """
     if block.dims:
-        tree = model.expanded_by_quantity(case.expression)
+        tree = model.expanded(case.expression)
         input_values = parameters_read_by(model, [tree]) or constants(model)
     else:
-        tree, input_values = model.expanded(case.expression), constants(model)
+        tree, input_values = model.elements.expanded(case.expression), constants(model)
         input_values = {name: input_values[name] for name in free_names(tree) & input_values.keys()}
     if free_names(tree) - input_values.keys() - {"t"}:
         return 0.0
@@ -291,7 +292,7 @@ class CaseRuns:
         first_expression = at_element(
             case.expression, dict.fromkeys(self._element_block(case).dims, 0), self.model.shapes
         )
-        dimension = dimension_of(self.model.expanded(first_expression), self.model.dimensions)
+        dimension = dimension_of(self.model.elements.expanded(first_expression), self.model.elements.dimensions)
         if dimension != parse_unit(units).dimension:
             raise InputError(
                 f"closed form {text_of(case.expression)!r} has units '{dimension}', needs '{units}' of"
@@ -316,7 +317,7 @@ class CaseRuns:
         run = self.run
         steps, span = run.sizes[STEPS], float(run.variables["time"][-1] - run.variables["time"][0])
         size = _largest_by_element(get_column(run, "time" if name == "t" else name).values)
-        if split_element_name(name)[0] in self.model.shaped.coordinates:
+        if split_element_name(name)[0] in self.model.statement.coordinates:
             size = size + span * _largest_by_element(get_column(run, velocity(name)).values)
         return (self.method.evaluations + 2) * steps * EPS * size
 
@@ -364,7 +365,7 @@ class CaseRuns:
     def _rate_of(self, name: str) -> str:
         """Return the recorded rate of a coordinate or velocity, or of an element of one; of others nothing."""
         quantity_name, labels = split_element_name(name)
-        coordinates = self.model.shaped.coordinates
+        coordinates = self.model.statement.coordinates
         rates = {coordinate: velocity(coordinate) for coordinate in coordinates} | {
             velocity(coordinate): acceleration(coordinate) for coordinate in coordinates
         }
@@ -417,11 +418,11 @@ class CaseRuns:
         """Evaluate a closed form at times: shape (times, ...), SI."""
         block, constant_values = self._element_block(case), constants(self.model)
         if not block.dims:
-            tree = self.model.expanded(case.expression)
+            tree = self.model.elements.expanded(case.expression)
             return np.broadcast_to(
                 evaluate_over_states(self.model, [tree], {"t": times}, constant_values, ())[0], times.shape
             )
-        tree, shapes = self.model.expanded_by_quantity(case.expression), self.model.shapes
+        tree, shapes = self.model.expanded(case.expression), self.model.shapes
         dims, extents = {**shapes.dims, "t": (AT,)}, {**shapes.extents, AT: Extent(AT, len(times))}
         input_values = {"t": times, **(parameters_read_by(self.model, [tree]) or constant_values)}
         element_values = evaluate_elements(
@@ -434,7 +435,7 @@ class CaseRuns:
         for observed_run, observed_times, values in self._observations:
             if observed_run is run and observed_times == times and name in values:
                 return values[name]
-        cases = self.model.shaped.validation.values()
+        cases = self.model.statement.validation.values()
         case_names = [
             element_name for case in cases if case.times == times for element_name in self._observed_together(case)
         ]

@@ -74,7 +74,7 @@ class Impacts:
         labels = run["event_detector"].attrs["flag_meanings"].split()
         self.owners = [labels[i] for i in run["event_detector"].values[self.events].tolist()]
         self.impulses = np.stack(
-            [self._event_column(f"event_impulse_{name}") for name in model.statement.coordinates], axis=1
+            [self._event_column(f"event_impulse_{name}") for name in model.elements.statement.coordinates], axis=1
         )
         self.speeds = [self._coordinate_columns(velocity, rows) for rows in self.rows]
         self.accelerations = [self._coordinate_columns(acceleration, rows) for rows in self.rows]
@@ -90,15 +90,18 @@ class Impacts:
         return values
 
     def _coordinate_columns(self, name_rule: Any, rows: Any) -> Floats:
-        return np.stack([self.column(name_rule(name), rows) for name in self.model.statement.coordinates], axis=1)
+        return np.stack(
+            [self.column(name_rule(name), rows) for name in self.model.elements.statement.coordinates], axis=1
+        )
 
     def state(self, rows: Any) -> dict[str, Floats]:
         """Return time, coordinates, velocities and first-order states in rows of the run."""
+        elements = self.model.elements
         names = (
             "time",
-            *self.model.statement.coordinates,
-            *map(velocity, self.model.statement.coordinates),
-            *self.model.statement.states,
+            *elements.statement.coordinates,
+            *map(velocity, elements.statement.coordinates),
+            *elements.statement.states,
         )
         columns = {name: self.column(name, rows) for name in names}
         return {"t": columns.pop("time")} | columns
@@ -132,7 +135,7 @@ class Impacts:
 
     def row_of(self, reaction: Reaction) -> Floats:
         """Return the derivative of a reaction's rate by the velocities at every impact."""
-        trees = [reaction.row.get(name, ZERO) for name in self.model.statement.coordinates]
+        trees = [reaction.row.get(name, ZERO) for name in self.model.elements.statement.coordinates]
         return np.stack([self.values(tree, 0) for tree in trees], axis=1)
 
     def members_of(self, name: str) -> NDArray[np.int64]:
@@ -142,11 +145,11 @@ class Impacts:
 
 def checks_of(run: xr.Dataset, model: Model) -> Iterator[Check]:
     """Yield the checks of a run's impacts; none if there are no impacts."""
-    if not model.contacts or "event_energy_lost" not in run or not (run["event_kind"].values == IMPACT).any():
+    if not model.elements.contacts or "event_energy_lost" not in run or not (run["event_kind"].values == IMPACT).any():
         return
     impacts = Impacts(run, model)
     yield from _of_impulses(impacts)
-    for name in model.contacts:
+    for name in model.elements.contacts:
         if impacts.members_of(name).size:
             yield from _of_contact(impacts, name)
 
@@ -158,7 +161,9 @@ def _impulse_tolerances(impacts: Impacts) -> Floats:
     """
     tolerance = float(impacts.run.attrs["solver_time_tolerance"])
     tolerances = [
-        entry.time_tolerance.si for entry in impacts.model.contacts.values() if entry.time_tolerance is not None
+        entry.time_tolerance.si
+        for entry in impacts.model.elements.contacts.values()
+        if entry.time_tolerance is not None
     ]
     terms = [np.abs(impacts.masses) @ np.abs(entry)[:, :, None] for entry in impacts.accelerations]
     change: Floats = max([tolerance, *tolerances]) * (terms[0] + terms[1])[:, :, 0]
@@ -175,7 +180,7 @@ def _of_impulses(impacts: Impacts) -> Iterator[Check]:
     # several impacts belong to one instant: indexed addition in place would keep the last of them alone
     np.add.at(total, impacts.group, impacts.impulses)
     impulse_tolerances, rounding = _impulse_tolerances(impacts)[first], impacts.rounding[first, None]
-    for i, name in enumerate(impacts.model.statement.coordinates):
+    for i, name in enumerate(impacts.model.elements.statement.coordinates):
         units = str(run[f"event_impulse_{name}"].attrs["units"])
         relation = f"sum of event_impulse_{name} = row {name} of M (v after - v before)"
         bound = (rounding * (size + np.abs(total)) + impulse_tolerances)[:, i]
@@ -273,7 +278,7 @@ def _of_contact(impacts: Impacts, name: str) -> Iterator[Check]:
 def _restitution_check(impacts: Impacts, struck: _ContactImpacts) -> Check:
     """Check the rate after an impact against the law of restitution."""
     name, members, normal = struck.name, struck.members, struck.parts[0]
-    law = impacts.model.contacts[name].law
+    law = impacts.model.elements.contacts[name].law
     unit, observable = spell(rate_dimension(impacts.model, normal)).text, f"rates of contact {name}"
     relation = (
         "rate after = -e times rate before; where others are struck too, at least that by newton, else at least 0"
@@ -304,7 +309,7 @@ def _friction_check(impacts: Impacts, struck: _ContactImpacts) -> Check:
 
 def _energy_check(impacts: Impacts, struck: _ContactImpacts) -> Check:
     """Check the energy that an impact took against the work of its impulses."""
-    members, law = struck.members, impacts.model.contacts[struck.name].law
+    members, law = struck.members, impacts.model.elements.contacts[struck.name].law
     loss = -np.sum(struck.strength * (struck.rates_before + struck.rates_after), axis=1) / 2.0
     relation = "energy lost = -(impulses times (rates before + after)/2)"
     number, unit = f"{struck.name}.energy_lost", str(impacts.run["event_energy_lost"].attrs["units"])
@@ -327,8 +332,10 @@ def _energy_check(impacts: Impacts, struck: _ContactImpacts) -> Check:
 def _single_contact_impacts(impacts: Impacts) -> NDArray[np.bool_]:
     """Tell which impacts are of a single contact, with no other one near enough to take part."""
     is_single: NDArray[np.bool_] = np.bincount(impacts.group)[impacts.group] == 1
-    for name, contact in impacts.model.contacts.items():
-        near = np.abs(impacts.values(impacts.model.expanded(contact.gap), 0)) <= NEAR * _largest_gap(impacts, name)
+    for name, contact in impacts.model.elements.contacts.items():
+        near = np.abs(impacts.values(impacts.model.elements.expanded(contact.gap), 0)) <= NEAR * _largest_gap(
+            impacts, name
+        )
         is_single &= ~near | np.array([owner == name for owner in impacts.owners])
     return is_single
 
@@ -341,7 +348,9 @@ def _largest_gap(impacts: Impacts, name: str) -> float:
 def _rate_tolerances(impacts: Impacts, parts: list[Reaction]) -> Floats:
     """Return by how much the rates of a contact may change within the time tolerance."""
     tolerance, changes = float(impacts.run.attrs["solver_time_tolerance"]), []
-    tolerances = [part.time_tolerance.si for part in impacts.model.contacts.values() if part.time_tolerance is not None]
+    tolerances = [
+        part.time_tolerance.si for part in impacts.model.elements.contacts.values() if part.time_tolerance is not None
+    ]
     for part in parts:
         row, bias = np.abs(impacts.row_of(part)), np.abs(impacts.values(part.bias, 0))
         changes.append(bias + sum(np.sum(row * np.abs(speed_rate), axis=1) for speed_rate in impacts.accelerations))

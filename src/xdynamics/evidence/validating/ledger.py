@@ -242,7 +242,7 @@ def _model_cases(model: Model, methods: Sequence[str] | None, occurrences: int |
     InputError
         If it has neither a closed form nor contacts, or no method that is known.
     """
-    if not (model.validation or model.contacts or proven):
+    if not (model.elements.validation or model.elements.contacts or proven):
         raise InputError(
             f"model '{model.name}' has no closed form, and no contacts; write one as [validation.<name>] with"
             " expression, bound, or compare it with proven bounds: proven=True (--proven)"
@@ -308,7 +308,7 @@ class Case:
         InputError
             If the number of its lines is not known.
         """
-        if self.occurrences is None and self.model.contacts:
+        if self.occurrences is None and self.model.elements.contacts:
             raise InputError(
                 f"how many relations of impacts a run of '{self.model.name}' has is not known before marching; give the"
                 " number to list, like occurrences=10 (refused where there are fewer), or 0 for none"
@@ -339,7 +339,7 @@ class Case:
             yield replace(row, note=why) if why else runs.complete_row(row, case)
         if self.proven:
             yield from beside_bounds(runs, self.prefix, self.stage)
-        if self.model.contacts and (self.occurrences != 0 or self.stage):
+        if self.model.elements.contacts and (self.occurrences != 0 or self.stage):
             lines = [*_impact_rows(runs, self.prefix, self.stage)]
             missing = (
                 [] if self.occurrences is None or self.stage else self._missing_rows(self.occurrences - len(lines))
@@ -351,14 +351,14 @@ class Case:
         yield from (row for row, _ in self._forms())
         if self.proven:
             yield from rows_of_bounds(self.model, self.method, self.prefix, self.stage)
-        if self.model.contacts:
+        if self.model.elements.contacts:
             runs = CaseRuns(self.model, self.method, is_ledger_case=self.stage > 0)
             located = not runs.refused and runs.method.stepper.locates
             yield from self._missing_rows(self.occurrences or 0 if located or not self.stage else 1)
 
     def _missing_rows(self, count: int) -> list[LedgerRow]:
         """Return ledger rows that stand for relations of impacts which a run does not have."""
-        law = next(iter(self.model.contacts.values())).law
+        law = next(iter(self.model.elements.contacts.values())).law
         relation, note = f"law of impacts '{law}'", "the run has no further relation of impacts"
         where = "contacts", "every impact", "rounding"
         return [LedgerRow(f"{self.prefix}impacts", self.method, self.stage, relation, *where, note=note)] * max(
@@ -376,19 +376,19 @@ class Case:
 
     def _closed_forms_by_name(self) -> Iterator[tuple[str, Validation, int]]:
         """Yield closed forms by their names, and for how many elements each is: of many together, of few one by one."""
-        for name, form in self.model.shaped.validation.items():
+        for name, form in self.model.statement.validation.items():
             quantity, event = map(self.model.shapes.internal_name, (form.quantity, form.event))
             block = Block.from_shapes(quantity, "", self.model.shapes)
             if block.size > MOST_ALONE:
                 yield name, replace(form, quantity=quantity, event=event), block.size
             else:
                 names = block._replace(name=name).elements()
-                yield from ((element_name, self.model.validation[element_name], 1) for element_name in names)
+                yield from ((element_name, self.model.elements.validation[element_name], 1) for element_name in names)
 
 
 def _impact_rows(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerRow]:
     """Yield the lines of the impacts of a model's own run, checked against the law of its contacts."""
-    law, method = next(iter(marched.model.contacts.values())).law, marched.method
+    law, method = next(iter(marched.model.elements.contacts.values())).law, marched.method
     row = LedgerRow(
         f"{prefix}impacts", method.name, stage, f"law of impacts '{law}'", "contacts", "every impact", "rounding"
     )

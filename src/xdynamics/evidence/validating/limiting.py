@@ -134,7 +134,7 @@ def limiting(
     requested = [observables] if isinstance(observables, str) else observables
     available = observables_of(model)
     names = (
-        tuple(model.units)
+        tuple(model.elements.units)
         if requested is None
         else expand_quantities(map(model.shapes.internal_name, requested), available, model.shapes)
     )
@@ -221,11 +221,12 @@ def _parameter_values(
     model: Model, parameter: str, values: Sequence[str | float], limit: str | float
 ) -> tuple[Unit, Floats, float]:
     """Read the values of a parameter and its limit, in its own unit."""
-    if parameter not in model.statement.parameters:
+    elements = model.elements
+    if parameter not in elements.statement.parameters:
         raise InputError(
-            f"'{parameter}' is no parameter; there are {', '.join(quantity_names(model.statement.parameters)) or 'none'}"
+            f"'{parameter}' is no parameter; there are {', '.join(quantity_names(elements.statement.parameters)) or 'none'}"
         )
-    declared = model.statement.parameters[parameter].quantity
+    declared = elements.statement.parameters[parameter].quantity
     unit = declared.unit
 
     def to_own_unit(value: Any) -> float:

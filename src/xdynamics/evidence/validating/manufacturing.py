@@ -69,7 +69,7 @@ def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
     _check_manufacturable(model, trajectory)
     trajectory_trees = _read_trajectory(model, trajectory)
     motion_trees = trajectory_trees | {
-        velocity(name): _time_rate(trajectory_trees[name], model) for name in model.shaped.coordinates
+        velocity(name): _time_rate(trajectory_trees[name], model) for name in model.statement.coordinates
     }
     document = tomllib.loads(model.to_toml())
     forces = {
@@ -77,7 +77,7 @@ def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
     }
     if forces:
         document.setdefault("forces", {})[TERM] = forces | {"description": "makes the wanted trajectory exact"}
-    for name, state in model.shaped.states.items():
+    for name, state in model.statement.states.items():
         correction = _difference_tree(
             _time_rate(trajectory_trees[name], model), _on_trajectory(model, state.rate, motion_trees)
         )
@@ -93,12 +93,13 @@ def manufactured(model: Model, trajectory: Mapping[str, str]) -> Model:
 
 def _read_trajectory(model: Model, trajectory: Mapping[str, str]) -> dict[str, Node]:
     """Read the wanted trajectory; collect faults of units and dimensions, and names not known in advance."""
+    elements = model.elements
     ledger, shapes = Ledger("manufactured solution"), model.shapes
-    moving = {*model.units, *model.drives, *state_quantities(model), *model.shaped.drives}
+    moving = {*elements.units, *elements.drives, *state_quantities(model), *model.statement.drives}
     trajectory_trees: dict[str, Node] = {}
     for name, text in trajectory.items():
         with ledger.entry(f"'{name}'"):
-            tree = model.expanded_by_quantity(resolve_min_max(parse(text), shapes))
+            tree = model.expanded(resolve_min_max(parse(text), shapes))
             dims, quantity_dims = dims_of(tree, shapes), shapes.dims.get(name, ())
             if {*dims} != {*quantity_dims}:
                 raise InputError(
@@ -106,8 +107,8 @@ def _read_trajectory(model: Model, trajectory: Mapping[str, str]) -> dict[str, N
                     " of a dimension is the number of an element along it"
                 )
             first = shapes.elements(name)[0]
-            dimension = dimension_of(_element_trees(model, name, tree)[0], model.dimensions)
-            needed = model.units[first].dimension
+            dimension = dimension_of(_element_trees(model, name, tree)[0], elements.dimensions)
+            needed = elements.units[first].dimension
             if dimension != needed:
                 raise InputError(f"{text!r} has units '{dimension}', needs '{needed}'")
             if known_names := sorted(free_names(tree) & moving):
@@ -156,7 +157,7 @@ def _expression_text(model: Model, name: str, tree: Node) -> str:
 
 def _start_value(model: Model, name: str, tree: Node, start_values: Mapping[str, float]) -> Any:
     """Return the values of a quantity at the start, in its own unit."""
-    unit, dims = model.units[model.shapes.elements(name)[0]], model.shapes.dims.get(name, ())
+    unit, dims = model.elements.units[model.shapes.elements(name)[0]], model.shapes.dims.get(name, ())
     numbers = [evaluate(part, start_values) / float(unit.factor) for part in _element_trees(model, name, tree)]
     if not dims:
         return f"{numbers[0]!r} {unit.text}"
@@ -165,13 +166,14 @@ def _start_value(model: Model, name: str, tree: Node, start_values: Mapping[str,
 
 def _check_manufacturable(model: Model, trajectory: Mapping[str, str]) -> None:
     """Refuse models and trajectories that no force of time alone can make exact."""
+    elements = model.elements
     check_model(model)
     kinds: dict[str, Any] = {
         "a full mass matrix over dimensions": model.shapes.dims and not has_diagonal_mass(model),
-        "contacts": [*model.contacts, *model.assemblies],
-        "frictions": model.frictions,
-        "controllers": model.controllers,
-        "constraints": model.constraints,
+        "contacts": [*elements.contacts, *model.assemblies],
+        "frictions": elements.frictions,
+        "controllers": elements.controllers,
+        "constraints": elements.constraints,
         "regimes": model.regimes,
         "functions in Python": model.python_functions,
         "delayed values": model.delays,
@@ -179,14 +181,14 @@ def _check_manufacturable(model: Model, trajectory: Mapping[str, str]) -> None:
     for kind, members in kinds.items():
         if members:
             raise InputError(f"model '{model.name}' has {kind}; a manufactured solution is of a model without")
-    for name, drive in model.drives.items():
-        if model.looked_up_at[name] != CLOCK:
+    for name, drive in elements.drives.items():
+        if elements.looked_up_at[name] != CLOCK:
             raise InputError(
                 f"drive '{name}' is of '{text_of(drive.argument)}'; a manufactured solution takes drives of time alone"
             )
-    if TERM in model.forces:
+    if TERM in elements.forces:
         raise InputError(f"model '{model.name}' has a force '{TERM}' already")
-    needed = [*model.shaped.coordinates, *model.shaped.states]
+    needed = [*model.statement.coordinates, *model.statement.states]
     faults = [f"'{name}' has no trajectory" for name in needed if name not in trajectory]
     faults += [
         f"'{name}' is no coordinate or state; there are {', '.join(needed)}"
@@ -199,9 +201,9 @@ def _check_manufacturable(model: Model, trajectory: Mapping[str, str]) -> None:
 
 def _missing_forces(model: Model, motion_trees: Mapping[str, Node]) -> dict[str, Node]:
     """Return M a less all forces, on the trajectory, by coordinate."""
-    places = list(model.shaped.coordinates)
+    places = list(model.statement.coordinates)
     forces: dict[str, Node] = dict.fromkeys(places, ZERO)
-    for (i, j), entry in model.shaped.mass_entries.items():
+    for (i, j), entry in model.statement.mass_entries.items():
         inertia = multiply(
             _on_trajectory(model, entry, motion_trees), _time_rate(motion_trees[velocity(places[j])], model)
         )
@@ -215,7 +217,7 @@ def _missing_forces(model: Model, motion_trees: Mapping[str, Node]) -> dict[str,
 
 def _on_trajectory(model: Model, tree: Node, motion_trees: Mapping[str, Node]) -> Node:
     """Return an expression on the trajectory."""
-    return expand_definitions(model.expanded_by_quantity(tree), motion_trees, model.shapes)
+    return expand_definitions(model.expanded(tree), motion_trees, model.shapes)
 
 
 def _time_rate(tree: Node, model: Model) -> Node:

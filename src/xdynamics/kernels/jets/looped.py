@@ -41,14 +41,14 @@ class Looped:
     lines : Assignments
     orders : int
         How many coefficients series have.
-    room : callable
+    allocate : callable
         Gives a place for a number of coefficients of what is computed here, with those of all elements of the loops
         around, and how far each is from the one before.
     serial : iterator
         Numbers for names.
     started : bool
         Whether this is the loop; else order 0.
-    inside : bool
+    in_element_loops : bool
         Whether loops over elements are around, so that what does not change is in memory, too.
     stores : dict
         Series that have a place for what is computed here, and the lines that store their coefficients; shared by all.
@@ -88,7 +88,7 @@ class Looped:
         return self._number
 
     def divide_by_order(self, value: Operand) -> Operand:
-        """Divide by the order."""
+        """Return a value over the order, by which a coefficient of a rate becomes the next one of its integral."""
         return self.compute("divide", value, self.number)
 
     def product_added(self, a: Operand, b: Operand, total: Operand) -> Operand:

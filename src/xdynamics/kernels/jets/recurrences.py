@@ -81,7 +81,7 @@ class Order(Protocol):
         """The order as a number."""
 
     def divide_by_order(self, value: Operand) -> Operand:
-        """Divide by the order."""
+        """Return a value over the order, by which a coefficient of a rate becomes the next one of its integral."""
 
     def compute(self, operation: str, *arguments: Operand) -> Operand:
         """Write one operation; return its operand."""
@@ -410,10 +410,6 @@ def _arc_rule(*, negated: bool) -> Rule:
 
 
 # ------------------------------------------------------------------------------------------------------------- corners
-
-
-def _zero_coefficient(_order: Order, _target: Series, *_operands: Series) -> Operand:
-    return 0.0
 
 
 def _argument_coefficient(order: Order, _target: Series, a: Series) -> Operand:

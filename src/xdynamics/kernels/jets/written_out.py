@@ -183,7 +183,7 @@ class Written:
         return float(self._k)
 
     def divide_by_order(self, value: Operand) -> Operand:
-        """Divide by the order."""
+        """Return a value over the order, by which a coefficient of a rate becomes the next one of its integral."""
         return self.divided_by(value, self._k)
 
     def divided_by(self, value: Operand, number: int) -> Operand:

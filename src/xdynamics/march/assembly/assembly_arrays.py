@@ -178,7 +178,7 @@ def _concatenate_tables(parts: Sequence[_AssemblyTables]) -> tuple[NDArray[Any],
 
 
 class _AssemblyTables:
-    """One assembly as numbers."""
+    """The arrays by which compiled code knows one contact of many links: columns, families, pattern inputs, tolerances."""
 
     def __init__(self, assembly: Assembly, law: Law, settings: Settings) -> None:
         self._assembly, self._law, self._settings = assembly, law, settings
@@ -193,7 +193,7 @@ class _AssemblyTables:
         size = assembly.model.shapes.extent(assembly.relation.source).size if assembly.relation else 0
         elements = size if assembly.paired else 0
         watched = [detector.name for detector in law.layout.watched]
-        read = assembly.model.reads(assembly.contact.gap)
+        read = assembly.model.elements.reads(assembly.contact.gap)
         self.numbers: dict[str, Any] = {
             "tolerance": settings.located_within(assembly.contact.time_tolerance) / settings.scales.si_factor(TIME),
             "rest_height": _rest_height(assembly.contact, settings),
