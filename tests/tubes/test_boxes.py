@@ -63,7 +63,7 @@ def test_operations_hold_exact_results(case: int, name: str) -> None:
 
 @pytest.mark.cases(20)
 def test_sums_and_products_hold_exact_results(case: int) -> None:
-    """Assert that sums along an axis, squares, products of matrices and polynomials hold those of members."""
+    """Assert that sums along an axis, products of matrices and polynomials hold those of members."""
     random = np.random.default_rng([33, case])
     a, b, x = random_box(random, 3, 4), random_box(random, 4, 2), random_box(random, 1)[:, 0]
     low, high = (
@@ -85,9 +85,6 @@ def test_sums_and_products_hold_exact_results(case: int) -> None:
     for n in (0, 1, 2, 7, 21):
         powers = boxes.interval_power(positive, n)
         assert all(inside(powers, Fraction(float(end)) ** n) for end in positive)
-    square = boxes.square(a)
-    assert all(inside(square[:, 0, k], low[0][k] ** 2) for k in range(4))
-    assert (square[0] >= 0.0).all()
 
 
 @pytest.mark.cases(20)

@@ -73,11 +73,6 @@ def subtract(a: Box, b: Box) -> Box:
     return round_outward(a - b[::-1])
 
 
-def negative(a: Box) -> Box:
-    """Return the interval of opposite sign, which is exact."""
-    return -a[::-1]
-
-
 def multiply(a: Box, b: Box) -> Box:
     """Multiply: the ends are among the products of ends."""
     return _outermost(a[:, None] * b[None])
@@ -92,31 +87,9 @@ def _outermost(ends: Box) -> Box:
     return np.asarray(np.nextafter(outer_ends, _TOWARDS[outer_ends.ndim - 1], out=outer_ends))
 
 
-def square(a: Box) -> Box:
-    """Multiply by itself, which has no negative values."""
-    sizes = np.abs(a)
-    sizes.sort(axis=0)
-    ends = round_outward(sizes * sizes)
-    # the float beneath a square that underflows is negative, though no square is
-    ends[0] = np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.maximum(ends[0], 0.0))
-    return ends
-
-
 def divide(a: Box, b: Box) -> Box:
     """Divide by a box without zero; see `has_zero`."""
     return _outermost(a[:, None] / b[None])
-
-
-def scaled(a: Box, factor: float) -> Box:
-    """Multiply by a number."""
-    ends = a * factor
-    return round_outward(ends if factor >= 0.0 else ends[::-1])
-
-
-def divided_by(a: Box, divisor: float) -> Box:
-    """Divide by a number that is not zero."""
-    ends = a / divisor
-    return round_outward(ends if divisor > 0.0 else ends[::-1])
 
 
 def has_zero(a: Box) -> bool:
@@ -188,6 +161,16 @@ def _directed_power(x: float, n: int, towards: float) -> float:
         if n:
             square = nextafter(square * square, towards)
     return power_value
+
+
+UNKNOWN = np.array([[-np.inf], [np.inf]])
+
+
+def stored_bounds(stored_values: Floats) -> Box:
+    """Return the bounds that a program stored as its last axis, unbounded where undefined."""
+    ends = np.moveaxis(stored_values[..., :2], -1, 0)
+    sound = (stored_values[..., 2] == 0.0) & ~np.isnan(ends).any(axis=0)
+    return np.where(sound, ends, UNKNOWN.reshape(2, *(1,) * (ends.ndim - 1)))
 
 
 HELD = "tables"  # the array that lines read them from: the regime, then of each table origin and coefficients
@@ -440,7 +423,7 @@ def doubleton_of(seen: AffineImage, scales: Floats) -> Doubleton:
 
     Parameters
     ----------
-    seen : Seen
+    seen : AffineImage
     scales : ndarray, shape (n,)
         Of the new set.
     """
@@ -502,5 +485,4 @@ class Polynomials:
         self._coefficients[...] = 0.0
         self._coefficients[:orders, :count, :2] = coefficients.transpose(1, 2, 0)
         self._program.run()
-        stored_values = self._values[:count]
-        return np.where(stored_values[:, 2] == 0.0, stored_values[:, :2].T, [[-np.inf], [np.inf]])
+        return stored_bounds(self._values[:count])

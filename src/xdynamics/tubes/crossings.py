@@ -23,9 +23,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import AffineImage, Box, Floats
+from xdynamics.tubes.boxes import UNKNOWN, AffineImage, Box, Floats
 from xdynamics.tubes.flow import LEAST_SLACK, Flow, Proof
-from xdynamics.tubes.functions import UNKNOWN, Functions
+from xdynamics.tubes.functions import Functions
 from xdynamics.tubes.series import UndefinedError
 
 DEEPEST, NARROWINGS, ENOUGH = 7, 30, 0.8  # halvings of a step; turns of Newton's method, while it takes so much off

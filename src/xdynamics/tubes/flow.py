@@ -41,7 +41,7 @@ class Proof:
     coefficients : ndarray, shape (2, p + 2, n + n*n)
         Of the motion from the point of the set, the last of which is the remainder, then of its derivatives by the start,
         for any state of the set.
-    set : Carried
+    set : Doubleton
         At the beginning.
     enclosure : ndarray, shape (2, n)
         What holds all motions for the whole step.
@@ -51,7 +51,7 @@ class Proof:
         How many numbers move.
     step_values : ndarray
         What holds for the step: `StepConstants.values_from`.
-    end_image : Seen, optional
+    end_image : AffineImage, optional
         All motions at the end.
     """
 

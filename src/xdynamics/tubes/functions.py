@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from xdynamics.expressions import Node
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.model_programs import values_of
-from xdynamics.kernels.program import AT, Compute, Line, Load, Location, Loop, Program, StoreTo, T
+from xdynamics.kernels.program import Compute, Line, Load, Location, Loop, Program, StoreTo
 from xdynamics.tubes import boxes
-from xdynamics.tubes.boxes import HELD, AffineImage, Box, Floats, with_pieces
+from xdynamics.tubes.boxes import HELD, UNKNOWN, AffineImage, Box, Floats, stored_bounds, with_pieces
 from xdynamics.tubes.flow import Proof
-from xdynamics.tubes.gradients import StraightLines
 from xdynamics.tubes.interval_problem import IntervalProblem, literals_of
-from xdynamics.tubes.series import Constants
+from xdynamics.tubes.series import Inputs, StraightLines
 from xdynamics.tubes.tangents import PARTS, SEED, EnclosedProgram
-
-UNKNOWN = np.array([[-np.inf], [np.inf]])
 
 
 class Functions:
@@ -40,21 +36,16 @@ class Functions:
         stored = tuple(line for line in with_pieces(body) if isinstance(line, Load | Compute | StoreTo))
         straight = StraightLines(stored, problem.motions.straight.constants, literals_of(stored))
         self.reads_tables = any(isinstance(line, Load) and line.location.array == HELD for line in stored)
-        self._constants = constants = Constants(straight, self._used, numbers, numbers)
-        lines: list[Line] = [*constants.lines()]
+        self._inputs = inputs = Inputs(straight, self._used, numbers, numbers)
+        lines: list[Line] = [*inputs.lines()]
         tangents = {Location("z", k): Location("z", self.count + k * numbers, ((SEED, 1),)) for k in range(self.count)}
-        slopes = Loop(SEED, numbers, constants.tangents(lines, self._used, tangents))
-        program = Program("functions", "Functions of a state.", (*map(_squared, lines), slopes))
-        of_state = self._used * (1 + numbers)
-        sizes = {"at": len(AT), "y": of_state, "p": constants.count, "z": self.count * (1 + numbers)}
-        self._program = EnclosedProgram(program, sizes)
-        arrays = self._program.arrays
-        constants.fill_certain(arrays["p"])
-        self._time, self._state = arrays["at"][T], arrays["y"]
-        self._values = arrays["z"][: self.count]
-        self._slopes = arrays["z"][self.count :].reshape(self.count, numbers, len(PARTS))
-        for i in range(self._used):
-            self._state[self._used + i * numbers + i, :2] = 1.0
+        slopes = Loop(SEED, numbers, inputs.tangents(lines, tangents))
+        program = Program("functions", "Functions of a state.", (*lines, slopes))
+        self._program = EnclosedProgram(program, inputs.sizes | {"z": self.count * (1 + numbers)})
+        inputs.allocate(self._program.arrays)
+        results = self._program.arrays["z"]
+        self._values = results[: self.count]
+        self._slopes = results[self.count :].reshape(self.count, numbers, len(PARTS))
 
     def enclosures(self, time: Box, states: Box, step_values: Floats) -> tuple[Box, Box]:
         """Return the values over a box, and their derivatives by the numbers of a set; infinite bounds where none is known.
@@ -66,11 +57,10 @@ class Functions:
         ndarray, shape (2, count)
         ndarray, shape (2, count, numbers)
         """
-        self._time[:2], self._state[: self._used, :2] = time, states[:, : self._used].T
-        self._constants.fill_uncertain(states, step_values)
+        self._inputs.fill(time, states, step_values)
         self._program.run()
-        values = _stored_bounds(self._values)
-        slopes = _stored_bounds(self._slopes)
+        values = stored_bounds(self._values)
+        slopes = stored_bounds(self._slopes)
         slopes[:, ~np.isfinite(values).all(axis=0)] = UNKNOWN[..., None]
         return values, slopes
 
@@ -98,17 +88,3 @@ class Functions:
     def at_start(self, time: Box, states: Box, step_values: Floats) -> Box:
         """Return bounds of the values over a box."""
         return self.enclosures(time, states, step_values)[0] if self.count else np.zeros((2, 0))
-
-
-def _squared(line: Line) -> Line:
-    """Return a product of a number with itself as its square, which is not negative."""
-    if isinstance(line, Compute) and line.operation == "multiply" and line.arguments[0] == line.arguments[1]:
-        return replace(line, operation="square", arguments=line.arguments[:1])
-    return line
-
-
-def _stored_bounds(stored_values: Box) -> Box:
-    """Return the bounds that a program stored, unbounded where undefined."""
-    ends = np.moveaxis(stored_values[..., :2], -1, 0)
-    sound = (stored_values[..., 2] == 0.0) & ~np.isnan(ends).any(axis=0)
-    return np.where(sound, ends, UNKNOWN.reshape(2, *(1,) * (ends.ndim - 1)))

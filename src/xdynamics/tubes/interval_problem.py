@@ -19,8 +19,7 @@ from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.motion import constants, first_regime
 from xdynamics.model.parts import Parameter
 from xdynamics.tubes.boxes import Box, StepConstants, enclosed, hull, point_box, with_pieces
-from xdynamics.tubes.gradients import StraightLines, Value
-from xdynamics.tubes.series import Motions
+from xdynamics.tubes.series import Motions, StraightLines, Value
 from xdynamics.units import CONSTANTS, Quantity, constant
 from xdynamics.units.unit import exact_value
 
@@ -89,7 +88,7 @@ def interval_problem_of(model: Model) -> IntervalProblem:
             uncertain.append(name)
             start.append(value)
         else:
-            places[Location("p", i)] = value.reshape(2, 1) if value[0] < value[1] else float(value[0])
+            places[Location("p", i)] = value if value[0] < value[1] else float(value[0])
     motions = Motions(StraightLines(lines, places, literals_of(lines)), motion)
     start_box, names = np.stack(start, axis=1), (*used, *uncertain)
     return IntervalProblem(
@@ -97,11 +96,11 @@ def interval_problem_of(model: Model) -> IntervalProblem:
     )
 
 
-def literals_of(lines: Iterable[Instruction]) -> dict[int, Value]:
+def literals_of(lines: Iterable[Instruction]) -> dict[int, Box]:
     """Return intervals of the numbers in a program that no float is, by their identity."""
     # the lines that are kept hold these numbers alive, so that no identity is taken twice
     return {
-        id(number): enclosed(exact_value(number)).reshape(2, 1)
+        id(number): enclosed(exact_value(number))
         for line in lines
         if isinstance(line, Compute)
         for number in line.arguments

@@ -9,21 +9,45 @@ Besides the state such a program reads constants, and literals that are no float
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from xdynamics.elementary.bounds import Interval
 from xdynamics.kernels.jets.expansion import expansion
 from xdynamics.kernels.jets.motion import Motion
 from xdynamics.kernels.program import AT, Compute, Line, Load, Location, Loop, Operand, Program, StoreTo, T
 from xdynamics.tubes.boxes import HELD, Box, Floats
-from xdynamics.tubes.gradients import NOW, StraightLines, Undefined, Value, as_number
 from xdynamics.tubes.tangents import SEED, EnclosedProgram, with_tangents
+from xdynamics.tubes.undefined import undefined_reason
+
+NOW = Location("at", T)
+Value = float | Box | int | Location  # exact, an interval, the number of what is uncertain in a set, or where in `HELD`
 
 
-class Constants:
-    """Places in `p`: derivative rows of uncertain numbers, then constants, then literals that are no floats.
+@dataclass(frozen=True)
+class StraightLines:
+    """Straight lines of a program, and the constants that they read besides the state.
+
+    Attributes
+    ----------
+    lines : sequence of Line
+    constants : mapping of Location to Value
+        What is read and never changes: a float, an interval, or the number of what is uncertain in it.
+    literals : mapping of int to ndarray, shape (2,)
+        Intervals of the operands that are numbers and no floats, by their identity.
+    """
+
+    lines: Sequence[Line]
+    constants: Mapping[Location, Value]
+    literals: Mapping[int, Box]
+
+
+class Inputs:
+    """What a program reads of a set: the time in `at`, the state and its derivatives in `y`, constants in `p`.
+
+    In `p` are derivative rows of uncertain numbers, then constants, then literals that are no floats.
 
     Parameters
     ----------
@@ -45,9 +69,9 @@ class Constants:
         self._step_places: list[tuple[int, Floats]] = []
 
     @property
-    def count(self) -> int:
-        """How many there are."""
-        return self._rows + len(self._values)
+    def sizes(self) -> dict[str, int]:
+        """How many intervals each array has, once all lines are written."""
+        return {"at": len(AT), "y": self._used * (1 + self._seeds), "p": self._rows + len(self._values)}
 
     def lines(self) -> Iterator[Load | Compute | StoreTo]:
         """Yield the lines, which read every constant from where it is."""
@@ -78,54 +102,62 @@ class Constants:
         else:
             yield Load(str(operands[-1]), self._place_of(id(operand), value))
 
-    def tangents(self, lines: Iterable[Line], states: int, stored: dict[Location, Location]) -> tuple[Line, ...]:
+    def tangents(self, lines: Iterable[Line], stored: dict[Location, Location]) -> tuple[Line, ...]:
         """Return lines that compute the derivatives of stored numbers by every number of the start.
 
         Parameters
         ----------
         lines : iterable of Line
             As `lines` yields them.
-        states : int
-            Where in `y` the derivatives of the state begin, those of each number in a row.
-        stored : mapping of Place to Place
+        stored : mapping of Location to Location
             Where those of what is stored go.
         """
-        uncertain = {
-            self._places[address]: Location("p", (value - self._used) * self._seeds, ((SEED, 1),))
-            for address, value in self._straight.constants.items()
-            if isinstance(value, int) and address in self._places
-        }
 
         def tangent_address(address: Location) -> Location | None:
             if address.array == "y":
-                return Location("y", states + address.offset * self._seeds, ((SEED, 1),))
-            return uncertain.get(address)
+                return Location("y", self._used + address.offset * self._seeds, ((SEED, 1),))
+            if (number := self._uncertain_at(address)) is not None:
+                return Location("p", (number - self._used) * self._seeds, ((SEED, 1),))
+            return None
 
         return with_tangents([*lines], tangent_address, stored.__getitem__)
 
+    def varies(self, address: Location) -> bool:
+        """Whether a number that `lines` read depends on the start or on time."""
+        return address.array == "y" or address == NOW or self._uncertain_at(address) is not None
+
+    def _uncertain_at(self, address: Location) -> int | None:
+        """Return which number of a set is the constant at a place in `p`; None of a certain one."""
+        value = self._values[address.offset - self._rows] if address.array == "p" else None
+        return value if isinstance(value, int) else None
+
     def _place_of(self, key: Location | int, value: Value) -> Location:
         if key not in self._places:
-            self._places[key] = Location("p", self.count)
+            self._places[key] = Location("p", self._rows + len(self._values))
             self._values.append(value)
         return self._places[key]
 
-    def fill_certain(self, array: Floats) -> None:
-        """Write the certain constants, and note the rows of uncertain ones."""
+    def allocate(self, arrays: Mapping[str, Floats]) -> None:
+        """Take a program's arrays, and write what is the same of every set: certain constants, and seeds."""
+        self._time, self._state, constants = arrays["at"][T], arrays["y"], arrays["p"]
         for row in range(self._rows):
             constant, seed = divmod(row, self._seeds)
-            array[row, :2] = float(seed == self._used + constant)
-        for value, where in zip(self._values, array[self._rows :], strict=True):
+            constants[row, :2] = float(seed == self._used + constant)
+        for value, where in zip(self._values, constants[self._rows :], strict=True):
             if isinstance(value, Location):
                 self._step_places.append((value.offset, where))
             elif isinstance(value, int):
                 self._uncertain.append((value, where))
             else:
-                where[:2] = as_number(value)[:, 0]
+                where[:2] = value
+        for i in range(self._used if self._seeds else 0):
+            self._state[self._used + i * self._seeds + i, :2] = 1.0
 
-    def fill_uncertain(self, start: Box, step_values: Floats) -> None:
-        """Write the uncertain constants, and the constants of a step."""
+    def fill(self, time: Box, states: Box, step_values: Floats) -> None:
+        """Write a set: its times, states and uncertain constants, and the constants of a step."""
+        self._time[:2], self._state[: self._used, :2] = time, states[:, : self._used].T
         for i, row in self._uncertain:
-            row[:2] = start[:, i]
+            row[:2] = states[:, i]
         for i, row in self._step_places:
             row[:2] = step_values[i]
 
@@ -156,19 +188,15 @@ class MotionSeries:
     """
 
     def __init__(self, motions: Motions, numbers: int, degree: int, *, derivatives: bool = False) -> None:
-        self._motions, self._degree = motions, degree
+        self._degree = degree
         self._used, self._seeds = motions.motion.used, numbers if derivatives else 0
-        self._constants = constants = Constants(motions.straight, self._used, numbers, self._seeds)
-        lines = tuple(_as_states(motions, constants, self._seeds))
+        self._inputs = inputs = Inputs(motions.straight, self._used, numbers, self._seeds)
+        lines = tuple(_as_states(motions, inputs, self._seeds))
         motion = Motion(0, self._used * (1 + self._seeds))
         series_program = expansion(Program("forces", "", lines), motion, degree, written_out=False)
-        sizes = {"at": len(AT), "y": motion.used, "p": constants.count, "w": series_program.memory}
-        self._program = EnclosedProgram(series_program.program, sizes)
-        self._state, self._time = self._program.arrays["y"], self._program.arrays["at"][T]
-        constants.fill_certain(self._program.arrays["p"])
+        self._program = EnclosedProgram(series_program.program, inputs.sizes | {"w": series_program.memory})
+        inputs.allocate(self._program.arrays)
         self._coefficients = self._program.arrays["w"][: (degree + 1) * motion.used].reshape(degree + 1, motion.used, 3)
-        for i in range(self._used if self._seeds else 0):
-            self._state[self._used + i * self._seeds + i, :2] = 1.0
 
     def coefficients_of(self, time: Box, start: Box, step_values: Floats) -> Box:
         """Return the coefficients.
@@ -190,25 +218,29 @@ class MotionSeries:
             If one of them may not exist, or is beyond the range of floats.
         """
         used = self._used
-        self._time[:2], self._state[:used, :2] = time, start[:, :used].T
-        self._constants.fill_uncertain(start, step_values)
+        self._inputs.fill(time, start, step_values)
         self._program.run()
         if self._coefficients[..., 2].any() or not np.isfinite(self._coefficients).all():
-            raise UndefinedError(self._reason(time, start, step_values))
+            raise UndefinedError(self._reason())
         coefficients = np.empty((2, self._degree + 1, used, 1 + self._seeds))
         for end in range(2):
             coefficients[end, :, :, 0] = self._coefficients[:, :used, end]
             coefficients[end, :, :, 1:] = self._coefficients[:, used:, end].reshape(self._degree + 1, used, self._seeds)
         return coefficients
 
-    def _reason(self, time: Box, start: Box, step_values: Floats) -> str:
-        """Return why a coefficient is undefined for some of the states."""
-        stored_values = self._motions.straight.stored_over(time, start, step_values, derivatives=True)
-        reasons = [value.reason for value in stored_values.values() if isinstance(value, Undefined)]
-        return reasons[0] if reasons else "a number is beyond the range of floats"
+    def _reason(self) -> str:
+        """Return why a coefficient is undefined for some of the states that the program has been run for."""
+        arrays = self._program.arrays
+
+        def read(location: Location) -> Interval:
+            low, high = arrays[location.array][location.offset, :2].tolist()
+            return Interval(low, high)
+
+        reason = undefined_reason([*self._inputs.lines()], read, self._inputs.varies)
+        return reason or "a number is beyond the range of floats"
 
 
-def _as_states(motions: Motions, constants: Constants, seeds: int) -> Iterator[Line]:
+def _as_states(motions: Motions, inputs: Inputs, seeds: int) -> Iterator[Line]:
     """Yield the lines of equations of first order, of all numbers of a state and of their derivatives."""
     motion, used = motions.motion, motions.motion.used
     rates = used * (1 + seeds)  # where in `z` they begin
@@ -216,7 +248,7 @@ def _as_states(motions: Motions, constants: Constants, seeds: int) -> Iterator[L
     for i in range(motion.coordinates):
         velocity = f"_velocity{i}"
         lines += [Load(velocity, Location("y", motion.coordinates + i)), StoreTo(Location("z", rates + i), velocity)]
-    for line in constants.lines():
+    for line in inputs.lines():
         if isinstance(line, StoreTo):
             line = replace(line, location=Location("z", rates + motion.raised_by(line.location.offset)))  # noqa: PLW2901
         lines.append(line)
@@ -225,4 +257,4 @@ def _as_states(motions: Motions, constants: Constants, seeds: int) -> Iterator[L
         tangents = {
             Location("z", rates + i): Location("z", rates + used + i * seeds, ((SEED, 1),)) for i in range(used)
         }
-        yield Loop(SEED, seeds, constants.tangents(lines, used, tangents))
+        yield Loop(SEED, seeds, inputs.tangents(lines, tangents))

@@ -98,12 +98,12 @@ class _Enclosing:
                     self._exact.add(line.target)
                     yield line
                 case Compute():
-                    operands: list[Operand] = []
-                    for operand in line.arguments:
+                    operation, operands = squared(line), list[Operand]()
+                    for operand in operation.arguments:
                         point = self._point(operand)
                         yield from point
                         operands.append(point[0].target if point else operand)
-                    yield replace(line, arguments=tuple(operands), kind=ENCLOSED)
+                    yield replace(operation, arguments=tuple(operands), kind=ENCLOSED)
                 case Ordinal():
                     self._exact.add(line.target)
                     yield line
@@ -133,6 +133,13 @@ class _Enclosing:
             name = f"_{part}{self._points}"
             yield Compute(name, part, (value,), ENCLOSED)
             yield StoreTo(_component_place(line.location, k), name)
+
+
+def squared(line: Compute) -> Compute:
+    """Return a product of a number with itself as its square: products of intervals take factors for independent."""
+    if line.operation == "multiply" and line.arguments[0] == line.arguments[1]:
+        return replace(line, operation="square", arguments=line.arguments[:1])
+    return line
 
 
 def _component_place(address: Location, k: int) -> Location:
