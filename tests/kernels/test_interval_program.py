@@ -89,13 +89,6 @@ def test_numbers_of_the_march_are_not_constant() -> None:
     assert read - constant == {*switch_inputs(layout.model), *mode_names(layout.model)}
 
 
-def test_operations_that_rows_ask_for() -> None:
-    """Assert the operations on intervals among all rows: no loads of numbers, parameters or the time."""
-    program = enclosing_rows(layout_of(model("2*x*w - a + t*metre/second")))
-    functions = {"multiply", "subtract", "add", "divide", "position", "state"}
-    assert program.rules == functions | {"velocity", "rate"}
-
-
 @pytest.mark.parametrize("method", ["rk4", "radau_iia"])
 def test_variables_by_the_error_that_counts(method: str) -> None:
     """Assert that each variable is read with its own place, whose error widens it."""

@@ -1,14 +1,15 @@
 """The event functions and their time derivatives as a program of intervals: rows of numbers, or lines for lanes.
 
 A row is an operation, the place of its value, and up to three places of operands; `march.events.enclosures` goes
-through rows one by one, so that a new model's first run waits for nothing to be compiled. In lanes the same rows
-are printed.
+through rows one by one, so that a new model's first run waits for nothing to be compiled. Printed as calls they would
+take 0.6 ms a row, 0.3 s of the woodpecker and 1 s of three discs in a box, and would be no faster. In lanes the same
+rows are printed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -87,11 +88,6 @@ class Enclosing:
     of_time: tuple[bool, ...]
 
     @property
-    def rules(self) -> frozenset[str]:
-        """The operations on intervals that rows ask for."""
-        return frozenset(OPERATIONS[row] for row in self.rows[:, 0] if row < len(RULES))
-
-    @property
     def looked_at(self) -> list[list[int]]:
         """The rows that the functions themselves need."""
         rows: list[list[int]] = self.rows[: self.parts[1]].tolist()
@@ -166,6 +162,16 @@ def write_bounds(
             Compute(name, end, (f"_i{slot}",), INTERVAL) for name, end in zip(names, ("low", "high"), strict=True)
         ]
     return lines, ends
+
+
+def squared(line: Compute) -> Compute:
+    """Return a product of a number with itself as its square.
+
+    A product of intervals takes its factors for independent, and would make [-1, 1] of the square of [-1, 1].
+    """
+    if line.operation == "multiply" and line.arguments[0] == line.arguments[1]:
+        return replace(line, operation="square", arguments=line.arguments[:1])
+    return line
 
 
 class _IntervalPrinter:
@@ -272,17 +278,16 @@ class _IntervalPrinter:
         return self._slot_of(value)
 
     def _compute_row(self, line: Compute) -> None:
-        name = line.operation
-        if name in ("value_at", "slope_at"):
+        if line.operation in ("value_at", "slope_at"):
             argument, drive = line.arguments
             of_time = [*self._layout.model.elements.looked_up_at.values()][int(drive)] == CLOCK
-            self._add_row(line.target, OPERATIONS.index(name), self._slot_of(argument), int(drive), int(of_time))
+            number = OPERATIONS.index(line.operation)
+            self._add_row(line.target, number, self._slot_of(argument), int(drive), int(of_time))
             return
-        places = [self._slot_of(argument) for argument in line.arguments]
-        # a product of intervals takes its factors for independent, and would make [-1, 1] of the square of [-1, 1]
-        if name == "multiply" and places[0] == places[1]:
-            name = "square"
-        self._add_row(line.target, OPERATIONS.index(name), *places, constant=self._constant.issuperset(places))
+        operation = squared(line)
+        places = [self._slot_of(argument) for argument in operation.arguments]
+        number = OPERATIONS.index(operation.operation)
+        self._add_row(line.target, number, *places, constant=self._constant.issuperset(places))
 
     def _add_row(self, target: Operand, operation: int, *operands: int, constant: bool = False) -> None:
         slot = self._places.setdefault(target, len(self._places))

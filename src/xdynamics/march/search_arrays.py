@@ -48,7 +48,7 @@ def event_search_arrays(model: Model, law: Law, settings: Settings) -> dict[str,
         "flaws": np.zeros(intervals.values, np.int64),
         "needed_intervals": np.zeros(intervals.values, np.int64),
     }
-    operations = operation_addresses(law.scheme.math_functions, intervals.rules, curve_degree(law.layout))
+    operations = operation_addresses(law.scheme.math_functions, curve_degree(law.layout)) if watched else ()
     functions = [*operations, *watchers()] if watched else []
     return (
         places

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.kernels import machine
+from xdynamics.kernels.interval_program import squared
 from xdynamics.kernels.jets.recurrences import CONSTANT
 from xdynamics.kernels.llvm_program import llvm_of
 from xdynamics.kernels.program import (
@@ -133,13 +134,6 @@ class _Enclosing:
             name = f"_{part}{self._points}"
             yield Compute(name, part, (value,), ENCLOSED)
             yield StoreTo(_component_place(line.location, k), name)
-
-
-def squared(line: Compute) -> Compute:
-    """Return a product of a number with itself as its square: products of intervals take factors for independent."""
-    if line.operation == "multiply" and line.arguments[0] == line.arguments[1]:
-        return replace(line, operation="square", arguments=line.arguments[:1])
-    return line
 
 
 def _component_place(address: Location, k: int) -> Location:

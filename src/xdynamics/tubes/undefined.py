@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.elementary.bounds import BREAKS, SMOOTH, Interval
 from xdynamics.elementary.intervals import Intervals
-from xdynamics.kernels.interval_program import COMPARED
+from xdynamics.kernels.interval_program import COMPARED, squared
 from xdynamics.kernels.program import Compute, Line, Load, Location, Operand, StoreTo
-from xdynamics.tubes.tangents import Tangents, squared
+from xdynamics.tubes.tangents import Tangents
 
 _INTERVALS = Intervals(FUNCTIONS)
 _TANGENT = Location("tangent")  # of every number that varies: derivatives along one direction show where none exists

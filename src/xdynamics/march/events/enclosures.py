@@ -55,20 +55,26 @@ ROUGH = ("sin", "cos")  # those that a first look evaluates once instead of twic
 _KEPT: list[machine.Code] = []  # as long as the process, as the addresses
 
 
-@lru_cache(maxsize=64)
-def operation_addresses(math_functions: str, needed: frozenset[str], degree: int = 0) -> NDArray[np.int64]:
-    """Return addresses of operations in the order of `RULES`, then of rough ones; 0 for unused ones.
+def operation_addresses(math_functions: str, degree: int) -> NDArray[np.int64]:
+    """Return addresses of operations in the order of `RULES`, then of rough ones.
 
     Variables are enclosed by the polynomial of some degree that a step leaves, or by Hermite's where that is 0.
     """
-    fine: list[Rule] = [(name, False) for name in RULES if name in needed]
-    rough: list[Rule] = [(name, True) for name in ROUGH if name in needed]
-    address = (_plain_operations if PLAINLY else _compiled_operations)(math_functions, [*fine, *rough], degree)
-    exact = [address.get((name, False), 0) for name in RULES]
+    fine = [name for name in RULES if name not in VARIABLES]
+    rules = *((name, False) for name in fine), *((name, True) for name in ROUGH)
+    # in two texts, of which the first is the same for all models: compiled once per installation
+    address = _operations(math_functions, rules, 0)
+    address = address | _operations(math_functions, tuple((name, False) for name in VARIABLES), degree)
+    exact = [address[name, False] for name in RULES]
     return np.array([*exact, *(address.get((name, True), exact[i]) for i, name in enumerate(RULES))], np.int64)
 
 
-def _compiled_operations(math_functions: str, requested_rules: list[Rule], degree: int) -> dict[Rule, int]:
+@lru_cache(maxsize=64)
+def _operations(math_functions: str, requested_rules: tuple[Rule, ...], degree: int) -> dict[Rule, int]:
+    return (_plain_operations if PLAINLY else _compiled_operations)(math_functions, requested_rules, degree)
+
+
+def _compiled_operations(math_functions: str, requested_rules: tuple[Rule, ...], degree: int) -> dict[Rule, int]:
     symbols = {rule: f"{rule[0]}_{'roughly' if rule[1] else 'finely'}" for rule in requested_rules}
     entries = "\n".join(_print_operation(symbol, *rule, degree) for rule, symbol in symbols.items())
     functions = definitions(dict.fromkeys(count_calls(entries), False), 1, math_functions)
