@@ -82,7 +82,7 @@ def _compiled_operations(math_functions: str, requested_rules: tuple[Rule, ...],
     return {rule: _KEPT[-1].addresses[symbol] for rule, symbol in symbols.items()}
 
 
-def _plain_operations(math_functions: str, requested_rules: list[Rule], degree: int) -> dict[Rule, int]:
+def _plain_operations(math_functions: str, requested_rules: tuple[Rule, ...], degree: int) -> dict[Rule, int]:
     keys = keys_of(in_python(name, math_functions, rough=rough, degree=degree) for name, rough in requested_rules)
     return dict(zip(requested_rules, keys, strict=True))
 
@@ -425,12 +425,16 @@ def is_silent(run: Run, reach: float, joins_last_box: bool) -> bool:
         run.under[target], run.over[target] = low, high
     enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1], ALL)
     for i in range(run.detectors.shape[0]):
-        value_index, watch = run.detectors[i].value, run.watches[i]
-        keeps_side = (watch.armed > 0 and run.under[value_index] > 0.0) or (
-            watch.armed < 0 and run.over[value_index] < 0.0
-        )
-        if watch.asleep == 0 and not (keeps_side and (watch.guard == 0 or watch.armed == watch.guard)):
+        if may_reach_zero(run, i):
             return False
     for j in range(n):
         region[BOX + j], region[BOX + n + j] = run.under[run.box_variables[j, 2]], run.over[run.box_variables[j, 2]]
     return True
+
+
+@jit_inline
+def may_reach_zero(run: Run, i: int) -> bool:
+    """Whether bounds of an event function leave open that it reaches zero, or is on the side that it is guarded from."""
+    value_index, watch = run.detectors[i].value, run.watches[i]
+    keeps_side = (watch.armed > 0 and run.under[value_index] > 0.0) or (watch.armed < 0 and run.over[value_index] < 0.0)
+    return bool(watch.asleep == 0 and not (keeps_side and (watch.guard == 0 or watch.armed == watch.guard)))

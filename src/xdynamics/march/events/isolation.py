@@ -15,7 +15,7 @@ from xdynamics.kernels.law import DETECT, SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import call_law, enclosed_by
 from xdynamics.march.events.departures import end_leaving, happens_late, has_left, is_leaving, leave_again
-from xdynamics.march.events.enclosures import set_region, stays_in_region
+from xdynamics.march.events.enclosures import may_reach_zero, set_region, stays_in_region
 from xdynamics.march.events.zero_tests import (
     CLEAR,
     CROSSED,
@@ -62,15 +62,11 @@ def is_event_free(run: Run) -> bool:
     enclosed_by(run.functions[ENCLOSE], run, run.y, run.z, run.parts[0], run.parts[1], ALL)
     piece.rough, silent = 0, True
     for i in range(run.detectors.shape[0]):
-        value_index, watch = run.detectors[i].value, run.watches[i]
-        if run.detectors[i].role == GAP:
-            touch = run.touches[run.detectors[i].reaction]
-            touch.largest = max(touch.largest, run.under[value_index])
-        keeps_side = (watch.armed > 0 and run.under[value_index] > 0.0) or (
-            watch.armed < 0 and run.over[value_index] < 0.0
-        )
-        unguarded = watch.guard == 0 or watch.armed == watch.guard
-        watch.alive = int(watch.asleep == 0 and not (keeps_side and unguarded))
+        watch, detector = run.watches[i], run.detectors[i]
+        if detector.role == GAP:
+            touch = run.touches[detector.reaction]
+            touch.largest = max(touch.largest, run.under[detector.value])
+        watch.alive = int(may_reach_zero(run, i))
         if watch.alive:
             silent = False
     if silent and run.box_variables.shape[0] > 0:

@@ -133,9 +133,8 @@ def is_far(run: Run, i: int, s: float) -> bool:
     """Whether an event function after the first event is too far from zero to be simultaneous."""
     if run.watches[i].broken != SMOOTH or run.detectors[i].sampled:
         return False
-    set_time(run, T, run.now[0].t + s)
-    call_law(run.law[SLOPES], run, run.located_z, run.slopes, 0)
-    return bool(abs(run.located_g[i]) > STEEP * event_resolution(run, i, s) * abs(run.slopes[i]))
+    rate = event_rate(run, i, run.located_z, s)
+    return bool(abs(run.located_g[i]) > STEEP * event_resolution(run, i, s) * abs(rate))
 
 
 @jit_separate
@@ -347,9 +346,7 @@ def start_of(run: Run, i: int, s: float) -> float:
         return sign_quantity(run, i)
     if run.watches[i].hit != TOUCHED:
         return run.g[i]
-    set_time(run, T, run.now[0].t)
-    call_law(run.law[SLOPES], run, run.y, run.slopes, 0)
-    return -run.slopes[i]
+    return -event_rate(run, i, run.y, 0.0)
 
 
 @jit_separate

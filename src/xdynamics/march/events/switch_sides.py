@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.elementary.bounds import EPS
-from xdynamics.kernels.compiling import jit_separate
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.drive_tables import find_piece_of_table
 from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import T
@@ -66,8 +66,7 @@ def leave_zeros(run: Run) -> None:
         call_law(run.law[SLOPES], run, run.y, run.slopes, 0)
         changed = False
         for i in range(run.detectors.shape[0]):
-            detector = run.detectors[i]
-            if detector.role in (SWITCH, KINK) and detector.drive < 0:
+            if is_switch(run, i):
                 side = sign_of(run.g[i]) if run.g[i] != 0.0 else sign_of(run.slopes[i])
                 changed = (side != 0 and take_side(run, i, side)) or changed
         if not changed:
@@ -97,9 +96,13 @@ def leave_flat_zeros(run: Run) -> None:
 @jit_separate
 def is_flat(run: Run, i: int) -> bool:
     """Whether a detector is a switch whose function and its rate are zero."""
-    detector = run.detectors[i]
-    switch = detector.role in (SWITCH, KINK) and detector.drive < 0
-    return bool(switch and run.g[i] == 0.0 and run.slopes[i] == 0.0)
+    return bool(is_switch(run, i) and run.g[i] == 0.0 and run.slopes[i] == 0.0)
+
+
+@jit_inline
+def is_switch(run: Run, i: int) -> bool:
+    """Whether a detector is a switch or kink of an expression, not the end of a table's piece."""
+    return bool(run.detectors[i].role in (SWITCH, KINK) and run.detectors[i].drive < 0)
 
 
 @jit_separate
@@ -133,7 +136,7 @@ def keep_sides(run: Run, state_was_set: bool, landed: bool) -> bool:
         switched = False
         for i in range(run.detectors.shape[0]):
             detector, watch = run.detectors[i], run.watches[i]
-            if detector.drive < 0 and detector.role in (SWITCH, KINK) and (landed or watch.hit == NONE):
+            if is_switch(run, i) and (landed or watch.hit == NONE):
                 side = sign_of(run.slopes[i])
                 side_before = np.int64(run.modes[detector.to])
                 if watch.hit in (CROSSED, FORCED):

@@ -85,8 +85,21 @@ from xdynamics.model.detectors import GRIP, KINK, PERIODIC, PULL, SLIP
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
 
-_CROSSING = np.int64(schema.CROSSING)  # no literal: numba compiles a copy of a function for each
+State = NDArray[Any]
+
+# no literals: numba compiles a copy of a function for each literal that it is given
+_CROSSING, _JUMP = np.int64(schema.CROSSING), np.int64(schema.JUMP)
+_SWITCHED, _RESET = np.int64(schema.REGIME_SWITCH), np.int64(schema.RESET_KIND)
+_BEFORE, _AFTER, _NODE = np.int64(schema.EVENT_BEFORE), np.int64(schema.EVENT_AFTER), np.int64(schema.NODE)
 STATE = 2  # of a row of the log, after time and step
+NEWTON_TURNS = 3  # from the time tolerance to 31 digits
+_, STOP, SWITCH, RESET = range(len(ACTIONS))
+append_row_apart, note_samples_apart, grow_step_apart = (
+    noinline(append_row),
+    noinline(note_samples),
+    noinline(grow_step),
+)
+forget_rounding_apart = noinline(forget_rounding)
 
 
 @jit_separate
@@ -162,12 +175,6 @@ def note_offsets(run: Run, row_before: int) -> None:
         run.log_impulses[rows - n + i, owner] += offset
 
 
-# no literals: numba compiles a copy of a function for each literal that it is given
-_SWITCHED, _RESET = np.int64(schema.REGIME_SWITCH), np.int64(schema.RESET_KIND)
-_CROSSED, _JUMPED = np.int64(schema.CROSSING), np.int64(schema.JUMP)
-_, STOP, SWITCH, RESET = range(len(ACTIONS))
-
-
 @jit_separate
 def act(run: Run, row: int) -> bool:
     """Run the actions of a group of events in order of declaration; whether forces have to be evaluated anew."""
@@ -175,7 +182,7 @@ def act(run: Run, row: int) -> bool:
     for k in range(first_of_group(run, row), now.events - run.base[0].events):
         event = run.log_events[k]
         detector = run.detectors[event.detector]
-        if detector.role in (SWITCH_ROLE, KINK) and event.kind in (_CROSSED, _JUMPED):
+        if detector.role in (SWITCH_ROLE, KINK) and event.kind in (_CROSSING, _JUMP):
             event.kind = _SWITCHED
         if run.watches[event.detector].seen < detector.count:
             continue
@@ -199,18 +206,6 @@ def reset(run: Run, i: int, e: int) -> None:
             if run.targets[k, 1] < run.plan[0].coordinates:
                 run.log_impulses[first + run.targets[k, 1], e] += run.resets[k] - run.z[run.targets[k, 1]]
             put_reset_value(run, k, run.z)
-
-
-# no literals: numba compiles a copy of a function for each literal that it is given
-_BEFORE, _AFTER, _NODE = np.int64(schema.EVENT_BEFORE), np.int64(schema.EVENT_AFTER), np.int64(schema.NODE)
-NEWTON_TURNS = 3  # from the time tolerance to 31 digits
-State = NDArray[Any]
-append_row_apart, note_samples_apart, grow_step_apart = (
-    noinline(append_row),
-    noinline(note_samples),
-    noinline(grow_step),
-)
-forget_rounding_apart = noinline(forget_rounding)
 
 
 @jit_separate

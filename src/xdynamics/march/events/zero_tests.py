@@ -7,7 +7,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from xdynamics.elementary.bounds import EPS, SMOOTH, UNBOUNDED
-from xdynamics.kernels.compiling import jit_separate
+from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import SLOPES
 from xdynamics.kernels.program import T
 from xdynamics.march.calls import call_law, enclosed_by
@@ -151,15 +151,19 @@ def ends_near_zero(run: Run, i: int) -> bool:
 
 @jit_separate
 def cannot_reach_zero(value_before: float, value_after: float, down: float, up: float, w: float) -> bool:
-    """Whether a function with these values at both ends and slopes between cannot reach zero (Piyavskii's tent)."""
+    """Whether a function with these values at both ends and slopes between cannot reach zero."""
+    # a tent that clears zero by its own rounding alone proves nothing
     if value_before > 0.0 and value_after > 0.0:
-        low = value_before + down * ((value_before - value_after + up * w) / (up - down))
-        # a tent that clears zero by its own rounding alone proves nothing
-        return low > 8.0 * EPS * max(value_before, value_after)
+        return tent_tip(value_before, value_after, down, up, w) > 8.0 * EPS * max(value_before, value_after)
     if value_before < 0.0 and value_after < 0.0:
-        high = value_before + up * ((value_after - value_before - down * w) / (up - down))
-        return high < 8.0 * EPS * min(value_before, value_after)
+        return tent_tip(value_before, value_after, up, down, w) < 8.0 * EPS * min(value_before, value_after)
     return False
+
+
+@jit_inline
+def tent_tip(value_before: float, value_after: float, first_slope: float, second_slope: float, w: float) -> float:
+    """The value where lines of two slopes through the values at both ends meet: a bound in between (Piyavskii's tent)."""
+    return value_before + first_slope * ((value_before - value_after + second_slope * w) / (second_slope - first_slope))
 
 
 @jit_separate
@@ -178,12 +182,8 @@ def stays_within(run: Run, i: int, size: float, w: float) -> bool:
     watch, value_before, value_after = run.watches[i], run.near_g[i], run.far_g[i]
     low, high = watch.low, watch.high
     if watch.flaw == SMOOTH and watch.down < 0.0 < watch.up:
-        low = max(
-            low, value_before + watch.down * ((value_before - value_after + watch.up * w) / (watch.up - watch.down))
-        )
-        high = min(
-            high, value_before + watch.up * ((value_after - value_before - watch.down * w) / (watch.up - watch.down))
-        )
+        low = max(low, tent_tip(value_before, value_after, watch.down, watch.up, w))
+        high = min(high, tent_tip(value_before, value_after, watch.up, watch.down, w))
     return -size <= low and high <= size
 
 
