@@ -61,7 +61,9 @@ def arguments(node: ast.ClassDef | ast.FunctionDef) -> set[str]:
 
 def documented_arguments(node: ast.AST) -> list[str]:
     """Return the names under `Parameters` in a docstring."""
-    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", ast.get_docstring(node) or "", re.DOTALL | re.MULTILINE)
+    section = re.search(
+        r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", ast.get_docstring(node) or "", re.DOTALL | re.MULTILINE
+    )
     heads = [line for line in section[1].splitlines() if line[:1].strip()] if section else []
     return [name.strip().lstrip("*") for head in heads for name in head.split(" : ")[0].split(",")]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from xdynamics.elementary import FUNCTIONS
 from xdynamics.elementary.bounds import BREAKS, SMOOTH, Interval
@@ -29,21 +29,19 @@ def undefined_reason(
     varies : callable
         Whether the number at a location depends on the start or on time.
     """
-    evaluation = _Evaluation(read)
-    tangents, results = Tangents(lambda location: _TANGENT if varies(location) else None), list[Operand]()
-    for line in lines:
-        if isinstance(line, StoreTo):
-            results.append(line.value)
-        elif isinstance(line, Load | Compute):
-            written = len(tangents.lines)
-            tangents.follow(line)
-            evaluation.compute(line, line)
-            for tangent_line in tangents.lines[written:]:
-                evaluation.compute(tangent_line, line)
-    for result in [*results, *map(tangents.tangent_of, results)]:
-        if evaluation.interval(result).flaw != SMOOTH:
-            return evaluation.words(str(result))
-    return ""
+    evaluation, tangents = _Evaluation(read), Tangents(lambda location: _TANGENT if varies(location) else None)
+    computed = [line for line in lines if isinstance(line, Load | Compute)]
+    results = [line.value for line in lines if isinstance(line, StoreTo)]
+    for line in computed:
+        evaluation.compute(line, line)
+    if reason := evaluation.reason(results):
+        return reason
+    for line in computed:
+        written = len(tangents.lines)
+        tangents.follow(line)
+        for tangent_line in tangents.lines[written:]:
+            evaluation.compute(tangent_line, line)
+    return evaluation.reason(map(tangents.tangent_of, results))
 
 
 class _Evaluation:
@@ -70,11 +68,18 @@ class _Evaluation:
         """Return the interval of a value, or of a number."""
         return self._intervals[operand] if isinstance(operand, str) else Interval(float(operand), float(operand))
 
-    def words(self, name: str) -> str:
+    def reason(self, results: Iterable[Operand]) -> str:
+        """Describe the operation that leaves one of some results undefined; empty if all are defined."""
+        for result in results:
+            if self.interval(result).flaw != SMOOTH:
+                return self._words(str(result))
+        return ""
+
+    def _words(self, name: str) -> str:
         """Describe the operation that leaves a value undefined: the first, whose operands are all defined."""
+        while (undefined := self._undefined_operand(self._lines[name][0])) is not None:
+            name = undefined
         line, origin = self._lines[name]
-        if (undefined := next(self._undefined_operands(line), None)) is not None:
-            return self.words(undefined)
         if isinstance(origin, Compute) and line.operation in COMPARED:
             line = origin  # the tangent of a function with a corner compares, to choose a side
         values = " and ".join(self._range_words(operand) for operand in line.arguments)
@@ -92,16 +97,17 @@ class _Evaluation:
         fault = "jumps" if self._intervals[line.target].flaw == BREAKS else "is not defined, or not finite,"
         return f"{line.operation} {fault} for some of the values {values}"
 
-    def _undefined_operands(self, line: Compute) -> Iterator[str]:
-        """Yield the operands that are undefined: of a choice its condition, if that is undecided, or what it chooses."""
+    def _undefined_operand(self, line: Compute) -> str | None:
+        """Return the first operand that is undefined: of a choice its condition, if that is undecided, or what it chooses."""
         operands = line.arguments
         if line.operation == "choose":
-            condition, *branches = operands
+            condition, chosen, other = operands
             low, high, _ = self.interval(condition)
-            operands = (condition,) if low < high else (branches[0] if low else branches[1],)
-        for operand in operands:
-            if isinstance(operand, str) and (self.interval(operand).flaw != SMOOTH or line.operation == "choose"):
-                yield operand
+            if low < high:
+                return str(condition)
+            operands = (chosen if low else other,)
+        computed = [operand for operand in operands if isinstance(operand, str) and operand in self._lines]
+        return next((operand for operand in computed if self._intervals[operand].flaw != SMOOTH), None)
 
     def _range_words(self, operand: Operand) -> str:
         low, high, _ = self.interval(operand)
