@@ -16,7 +16,8 @@ FORMER, FORMER_SCHEMAS = "xdynamics-1", 3  # and the latest of the schemas that 
 
 STEPS, TRIALS, EVENTS, SAMPLES, BOUNDS = "step", "trial", "event", "sample", "bound"
 HELD = "held"  # the role of what controllers hold between ticks
-OF_MOTION = ("coordinate", "velocity", "state", HELD)  # roles of what a march goes on from
+INTEGRATED = ("coordinate", "velocity", "state")  # roles of what steps integrate
+OF_MOTION = (*INTEGRATED, HELD)  # and of what a march goes on from: controllers hold values between ticks
 KINEMATIC = (*OF_MOTION, "acceleration")  # and of what states between rows are computed from
 DOCUMENT = "document"  # of size 1: texts along it are dragged along by no number
 CLOSED_LINKS = "closed"  # links of contacts of many bodies that are closed at an accepted state

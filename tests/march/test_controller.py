@@ -314,7 +314,7 @@ def power(method: Method, problem: str) -> float:
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 def test_errors_are_proportional_to_tolerances(method: Method) -> None:
     """Assert a power of 1 on five problems, and of order over k where an embedded estimate falls as h**k with k below the order."""
-    lower = method.estimate and not (method.stepper.inner or method.stepper.foresees)
+    lower = method.estimate and not (method.stepper.rtol_scaling or method.stepper.foresees)
     expected = method.order / (method.estimate_order + 1) if lower else 1.0
     found = {problem: power(method, problem) for problem in PROBLEMS}
     assert found == pytest.approx(dict.fromkeys(PROBLEMS, expected), abs=0.15)

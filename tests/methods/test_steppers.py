@@ -81,7 +81,11 @@ def test_equations_of_collocation() -> None:
 def test_what_a_march_asks(stepper: Stepper, asked: str, inner: Any, jacobians: Any, memory: bool) -> None:
     """Assert the programs that are written, and what a step keeps for the next one."""
     assert stepper.programs(Asked()) == asked
-    assert (stepper.inner and stepper.inner[0], stepper.jacobians, stepper.has_memory) == (inner, jacobians, memory)
+    assert (stepper.rtol_scaling and stepper.rtol_scaling[0], stepper.jacobians, stepper.has_memory) == (
+        inner,
+        jacobians,
+        memory,
+    )
     assert stepper.locates is (asked != "lines" or stepper is LINES)
 
 

@@ -24,7 +24,7 @@ from xdynamics.kernels.layout import layout_of
 from xdynamics.model import Model
 from xdynamics.record import unfolding
 from xdynamics.runtime.lazy_imports import cached_property
-from xdynamics.schema import STEP_NUMBER, STEPS
+from xdynamics.schema import INTEGRATED, STEP_NUMBER, STEPS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -228,7 +228,7 @@ class _Column:
 Floats = NDArray[np.float64]
 Functions = Any
 
-KEPT_ROLES = ("coordinate", "velocity", "state", "energy", "observable")  # columns that are looked at more than once
+KEPT_ROLES = (*INTEGRATED, "energy", "observable")  # columns that are looked at more than once
 
 
 class Chunks(StoredColumns):

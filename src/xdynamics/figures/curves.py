@@ -30,7 +30,7 @@ from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
 from xdynamics.runtime.lazy_imports import cached_property
-from xdynamics.schema import HELD, STEPS, acceleration, rate, velocity
+from xdynamics.schema import HELD, INTEGRATED, STEPS, acceleration, rate, velocity
 from xdynamics.shapes import split_element_name
 from xdynamics.units import parse_unit
 
@@ -249,7 +249,6 @@ MET = 1e-3  # of a range: how close a repeated step must come to the row that it
 ROUNDING = 1e-12  # of what a step adds: what is held at rest has no range but rounding
 ENERGY_CHANGES = "energy_changes"  # of an excerpt, which lacks rows: in its encoding
 AGREED = 1e-6  # of the largest value: so near what is evaluated is to what was recorded
-STATES = ("coordinate", "velocity", "state")  # roles
 EVALUATED = ("energy", "observable", "force", "acceleration", "rate", REACTION, "multiplier", "joint", "gap")
 
 
@@ -433,7 +432,7 @@ def _inner_points(run: xr.Dataset) -> InnerStates | None:
         return None
     if (states := _repeat_steps(run, times, rows)) is not None:
         return InnerStates(times, rows, states, is_repeated=True)
-    state_names = [name for name in with_role(run, *STATES) if run.variables[name].dims == (STEPS,)]
+    state_names = [name for name in with_role(run, *INTEGRATED) if run.variables[name].dims == (STEPS,)]
     model, work = known_model(run), _numbers_per_energy(run) * run.sizes[STEPS]
     derived = {} if model is None or work > RATES_WORK else state_derivatives(run, model)
     column_names = {*map(str, run.variables), *derived}

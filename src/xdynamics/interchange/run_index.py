@@ -22,7 +22,7 @@ from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.schemas import is_evidence, kind_description
 from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.lazy_imports import load_dask_whole
-from xdynamics.schema import EVENTS, ROOT_DIGEST, STEPS
+from xdynamics.schema import EVENTS, INTEGRATED, ROOT_DIGEST, STEPS
 from xdynamics.sweeping.kept_quantities import (
     AFTER,
     BEFORE,
@@ -47,7 +47,6 @@ SETTINGS = {
     "step": "step",
     "until": "time up to which it was asked for",
 }
-STATES = ("coordinate", "velocity", "state")
 Functions = Mapping[str, Callable[..., float]]
 
 
@@ -309,7 +308,7 @@ class _RunNumbers:
     @property
     def ends(self) -> list[str]:
         """The words of the last states."""
-        states = [name for name in self.along if self.run[name].attrs.get("role") in STATES]
+        states = [name for name in self.along if self.run[name].attrs.get("role") in INTEGRATED]
         return [f"end_{name}" for name in ("time", *states)]
 
     @property

@@ -16,10 +16,9 @@ from xdynamics.evidence.sampling import sample
 from xdynamics.faults import InputError
 from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.named_rows import rows_of_events
-from xdynamics.schema import AT, EVENTS, STEPS
+from xdynamics.schema import AT, EVENTS, INTEGRATED, STEPS
 
 Floats = NDArray[np.float64]
-OF_MOTION = ("coordinate", "velocity", "state")
 COMPLETED, STOPPED, FAILED = 0, 1, -1
 OUTCOMES = {"completed": COMPLETED, "stopped_by_event": STOPPED}
 SPACINGS = 16.0  # of the span's largest time, up to which a time beyond an end is that end
@@ -82,7 +81,7 @@ def solution(run: xr.Dataset) -> Solution:
     names = [
         str(name)
         for name, variable in run.data_vars.items()
-        if variable.dims[:1] == (row_dim,) and variable.attrs.get("role") in OF_MOTION
+        if variable.dims[:1] == (row_dim,) and variable.attrs.get("role") in INTEGRATED
     ]
     if times not in run.variables or not names:
         raise InputError("the Dataset is no run record, nor the states of one at chosen times")

@@ -119,7 +119,7 @@ def impulse_programs(layout: Layout) -> tuple[Program, ...]:
     The time of `y` is `t`, that of `z` is `t1`; `e` has whether it goes on, turns made, and how far positions went.
     """
     model = layout.model
-    if not model.constraints or layout.scheme is None or not layout.scheme.method.kept:
+    if not model.constraints or layout.scheme is None or not layout.scheme.method.constrained_update:
         return ()
     ahead = write_assignments(layout, (), state="z", time="t1", prefix="_z")
     excess: Operand = 0.0

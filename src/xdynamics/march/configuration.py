@@ -340,6 +340,6 @@ def _switch_treatment(model: Model, choice: str | None) -> str:
 
 def _default_summation(method: Method, model: Model, precision: str | None) -> str:
     """Return the default summation: compensated where rounding remains of the error, in long or tight runs."""
-    if precision == DOUBLE_DOUBLE or (model.constraints and method.kept):
+    if precision == DOUBLE_DOUBLE or (model.constraints and method.constrained_update):
         return PLAIN
     return COMPENSATED if (method.symplectic or method.stepper.compensates) and updates(method) else PLAIN

@@ -190,8 +190,8 @@ def march_plan(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "end": end,
         "snap": 4.0 * EPS,
         "step_size": 0.0 if adaptive else single,
-        "rtol": scheme.inner(tolerances.rtol) if tolerances else 0.0,
-        "floor": floor_of(scheme.inner(tolerances.rtol), UNIT_OF[scheme.precision]) if tolerances else 0.0,
+        "rtol": scheme.effective_rtol(tolerances.rtol) if tolerances else 0.0,
+        "floor": floor_of(scheme.effective_rtol(tolerances.rtol), UNIT_OF[scheme.precision]) if tolerances else 0.0,
         "rest": 0.0,  # known with the nodes
         "rounding": ROUNDED * UNIT_OF[scheme.precision] if _weighs(settings, law) else 0.0,
         "order": scheme.error_order,
@@ -288,7 +288,7 @@ def floor_of(rtol: float, unit: float = EPS) -> float:
 
 def widened(law: Law, rtol: float) -> float:
     """Return the factor on absolute tolerances that keeps their ratio to the relative one."""
-    return law.scheme.inner(rtol) / rtol
+    return law.scheme.effective_rtol(rtol) / rtol
 
 
 def table_nodes(model: Model, scales: Scales) -> Floats:

@@ -536,7 +536,7 @@ class Settings:
 
     def _inner_faults(self, rtol: float) -> list[str]:
         """Refuse a relative tolerance that step control could not keep: that of a step would be below rounding."""
-        used = self.scheme.inner(rtol) if self.estimator in ESTIMATORS else rtol
+        used = self.scheme.effective_rtol(rtol) if self.estimator in ESTIMATORS else rtol
         if used >= least_rtol(self.precision):
             return []
         lowest_rtol = least_rtol(self.precision) ** (self.method.order / self.scheme.error_order)

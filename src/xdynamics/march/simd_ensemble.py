@@ -77,7 +77,7 @@ def inputs_of_runs(
         elif kind == "step":
             plans["first_step" if settings.adaptive else "step_size"] = values / scales.si_factor(TIME)
         elif settings.tolerances is not None:
-            plans["rtol"] = [law.scheme.inner(value) for value in values.tolist()]
+            plans["rtol"] = [law.scheme.effective_rtol(value) for value in values.tolist()]
             factors = np.array([widened(law, value) for value in values.tolist()])
             plans["floor"] = [floor_of(rtol) for rtol in plans["rtol"].tolist()]
             for i, used in enumerate(layout.used):

@@ -23,12 +23,12 @@ class Composition(TypedDict):
     """The lines of a composition, for models without constraints and with them."""
 
     update: str
-    kept: str
+    constrained_update: str
 
 
 def composed(text: str) -> Composition:
     """Write rows of ``kick`` and ``drift`` coefficients as lines, for models without constraints and with them."""
-    return {"update": update_of(text), "kept": update_of(text, keeping=True)}
+    return {"update": update_of(text), "constrained_update": update_of(text, keeping=True)}
 
 
 def update_of(text: str, *, keeping: bool = False) -> str:

@@ -34,7 +34,7 @@ EULER_CROMER = Method(
         x1 = x + h*r
         a1, r1 = f(t1, q1, v1, x1)
     """,
-    kept="""
+    constrained_update="""
         v1 = v + h*a
         q1 = q + h*v1
         keep q1, v1 at t1 over h

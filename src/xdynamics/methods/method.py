@@ -112,7 +112,7 @@ class Method:
         How its steps are made.
     symmetric : bool
         Whether a step of size -h undoes one of size h: the method is its own adjoint, impacts aside (Hairer, Lubich, Wanner, section V.1).
-    kept : str
+    constrained_update : str
         The update for models with constraints, where it has impulses of constraints in it: by them a symplectic method
         stays symplectic. Otherwise the update itself, with accelerations that obey the constraints.
     """
@@ -131,7 +131,7 @@ class Method:
     interpolant: Interpolant = HERMITE
     symmetric: bool = False
     stepper: Stepper = LINES
-    kept: str = ""
+    constrained_update: str = ""
 
     @cached_property
     def statements(self) -> tuple[Line, ...]:
@@ -140,7 +140,7 @@ class Method:
 
     def lines(self, model: Model) -> tuple[Line, ...]:
         """Return the lines of a step of a model."""
-        return read_lines(self.kept) if model.constraints and self.kept else self.statements
+        return read_lines(self.constrained_update) if model.constraints and self.constrained_update else self.statements
 
     @property
     def solves(self) -> tuple[Solve, ...]:
@@ -154,8 +154,8 @@ class Method:
 
     def equations(self, model: Model | None = None) -> str:
         """Return the update equations as one line, with the vectors that a model has."""
-        keeps = model is not None and bool(model.constraints) and bool(self.kept)
-        return printed_lines(self.kept if keeps else self.update, model)
+        keeps = model is not None and bool(model.constraints) and bool(self.constrained_update)
+        return printed_lines(self.constrained_update if keeps else self.update, model)
 
     @property
     def has_orders(self) -> bool:

@@ -78,7 +78,7 @@ SHARED_IMPULSES = (
     "re-integration: the run's own step from the accepted state before, without contacts and shortened to end at the"
     " instant; of the impulses of the whole step the share of its time that has passed"
 )
-INNER_NORM = (
+SCALED_RTOL = (
     "with {} in the place of rtol, and atol in the same ratio to it, so that the error at the end of a run is"
     " proportional to the tolerances"
 )
@@ -140,7 +140,7 @@ class Scheme:
         """How the next step is chosen, in words."""
         return self.method.stepper.controller if self.estimator == EMBEDDED else CONTROLLER
 
-    def inner(self, rtol: float) -> float:
+    def effective_rtol(self, rtol: float) -> float:
         """Return the relative tolerance that steps are judged by.
 
         An estimate of order h**k within tol makes steps of tol**(1/k), with a global error of h**p, p the order of the
@@ -148,21 +148,21 @@ class Scheme:
         tol**(k/p) in place of tol makes it proportional to tol; likewise for RADAU5, whose estimate is of order h**4.
         Decimal arithmetic gives the power the same digits on every machine.
         """
-        if self.estimator == EMBEDDED and self.method.stepper.inner:
-            factor, power = self.method.stepper.inner
+        if self.estimator == EMBEDDED and self.method.stepper.rtol_scaling:
+            factor, power = self.method.stepper.rtol_scaling
             return factor * float(Decimal(rtol) ** power)
         if self.estimator == STEP_DOUBLING:
             return float(Decimal(rtol) ** (Decimal(self.error_order) / self.method.order))
         return rtol
 
     @property
-    def inner_norm(self) -> str:
-        """The effect of `inner` in words; empty if it has none."""
-        if self.estimator == EMBEDDED and self.method.stepper.inner:
-            factor, power = self.method.stepper.inner
-            return INNER_NORM.format(f"{factor}*rtol**({Fraction(power)})")
+    def effective_rtol_text(self) -> str:
+        """The effect of `effective_rtol` in words; empty if it has none."""
+        if self.estimator == EMBEDDED and self.method.stepper.rtol_scaling:
+            factor, power = self.method.stepper.rtol_scaling
+            return SCALED_RTOL.format(f"{factor}*rtol**({Fraction(power)})")
         if self.estimator == STEP_DOUBLING:
-            return INNER_NORM.format(f"rtol**({self.error_order}/{self.method.order})")
+            return SCALED_RTOL.format(f"rtol**({self.error_order}/{self.method.order})")
         return ""
 
     @property

@@ -61,7 +61,7 @@ class Stepper:
         Whether a step is chosen by what is known at its start; otherwise by the one before it.
     compensates : bool
         Whether rounding errors of the state are carried along unless something else is asked for.
-    inner : (float, Decimal) or None
+    rtol_scaling : (float, Decimal) or None
         Factor and power of the relative tolerance that steps are judged by then, where it is not that of the run.
     """
 
@@ -71,7 +71,7 @@ class Stepper:
     controller: ClassVar[str] = CONTROLLER
     foresees: ClassVar[bool] = False
     compensates: ClassVar[bool] = False
-    inner: ClassVar[tuple[float, Decimal] | None] = None
+    rtol_scaling: ClassVar[tuple[float, Decimal] | None] = None
 
     def programs(self, writer: StepWriter[Programs_co]) -> Programs_co:
         """Return the programs of a step."""
@@ -171,7 +171,7 @@ class Collocation(Stepper):
         " 0.001, for the sake of what is kept (Hairer, Wanner, Solving ODEs II, IV.8; Gustafsson 1994,"
         " doi:10.1145/198429.198437)"
     )
-    inner: ClassVar[tuple[float, Decimal] | None] = (0.1, Decimal("0.8"))
+    rtol_scaling: ClassVar[tuple[float, Decimal] | None] = (0.1, Decimal("0.8"))
 
     @property
     def template(self) -> str:

@@ -17,7 +17,7 @@ VELOCITY_VERLET = Method(
         v1 = v + h/2*(a + a1)
         x1 = x + h/2*(r + r1)
     """,
-    kept=update_of(
+    constrained_update=update_of(
         """
         kick   1/2  1/2
         drift   1

@@ -66,7 +66,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class About:
+class ColumnContext:
     """The layout, settings and units on which the columns of a march depend.
 
     Attributes
@@ -87,7 +87,7 @@ class About:
     located: bool = True
 
     @classmethod
-    def for_settings(cls, layout: Layout, settings: Settings, *, samples: bool = False) -> About:
+    def for_settings(cls, layout: Layout, settings: Settings, *, samples: bool = False) -> ColumnContext:
         """Return the layout, settings and units for the columns of a march with these settings."""
         return cls(layout, settings.scales, settings.tolerances, samples, settings.method.stepper.locates)
 
@@ -110,7 +110,7 @@ class About:
 class Units:
     """The unit that each quantity of a model is reported in, and the factor from internal numbers to it."""
 
-    def __init__(self, about: About) -> None:
+    def __init__(self, about: ColumnContext) -> None:
         self.about = about
         self.scales = about.scales
         self.time = self.scales.si_factor(TIME)
@@ -226,7 +226,7 @@ def multiply_values(values: Array, factor: float) -> Array:
     return scaled
 
 
-def rest_column(about: About, number_quantity: Quantity, rest_quantity: Quantity) -> Column:
+def rest_column(about: ColumnContext, number_quantity: Quantity, rest_quantity: Quantity) -> Column:
     """Return the column of the rest of a number beside its recorded float."""
     unit, rows = (
         about.units.known[number_quantity.name],
@@ -261,7 +261,7 @@ def effort_columns(layout: Layout) -> list[Column]:
     return collected
 
 
-def of_first_order(about: About) -> Iterator[tuple[Quantity, str]]:
+def of_first_order(about: ColumnContext) -> Iterator[tuple[Quantity, str]]:
     """Yield first-order states and their rates with long names; states of controllers have a role and no rate."""
     layout, model = about.layout, about.model
     held_states = controller_states(model.elements.controllers, model.time_unit)
@@ -274,7 +274,7 @@ def of_first_order(about: About) -> Iterator[tuple[Quantity, str]]:
             yield rate, f"rate of {state.name}"
 
 
-def of_constraints(about: About) -> Iterator[Column]:
+def of_constraints(about: ColumnContext) -> Iterator[Column]:
     """Yield the columns of constraints along the steps."""
     layout, units, model = about.layout, about.units, about.model
     computed, first = {block.name: block for block in layout.computed.blocks}, 0
@@ -300,7 +300,7 @@ def of_constraints(about: About) -> Iterator[Column]:
         yield Column(PROJECTION, take_row(layout.row.offset_of(PROJECTION.name), 1.0))
 
 
-def _of_joints(about: About, computed: Mapping[str, Quantity]) -> Iterator[Column]:
+def _of_joints(about: ColumnContext, computed: Mapping[str, Quantity]) -> Iterator[Column]:
     """Yield the columns of the force and the torque in each joint, along the axes of space."""
     for name, joint in about.model.joints.items():
         first, second = joint.bodies
@@ -314,7 +314,7 @@ def _of_joints(about: About, computed: Mapping[str, Quantity]) -> Iterator[Colum
 
 
 def row_column(
-    about: About, quantity: Quantity, unit: Unit, long_name: str, role: str, more: Mapping[str, Any]
+    about: ColumnContext, quantity: Quantity, unit: Unit, long_name: str, role: str, more: Mapping[str, Any]
 ) -> Column:
     """Return the column of a quantity of the logged rows."""
     variable = Variable(quantity.name, (STEPS, *quantity.dims), "f8", unit.text, long_name, role, dict(more))
@@ -336,7 +336,7 @@ def shapes_with_switches(model: Model) -> Shapes:
     return replace(model.shapes, dims={**model.shapes.dims, **dims, **sides}) if dims else model.shapes
 
 
-def side_columns(about: About) -> list[Column]:
+def side_columns(about: ColumnContext) -> list[Column]:
     """Return the side of each located switch for every row; for the points of a table, the piece between them."""
     # before them in a row's flags stand its kind, its regime and the state of each reaction
     collected, places, flag_row = [], {}, 2 + about.layout.reactions.size
@@ -376,7 +376,9 @@ def _piece_taker(first: int) -> Callable[[LogBlock], Array]:
     return take_piece
 
 
-def _side_taker(about: About, switch: Switch, flag_row: int, places: Mapping[Node, int]) -> Callable[[LogBlock], Array]:
+def _side_taker(
+    about: ColumnContext, switch: Switch, flag_row: int, places: Mapping[Node, int]
+) -> Callable[[LogBlock], Array]:
     """Return a function from a block to the side of a switch; 0 where enclosing `where`s select other branches."""
     if not switch.nested:
         return lambda block: block.log.flags[flag_row, : block.rows]

@@ -33,8 +33,8 @@ from xdynamics.model.detectors import (
 from xdynamics.model.elementwise import own_mass
 from xdynamics.model.parts import Contact, Event, Friction
 from xdynamics.record.column import (
-    About,
     Column,
+    ColumnContext,
     multiply_values,
     shapes_with_switches,
     take_event_field,
@@ -54,7 +54,7 @@ NO_DETECTOR = "none"  # the only word of a model without events
 TIME_LEAVES = "none, what the time tolerance leaves"
 
 
-def event_columns(about: About) -> list[Column]:
+def event_columns(about: ColumnContext) -> list[Column]:
     """Return every variable along the events."""
     time = about.units.time
 
@@ -110,7 +110,7 @@ def _combined_places(first_column: Column, second_column: Column) -> Column:
     return Column(first_column.variable, take_places)
 
 
-def _detector_column(about: About) -> Column:
+def _detector_column(about: ColumnContext) -> Column:
     """Return which event function passed zero, with the rule of each."""
     names = labels(about.layout.watched)
     number, dtype = {name: i for i, name in enumerate(names)}, "i1" if len(names) <= MOST_FLAGS else "i4"
@@ -120,7 +120,7 @@ def _detector_column(about: About) -> Column:
     return Column(detector, lambda block: owners[block.log.events["detector"][: block.events]])
 
 
-def _impact_columns(about: About) -> list[Column]:
+def _impact_columns(about: ColumnContext) -> list[Column]:
     """Return impulses, shifts of coordinates, and the energy that impacts took."""
     model, collected = about.model, list[Column]()
     if model.assemblies and not about.layout.resets:
@@ -164,7 +164,7 @@ def _impact_columns(about: About) -> list[Column]:
     return collected
 
 
-def _impulse_taker(about: About, coordinate: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
+def _impulse_taker(about: ColumnContext, coordinate: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
     """Return a function from a block to impulses along a coordinate; zeros without contacts."""
     if not about.layout.reactions:
         return _zero_taker(coordinate.shape)
@@ -173,7 +173,7 @@ def _impulse_taker(about: About, coordinate: Quantity, unit: Unit) -> Callable[[
     )
 
 
-def _offset_taker(about: About, coordinate: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
+def _offset_taker(about: ColumnContext, coordinate: Quantity, unit: Unit) -> Callable[[LogBlock], Array]:
     """Return a function from a block to shifts of a coordinate; zeros without resets of it and without contacts."""
     layout = about.layout
     if not (layout.reactions or layout.resets):
@@ -200,7 +200,7 @@ def _bracket_taker(factor: float) -> Callable[[LogBlock], Array]:
     return take_bracket
 
 
-def _residual_taker(about: About) -> Callable[[LogBlock], Array]:
+def _residual_taker(about: ColumnContext) -> Callable[[LogBlock], Array]:
     factor = about.units.time
 
     def take_residual_part(block: LogBlock) -> Array:
@@ -221,7 +221,7 @@ def _residual_taker(about: About) -> Callable[[LogBlock], Array]:
     return take_residual_part
 
 
-def _detector_attributes(about: About) -> dict[str, str]:
+def _detector_attributes(about: ColumnContext) -> dict[str, str]:
     """Describe every event by its function, direction, action and tolerances, contacts and friction by their rules."""
     shaped = about.model.statement
     elements: dict[str, Mapping[str, Any]] = {
@@ -305,7 +305,7 @@ _WATCHED = {
 }
 
 
-def _function_columns(about: About) -> list[Column]:
+def _function_columns(about: ColumnContext) -> list[Column]:
     """Return the event functions at the accepted states with their uncertainties; several units are listed in a comment."""
     model, scales = about.model, about.scales
     watched = about.layout.watched
@@ -352,7 +352,7 @@ def _function_columns(about: About) -> list[Column]:
     ]
 
 
-def _position_columns(about: About) -> list[Column]:
+def _position_columns(about: ColumnContext) -> list[Column]:
     """Return, for every event with a position tolerance, whether it is met."""
     watched = about.layout.watched
     if all(detector.position_tolerance is None for detector in watched):
@@ -382,7 +382,7 @@ def _position_columns(about: About) -> list[Column]:
     return [Column(Variable("event_position", (EVENTS,), "i1", "1", long_name, "flag", extra), take_positions)]
 
 
-def _observable_columns(about: About, uncertainty: Callable[[LogBlock], Array]) -> list[Column]:
+def _observable_columns(about: ColumnContext, uncertainty: Callable[[LogBlock], Array]) -> list[Column]:
     """Return the observables at the accepted states, and their uncertainty due to that of the event's time."""
     units, layout, collected = about.units, about.layout, []
     rates = {block.name for block in layout.followed.blocks}
@@ -425,7 +425,7 @@ def _unit_text(dimension: Dimension) -> str:
         return "1"
 
 
-def _impulse_unit(about: About, coordinate: Quantity) -> Unit:
+def _impulse_unit(about: ColumnContext, coordinate: Quantity) -> Unit:
     """Return the unit of an impulse along a coordinate."""
     model, first_index = about.model, about.layout.coordinates.offset_of(coordinate.name)
     mass = dimension_of(own_mass(model.elements.mass, first_index), model.elements.dimensions)

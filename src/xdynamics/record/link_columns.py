@@ -28,7 +28,7 @@ from xdynamics.model.assemblies import SECOND, Assembly, assemblies, impulse_qua
 from xdynamics.model.detectors import LINKS
 from xdynamics.model.reactions import NORMAL, reactions
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
-from xdynamics.record.column import About, Column, multiply_values
+from xdynamics.record.column import Column, ColumnContext, multiply_values
 from xdynamics.record.folded_columns import element_at, place_variable
 from xdynamics.shapes import Shapes
 from xdynamics.units import TIME, Unit, constant, spell
@@ -100,7 +100,7 @@ class ClosedLinks:
         return lambda block: self.rows(block)[row] * np.array(factors)[self.contact_numbers(block)]
 
 
-def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
+def closed_link_columns(about: ColumnContext, links: ClosedLinks) -> list[Column]:
     """Return the columns of closed links: row, contact, link, elements, gap and force."""
     words = schema.flag_attributes({c: contact.name for c, contact in enumerate(links.contacts)}, "i4")
     contact = replace(_link_variable("contact", "i4", "1", "contact of the link"), role="flag", more=words)
@@ -131,7 +131,7 @@ def closed_link_columns(about: About, links: ClosedLinks) -> list[Column]:
     return [*collected, *_number_columns(about, links)]
 
 
-def _number_columns(about: About, links: ClosedLinks) -> Iterator[Column]:
+def _number_columns(about: ColumnContext, links: ClosedLinks) -> Iterator[Column]:
     """Yield the gaps and forces of closed links; where units differ, with that of each contact."""
     every, when = links.contacts, about.when_forces_act
     gap_words = (
@@ -226,7 +226,7 @@ def units_of_friction(every: Sequence[Assembly]) -> list[Unit]:
     return [shared if unit is None else unit for unit in units]
 
 
-def assembly_columns(about: About) -> list[Column]:
+def assembly_columns(about: ColumnContext) -> list[Column]:
     """Return the columns of impacts of many links; none without such contacts."""
     if not about.model.assemblies:
         return []
@@ -234,7 +234,7 @@ def assembly_columns(about: About) -> list[Column]:
     return [*_impact_places(about), *_impulses(about), *closed_link_columns(about, links), *_body_columns(about)]
 
 
-def _body_columns(about: About) -> list[Column]:
+def _body_columns(about: ColumnContext) -> list[Column]:
     """Return gaps and forces of contacts that are of bodies, not of pairs of them: for every body, no force where it is open."""
     model, every = about.model, assemblies(about.model)
     begins = np.cumsum([0, *(assembly.links for assembly in every)])
@@ -277,7 +277,9 @@ def _link_values(row: int, factor: float, begin: int, shape: tuple[int, ...]) ->
     return take_links
 
 
-def _link_gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, ...]) -> Callable[[LogBlock], Array]:
+def _link_gaps(
+    about: ColumnContext, assembly: Assembly, unit: Unit, shape: tuple[int, ...]
+) -> Callable[[LogBlock], Array]:
     """Return a function from a block to the gaps of a contact's links, computed from the coordinates of each row."""
     model, links = assembly.model, np.arange(assembly.links)
     tree, link_ends, numbers = (
@@ -316,7 +318,7 @@ def _link_gaps(about: About, assembly: Assembly, unit: Unit, shape: tuple[int, .
     return take_gaps
 
 
-def _impact_places(about: About) -> list[Column]:
+def _impact_places(about: ColumnContext) -> list[Column]:
     """Return the link of each impact along every dimension, and the elements at its ends."""
     return [
         Column(
@@ -327,7 +329,9 @@ def _impact_places(about: About) -> list[Column]:
     ]
 
 
-def _impact_numbers(about: About, dim: str, find: Callable[[Assembly, Array], Array]) -> Callable[[LogBlock], Array]:
+def _impact_numbers(
+    about: ColumnContext, dim: str, find: Callable[[Assembly, Array], Array]
+) -> Callable[[LogBlock], Array]:
     """Return a function from a block to a number of each impact's link, for contacts along a dimension."""
     owners = {assembly.name: assembly for assembly in assemblies(about.model) if dim in assembly.dims}
     watched = [(i, owners.get(block.name)) for i, block in enumerate(about.layout.watched) if block.role == LINKS]
@@ -397,7 +401,7 @@ def impulses_of(every: Sequence[Assembly]) -> Iterator[Impulse]:
                 yield Impulse(name, body, k, shapes.shape(further_dims), unit, variable)
 
 
-def _impulses(about: About) -> list[Column]:
+def _impulses(about: ColumnContext) -> list[Column]:
     """Return the impulse on the bodies at both ends of the link that was struck, and the energy that was lost."""
     collected, impulses = list[Column](), [*impulses_of(assemblies(about.model))]
     sizes = {impulse.quantity: int(np.prod(impulse.shape, dtype=int)) for impulse in impulses}
@@ -413,7 +417,7 @@ def _impulses(about: About) -> list[Column]:
     return [*collected, *_impact_losses(about, 2 * width, last.unit, speed)]
 
 
-def _impact_losses(about: About, row: int, impulse: Unit, speed: Any) -> list[Column]:
+def _impact_losses(about: ColumnContext, row: int, impulse: Unit, speed: Any) -> list[Column]:
     """Return the energy that impacts took, and the residual of the equations of those that were at one time."""
     energy = spell(impulse.dimension * speed)
     first = next(iter(about.model.assemblies.values()))
@@ -461,7 +465,7 @@ def impact_laws(model: Model) -> dict[str, str]:
 FLAGS_BEFORE = 2  # of a row: its kind and its regime
 
 
-def written_link_columns(about: About) -> list[Column]:
+def written_link_columns(about: ColumnContext) -> list[Column]:
     """Return impulses on both bodies of links, and the links that are closed, of a model with a contact over a relation."""
     every = written_assemblies(about.model)
     if not every:
@@ -478,7 +482,7 @@ def _link_names(contact: Assembly) -> list[str]:
     return contact.model.shapes.elements(contact.name)
 
 
-def _closed_link_taker(about: About, every: Sequence[Assembly]) -> Callable[[LogBlock], Array]:
+def _closed_link_taker(about: ColumnContext, every: Sequence[Assembly]) -> Callable[[LogBlock], Array]:
     """Return a function from a block to closed links: row, link, gap, force, an unused line, friction force."""
     links = [name for contact in every for name in _link_names(contact)]
     number = {reaction.owner: k for k, reaction in enumerate(reactions(about.model)) if reaction.sort == NORMAL}
@@ -509,7 +513,9 @@ def _closed_link_taker(about: About, every: Sequence[Assembly]) -> Callable[[Log
     return take_links
 
 
-def _body_impulse_taker(about: About, every: Sequence[Assembly], impulse: Impulse) -> Callable[[LogBlock], Array]:
+def _body_impulse_taker(
+    about: ColumnContext, every: Sequence[Assembly], impulse: Impulse
+) -> Callable[[LogBlock], Array]:
     """Return a function from a block to the impulse on the body at one end of each event's link."""
     shapes = about.model.shapes
     dims = shapes.dims.get(impulse.quantity, ())
@@ -530,7 +536,7 @@ def _body_impulse_taker(about: About, every: Sequence[Assembly], impulse: Impuls
     return take_impulse
 
 
-def _bodies_of_detectors(about: About, every: Sequence[Assembly], impulse: Impulse) -> Array:
+def _bodies_of_detectors(about: ColumnContext, every: Sequence[Assembly], impulse: Impulse) -> Array:
     """Return the body at one end of the link of each detector, -1 where it is of none."""
     body_by_detector: dict[str, int] = {}
     for contact in every:

@@ -422,8 +422,8 @@ def _error_attributes(march: March) -> dict[str, Any]:
         scheme, rtol = settings.scheme, settings.tolerances.rtol
         reported |= {
             "solver_rtol": rtol,
-            "solver_rtol_used": scheme.inner(rtol),
-            "solver_error_norm": "; ".join(filter(None, [ERROR_NORM, scheme.inner_norm])),
+            "solver_rtol_used": scheme.effective_rtol(rtol),
+            "solver_error_norm": "; ".join(filter(None, [ERROR_NORM, scheme.effective_rtol_text])),
         }
         if march.run.plan[0].follows:
             reported["solver_atol_rule"] = ATOL_RULE
@@ -436,7 +436,7 @@ def _constraint_attributes(march: March) -> dict[str, Any]:
     """Describe how constraints were satisfied: by impulses of the method, or by projection after each step."""
     if not march.model.constraints:
         return {}
-    words = KEPT_BY_IMPULSES if march.settings.method.kept else KEPT_BY_PROJECTION
+    words = KEPT_BY_IMPULSES if march.settings.method.constrained_update else KEPT_BY_PROJECTION
     return {"solver_constraints": words, "solver_constraint_tolerance": CONSTRAINT_TOLERANCE}
 
 

@@ -21,8 +21,8 @@ from xdynamics.model.assemblies import assemblies
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
 from xdynamics.record.column import (
-    About,
     Column,
+    ColumnContext,
     effort_columns,
     of_constraints,
     of_first_order,
@@ -68,7 +68,7 @@ OF_STATES = (*schema.OF_MOTION, "error")
 def columns(march: March) -> list[Column]:
     """Return every variable with a dimension, in the order of the record."""
     settings, model = march.settings, march.layout.model
-    about = About.for_settings(march.layout, settings, samples=settings.samples)
+    about = ColumnContext.for_settings(march.layout, settings, samples=settings.samples)
     available = [*_all_columns(about), *written_link_columns(about)]
     if settings.log == FULL:
         return available
@@ -119,17 +119,17 @@ def _is_logged(march: March, quantity: Quantity) -> NDArray[np.bool_]:
 
 def unsampled_columns(layout: Layout, settings: Settings) -> list[Column]:
     """Return the columns of a march that keeps no force samples, one for each element."""
-    return split_columns(_all_columns(About.for_settings(layout, settings)), layout.model.shapes)
+    return split_columns(_all_columns(ColumnContext.for_settings(layout, settings)), layout.model.shapes)
 
 
 def named_columns(layout: Layout, settings: Settings) -> NamedColumns:
     """Return all columns of a layout and settings by name, of quantities and of elements."""
-    about = About.for_settings(layout, settings)
+    about = ColumnContext.for_settings(layout, settings)
     return NamedColumns(_all_columns(about), layout.model.shapes)
 
 
 @lru_cache(maxsize=64)
-def _all_columns(about: About) -> list[Column]:
+def _all_columns(about: ColumnContext) -> list[Column]:
     collected = [
         *_step_columns(about),
         *_trial_columns(about),
@@ -170,7 +170,7 @@ def factors(layout: Layout, scales: Scales) -> Array:
     )
 
 
-def _step_columns(about: About) -> list[Column]:
+def _step_columns(about: ColumnContext) -> list[Column]:
     units, layout, model = about.units, about.layout, about.model
     collected = [Column(step, take_row(layout.row.offset_of(step.name), units.time)) for step in schema.FIXED_STEPS[:2]]
     collected.append(Column(schema.FIXED_STEPS[2], lambda block: block.log.flags[0, : block.rows]))
@@ -220,7 +220,7 @@ def _step_columns(about: About) -> list[Column]:
     return collected + effort_columns(layout)
 
 
-def _regime_column(about: About) -> Column:
+def _regime_column(about: ColumnContext) -> Column:
     """Return the regime of every row, with the forces of each."""
     model = about.model
     regime = Variable(
@@ -235,7 +235,7 @@ def _regime_column(about: About) -> Column:
     return Column(regime, lambda block: block.log.flags[1, : block.rows])
 
 
-def _long_name(about: About, reaction: Reaction) -> str:
+def _long_name(about: ColumnContext, reaction: Reaction) -> str:
     """Describe a reaction: its positive direction, when it acts, and where it is 0."""
     owner, when = quantity_of(reaction.owner), about.when_forces_act
     if reaction.sort == NORMAL:
@@ -278,7 +278,7 @@ def state_names(model: Model, *, by_element: bool = False) -> tuple[str, ...]:
     return tuple(names) if by_element else quantity_names(names)
 
 
-def _state_of(about: About, reaction: Reaction, dims: tuple[str, ...]) -> Variable:
+def _state_of(about: ColumnContext, reaction: Reaction, dims: tuple[str, ...]) -> Variable:
     """Return the variable for the state of a contact or friction."""
     words: tuple[str, ...] = schema.FRICTION_STATES
     name, owner = quantity_of(state_name(reaction)), quantity_of(reaction.owner)
@@ -306,7 +306,7 @@ def _flag_taker(first: int, shape: tuple[int, ...]) -> Callable[[LogBlock], Arra
     return lambda block: block.log.flags[first : first + math.prod(shape), : block.rows].T.reshape(-1, *shape)
 
 
-def _tolerance_attributes(about: About, quantity: Quantity, unit: Unit) -> dict[str, Any]:
+def _tolerance_attributes(about: ColumnContext, quantity: Quantity, unit: Unit) -> dict[str, Any]:
     """Return the absolute tolerances given for a quantity, in its unit and, exactly, in SI."""
     if about.tolerances is None:
         return {}
@@ -364,7 +364,7 @@ def _forces_by_regime(model: Model) -> dict[str, str]:
     return {"forces": acting} if acting else {}
 
 
-def _trial_columns(about: About) -> list[Column]:
+def _trial_columns(about: ColumnContext) -> list[Column]:
     time = about.units.time
     takes = (
         take_trial_field("time", "f8", time),
@@ -376,7 +376,7 @@ def _trial_columns(about: About) -> list[Column]:
     return [Column(variable, take) for variable, take in zip(schema.FIXED_TRIALS, takes, strict=True)]
 
 
-def _sample_columns(about: About) -> list[Column]:
+def _sample_columns(about: ColumnContext) -> list[Column]:
     units, layout = about.units, about.layout
     time, step, stage = schema.FIXED_SAMPLES
     collected = [

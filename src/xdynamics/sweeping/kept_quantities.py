@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.evidence.diagnosing.conservation import ROLE
 from xdynamics.evidence.diagnosing.diagnosis import diagnose, foreseen_diagnosis
-from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID, STATES
+from xdynamics.evidence.diagnosing.extremes import DOUBT_SAID, RULE_SAID
 from xdynamics.evidence.diagnosing.phases import TURNS
 from xdynamics.evidence.diagnosing.summits import (
     INTERPOLATED,
@@ -97,7 +97,7 @@ def _search_extremes(runs: MemberRuns, name: str, sign: float) -> Extremes:
     rows, members = crests(sign * values, first)
     tops = _highest_rows(sign * values, rows, members, runs.size)
     extremes = _extremes_of_rows(runs, values, tops)
-    unrated = runs.columns[name].variable.role not in STATES and bool(runs.model.python_functions)
+    unrated = runs.columns[name].variable.role not in schema.INTEGRATED and bool(runs.model.python_functions)
     solves_anew = (
         bool(runs.model.assemblies) and not runs.settings.method.stepper.locates
     )  # impulses at each time inside

@@ -20,7 +20,6 @@ from xdynamics.shapes.naming import join_element_name
 from xdynamics.units import parse_unit
 
 SLAB = 1_000_000  # numbers, or one row that has more
-STATES = ("coordinate", "velocity", "state")  # roles
 # the text of the law, which another version may write differently, the set of elementary functions, the words of
 # records and the sentence of the outcome, in which later versions report more doubts about a run
 LAW = (
@@ -95,7 +94,9 @@ def compare_reproduction(archived_run: xr.Dataset, repeated_run: xr.Dataset) -> 
 
 def _largest_difference(archived_run: xr.Dataset, repeated_run: xr.Dataset) -> str:
     """Describe the largest difference of a state relative to its largest value; of another variable if states agree."""
-    states = [name for name, variable in archived_run.variables.items() if variable.attrs.get("role") in STATES]
+    states = [
+        name for name, variable in archived_run.variables.items() if variable.attrs.get("role") in schema.INTEGRATED
+    ]
     worst, sentence = 0.0, "no number of a row that both runs have differs"
     for name in [*states, *(name for name in archived_run.variables if name not in states)]:
         if worst and name not in states:

@@ -159,7 +159,7 @@ def shared_names(first: xr.Dataset, second: xr.Dataset) -> list[str]:
     InputError
         If there is none, or one has other dimensions in the other run.
     """
-    roles = ("coordinate", "velocity", "state", "energy", "observable")
+    roles = (*schema.INTEGRATED, "energy", "observable")
     names = [
         str(name)
         for name, variable in first.variables.items()

@@ -394,7 +394,7 @@ def _believed_until(rows: Chunks, tighter: Companion) -> float:
         sample_in_steps(near, times, after_event=True, rule=REINTEGRATE, functions=tighter.functions)
     )
     lost = np.zeros(times.size, bool)
-    names = with_roles(run, ("coordinate", "velocity", "state"))
+    names = with_roles(run, schema.INTEGRATED)
     tighter_run = tighter.holding(names)
     reached = np.searchsorted(tighter_run.variables["time"].values, times, side="right") - 1 + AHEAD
     for name in names:

@@ -30,7 +30,6 @@ Functions = Any
 
 PASSED, FAILED, NOT_CHECKED = range(3)
 VERDICTS = ("passed", "failed", "not_checked")
-OF_STEPS = ("coordinate", "velocity", "state")  # roles of what steps change; what controllers hold is set at ticks
 MARGIN = 32.0  # spacings at the start and the end of a step that it may be off by
 MOST_NUMBERS, FEWEST_STEPS = (
     1 << 20,
@@ -97,7 +96,7 @@ def continuity(rows: Chunks, functions: Functions) -> tuple[dict[str, Any], str]
     rule : str
         Which steps were recomputed, or why none was.
     """
-    names = with_roles(rows.run, OF_STEPS)
+    names = with_roles(rows.run, schema.INTEGRATED)
     worst = {name: Worst.of(rows.run.variables[name].shape[1:]) for name in names}
     steps, rule = 0, ""
     if not isinstance(rows, Unread):

@@ -23,7 +23,7 @@ from xdynamics.evidence.diagnosing.conservation import (
     conservation_variables,
 )
 from xdynamics.evidence.diagnosing.continuity import continuity, continuity_lines
-from xdynamics.evidence.diagnosing.extremes import STATES, extremes_of, has_many_elements, sought_names
+from xdynamics.evidence.diagnosing.extremes import extremes_of, has_many_elements, sought_names
 from xdynamics.evidence.diagnosing.phases import (
     count_coordinate_cycles,
     cycle_variables,
@@ -276,7 +276,7 @@ def _diagnosis_dataset(
             for name, value in rule.items()
         }
     variables = limit_occurrences(variables, request.occurrences)
-    names = with_roles(run, STATES) if model_dimensions(run) else sought_names(run, rows.model)
+    names = with_roles(run, schema.INTEGRATED) if model_dimensions(run) else sought_names(run, rows.model)
     variables |= extremes_of(rows, names, functions)
     variables |= steps
     variables |= dict(closed_form_residuals(rows, {} if request.exact is None else request.exact))

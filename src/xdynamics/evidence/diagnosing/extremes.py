@@ -42,8 +42,14 @@ Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]]
 Rows = NDArray[np.int64]
 
-STATES = ("coordinate", "velocity", "state")  # roles of what steps integrate
-SOUGHT = (*STATES, "energy", "observable", "force", "reaction", "joint")  # and of everything whose extremes are sought
+SOUGHT = (
+    *schema.INTEGRATED,
+    "energy",
+    "observable",
+    "force",
+    "reaction",
+    "joint",
+)  # roles of what has its extremes sought
 RULE_SAID = "where the extreme was found: at an accepted state, between two of them, or at a located event"
 DOUBT_SAID = "error of {} by interpolation between accepted states; the error of the integration is not included"
 MOST_NAMES = 200  # quantities, above which extremes of forces and observables are not sought
@@ -155,7 +161,7 @@ class _ByTrees:
     def is_searched(self, heights: Heights) -> bool:
         """Whether a quantity can be evaluated between rows: what steps integrate, and else what states alone give."""
         model = self.rows.model
-        is_integrated = self.rows.run.variables[heights.name].attrs["role"] in STATES
+        is_integrated = self.rows.run.variables[heights.name].attrs["role"] in schema.INTEGRATED
         return is_integrated or not (model.python_functions or model.delays)
 
     def _search(self, heights: Heights, rates: Floats) -> Summits:
@@ -285,7 +291,7 @@ def sought_names(run: xr.Dataset, model: Model) -> list[str]:
         if (variable := run.variables[name]).dims == (schema.STEPS,)
     }
     names = [name for name, role in roles_by_name.items() if role in SOUGHT and not name.startswith(by_iteration)]
-    return names if len(names) <= MOST_NAMES else [name for name in names if roles_by_name[name] in STATES]
+    return names if len(names) <= MOST_NAMES else [name for name in names if roles_by_name[name] in schema.INTEGRATED]
 
 
 def extremes_of(rows: Chunks, names: Sequence[str], functions: Functions | None) -> dict[str, tuple[Any, ...]]:

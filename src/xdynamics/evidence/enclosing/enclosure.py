@@ -23,7 +23,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.keywords import read_number
 from xdynamics.model import Model, check_model
-from xdynamics.record.column import About
+from xdynamics.record.column import ColumnContext
 from xdynamics.record.flag_words import words_of_flag
 from xdynamics.tubes import Flow, interval_problem_of
 from xdynamics.tubes.boxes import Box, enclosed, multiply
@@ -119,7 +119,7 @@ def _bounded_units(model: Model) -> dict[str, Unit]:
     """Return the unit of everything that is bounded, in its order."""
     layout = layout_of(model)
     state_units = {name: model.elements.units[name] for name in layout.used}
-    units = About(layout, UNSCALED, None, samples=False).units
+    units = ColumnContext(layout, UNSCALED, None, samples=False).units
     derived = {name: units.derived(block) for block in layout.computed.blocks for name in block.elements()}
     return state_units | {name: derived[name] for name in layout.derived}
 
