@@ -427,7 +427,7 @@ def test_a_trial_leaves_its_start_as_it_was() -> None:
 
 def test_impulses_change_no_vector_of_the_start() -> None:
     """Assert that lines with impulses move copies: the start of a step serves other trials, too."""
-    lines = [line for method in METHODS.values() for line in read_lines(method.kept)]
+    lines = [line for method in METHODS.values() for line in read_lines(method.constrained_update)]
     moved = {name for line in lines if isinstance(line, ConstraintImpulse) for name in (line.position, line.velocity)}
     assert moved
     assert not moved & {"q", "v"}

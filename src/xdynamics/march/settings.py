@@ -81,7 +81,7 @@ def precision_faults(settings: Any, model: Model) -> list[str]:
 
 def _of_sums(settings: Any, model: Model) -> list[str]:
     """Refuse to carry rounding errors along where impulses of constraints are added to sums as they are made."""
-    if settings.summation != COMPENSATED or not (model.constraints and settings.method.kept):
+    if settings.summation != COMPENSATED or not (model.constraints and settings.method.constrained_update):
         return []
     owner = f"constraints under '{settings.method.name}', whose impulses change what is summed"
     return [f"summation = 'compensated' does not go with {owner}; leave it out"]
