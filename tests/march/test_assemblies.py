@@ -455,7 +455,8 @@ def test_what_boxes_leave_out_is_apart_all_over_them() -> None:
 @pytest.mark.parametrize("place", range(3))
 def test_a_nan_stays_the_largest_of_numbers(place: int) -> None:
     """Assert that numbers after a nan do not take its place, and the largest of numbers without one."""
-    numbers = [1.0, 3.0, 2.0]
-    assert reduce(nan_maximum, numbers, 0.0) == 3.0
+    # where numba has compiled the engine, the function has no entry from Python, and a call of it ends the process
+    numbers, maximum = [1.0, 3.0, 2.0], plain(nan_maximum)
+    assert reduce(maximum, numbers, 0.0) == 3.0
     numbers[place] = math.nan
-    assert math.isnan(reduce(nan_maximum, numbers, 0.0))
+    assert math.isnan(reduce(maximum, numbers, 0.0))
