@@ -20,7 +20,6 @@ from xdynamics.model.parts import Force, Parameter
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.shapes import Shapes
 from xdynamics.shapes.blocks import Block, Blocks
-from xdynamics.shapes.naming import split_element_name
 from xdynamics.units import Quantity, Scale, Unit
 
 Part = TypeVar("Part")
@@ -206,7 +205,7 @@ def put_in_si(values: Mapping[str, Any], blocks: Blocks, numbers: NDArray[np.flo
     """Write quantities or parameters in SI units into an array of shape (n,), in the order of some blocks."""
     first = 0
     for block in blocks.blocks:
-        if isinstance(values, Elementwise) and block.dims and block.name not in values.changed:
+        if isinstance(values, Elementwise) and block.dims:
             made = values.makers[block.name]
             part = made.si if isinstance(made, Numbers | ParameterNumbers) else values[block.first].si
         else:
@@ -216,8 +215,8 @@ def put_in_si(values: Mapping[str, Any], blocks: Blocks, numbers: NDArray[np.flo
 
 
 def parameter_numbers(parameters: Mapping[str, Any], name: str) -> ParameterNumbers | None:
-    """Return the numbers of a parameter with dimensions; None of others, and where an element was replaced."""
-    if not isinstance(parameters, Elementwise) or name in parameters.changed:
+    """Return the numbers of a parameter with dimensions; None of others."""
+    if not isinstance(parameters, Elementwise):
         return None
     made = parameters.makers.get(name)
     return made if isinstance(made, ParameterNumbers) and made.shape else None
@@ -252,14 +251,13 @@ class Elementwise(dict[str, Part]):
         super().__init__()
         self.names = Blocks.from_names("", makers, shapes)
         self.makers = dict(makers)
-        self.changed: frozenset[str] = frozenset()  # quantities of which elements were replaced
 
     @classmethod
     def _from_parts(cls, names: Iterable[Block], makers: Mapping[str, Make[Part]], values: Mapping[str, Part]) -> Any:
         merged = cls.__new__(cls)
         dict.__init__(merged)
         dict.update(merged, values)
-        merged.names, merged.makers, merged.changed = Blocks(names), dict(makers), frozenset()
+        merged.names, merged.makers = Blocks(names), dict(makers)
         return merged
 
     def __missing__(self, name: str) -> Part:
@@ -311,23 +309,21 @@ class Elementwise(dict[str, Part]):
                 yield name, self[name]
 
     def __or__(self, right: Mapping[str, Any]) -> Any:  # type: ignore[override]
-        right_blocks = right.names.blocks if isinstance(right, Elementwise) else [Block(name, "") for name in right]
-        new = [block for block in right_blocks if block.name not in self.makers and block.first not in self.names]
-        if isinstance(right, Elementwise):
-            merged = self._from_parts(
-                (*self.names.blocks, *new), self.makers | right.makers, self._made_values() | right._made_values()
+        if not isinstance(right, Elementwise):
+            if any(name in self.names for name in right):  # which no maker has
+                return dict(self) | dict(right)
+            return self._from_parts(
+                (*self.names.blocks, *_single(right)), self.makers, self._made_values() | dict(right)
             )
-            merged.changed = self.changed | right.changed
-            return merged
-        merged = self._from_parts((*self.names.blocks, *new), self.makers, self._made_values() | dict(right))
-        merged.changed = self.changed | {split_element_name(name)[0] for name in right if name in self.names}
-        return merged
+        return self._from_parts(
+            (*self.names.blocks, *(block for block in right.names.blocks if block.name not in self.makers)),
+            self.makers | right.makers,
+            self._made_values() | right._made_values(),
+        )
 
     def __ror__(self, left: Mapping[str, Any]) -> Any:  # type: ignore[override]
-        first = [Block(name, "") for name in left if name not in self.names]
-        merged = self._from_parts((*first, *self.names.blocks), self.makers, dict(left) | self._made_values())
-        merged.changed = self.changed
-        return merged
+        new = {name: part for name, part in left.items() if name not in self.names}
+        return self._from_parts((*_single(new), *self.names.blocks), self.makers, new | self._made_values())
 
     def __eq__(self, other: object) -> bool:
         return self is other or dict(self) == other
@@ -346,3 +342,8 @@ class Elementwise(dict[str, Part]):
         """Return the values made so far."""
         # by the methods of the base class: those of this one would make all elements
         return dict(zip(dict.keys(self), dict.values(self), strict=True))
+
+
+def _single(names: Iterable[str]) -> list[Block]:
+    """Return a block for each of some names, without dimensions."""
+    return [Block(name, "") for name in names]
