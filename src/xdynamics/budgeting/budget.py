@@ -26,7 +26,7 @@ from xdynamics.budgeting.term import COMPARED, COPIES, NUMBER, OWN, ROUNDING, RU
 from xdynamics.evidence.evidence_dataset import evidence_dataset
 from xdynamics.evidence.grid_axes import AXES, AXIS, OWN_DIGEST, is_sweep, sweep_axis_names, sweep_of
 from xdynamics.evidence.stage_tasks import Gathered, Task, results_of
-from xdynamics.evidence.stages import Stage, blank_run, compute_datasets, lazy_stage
+from xdynamics.evidence.stages import Stage, blank_run, compute_datasets
 from xdynamics.faults import AccuracyWarning, InputError, first_names, warn
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
@@ -290,7 +290,7 @@ def error_budget(
                 "until_uncertainty doubles the draws until they suffice, and how many is known only once they are"
                 " marched; give draws=10000, or compute=True"
             )
-        return lazy_stage(budget_stage(request))
+        return budget_stage(request).result(compute=False)
     return _compute_budget(request, until_uncertainty)
 
 
@@ -331,7 +331,7 @@ def budget_stage(request: BudgetRequest) -> Stage:
     template = budget_dataset(request, blank, NOTHING_DRAWN if request.draws else None)
     task = Task.of("budget", partial(_budget_of_parts, request, [*tasks]), tuple(tasks.values()), *request.words)
     known_names = ("term_name", "term_kind", *([] if levels is None else [levels.varied.name]), "model_toml")
-    return Stage(template, task, known_names)
+    return Stage(task, lambda: template, known_names)
 
 
 def _tasks(request: BudgetRequest, gathered: Gatherer) -> dict[Any, Any]:

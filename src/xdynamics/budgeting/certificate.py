@@ -32,7 +32,7 @@ from xdynamics.evidence.evidence_dataset import (
 )
 from xdynamics.evidence.refining.convergence import NOT_CONVERGING, verdict_text
 from xdynamics.evidence.stage_tasks import Task
-from xdynamics.evidence.stages import Stage, compute_datasets, lazy_stage
+from xdynamics.evidence.stages import Stage, compute_datasets
 from xdynamics.evidence.validating.ledger import own_ledger, validate
 from xdynamics.evidence.validating.ledger_rows import VERDICTS as CASES
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
@@ -125,9 +125,8 @@ def certify(
         )
     draws = draws if model.uncertain else 0
     if not compute:
-        return lazy_stage(
-            _certificate_stage(budget_request(model, quantity, draws=draws, seed=seed, keep=keep, **budget_arguments))
-        )
+        request = budget_request(model, quantity, draws=draws, seed=seed, keep=keep, **budget_arguments)
+        return _certificate_stage(request).result(compute=False)
     budget = error_budget(model, quantity, draws=draws, seed=seed, keep=keep, **budget_arguments)
     return _certificate_dataset(model, budget, validate([str(budget.attrs["solver_method"])], keep=keep))
 
@@ -135,15 +134,14 @@ def certify(
 def _certificate_stage(request: BudgetRequest) -> Stage:
     """Return a certificate before it is computed."""
     budget = budget_stage(request)
-    ledger = own_ledger([str(budget.template.attrs["solver_method"])], request.measurand.keep)
-    template = _certificate_dataset(request.measurand.model, budget.template, ledger.template)
-    gates = tuple(template["gate_name"].values.tolist())
-    task = Task.of(
-        "certificate",
-        partial(_certificate_dataset, request.measurand.model, expected_gates=gates),
-        (budget.task, ledger.task),
+    blank_budget = budget.template()
+    ledger = own_ledger([str(blank_budget.attrs["solver_method"])], request.measurand.keep)
+    template = _certificate_dataset(request.measurand.model, blank_budget, ledger.template())
+    certified = partial(
+        _certificate_dataset, request.measurand.model, expected_gates=tuple(template["gate_name"].values.tolist())
     )
-    return Stage(template, task, (*budget.known_variables, "gate_name"))
+    task = Task.of("certificate", certified, (budget.task, ledger.task))
+    return Stage(task, lambda: template, (*budget.known_variables, "gate_name"))
 
 
 def _certificate_dataset(

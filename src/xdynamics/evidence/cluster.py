@@ -308,6 +308,24 @@ def _is_awaited(log_record: logging.LogRecord) -> bool:
     )
 
 
+def compute_in_one_graph(*collections: Any, tell: Tell | None = None) -> Any:
+    """Compute dask's collections together: here, or on the cluster, of which `tell` is told how far it is.
+
+    Raises
+    ------
+    InputError
+        If the cluster is gone.
+    """
+    import dask.base
+
+    compute: Any = dask.base.compute  # it is not typed
+    client = connected()
+    if client is None:
+        return compute(*collections)
+    with reached(client), progress_reported(client, tell):
+        return compute(*collections)
+
+
 @contextmanager
 def reached(client: Any) -> Iterator[None]:
     """Raise in one line that a cluster is gone, or that its workers died of a task.

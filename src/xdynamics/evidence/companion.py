@@ -17,7 +17,7 @@ from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
 from xdynamics.evidence.evidence_dataset import attrs_of, event_rows_by_name, evidence_dataset, match_times
 from xdynamics.evidence.runs import march_model, prepare_record
 from xdynamics.evidence.stage_tasks import Task, march_task
-from xdynamics.evidence.stages import Stage, in_memory, lazy_stage, task_of, task_of_runs
+from xdynamics.evidence.stages import Stage, in_memory, task_of, task_of_runs
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
 from xdynamics.march.outcomes import GOOD
@@ -211,7 +211,7 @@ def companion(
         errors,
         (),
     )
-    return lazy_stage(Stage(template, task, () if sample_times is None else (AT_TIME,)))
+    return Stage(task, lambda: template, () if sample_times is None else (AT_TIME,)).result(compute=False)
 
 
 def _companion_in_task(

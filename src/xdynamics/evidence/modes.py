@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from xdynamics import archive, record, schema
 from xdynamics.evidence.evidence_dataset import evidence_dataset
 from xdynamics.evidence.stage_tasks import Task, setting_words
-from xdynamics.evidence.stages import Stage, is_lazy, lazy_stage, task_of_runs
+from xdynamics.evidence.stages import Stage, is_lazy, task_of_runs
 from xdynamics.expressions import text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.faults import InputError
@@ -176,7 +176,8 @@ def modes(
         "modes", partial(_linearised_modes, model, state, runs), (), model.digest, setting_words(state), runs
     )
     template = _modes_dataset(model, state, Spectrum.blank(model), runs)
-    return lazy_stage(Stage(template, task, [variable.name for variable, _ in _state_variables(model, state)]))
+    known_names = [variable.name for variable, _ in _state_variables(model, state)]
+    return Stage(task, lambda: template, known_names).result(compute=False)
 
 
 def _of_lazy_run(run: xr.Dataset, row: int | None, replaced_values: Mapping[str, Any] | None) -> xr.Dataset:
@@ -189,7 +190,7 @@ def _of_lazy_run(run: xr.Dataset, row: int | None, replaced_values: Mapping[str,
     task = task_of_runs(
         "modes", partial(_modes_in_task, row, replaced_values), (run,), row, setting_words(replaced_numbers)
     )
-    return lazy_stage(Stage(template, task))
+    return Stage(task, lambda: template).result(compute=False)
 
 
 def _modes_in_task(row: int | None, replaced_values: Mapping[str, Any] | None, run: xr.Dataset) -> xr.Dataset:

@@ -14,7 +14,7 @@ from xdynamics.dynamics.recorded_steps import wanted_times
 from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
 from xdynamics.evidence.companion import Tighter, companion_of, tighter_of
 from xdynamics.evidence.runs import prepare_record
-from xdynamics.evidence.stages import Stage, in_memory, lazy_stage, task_of_runs
+from xdynamics.evidence.stages import Stage, in_memory, task_of_runs
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.record.flag_words import time_unit_of
@@ -141,7 +141,7 @@ def _describe_samples(
     call = partial(_sample_in_task, sample_times, side == "after", rule, functions, tighter)
     needs = () if tighter is None else (tighter.task,)
     task = task_of_runs("sample", call, (run,), sample_times.tolist(), side, rule, companion, needs=needs)
-    return lazy_stage(Stage(states, task, (AT_TIME,)))
+    return Stage(task, lambda: states, (AT_TIME,)).result(compute=False)
 
 
 def _sample_in_task(

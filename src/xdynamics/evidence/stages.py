@@ -5,6 +5,9 @@ computed once in a ``dask.compute`` of these stages. Results are remembered by t
 numbers of one stage that are computed one after the other march once. Only the values of variables leave the tasks;
 runs stay where they were marched.
 
+A stage is one function of runs. Its task calls the function with runs, here or in a graph; its template is what the same
+function gives of blank runs.
+
 A task that is given runs takes unmarched ones from their own tasks; marched runs are arguments of the call.
 """
 
@@ -20,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import archive, record
-from xdynamics.evidence.cluster import Tell, connected, progress_reported, reached
-from xdynamics.evidence.stage_tasks import Task
+from xdynamics.evidence.cluster import Tell, compute_in_one_graph
+from xdynamics.evidence.stage_tasks import Task, results_of
 from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.record.folding import is_chunked
@@ -36,34 +39,42 @@ TEXT = np.dtype("U256")  # type of texts whose lengths are not known yet
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage before it is computed.
+    """A result of evidence, to be computed at once or later.
 
     Attributes
     ----------
-    template : xarray.Dataset
-        What it gives, with other values: variables, dimensions, sizes, types, attributes.
     task : Task
         Gives the Dataset.
+    template : callable
+        Returns what the task gives, with other values: variables, dimensions, sizes, types, attributes. It raises
+        `InputError` where a size is missing that only marching tells.
     known_variables : collection of str
         Variables whose values the template has.
     foreseen : xarray.Dataset, optional
         Of a run, where the template leaves variables out: all that its record will have, of any size.
     """
 
-    template: xr.Dataset
     task: Task
+    template: Callable[[], xr.Dataset]
     known_variables: Collection[str] = ()
     foreseen: xr.Dataset | None = None
 
+    def result(self, *, compute: bool) -> xr.Dataset:
+        """Return the Dataset: computed in this process, or with dask arrays and the task behind them."""
+        if not compute:
+            return _lazy_dataset(self)
+        computed: xr.Dataset = results_of(self.task)[0]
+        return computed
 
-def lazy_stage(stage: Stage) -> xr.Dataset:
+
+def _lazy_dataset(stage: Stage) -> xr.Dataset:
     """Put dask arrays into the template of a stage; attributes that become variables are left out."""
     load_dask_whole()
     import dask.array
     from dask.highlevelgraph import HighLevelGraph
 
     da: Any = dask.array  # its functions are not typed
-    template, task, known_names = stage.template, stage.task, stage.known_variables
+    template, task, known_names = stage.template(), stage.task, stage.known_variables
     layers, dependencies = task.layers, task.dependencies
     variables = {}
     for name, variable in template.variables.items():
@@ -156,16 +167,7 @@ def compute_datasets(*datasets: xr.Dataset, tell: Tell | None = None) -> list[xr
     places = [k for k, dataset in enumerate(datasets) if is_lazy(dataset)]
     if not places:
         return [*datasets]
-    import dask.base
-
-    compute: Any = dask.base.compute  # it is not typed
-    collections = [_collection(datasets[k]) for k in places]
-    client = connected()
-    if client is None:
-        values = compute(*collections)
-    else:
-        with reached(client), progress_reported(client, tell):
-            values = compute(*collections)
+    values = compute_in_one_graph(*(_collection(datasets[k]) for k in places), tell=tell)
     results = {k: _with_values(datasets[k], value) for k, value in zip(places, values, strict=True)}
     return [results.get(k, dataset) for k, dataset in enumerate(datasets)]
 
@@ -256,7 +258,12 @@ def requested_count(count: Any, label: str) -> int | None:
 
 
 def task_of_runs(
-    kind: str, call: Callable[..., Any], runs: Sequence[xr.Dataset], *words: Any, needs: tuple[Task, ...] = ()
+    kind: str,
+    call: Callable[..., Any],
+    runs: Sequence[xr.Dataset],
+    *words: Any,
+    needs: tuple[Task, ...] = (),
+    read: bool = False,
 ) -> Task:
     """Return the task that calls with runs, and then with the results of further tasks.
 
@@ -273,17 +280,19 @@ def task_of_runs(
         What else the result depends on.
     needs : tuple of Task
         The further tasks.
+    read : bool
+        Whether runs in chunks are read before the call, each chunk once.
     """
     marching = [task_of(run) for run in runs]
     supplied_runs = [run if task is None else None for run, task in zip(runs, marching, strict=True)]
     needed = (*(task for task in marching if task is not None), *needs)
-    return Task.of(kind, partial(_with_runs, call, supplied_runs), needed, *map(subject_of, runs), *words)
+    return Task.of(kind, partial(_with_runs, call, supplied_runs, read=read), needed, *map(subject_of, runs), *words)
 
 
-def _with_runs(call: Callable[..., Any], supplied_runs: Sequence[xr.Dataset | None], *results: Any) -> Any:
+def _with_runs(call: Callable[..., Any], supplied_runs: Sequence[xr.Dataset | None], *results: Any, read: bool) -> Any:
     remaining = iter(results)
     runs = [next(remaining) if run is None else run for run in supplied_runs]
-    return call(*runs, *remaining)
+    return call(*(map(in_memory, runs) if read else runs), *remaining)
 
 
 def in_memory(run: xr.Dataset) -> xr.Dataset:

@@ -23,7 +23,7 @@ from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.evidence.runs import march_with_settings, record_march
 from xdynamics.evidence.sampling import sample
 from xdynamics.evidence.stage_tasks import MARCH, Task
-from xdynamics.evidence.stages import Stage, lazy_stage
+from xdynamics.evidence.stages import Stage
 from xdynamics.faults import AccuracyWarning, InputError, warn
 from xdynamics.keywords import FULL, STATES
 from xdynamics.march import March, Settings
@@ -211,7 +211,8 @@ def unmarched_run(
             str(name) for name, variable in run.variables.items() if variable.attrs.get("role") in KNOWN_BEFORE
         ]
         foreseen = labelled(record.foreseen(march))
-        return lazy_stage(Stage(_with_outcome(run), task, [*known_names, schema.GIVEN_STEP.name], foreseen))
+        stage = Stage(task, lambda: _with_outcome(run), [*known_names, schema.GIVEN_STEP.name], foreseen)
+        return stage.result(compute=False)
     if sizes:
         raise InputError(f"sizes are {dict(sizes)}, and times say already how many states there are; leave sizes out")
     if location is None:
@@ -226,7 +227,7 @@ def unmarched_run(
     states = states.assign_coords({schema.AT_TIME: (schema.AT, sample_times, states[schema.AT_TIME].attrs)})
     template = labelled(fold(states, record.shapes_of(run)))
     known_names = [schema.AT_TIME, *(str(name) for name in template.variables if name not in states.variables)]
-    return lazy_stage(Stage(_with_outcome(template), task, known_names))
+    return Stage(task, lambda: _with_outcome(template), known_names).result(compute=False)
 
 
 def _march_task(march: March, location: Place | None, memory: str | float | None) -> Task:

@@ -18,7 +18,7 @@ from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.grid_axes import member_number_names, sweep_of
 from xdynamics.evidence.stage_tasks import Gathered, Task
-from xdynamics.evidence.stages import Stage, compute_datasets, lazy_stage
+from xdynamics.evidence.stages import Stage, compute_datasets
 from xdynamics.faults import InputError
 from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Parameter
@@ -111,9 +111,8 @@ def sobol_indices(
     needs = tuple(Gathered(sweep[name]) for name in (quantity, OUTCOME))
     task = Task.of("indices", partial(_compute_indices, request), needs, draws, seed, resamples)
     blank = np.full((len(SHARES), len(spans), *elements.values()), np.nan)
-    return lazy_stage(
-        Stage(_sobol_dataset(request, blank, (blank, blank)), task, [*_range_variables(spans, stated=request.stated)])
-    )
+    known_names = [*_range_variables(spans, stated=request.stated)]
+    return Stage(task, lambda: _sobol_dataset(request, blank, (blank, blank)), known_names).result(compute=False)
 
 
 @dataclass(frozen=True)
@@ -352,7 +351,7 @@ def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
     about_names = {name: (sweep[name].dims, sweep[name].attrs) for name in lazy_names}
     call = partial(_influences_of_gathered, sweep.drop_vars(lazy_names), about_names)
     task = Task.of("influences", call, tuple(Gathered(sweep[name]) for name in lazy_names), sweep.attrs.get(DIGEST))
-    return lazy_stage(Stage(_influences_in_memory(blank), task, ("axis_name",)))
+    return Stage(task, partial(_influences_in_memory, blank), ("axis_name",)).result(compute=False)
 
 
 def _influences_of_gathered(eager_sweep: xr.Dataset, names: Mapping[str, Any], *values: Any) -> xr.Dataset:

@@ -23,7 +23,7 @@ from xdynamics.dynamics.recorded_steps import step_columns, wanted_times
 from xdynamics.dynamics.shortened_steps import sample_in_steps
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.stage_tasks import Task
-from xdynamics.evidence.stages import Stage, lazy_stage
+from xdynamics.evidence.stages import Stage
 from xdynamics.faults import InputError
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
@@ -334,15 +334,12 @@ def ragged(
     """
     plan = plan_of(sweep, functions)
     copied_attributes = {key: sweep.attrs[key] for key in COPIED if key in sweep.attrs}
-    if compute:
-        if sizes is not None:
-            raise InputError(f"sizes are {sizes!r}, and are for compute=False: runs that are marched have their own")
-        return _march_all(plan, copied_attributes)
+    if compute and sizes is not None:
+        raise InputError(f"sizes are {sizes!r}, and are for compute=False: runs that are marched have their own")
     task = Task.of("ragged", partial(_march_all, plan, copied_attributes), (), plan.digest)
-    template = _ragged_template(plan, copied_attributes, _stated_rows(plan, sizes))
-    return lazy_stage(
-        Stage(template, task, [name for name in map(str, template.variables) if name.startswith(f"{RUN}_")])
-    )
+    known_names = [f"{RUN}_{column.label}" for _, column in plan.grid.columns]
+    stage = Stage(task, lambda: _ragged_template(plan, copied_attributes, _stated_rows(plan, sizes)), known_names)
+    return stage.result(compute=compute)
 
 
 def _march_all(plan: Plan, copied_attributes: Mapping[str, Any]) -> xr.Dataset:

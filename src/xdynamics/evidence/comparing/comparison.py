@@ -41,7 +41,7 @@ from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.grid_axes import is_sweep
 from xdynamics.evidence.observables import is_comparable
 from xdynamics.evidence.runs import prepare_record
-from xdynamics.evidence.stages import Stage, foreseen_record, in_memory, lazy_stage, task_of, task_of_runs
+from xdynamics.evidence.stages import Stage, foreseen_record, in_memory, task_of, task_of_runs
 from xdynamics.faults import InputError
 from xdynamics.record import check, shapes_of, unfold
 from xdynamics.record.event_columns import NO_DETECTOR
@@ -104,7 +104,8 @@ def describe_comparison(
     )
     words = None if sample_times is None else sample_times.tolist()
     task = task_of_runs("comparison", partial(_comparison_in_task, sample_times, functions), runs, words)
-    return lazy_stage(Stage(template, task, ("name", *(() if times is None else (AT_TIME,)))))
+    known_names = ("name", *(() if times is None else (AT_TIME,)))
+    return Stage(task, lambda: template, known_names).result(compute=False)
 
 
 def describe_residuals(
@@ -125,7 +126,7 @@ def describe_residuals(
         AT_TIME,
         *(f"{kind}_{name}" for kind in ("measured", "measured_uncertainty") for name in data.values),
     ]
-    return lazy_stage(Stage(template, task, [name for name in known_names if name in template.variables]))
+    return Stage(task, lambda: template, known_names).result(compute=False)
 
 
 def _comparison_in_task(

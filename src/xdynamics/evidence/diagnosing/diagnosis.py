@@ -42,10 +42,10 @@ from xdynamics.evidence.evidence_dataset import (
     stated_value,
 )
 from xdynamics.evidence.runs import prepare_record
-from xdynamics.evidence.stage_tasks import results_of
-from xdynamics.evidence.stages import Stage, lazy_stage, requested_count, subject_of, task_of, task_of_runs
+from xdynamics.evidence.stages import Stage, requested_count, subject_of, task_of, task_of_runs
 from xdynamics.faults import InputError
 from xdynamics.march import March
+from xdynamics.model import Model
 from xdynamics.record import check, check_kind, shapes_of, unfold
 from xdynamics.record.folding import fold, labelled, model_dimensions
 from xdynamics.record.schemas import check_every_column, check_every_row
@@ -176,25 +176,37 @@ def diagnose(
     needs += [exact_run] if exact_run is not None else []
     call = partial(_diagnosed, request, tighter)
     task = task_of_runs("diagnosis", call, (run,), *request.words, needs=tuple(needs))
-    if compute:
-        return _with_run_labels(results_of(task)[0], run)
+    stage = Stage(task, partial(_diagnosis_template, request, tighter, run))
+    return _with_run_labels(stage.result(compute=compute), run)
+
+
+def _diagnosis_template(request: DiagnosisRequest, tighter: Tighter | None, run: xr.Dataset) -> xr.Dataset:
+    """Return a diagnosis before its run is marched or read.
+
+    Raises
+    ------
+    InputError
+        If the run has coordinates, and no number of cycles is given.
+    """
     if request.occurrences is None and with_roles(run, ("coordinate",)):
         raise InputError(
             "how many cycles a run has is known only once it is marched and read; give the number to list, like"
             " occurrences=10"
         )
-    rows = Unread(unfold(run), model_of_record(run, functions), request.occurrences or 0)
-    blank_companion = None if tighter is None else tighter.to_companion(rows.run, rows.run, functions)
-    return _with_run_labels(lazy_stage(Stage(_diagnosis_dataset(request, rows, blank_companion, None, ()), task)), run)
+    return _blank_diagnosis(request, run, model_of_record(run, request.functions), tighter)
 
 
 def foreseen_diagnosis(march: March, occurrences: int) -> xr.Dataset:
     """Return the diagnosis of a march's run before it begins: zeros, with names, dimensions and units."""
     run = record.foreseen(march)
     request = DiagnosisRequest(functions=march.model.functions, occurrences=occurrences)
-    rows = Unread(unfold(run), march.model, occurrences)
-    blank_companion = Companion(rows.run, rows.run, 1.0, "", march.model.functions)
-    return _with_run_labels(_diagnosis_dataset(request, rows, blank_companion, None, ()), run)
+    return _with_run_labels(_blank_diagnosis(request, run, march.model, Tighter(march.model, {}, 1.0, "")), run)
+
+
+def _blank_diagnosis(request: DiagnosisRequest, run: xr.Dataset, model: Model, tighter: Tighter | None) -> xr.Dataset:
+    rows = Unread(unfold(run), model, request.occurrences or 0)
+    companion = None if tighter is None else tighter.to_companion(rows.run, rows.run, request.functions)
+    return _diagnosis_dataset(request, rows, companion, None, ())
 
 
 def _with_run_labels(diagnosis: xr.Dataset, run: xr.Dataset) -> xr.Dataset:

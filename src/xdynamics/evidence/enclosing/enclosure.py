@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from xdynamics.elementary import NAME
 from xdynamics.evidence.enclosing.tube import EventBounds, Tube, join_tubes, prove_tube, split_box, unproven
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset, stated_value
 from xdynamics.evidence.stage_tasks import Task
-from xdynamics.evidence.stages import Stage, lazy_stage, requested_count
+from xdynamics.evidence.stages import Stage, requested_count
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
 from xdynamics.keywords import read_number
@@ -321,7 +322,7 @@ def enclose(
     request = enclosure_request(
         model, until=until, at=at, rtol=rtol, order=order, max_steps=max_steps, parts=parts, occurrences=occurrences
     )
-    return request.computed(progress) if compute else lazy_stage(request.stage())
+    return request.computed(progress) if compute else request.stage().result(compute=False)
 
 
 @dataclass(frozen=True)
@@ -383,8 +384,8 @@ class EnclosureRequest:
             raise InputError(
                 f"how often '{tube.events[0].name}' is met is not known in advance; give the number to list, like occurrences=10"
             )
-        template = enclosure_dataset(self.model, tube, self.order, self.tolerance, self.occurrences)
-        return Stage(template, self.task(), (schema.AT_TIME, MODEL))
+        template = partial(enclosure_dataset, self.model, tube, self.order, self.tolerance, self.occurrences)
+        return Stage(self.task(), template, (schema.AT_TIME, MODEL))
 
 
 def enclosure_request(

@@ -18,7 +18,7 @@ from xdynamics.evidence.refining.readings import DEFECT, ComparisonPoints, Readi
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import ROLE, StudyQuantities, TrackedValue, crossing_level, family
 from xdynamics.evidence.stage_tasks import AT_ONCE, Task, setting_words
-from xdynamics.evidence.stages import Stage, lazy_stage
+from xdynamics.evidence.stages import Stage
 from xdynamics.faults import InputError
 from xdynamics.schema import AT, AT_TIME, LEVEL
 
@@ -183,12 +183,19 @@ def _of_runs(subjects: StudyQuantities, findings: StudyResults) -> dict[str, Any
     }
 
 
-def lazy_study(subjects: StudyQuantities) -> xr.Dataset:
-    """Return a refinement with dask arrays, of which nothing is marched.
+def study_stage(subjects: StudyQuantities) -> Stage:
+    """Return a refinement, to be computed at once or later.
 
     A level is marched by one task, and read by another, which is cheap, begins at once, and is done where the run is, as
     far as dask can; only what it finds goes on to the study. Where only all levels together tell at what they are to be
     read, there is a third, by which each is outlined before.
+    """
+    known_names = [subjects.levels.varied.name, MODEL, *([AT_TIME] if subjects.times is not None else [])]
+    return Stage(_study_task(subjects), partial(_study_template, subjects), known_names)
+
+
+def _study_template(subjects: StudyQuantities) -> xr.Dataset:
+    """Return a refinement before anything is marched.
 
     Raises
     ------
@@ -200,12 +207,10 @@ def lazy_study(subjects: StudyQuantities) -> xr.Dataset:
             f"how often {', '.join(subjects.detectors[:3])} will be met is not known in advance; give the number"
             " to compare, like occurrences=10 (nan where there are fewer), or 0 for none"
         )
-    template = study_dataset(subjects, StudyResults.blank(subjects), {})
-    known_names = [subjects.levels.varied.name, MODEL, *([AT_TIME] if subjects.times is not None else [])]
-    return lazy_stage(Stage(template, study_task(subjects), known_names))
+    return study_dataset(subjects, StudyResults.blank(subjects), {})
 
 
-def study_task(subjects: StudyQuantities) -> Task:
+def _study_task(subjects: StudyQuantities) -> Task:
     """Return the task of a refinement: each level is marched by a task of its own, and read by others."""
     levels = subjects.levels
     count, keyword = len(levels.values), levels.varied.keyword

@@ -19,12 +19,11 @@ from xdynamics.elementary.arrays import log, power
 from xdynamics.evidence.kept_results import folder_named
 from xdynamics.evidence.observables import is_observable, observables_of
 from xdynamics.evidence.refining.convergence import STEADY
-from xdynamics.evidence.refining.findings import StudyResults, lazy_study, study_dataset, study_task
+from xdynamics.evidence.refining.findings import StudyResults, study_dataset, study_stage
 from xdynamics.evidence.refining.levels import FEWEST, RTOLS, STEPS, Levels
 from xdynamics.evidence.refining.readings import summary_of_finest
 from xdynamics.evidence.refining.study import Study, numbers_by_name
 from xdynamics.evidence.refining.subjects import AFTER, ENERGY_RANGE, PERIOD, PHASE, StudyQuantities
-from xdynamics.evidence.stage_tasks import results_of
 from xdynamics.evidence.stages import requested_count
 from xdynamics.faults import InputError
 from xdynamics.kernels.layout import layout_of
@@ -258,16 +257,13 @@ def refine(
     levels = Levels.of(model, choices, shared, fewest=1 if until_change else FEWEST, keep=folder)
     names = _default_observables(model) if observables is None else _known_observables(model, observables)
     subjects = StudyQuantities(levels, names, at, many, defects)
-    if not compute:
-        if until_change:
-            raise InputError(
-                "until_change adds levels until changes are small, and how many is known only once they are marched;"
-                " give all levels, or compute=True"
-            )
-        return lazy_study(subjects)
     if not until_change:
-        study: xr.Dataset = results_of(study_task(subjects))[0]
-        return study
+        return study_stage(subjects).result(compute=compute)
+    if not compute:
+        raise InputError(
+            "until_change adds levels until changes are small, and how many is known only once they are marched;"
+            " give all levels, or compute=True"
+        )
     return _refined_until(until_change, subjects, bounds)
 
 

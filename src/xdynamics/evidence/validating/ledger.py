@@ -18,7 +18,7 @@ from xdynamics.evidence.enclosing.enclosure import COMPLETED, enclosure_request
 from xdynamics.evidence.kept_results import Keep
 from xdynamics.evidence.runs import march_model
 from xdynamics.evidence.stage_tasks import Task, march_task, remembered, results_of, setting_words
-from xdynamics.evidence.stages import Stage, lazy_stage
+from xdynamics.evidence.stages import Stage
 from xdynamics.evidence.validating.case_runs import NEAR, ORDER_AT_MOST, CaseRuns, times_in_words
 from xdynamics.evidence.validating.impacts import checks_of
 from xdynamics.evidence.validating.ledger_rows import MOST_ALONE, ROWS, LedgerRow, ledger_dataset, of_worst
@@ -197,7 +197,7 @@ def validate(
     title = EXACT_CASES if model is None else f"validation of {model.name}"
     keep_folder = Keep.of(keep)
     if not compute:
-        return lazy_stage(ledger_stage(cases, title, keep_folder))
+        return ledger_stage(cases, title, keep_folder).result(compute=False)
     rows_by_case = (
         case.rows() if keep_folder is None else results_of(keep_folder.task(case.marching_task(), ROWS))[0]
         for case in cases
@@ -257,7 +257,8 @@ def ledger_stage(cases: Sequence[Case], title: str, keep: Keep | None = None) ->
     """Return a ledger before it is computed, one task for each case and method."""
     tasks = tuple(case.task() if keep is None else keep.task(case.task(), ROWS) for case in cases)
     template = ledger_dataset([row for case in cases for row in case.blank()], title)
-    return Stage(template, Task.of("ledger", partial(_of_tasks, title), tasks), ("case_method", "case_stage"))
+    task = Task.of("ledger", partial(_of_tasks, title), tasks)
+    return Stage(task, lambda: template, ("case_method", "case_stage"))
 
 
 def own_ledger(methods: Sequence[str], keep: Keep | None = None) -> Stage:

@@ -16,8 +16,8 @@ from xdynamics.dynamics.recorded_steps import wanted_times
 from xdynamics.elementary.arrays import log
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.observables import observables_of, observe
-from xdynamics.evidence.stage_tasks import Task, march_task, results_of
-from xdynamics.evidence.stages import Stage, blank_run, lazy_stage
+from xdynamics.evidence.stage_tasks import Task, march_task
+from xdynamics.evidence.stages import Stage, blank_run
 from xdynamics.faults import InputError
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
@@ -138,23 +138,21 @@ def limiting(
         if requested is None
         else expand_quantities(map(model.shapes.internal_name, requested), available, model.shapes)
     )
+    if unknown := [name for name in names if name not in available]:
+        raise InputError(
+            f"observable '{unknown[0]}' is none of the model's; there are {', '.join(quantity_names(available))}"
+        )
     approach = Approach(model, parameter, unit, numbers, end, times, names)
     settings = {"force_samples": "none"} | asked
     marches = tuple(march_task(item, **settings) for item in approach.models)
     task = Task.of("limiting", partial(_limiting_in_task, approach), marches, parameter, times.tolist(), names)
-    if compute:
-        study: xr.Dataset = results_of(task)[0]
-        return study
-    run = blank_run(March(model, unthinned_settings_for(model, **settings)))
-    if unknown := [name for name in names if name not in run]:
-        raise InputError(
-            f"observable '{unknown[0]}' is none of the model's; there are {', '.join(quantity_names(available))}"
-        )
-    blank = np.full((len(numbers) + 1, times.size), np.nan)
-    words = [""] * len(numbers)
-    units = {name: str(run[name].attrs["units"]) for name in names}
-    template = _limiting_dataset(approach, words, words, dict.fromkeys(names, blank), units, ())
-    return lazy_stage(Stage(template, task, ("parameter_value", AT_TIME)))
+
+    def template() -> xr.Dataset:
+        run = blank_run(March(model, unthinned_settings_for(model, **settings)))
+        words, blank = [""] * len(numbers), np.full((len(numbers) + 1, times.size), np.nan)
+        return _limiting_dataset(approach, run, words, words, dict.fromkeys(names, blank), ())
+
+    return Stage(task, template, ("parameter_value", AT_TIME)).result(compute=compute)
 
 
 def _limiting_in_task(approach: Approach, *runs: xr.Dataset) -> xr.Dataset:
@@ -175,21 +173,20 @@ def _limiting_in_task(approach: Approach, *runs: xr.Dataset) -> xr.Dataset:
         observe(run, model, approach.names, approach.times) for run, model in zip(runs, approach.models, strict=True)
     ]
     values = {name: np.stack([sample[name][0] for sample in samples]) for name in approach.names}
-    units = {name: str(get_column(runs[0], name).attrs["units"]) for name in approach.names}
     digests = [archive.digest_of_run(run) for run in runs]
     outcomes = [str(run.attrs["run_outcome"]) for run in runs[:-1]]
-    return _limiting_dataset(approach, digests[:-1], outcomes, values, units, digests)
+    return _limiting_dataset(approach, runs[0], digests[:-1], outcomes, values, digests)
 
 
 def _limiting_dataset(
     approach: Approach,
+    run: xr.Dataset,
     level_digests: Sequence[str],
     outcomes: Sequence[str],
     values: dict[str, Floats],
-    units: dict[str, str],
     digests: Sequence[str],
 ) -> xr.Dataset:
-    """Return how each observable, given with the limit's last, comes closer to it."""
+    """Return how each observable, given with the limit's last, comes closer to it, in the units of a run."""
     model, parameter, unit, end = approach.model, approach.parameter, approach.unit.text, approach.limit
     variables: dict[str, Any] = {
         "parameter_value": ((LEVEL,), approach.values, attrs_of(unit, f"{parameter} of the level", ROLE)),
@@ -199,7 +196,8 @@ def _limiting_dataset(
     }
     distances, order_in = _limit_distances(parameter, approach.values, end)
     for name, numbers in values.items():
-        variables |= _approach(name, units[name], numbers[:-1], numbers[-1], distances)
+        units = str(get_column(run, name).attrs["units"])
+        variables |= _approach(name, units, numbers[:-1], numbers[-1], distances)
     attributes = {
         "order_in": order_in,
         "parameter": parameter,
