@@ -19,7 +19,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS
 from cases.stages import assert_described, assert_same_bits, marches, no_march
-from xdynamics.evidence.stage_tasks import LIMIT, Memory, Task, remembered_megabytes
+from xdynamics.evidence.stage_tasks import LIMIT, Gathered, Memory, Task, remembered_megabytes, results_of
 from xdynamics.evidence.stages import compute_datasets
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
@@ -256,6 +256,17 @@ def test_tasks_are_named_by_what_they_depend_on() -> None:
     assert first.name == Task.of("stage", max, (), 1.0).name
     others = [Task.of("stage", max, (), 1.5), Task.of("stage", max, (first,), 1.0), Task.of("other", max, (), 1.0)]
     assert len({task.name for task in (first, *others)}) == 4
+
+
+def test_lazy_variables_that_tasks_need_are_computed_in_one_graph() -> None:
+    """Assert that a block that two of them are made from is made once, when the first of them is needed."""
+    made: list[str] = []
+    block = dask.array.from_delayed(dask.delayed(lambda: made.append("block") or np.arange(3.0))(), (3,), float)
+    doubled, squared = (Gathered(xr.DataArray(data)) for data in (2.0 * block, block**2))
+    before = Task("before", lambda: made.append("before"))
+    first = Task("first", lambda _, numbers: float(numbers.sum()), (before, doubled))
+    assert results_of(first, Task("second", np.sum, (squared,)), doubled)[:2] == [6.0, 5.0]
+    assert made == ["before", "block"]
 
 
 # -------------------------------------------------------------------------------------------------------- other stages

@@ -216,6 +216,15 @@ def test_a_survey_is_lazy_or_computed_as_it_is_asked_for(name: str) -> None:
         assert_same_bits(stage, found)
 
 
+def test_lazy_influences_of_a_part_are_not_those_of_the_sweep() -> None:
+    """Assert that what is remembered of a sweep in memory is not taken for the result of a part of it."""
+    whole = xd.sweep(
+        falling(), {"g": "9:11:3 m s-2", "m": "1:3:3 kg"}, until=END, method="rk4", step=0.01, keep=["end"]
+    )
+    for grid in (whole.compute(), whole.compute().isel(g=slice(2))):
+        assert_same_bits(xd.influences(grid, compute=False), xd.influences(grid))
+
+
 def test_a_survey_is_asked_for_by_true_or_false(free: xr.Dataset) -> None:
     """Assert the value that is none of them."""
     with pytest.raises(xd.InputError, match="compute is 3, needs true or false"):

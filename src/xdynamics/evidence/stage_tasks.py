@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import record
+from xdynamics.evidence.cluster import compute_in_one_graph
 from xdynamics.evidence.runs import march_model
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
@@ -191,14 +192,16 @@ def _gather_blocks(finish: Callable[..., Any], extra: tuple[Any, ...], blocks: A
     return np.array(finish(blocks, *extra))
 
 
-def results_of(*tasks: Task) -> list[Any]:
-    """Return the results of tasks, computed in turn in this process; a result is freed after its last use."""
-    order: dict[str, Task] = {}
+def results_of(*tasks: Task | Gathered) -> list[Any]:
+    """Return the results of tasks, computed in turn in this process; a result is freed after its last use.
 
-    def visit(task: Task) -> None:
+    Lazy variables that a task needs are computed as dask computes them, all in one graph: their blocks may be shared.
+    """
+    order: dict[str, Task | Gathered] = {}
+
+    def visit(task: Task | Gathered) -> None:
         if task.name not in order:
             for needed in task.needs:
-                assert isinstance(needed, Task)  # noqa: S101 - gathered values are for graphs
                 visit(needed)
             order[task.name] = task
 
@@ -207,7 +210,12 @@ def results_of(*tasks: Task) -> list[Any]:
     last = {needed.name: name for name, task in order.items() for needed in task.needs}
     requested_names, results = {task.name for task in tasks}, dict[str, Any]()
     for name, task in order.items():
-        results[name] = task.result(*(results[needed.name] for needed in task.needs))
+        if isinstance(task, Task):
+            results[name] = task.result(*(results[needed.name] for needed in task.needs))
+        elif name not in results:
+            gathered = [entry for entry in order.values() if isinstance(entry, Gathered)]
+            values = compute_in_one_graph(*(entry.variable.data for entry in gathered))
+            results |= dict(zip((entry.name for entry in gathered), values, strict=True))
         for needed in task.needs:
             if last[needed.name] == name and needed.name not in requested_names:
                 results.pop(needed.name, None)

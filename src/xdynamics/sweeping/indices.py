@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import archive
 from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.evidence.grid_axes import member_number_names, sweep_of
 from xdynamics.evidence.stage_tasks import Gathered, Task
-from xdynamics.evidence.stages import Stage, compute_datasets
+from xdynamics.evidence.stages import Stage
 from xdynamics.faults import InputError
 from xdynamics.model import Model, check_model
 from xdynamics.model.parts import Parameter
@@ -104,15 +105,11 @@ def sobol_indices(
     sweep = _sweep_designs(model, spans, quantity, draws, seed, settings)
     elements = {str(dim): sweep.sizes[dim] for dim in sweep[quantity].dims[1:]}
     request = IndicesRequest(model, spans, isinstance(ranges, Mapping), quantity, draws, seed, resamples, elements)
-    if compute:
-        return _compute_indices(
-            request, *(variable.values for variable in compute_datasets(sweep[[quantity, OUTCOME]])[0].values())
-        )
     needs = tuple(Gathered(sweep[name]) for name in (quantity, OUTCOME))
     task = Task.of("indices", partial(_compute_indices, request), needs, draws, seed, resamples)
     blank = np.full((len(SHARES), len(spans), *elements.values()), np.nan)
     known_names = [*_range_variables(spans, stated=request.stated)]
-    return Stage(task, lambda: _sobol_dataset(request, blank, (blank, blank)), known_names).result(compute=False)
+    return Stage(task, lambda: _sobol_dataset(request, blank, (blank, blank)), known_names).result(compute=compute)
 
 
 @dataclass(frozen=True)
@@ -334,32 +331,26 @@ def influences(sweep: xr.Dataset, *, compute: bool = True) -> xr.Dataset:
     index for values distributed like the grid (Saltelli et al., Global Sensitivity Analysis, 2008, 1.2).
     """
     sweep = sweep_of(sweep)
-    if compute:
-        return _influences_in_memory(compute_datasets(sweep)[0])
     lazy_names = [str(name) for name, variable in sweep.variables.items() if is_chunked(variable)]
-    small_sweep = sweep.isel({dim: slice(2) for dim in sweep.dims})
-    blank = small_sweep.assign(
-        {
-            name: (
-                small_sweep[name].dims,
-                np.zeros(small_sweep[name].shape, small_sweep[name].dtype),
-                small_sweep[name].attrs,
-            )
-            for name in lazy_names
-        }
+    call = partial(_influences_of_gathered, sweep, lazy_names)
+    needs = tuple(Gathered(sweep[name]) for name in lazy_names)
+    task = Task.of("influences", call, needs, sweep.attrs.get(DIGEST), archive.digest_of_run(sweep))
+
+    def template() -> xr.Dataset:
+        few = sweep.isel({dim: slice(2) for dim in sweep.dims})
+        blanks = (np.zeros(few[name].shape, few[name].dtype) for name in lazy_names)
+        return _influences_of_gathered(few, lazy_names, *blanks)
+
+    return Stage(task, template, ("axis_name",)).result(compute=compute)
+
+
+def _influences_of_gathered(sweep: xr.Dataset, names: Sequence[str], *values: NDArray[Any]) -> xr.Dataset:
+    """Return the influences of a sweep whose lazy variables are replaced by values."""
+    return _influences_in_memory(
+        sweep.assign(
+            {name: sweep.variables[name].copy(data=numbers) for name, numbers in zip(names, values, strict=True)}
+        )
     )
-    about_names = {name: (sweep[name].dims, sweep[name].attrs) for name in lazy_names}
-    call = partial(_influences_of_gathered, sweep.drop_vars(lazy_names), about_names)
-    task = Task.of("influences", call, tuple(Gathered(sweep[name]) for name in lazy_names), sweep.attrs.get(DIGEST))
-    return Stage(task, partial(_influences_in_memory, blank), ("axis_name",)).result(compute=False)
-
-
-def _influences_of_gathered(eager_sweep: xr.Dataset, names: Mapping[str, Any], *values: Any) -> xr.Dataset:
-    """Return the influences of a sweep whose lazy variables are replaced by their computed values."""
-    gathered_variables = {
-        name: (dims, data, attrs) for (name, (dims, attrs)), data in zip(names.items(), values, strict=True)
-    }
-    return _influences_in_memory(eager_sweep.assign(gathered_variables))
 
 
 def _influences_in_memory(sweep: xr.Dataset) -> xr.Dataset:
