@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xdynamics.budgeting import numerical
 from xdynamics.budgeting.budget_dataset import COVERAGE, BudgetParts, BudgetRequest, budget_dataset, budget_request
-from xdynamics.budgeting.measurand import MEMBERS, OwnRun, Target, own_run_task
+from xdynamics.budgeting.measurand import OwnRun, Target, own_run_task
 from xdynamics.budgeting.montecarlo import NOTHING_DRAWN, draw_statistics, draw_until_known, end_tolerance_of
 from xdynamics.budgeting.numerical import NOT_MARCHED, LevelComparison, levels_of
 from xdynamics.budgeting.physical import shifted_copies
@@ -25,6 +24,7 @@ from xdynamics.budgeting.proven_bounds import NOT_PROVEN, proven_task
 from xdynamics.budgeting.term import COMPARED, COPIES, NUMBER, OWN, ROUNDING, RUN, Declared, Term
 from xdynamics.evidence.evidence_dataset import evidence_dataset
 from xdynamics.evidence.grid_axes import AXES, AXIS, OWN_DIGEST, is_sweep, sweep_axis_names, sweep_of
+from xdynamics.evidence.refining.levels import RTOLS, STEPS
 from xdynamics.evidence.stage_tasks import Gathered, Task, results_of
 from xdynamics.evidence.stages import Stage, blank_run, compute_datasets
 from xdynamics.faults import AccuracyWarning, InputError, first_names, warn
@@ -139,8 +139,6 @@ SUMMARIES = {KIND: budget_grid_lines}
 UNSURE = 0.02  # relative error of a term up to which a doubtful slope is not warned of
 FIRST_DRAWS = 4096
 DRAWS = "draws"  # among the parts of a budget
-
-Gatherer = Callable[[Callable[..., Any]], Task | Gathered]
 
 
 def error_budget(
@@ -284,57 +282,67 @@ def error_budget(
             )
         return budgets_over(cast("xr.Dataset", model), quantity, error_budget, compute=compute, **budget_arguments)
     request = budget_request(cast("Model", model), quantity, **budget_arguments, **settings)
+    if until_uncertainty is None:
+        return budget_stage(request).result(compute=compute)
     if not compute:
-        if until_uncertainty is not None:
-            raise InputError(
-                "until_uncertainty doubles the draws until they suffice, and how many is known only once they are"
-                " marched; give draws=10000, or compute=True"
-            )
-        return budget_stage(request).result(compute=False)
-    return _compute_budget(request, until_uncertainty)
+        raise InputError(
+            "until_uncertainty doubles the draws until they suffice, and how many is known only once they are"
+            " marched; give draws=10000, or compute=True"
+        )
+    return _budget_until_known(request, until_uncertainty)
 
 
-def _compute_budget(request: BudgetRequest, until_uncertainty: str | None) -> xr.Dataset:
-    """March the runs of a budget in this process, and return the budget."""
-    tasks = _tasks(request, _copies_task)
+def _budget_until_known(request: BudgetRequest, until_uncertainty: str) -> xr.Dataset:
+    """March the runs of a budget, and draw until the intervals' ends are known as well as wanted."""
+    tasks = _tasks(request)
     parts = BudgetParts.from_results(dict(zip(tasks, results_of(*tasks.values()), strict=True)))
-    target, unit = request.target, parse_unit(parts.own_run.units)
-    _doubt_slopes(parts.terms, target)
-    if not (request.draws or until_uncertainty is not None):
-        return budget_dataset(request, parts, None)
-    end_tolerance = end_tolerance_of(until_uncertainty, unit, target, COVERAGE)
-    first = request.draws if until_uncertainty is None else max(request.draws, FIRST_DRAWS)
+    _doubt_slopes(parts.terms, request.target)
+    end_tolerance = end_tolerance_of(until_uncertainty, parse_unit(parts.own_run.units), request.target, COVERAGE)
     propagation = request.propagation(parts.number.value, parts.terms)
+    first = max(request.draws, FIRST_DRAWS)
     monte_carlo, draws = draw_until_known(propagation, first, request.coverage, end_tolerance)
     return budget_dataset(replace(request, draws=draws), parts, monte_carlo)
 
 
 def budget_stage(request: BudgetRequest) -> Stage:
-    """Return a budget before it is computed: a task for each level, each source and each block of draws.
+    """Return a budget: a task for each level, each source and each block of draws.
 
     Raises
     ------
     InputError
-        If a setting is wrong, or terms do not fit together.
+        If terms do not fit together.
     """
-    measurand, tasks = request.measurand, _tasks(request, _gathered_copies)
-    levels = levels_of(measurand) if COMPARED in tasks else None
+    tasks = _tasks(request)
+    if request.draws:
+        numbers = request.propagation(NOT_MARCHED.value, []).numbers(request.draws)
+        tasks |= {} if numbers is None else {DRAWS: Gathered(numbers)}
+    task = Task.of("budget", partial(_budget_of_parts, request, [*tasks]), tuple(tasks.values()), *request.words)
+    known_names = ("term_name", "term_kind", STEPS.name, RTOLS.name, "model_toml")
+    return Stage(task, partial(_blank_budget, request), known_names)
+
+
+def _blank_budget(request: BudgetRequest) -> xr.Dataset:
+    """Return a budget before anything is marched.
+
+    Raises
+    ------
+    InputError
+        If a setting is wrong, or nothing is uncertain that could be drawn.
+    """
+    measurand = request.measurand
     run = blank_run(March(measurand.model, unthinned_settings_for(measurand.model, **measurand.settings)))
     own_run = OwnRun.from_run(measurand, run)
     unit = parse_unit(own_run.units)
     terms = [term for source in request.sources for term in source.blank(unit)]
-    proven = NOT_PROVEN if request.proven else None
-    blank = BudgetParts(own_run, NOT_MARCHED, None if levels is None else LevelComparison.blank(levels), terms, proven)
     if request.draws:
-        numbers = request.propagation(NOT_MARCHED.value, terms).numbers(request.draws, members_per_task=MEMBERS)
-        tasks |= {} if numbers is None else {DRAWS: Gathered(numbers)}
-    template = budget_dataset(request, blank, NOTHING_DRAWN if request.draws else None)
-    task = Task.of("budget", partial(_budget_of_parts, request, [*tasks]), tuple(tasks.values()), *request.words)
-    known_names = ("term_name", "term_kind", *([] if levels is None else [levels.varied.name]), "model_toml")
-    return Stage(task, lambda: template, known_names)
+        request.propagation(NOT_MARCHED.value, terms).check()
+    is_compared = any(COMPARED in source.needs for source in request.sources)
+    levels = LevelComparison.blank(levels_of(measurand)) if is_compared else None
+    blank = BudgetParts(own_run, NOT_MARCHED, levels, terms, NOT_PROVEN if request.proven else None)
+    return budget_dataset(request, blank, NOTHING_DRAWN if request.draws else None)
 
 
-def _tasks(request: BudgetRequest, gathered: Gatherer) -> dict[Any, Any]:
+def _tasks(request: BudgetRequest) -> dict[Any, Task | Gathered]:
     """Return the tasks of a budget: its run, the number in it and in levels, and all terms."""
     measurand = request.measurand
     needs = {need for source in request.sources for need in source.needs}
@@ -346,25 +354,13 @@ def _tasks(request: BudgetRequest, gathered: Gatherer) -> dict[Any, Any]:
     if ROUNDING in needs:
         shared_tasks[ROUNDING] = numerical.rounding_source(measurand).task(measurand, shared_tasks)
     if COPIES in needs:
-        shared_tasks[COPIES] = gathered(partial(shifted_copies, measurand, request.inputs))
-    parts: dict[Any, Any] = {name: shared_tasks[name] for name in (NUMBER, COMPARED) if name in shared_tasks}
+        shared_tasks[COPIES] = Gathered(shifted_copies(measurand, request.inputs))
+    parts: dict[Any, Task | Gathered] = {
+        name: shared_tasks[name] for name in (NUMBER, COMPARED) if name in shared_tasks
+    }
     parts[OWN] = own_run_task(measurand, run)
     parts |= {PROVEN: proven_task(measurand, run)} if request.proven else {}
     return parts | {source.names: source.task(measurand, shared_tasks) for source in request.sources}
-
-
-def _gathered_copies(numbers: Callable[..., xr.DataArray]) -> Gathered:
-    """Return the numbers of a sweep whose blocks are tasks."""
-    return Gathered(numbers(members_per_task=MEMBERS))
-
-
-def _copies_task(numbers: Callable[..., xr.DataArray]) -> Task:
-    """Return the numbers of a sweep as one task."""
-    return Task("copies", partial(_copy_values, numbers), lasting=False)
-
-
-def _copy_values(numbers: Callable[..., xr.DataArray]) -> NDArray[np.float64]:
-    return np.asarray(numbers().values, float)
 
 
 def _budget_of_parts(request: BudgetRequest, names: list[Any], *task_results: Any) -> xr.Dataset:

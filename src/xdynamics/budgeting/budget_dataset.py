@@ -176,7 +176,7 @@ def budget_request(
     Raises
     ------
     InputError
-        If one is wrong, or the model was fitted inadequately.
+        If one is wrong, the run is not to reach the time, or the model was fitted inadequately.
     """
     check_model(model)
     _check_draw_settings(draws, seed, coverage, digits)
@@ -193,6 +193,7 @@ def budget_request(
         inadequate_fit is True,
         proven=proven is True,
     )
+    full_request.measurand.check_time()
     names = full_request.names
     left_out = names_left_out(names, model.shapes, only, without)
     return (

@@ -32,7 +32,7 @@ from xdynamics.record.provenance import xdynamics_version
 from xdynamics.record.unfolding import element_array, event_words, get_column
 from xdynamics.schema import EVENT_AFTER, OCCURRENCE, STEPS
 from xdynamics.sweeping.sweep import sweep
-from xdynamics.units import SECONDS, Unit, parse_unit, time_in
+from xdynamics.units import SECONDS, Unit, parse_unit, time_in, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -292,6 +292,24 @@ class Measurand:
         """The time tolerance of events in runs for slopes."""
         return SHARPER * settings_for(self.model, **self.settings).time_tolerance
 
+    def check_time(self) -> None:
+        """Check that a time of the number is one that the run is to reach.
+
+        Raises
+        ------
+        InputError
+            If it is not.
+        """
+        if self.target.at is None:
+            return
+        span = np.array([self.model.statement.initial["t"].si, settings_for(self.model, **self.settings).until])
+        if not span[0] <= _clip_to_run(self.target.at, span) <= span[1]:
+            unit = unit_suffix(self.model.time_unit)
+            start, until = span.tolist()
+            raise InputError(
+                f"at is {self.target.at!r}{unit}, outside the run, from {start!r}{unit} to until = {until!r}{unit}"
+            )
+
     def number(self, model: Model, **settings: Any) -> float:
         """March a model, with other settings where they are given, and return its number.
 
@@ -304,18 +322,14 @@ class Measurand:
         return self.target.in_run(run, model)[0]
 
     def numbers(self, axes: dict[str, Any], **settings: Any) -> xr.DataArray:
-        """Return the number of every member of a sweep, lazy; nan for those that end before.
-
-        Settings may say how many members a task marches.
-        """
+        """Return the number of every member of a sweep, lazy; nan for those that end before."""
         target, places = self.target, dict[str, Any]()
         if target.at is not None:
             places = {"times": [target.at]}
         elif target.event:
             places = {"occurrences": (target.occurrence - 1, target.occurrence)}
-        if self.keep is not None:
-            settings = {"members_per_task": MEMBERS} | settings
-        shared_settings = self.settings | settings | {"precision": FLOAT64}  # members of a sweep are of single floats
+        # members of a sweep are of single floats
+        shared_settings = self.settings | settings | {"members_per_task": MEMBERS, "precision": FLOAT64}
         member_values = sweep(self.model, axes, keep=[target.sweep_word], **places, **shared_settings)
         numbers = element_array(member_values, target.sweep_word)
         numbers = numbers.isel({OCCURRENCE: 0}) if OCCURRENCE in numbers.dims else numbers

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, inf, nan, pi, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -210,23 +210,25 @@ class Propagation:
         numbers = self.numbers(draws)
         return self.added_to(None if numbers is None else numbers.values, draws)
 
-    def numbers(self, draws: int, **settings: Any) -> xr.DataArray | None:
-        """Return the number in runs with drawn inputs, lazy; None if no input is drawn.
+    def check(self) -> None:
+        """Check that something is uncertain.
 
         Raises
         ------
         InputError
-            If nothing is uncertain.
+            If nothing is.
         """
-        names = [input_axis_name(self.measurand.model, name) for name in self.names]
-        if not names and not self.added:
+        if not self.names and not self.added:
             raise InputError(
                 "nothing in the model has an uncertainty to draw from; give parameters or initial values one"
             )
-        if not names:
+
+    def numbers(self, draws: int) -> xr.DataArray | None:
+        """Return the number in runs with drawn inputs, lazy; None if no input is drawn."""
+        if not self.names:
             return None
-        axes = {"draw": Draws(draws, names, design=DECLARED, seed=self.measurand.seed)}
-        return self.measurand.numbers(axes, **settings)
+        names = [input_axis_name(self.measurand.model, name) for name in self.names]
+        return self.measurand.numbers({"draw": Draws(draws, names, design=DECLARED, seed=self.measurand.seed)})
 
     def added_to(self, input_numbers: Floats | None, draws: int) -> Floats:
         """Add the drawn effects of terms that are no inputs of the model to the number of each run.
@@ -234,8 +236,9 @@ class Propagation:
         Raises
         ------
         InputError
-            If a run does not have the number.
+            If nothing is uncertain, or a run does not have the number.
         """
+        self.check()
         values = np.full(draws, self.value) if input_numbers is None else input_numbers
         if missing := int(np.count_nonzero(~np.isfinite(values))):
             raise InputError(
@@ -271,16 +274,14 @@ def draw_until_known(
         draws *= 2
 
 
-def end_tolerance_of(size_text: str | None, unit: Unit, target: Target, default_level: float) -> float:
-    """Return the standard uncertainty wanted of the intervals' ends; infinite by default.
+def end_tolerance_of(size_text: str, unit: Unit, target: Target, default_level: float) -> float:
+    """Return the standard uncertainty wanted of the intervals' ends.
 
     Raises
     ------
     InputError
         If it is not a positive size in a unit of the number, optionally with a percentage.
     """
-    if size_text is None:
-        return inf
     size, separator, level_text = str(size_text).partition(" at ")
     quantity = parse_quantity(size)
     try:

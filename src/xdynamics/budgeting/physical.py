@@ -322,7 +322,7 @@ def _input_slopes(
     return slopes
 
 
-def shifted_copies(measurand: Measurand, names: Sequence[str], **settings: Any) -> xr.DataArray:
+def shifted_copies(measurand: Measurand, names: Sequence[str]) -> xr.DataArray:
     """Return the number where each input is changed by its shifts, to both sides, lazy."""
     model = measurand.model
     inputs = {name: model.uncertain[name] for name in names}
@@ -338,7 +338,7 @@ def shifted_copies(measurand: Measurand, names: Sequence[str], **settings: Any) 
             for name, entry in values.items()
         }
     }
-    return measurand.numbers(axes, time_tolerance=measurand.sharp, **settings)
+    return measurand.numbers(axes, time_tolerance=measurand.sharp)
 
 
 def difference_slopes(
