@@ -22,28 +22,27 @@ from xdynamics.evidence.comparing.differences import (
     common_times,
     compare_each,
     compare_runs,
-    difference_of,
+    comparison_dataset,
+    difference_variables,
     event_difference,
     event_differences,
     shared_names,
-    times_variable,
-    title_of,
 )
 from xdynamics.evidence.comparing.grids import compare_sweeps
 from xdynamics.evidence.comparing.measured import (
-    data_residuals,
+    Measured,
     is_measured,
     measured_for,
     residuals_of,
     residuals_with,
 )
-from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
+from xdynamics.evidence.evidence_dataset import attrs_of
 from xdynamics.evidence.grid_axes import is_sweep
 from xdynamics.evidence.observables import is_comparable
 from xdynamics.evidence.runs import prepare_record
-from xdynamics.evidence.stages import Stage, foreseen_record, in_memory, task_of, task_of_runs
+from xdynamics.evidence.stages import Stage, foreseen_record, task_of, task_of_runs
 from xdynamics.faults import InputError
-from xdynamics.record import check, shapes_of, unfold
+from xdynamics.record import check, unfold
 from xdynamics.record.event_columns import NO_DETECTOR
 from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.folding import model_dimensions
@@ -65,7 +64,7 @@ LATER: dict[str, tuple[str, Any]] = {
 }  # attributes of a comparison that are known when it is made, and what they say
 
 
-def describe_comparison(
+def _lazy_comparison(
     first: xr.Dataset,
     second: xr.Dataset,
     sample_times: Floats | None,
@@ -85,58 +84,43 @@ def describe_comparison(
     times = common_times(first, second) if sample_times is None and marched else sample_times
     stated = _stated_sizes(sizes, occurrences, is_needed=times is None)
     shown_times = np.zeros(_at_stated(stated, first)) if times is None else times
-    variables: dict[str, Any] = {AT_TIME: times_variable(first, shown_times)}
-    models = [model_of_record(run, functions) for run in runs]
-    for name in shared_names(first, second):
-        if all(is_comparable(model, name) for model in models):
-            numbers = np.zeros((len(shown_times), *first.variables[name].shape[1:]))
-            blank = numbers, numbers, 0.0
-            variables |= difference_of(name, first.variables[name], second.variables[name], blank, blank)
-    records = [foreseen_record(run) for run in runs]
-    variables |= {
-        str(name): (entry.dims, entry.values, entry.attrs) for name, entry in blank_bitwise_table(*records).items()
-    }
-    variables |= _event_variables(first, second, records, stated, marched=marched)
-    variables |= {name: ((), value, attrs_of("1", text, "outcome")) for name, (text, value) in LATER.items()}
-    attributes = model_differences(first, second) | {"selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
-    template = evidence_dataset(
-        "comparison", title_of(first, second), [], variables, attributes, shapes=shapes_of(first)
-    )
+
+    def template() -> xr.Dataset:
+        models = [model_of_record(run, functions) for run in runs]
+        blanks = {
+            name: np.zeros((len(shown_times), *first.variables[name].shape[1:]))
+            for name in shared_names(first, second)
+            if all(is_comparable(model, name) for model in models)
+        }
+        sample = {name: (blank, blank, 0.0) for name, blank in blanks.items()}
+        variables = difference_variables(first, second, shown_times, [sample, sample])
+        records = [foreseen_record(run) for run in runs]
+        table = blank_bitwise_table(*records)
+        variables |= {str(name): (entry.dims, entry.values, entry.attrs) for name, entry in table.items()}
+        variables |= _event_variables(first, second, records, stated, marched=marched)
+        variables |= {name: ((), value, attrs_of("1", text, "outcome")) for name, (text, value) in LATER.items()}
+        attributes = model_differences(first, second) | {"selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
+        return comparison_dataset(first, second, (), variables, attributes)
+
     words = None if sample_times is None else sample_times.tolist()
-    task = task_of_runs("comparison", partial(_comparison_in_task, sample_times, functions), runs, words)
-    known_names = ("name", *(() if times is None else (AT_TIME,)))
-    return Stage(task, lambda: template, known_names).result(compute=False)
+    compared = partial(compare_runs, times=sample_times, functions=functions)
+    task = task_of_runs("comparison", compared, runs, words, read=True)
+    return Stage(task, template, ("name", *(() if times is None else (AT_TIME,)))).result(compute=False)
 
 
-def describe_residuals(
-    run: xr.Dataset, source: Any, functions: Functions | None, gaps: str, reading: Mapping[str, Any] | None
-) -> xr.Dataset:
-    """Describe a comparison of a run with measured data, which are read at once.
-
-    Raises
-    ------
-    InputError
-        If a column cannot be read or has another dimension than the run.
-    """
-    data = measured_for(run, source, functions, gaps, reading)
-    blank = np.zeros(data.times.size), np.zeros(data.times.size)
-    template = residuals_of(run, model_of_record(run, functions).shapes, dict.fromkeys(data.values, blank), data, ())
-    task = task_of_runs("comparison", partial(_with_data, functions, data), (run,), *data.words)
-    known_names = [
-        AT_TIME,
-        *(f"{kind}_{name}" for kind in ("measured", "measured_uncertainty") for name in data.values),
-    ]
-    return Stage(task, lambda: template, known_names).result(compute=False)
-
-
-def _comparison_in_task(
-    sample_times: Floats | None, functions: Functions | None, first: xr.Dataset, second: xr.Dataset
-) -> xr.Dataset:
-    return compare_runs(in_memory(first), in_memory(second), sample_times, functions)
-
-
-def _with_data(functions: Functions | None, data: Any, run: xr.Dataset) -> xr.Dataset:
-    return residuals_with(in_memory(run), data, functions)
+def _compare_with_data(run: xr.Dataset, data: Measured, functions: Functions | None, *, compute: bool) -> xr.Dataset:
+    """Compare a run with measured data, at once or in a task."""
+    compared = partial(residuals_with, data=data, functions=functions)
+    if compute:
+        return compared(run)
+    task = task_of_runs("comparison", compared, (run,), *data.words, read=True)
+    blank = np.zeros(data.times.size)
+    computed = dict.fromkeys(data.values, (blank, blank))
+    shapes = model_of_record(run, functions).shapes
+    known_names = [f"{kind}_{name}" for kind in ("measured", "measured_uncertainty") for name in data.values]
+    return Stage(task, lambda: residuals_of(run, shapes, computed, data, ()), [AT_TIME, *known_names]).result(
+        compute=False
+    )
 
 
 def _stated_sizes(sizes: Any, occurrences: int | None, *, is_needed: bool) -> dict[str, int]:
@@ -289,16 +273,15 @@ def compare(
             )
     if is_measured(second):
         first = prepare_record(first, functions)
-        if not compute:
-            return describe_residuals(first, second, functions, gaps, reading)
-        return data_residuals(first, second, functions, gaps, reading)
+        data = measured_for(first, second, functions, gaps, reading)
+        return _compare_with_data(first, data, functions, compute=compute)
     _check_comparable(second)
     if "model_toml" not in second.variables:
         raise InputError("compare needs the models of both runs, and 'model_toml' was left out of the second")
     first, second = _with_same_quantities(first, second, functions)
     sample_times = None if times is None else wanted_times(times, time_unit_of(first))
     if not compute:
-        return describe_comparison(first, second, sample_times, functions, {} if sizes is None else sizes, occurrences)
+        return _lazy_comparison(first, second, sample_times, functions, {} if sizes is None else sizes, occurrences)
     return compare_runs(first, second, sample_times, functions)
 
 

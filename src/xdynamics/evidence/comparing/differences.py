@@ -63,19 +63,15 @@ def compare_runs(
     names = shared_names(first, second)
     lazy = any(run.variables[name].chunks is not None for run in (first, second) for name in ("time", *names))
     samples = [_sample_run(run, names, sample_times, functions, lazy=lazy) for run in (first, second)]
-    variables: dict[str, Any] = {schema.AT_TIME: times_variable(first, sample_times)}
-    for name in names:
-        variables |= difference_of(
-            name, *(run.variables[name] for run in (first, second)), *(entry.get(name) for entry in samples)
-        )
+    variables = difference_variables(first, second, sample_times, samples)
     digests = [archive.digest_of_run(run) for run in (first, second)]
     if lazy:
-        return evidence_dataset("comparison", title_of(first, second), digests, variables, {}, shapes=shapes_of(first))
+        return comparison_dataset(first, second, digests, variables, {})
     if is_restated(first, second):
         second = second.assign(model_toml=first["model_toml"]).assign_attrs(model_digest=first.attrs["model_digest"])
     table = compare_bits(first, second)
     variables |= {str(name): (entry.dims, entry.values, entry.attrs) for name, entry in table.items()}
-    events = dict(event_differences(first, second))
+    variables |= dict(event_differences(first, second))
     attributes = (
         table.attrs | model_differences(first, second) | {"settings": "\n".join(differing_settings(first, second))}
     )
@@ -85,9 +81,32 @@ def compare_runs(
     }
     if rounding_text := rounding_note(first, second):
         attributes["rounding"] = rounding_text
-    attributes |= {"cause": cause_of(attributes), "selection": str(first.attrs.get(schema.SELECTION_OF, ""))}
+    attributes |= {"cause": cause_of(attributes)}
+    return comparison_dataset(first, second, digests, variables, attributes)
+
+
+def difference_variables(
+    first: xr.Dataset, second: xr.Dataset, times: Floats, samples: Sequence[Mapping[str, tuple[Any, Any, Any]]]
+) -> dict[str, Any]:
+    """Return times, and differences of what both runs were sampled of: values, interpolation errors and rests."""
+    variables: dict[str, Any] = {schema.AT_TIME: times_variable(first, times)}
+    for name in shared_names(first, second):
+        variables |= difference_of(
+            name, *(run.variables[name] for run in (first, second)), *(entry.get(name) for entry in samples)
+        )
+    return variables
+
+
+def comparison_dataset(
+    first: xr.Dataset,
+    second: xr.Dataset,
+    digests: Sequence[str],
+    variables: Mapping[str, Any],
+    attributes: Mapping[str, Any],
+) -> xr.Dataset:
+    """Return the Dataset of a comparison of two runs."""
     return evidence_dataset(
-        "comparison", title_of(first, second), digests, variables | events, attributes, shapes=shapes_of(first)
+        "comparison", title_of(first, second), digests, variables, attributes, shapes=shapes_of(first)
     )
 
 

@@ -440,23 +440,6 @@ def _occurrence_numbers(name: str, columns: dict[str, tuple[Floats, Unit]], rows
     return numbers.astype(np.int64)
 
 
-def data_residuals(
-    run: xr.Dataset,
-    source: Any,
-    functions: Mapping[str, Callable[..., float]] | None,
-    gaps: str = REFUSE,
-    reading: Mapping[str, Any] | None = None,
-) -> xr.Dataset:
-    """Compare a run with measured data; see `compare`.
-
-    Raises
-    ------
-    InputError
-        If a column cannot be read or has another dimension than the run, or a time is outside the run.
-    """
-    return residuals_with(run, measured_for(run, source, functions, gaps, reading), functions)
-
-
 def measured_for(
     run: xr.Dataset,
     source: Any,
