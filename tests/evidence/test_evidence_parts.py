@@ -14,7 +14,7 @@ import xarray as xr
 
 import xdynamics as xd
 from cases.problems import MODELS
-from xdynamics.evidence.companion import Companion, companion, companion_lines, companion_of
+from xdynamics.evidence.companion import Companion, companion, companion_lines, tighter_of
 from xdynamics.evidence.comparing.bits import compare_bits, compare_reproduction
 from xdynamics.evidence.comparing.causes import _flatten_table, _shortened_text, cause_of, independent_settings
 from xdynamics.evidence.comparing.comparison_summary import comparison_lines as comparison_in_words
@@ -44,6 +44,7 @@ from xdynamics.evidence.refining.refinement import refinement_lines as refinemen
 from xdynamics.evidence.refining.study import Study
 from xdynamics.evidence.refining.subjects import StudyQuantities, TrackedValue, family
 from xdynamics.evidence.runs import march_model
+from xdynamics.evidence.stage_tasks import results_of
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")  # cos 2t
 BALL = xd.Model.from_toml(MODELS / "ball_drag.toml")
@@ -1007,16 +1008,17 @@ def test_a_tenth_of_the_tolerances_tells_ten_ninths() -> None:
     """Assert tolerances of the tighter run, absolute ones too, and its factor."""
     model = OSCILLATOR
     run = xd.simulate(model, method="dormand_prince", rtol=1e-5, atol={"x": "1e-6 m", "v_x": "1e-6 m s-1"}, until=5.0)
-    beside = companion_of(run)
+    beside = tighter_of(run, None)
     assert beside.factor == pytest.approx(10.0 / 9.0)
     assert beside.tightening == "a 10th of the tolerances"
-    assert beside.run.attrs["solver_rtol"] == pytest.approx(1e-6)
-    assert float(beside.run.x.attrs["atol"]) == pytest.approx(1e-7)
+    marched = results_of(beside.task)[0]
+    assert marched.attrs["solver_rtol"] == pytest.approx(1e-6)
+    assert float(marched.x.attrs["atol"]) == pytest.approx(1e-7)
     off = float(run.x[-1]) - math.cos(10.0)
     assert float(companion(run).global_error_x[0]) == pytest.approx(off, rel=0.3)
     part = xr.Dataset.isel(run, step=slice(0, 5))
     with pytest.raises(xd.InputError):
-        companion_of(part)
+        tighter_of(part, None)
 
 
 def bounced(steps: list[float], until: float) -> Study:

@@ -230,9 +230,9 @@ class StepInterpolator:
                 room[:] = part
         return state_numbers
 
-    def blank(self, count: int) -> xr.Dataset:
-        """Return the result of `dataset` at a number of times, without its values."""
-        return self.described(np.full(count, np.nan), np.zeros(count, np.int64), np.full((self._height, count), np.nan))
+    def blank(self, times: Floats) -> xr.Dataset:
+        """Return the result of `dataset` at some times, without its values; the times may be unknown, nan."""
+        return self.described(times, np.zeros(times.size, np.int64), np.full((self._height, times.size), np.nan))
 
     @property
     def _height(self) -> int:

@@ -15,9 +15,9 @@ from xdynamics import archive, schema
 from xdynamics.dynamics.recorded_steps import model_of_record, wanted_times
 from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
 from xdynamics.evidence.evidence_dataset import attrs_of, event_rows_by_name, evidence_dataset, match_times
-from xdynamics.evidence.runs import march_model, prepare_record
-from xdynamics.evidence.stage_tasks import Task, march_task
-from xdynamics.evidence.stages import Stage, in_memory, task_of, task_of_runs
+from xdynamics.evidence.runs import prepare_record
+from xdynamics.evidence.stage_tasks import Task, march_task, results_of
+from xdynamics.evidence.stages import Stage, task_of, task_of_runs
 from xdynamics.faults import InputError
 from xdynamics.march.configuration import THINNING
 from xdynamics.march.outcomes import GOOD
@@ -28,7 +28,7 @@ from xdynamics.record import check_kind, shapes_of, unfold
 from xdynamics.record.arguments import recorded_arguments
 from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.schemas import is_whole, kind_description
-from xdynamics.schema import AT, AT_TIME, EVENTS
+from xdynamics.schema import AT_TIME, EVENTS
 from xdynamics.units import Quantity, unit_suffix
 from xdynamics.units.digits import digits
 
@@ -73,6 +73,18 @@ class Tighter:
         """
         with _no_tighter():
             return march_task(self.model, **self.settings)
+
+    def marched(self) -> xr.Dataset:
+        """March it in this process, and return the run.
+
+        Raises
+        ------
+        InputError
+            If no march can have such settings.
+        """
+        with _no_tighter():
+            marched: xr.Dataset = results_of(march_task(self.model, **self.settings))[0]
+        return marched
 
     def to_companion(self, run: xr.Dataset, marched: xr.Dataset, functions: Functions | None) -> Companion:
         """Return the marched run as the companion of the record."""
@@ -193,43 +205,37 @@ def companion(
     check_kind(run)
     run = prepare_record(run, functions)
     sample_times = None if times is None else wanted_times(times, time_unit_of(run))
-    if compute:
-        return _compare_with_companion(run, companion_of(run, functions), sample_times)
     tighter = tighter_of(run, functions)
     words = None if sample_times is None else sample_times.tolist()
-    task = task_of_runs(
-        "companion", partial(_companion_in_task, tighter, functions, sample_times), (run,), words, needs=(tighter.task,)
-    )
-    states = tighter.blank_global_errors(
-        StepInterpolator.of_run(run, functions, REINTEGRATE).blank(1 if sample_times is None else len(sample_times))
-    )
-    errors = np.full(run.sizes.get(EVENTS, 0), np.nan)
-    template = _companion_dataset(
-        run,
-        states if sample_times is None else states.assign_coords({AT_TIME: (AT, sample_times, states[AT_TIME].attrs)}),
-        errors,
-        errors,
-        (),
-    )
-    return Stage(task, lambda: template, () if sample_times is None else (AT_TIME,)).result(compute=False)
+    estimated = partial(_beside_tighter, tighter, functions, sample_times)
+    if compute:
+        return estimated(run, tighter.marched())
+    task = task_of_runs("companion", estimated, (run,), words, needs=(tighter.task,), read=True)
+    template = partial(_blank_companion, run, tighter, functions, sample_times)
+    return Stage(task, template, () if sample_times is None else (AT_TIME,)).result(compute=False)
 
 
-def _companion_in_task(
+def _beside_tighter(
     tighter: Tighter, functions: Functions | None, sample_times: Floats | None, run: xr.Dataset, marched: xr.Dataset
 ) -> xr.Dataset:
-    """Compare a record with its tighter run, in a task."""
-    return _compare_with_companion(in_memory(run), tighter.to_companion(run, marched, functions), sample_times)
-
-
-def _compare_with_companion(run: xr.Dataset, companion: Companion, sample_times: Floats | None) -> xr.Dataset:
     """Return the errors of a record by its tighter run."""
-    last = min(float(data["time"][-1]) for data in (run, companion.run))  # an event may stop the tighter run first
+    companion = tighter.to_companion(run, marched, functions)
+    last = min(float(data["time"][-1]) for data in (run, marched))  # an event may stop the tighter run first
     times = np.array([last]) if sample_times is None else sample_times
-    states = companion.with_global_errors(
-        sample_in_steps(run, times, after_event=True, rule=REINTEGRATE, functions=companion.functions)
-    )
-    digests = [archive.digest_of_run(data) for data in (run, companion.run)]
+    states = sample_in_steps(run, times, after_event=True, rule=REINTEGRATE, functions=functions)
+    states = companion.with_global_errors(states)
+    digests = [archive.digest_of_run(run), states.attrs["companion_digest"]]
     return _companion_dataset(run, states, run["event_time"].values, companion.event_errors(), digests)
+
+
+def _blank_companion(
+    run: xr.Dataset, tighter: Tighter, functions: Functions | None, sample_times: Floats | None
+) -> xr.Dataset:
+    """Return the errors of a record before its tighter run is marched."""
+    times = np.full(1, np.nan) if sample_times is None else sample_times
+    states = StepInterpolator.of_run(run, functions, REINTEGRATE).blank(times)
+    errors = np.full(run.sizes.get(EVENTS, 0), np.nan)
+    return _companion_dataset(run, tighter.blank_global_errors(states), errors, errors, ())
 
 
 def _companion_dataset(
@@ -285,21 +291,6 @@ def check_whole(run: xr.Dataset) -> None:
         raise InputError(f"this is {kind_description(run.attrs)}; a run is marched beside a whole run")
     if all(variable.chunks is None for variable in run.variables.values()):
         archive.check_unchanged(run)
-
-
-def companion_of(run: xr.Dataset, functions: Functions | None = None) -> Companion:
-    """March the model of a record once more at a tighter setting.
-
-    Raises
-    ------
-    InputError
-        If the Dataset is not a whole run record, or no setting is tighter.
-    """
-    tighter = tighter_of(run, functions)
-    with _no_tighter():
-        return Companion(
-            run, march_model(tighter.model, **tighter.settings), tighter.factor, tighter.tightening, functions
-        )
 
 
 @contextmanager

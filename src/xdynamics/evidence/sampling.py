@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import archive, record
 from xdynamics.dynamics.recorded_steps import wanted_times
 from xdynamics.dynamics.shortened_steps import StepInterpolator, sample_in_steps
-from xdynamics.evidence.companion import Tighter, companion_of, tighter_of
+from xdynamics.evidence.companion import Tighter, tighter_of
 from xdynamics.evidence.runs import prepare_record
 from xdynamics.evidence.stages import Stage, in_memory, task_of_runs
 from xdynamics.faults import InputError
@@ -20,7 +20,7 @@ from xdynamics.methods.scheme import REINTEGRATE, RULES
 from xdynamics.record.flag_words import time_unit_of
 from xdynamics.record.folding import fold, labelled, model_dimensions
 from xdynamics.record.run_dataset import check_dataset
-from xdynamics.schema import AT, AT_TIME
+from xdynamics.schema import AT_TIME
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -123,36 +123,29 @@ def _sample_states(
 ) -> xr.Dataset:
     """Evaluate a run, of elements or of quantities with dimensions; see `sample`."""
     sample_times = wanted_times(times, time_unit_of(run))
-    if compute is False:
-        return _describe_samples(run, sample_times, side, rule, functions, companion=companion)
-    states = sample_in_steps(run, sample_times, after_event=side == "after", rule=rule, functions=functions)
-    states = companion_of(run, functions).with_global_errors(states) if companion else states
-    return states if compute is None else in_memory(states)
-
-
-def _describe_samples(
-    run: xr.Dataset, sample_times: Floats, side: str, rule: str, functions: Functions | None, *, companion: bool
-) -> xr.Dataset:
-    """Describe states at times; one task evaluates them, after those that march the run and its companion."""
     tighter = tighter_of(run, functions) if companion else None
-    states = StepInterpolator.of_run(run, functions, rule).blank(len(sample_times))
-    states = states.assign_coords({AT_TIME: (AT, sample_times, states[AT_TIME].attrs)})
-    states = states if tighter is None else tighter.blank_global_errors(states)
-    call = partial(_sample_in_task, sample_times, side == "after", rule, functions, tighter)
+    states_of = partial(_states_at, sample_times, side, rule, functions, tighter)
+    if compute is not False:
+        marched = () if tighter is None else (tighter.marched(),)
+        return states_of(run, *marched, lazy=compute is None)
     needs = () if tighter is None else (tighter.task,)
-    task = task_of_runs("sample", call, (run,), sample_times.tolist(), side, rule, companion, needs=needs)
-    return Stage(task, lambda: states, (AT_TIME,)).result(compute=False)
+    task = task_of_runs("sample", states_of, (run,), sample_times.tolist(), side, rule, companion, needs=needs)
+    blank = StepInterpolator.of_run(run, functions, rule).blank(sample_times)
+    stage = Stage(task, lambda: blank if tighter is None else tighter.blank_global_errors(blank), (AT_TIME,))
+    return stage.result(compute=False)
 
 
-def _sample_in_task(
+def _states_at(
     sample_times: Floats,
-    after_events: bool,  # noqa: FBT001 - bound by position in a task
+    side: str,
     rule: str,
     functions: Functions | None,
     tighter: Tighter | None,
     run: xr.Dataset,
     *marched: xr.Dataset,
+    lazy: bool = False,
 ) -> xr.Dataset:
-    """Evaluate states in a task; of a run in chunks only those are read that are needed."""
-    states = in_memory(sample_in_steps(run, sample_times, after_event=after_events, rule=rule, functions=functions))
+    """Evaluate states, lazy or, of a run in chunks, by reading only those that are needed."""
+    states = sample_in_steps(run, sample_times, after_event=side == "after", rule=rule, functions=functions)
+    states = states if lazy else in_memory(states)
     return states if tighter is None else tighter.to_companion(run, marched[0], functions).with_global_errors(states)

@@ -223,8 +223,7 @@ def unmarched_run(
         check_sampled(settings)
         task = Task.of("states", partial(_sample_record, model, sample_times), (task,), sample_times.tolist())
     run = record.described(march, {schema.STEPS: 1})
-    states = StepInterpolator.of_run(run, model.functions, REINTEGRATE).blank(len(sample_times))
-    states = states.assign_coords({schema.AT_TIME: (schema.AT, sample_times, states[schema.AT_TIME].attrs)})
+    states = StepInterpolator.of_run(run, model.functions, REINTEGRATE).blank(sample_times)
     template = labelled(fold(states, record.shapes_of(run)))
     known_names = [schema.AT_TIME, *(str(name) for name in template.variables if name not in states.variables)]
     return Stage(task, lambda: _with_outcome(template), known_names).result(compute=False)
