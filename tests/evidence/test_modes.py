@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from click.testing import CliRunner
 
 import xdynamics as xd
 from cases.problems import MODELS, oscillator, particle
+from cases.stages import assert_same_bits
 from cases.verdicts import verified
 from xdynamics.cli import main
 from xdynamics.documenting.summary import summary
@@ -424,6 +426,16 @@ def test_modes_of_a_constrained_model_are_described_before_they_are_computed() -
     assert lazily.compute().assign_attrs(found.attrs).identical(found)  # the date aside
     run = xd.simulate(xd.Model.from_toml(MODELS / "four_bar.toml"), until="0.5 s")
     assert xd.modes(run, row=-1).sizes["mode"] == 1
+
+
+def test_modes_of_an_unmarched_run_of_many_elements_are_those_of_the_run() -> None:
+    """Assert the numbers and dimensions of the marched run's modes, about a row that is read later."""
+    chain = xd.Model.from_toml(MODELS / "toda_chain.toml")
+    asked: dict[str, Any] = {"method": "velocity_verlet", "step": 0.05, "until": 1.0}
+    assert_same_bits(
+        modes(xd.simulate(chain, **asked, compute=False), row=3, compute=False),
+        modes(xd.simulate(chain, **asked), row=3),
+    )
 
 
 @pytest.mark.parametrize("faster", [1.0, 100.0])

@@ -33,9 +33,10 @@ from xdynamics.model.linearisation import (
     linearise,
 )
 from xdynamics.model.motion import constants, variables
-from xdynamics.record import of_elements
 from xdynamics.record.flag_words import words_of_flag
+from xdynamics.record.folding import model_dimensions
 from xdynamics.record.schemas import log_description
+from xdynamics.record.unfolding import unfold
 from xdynamics.runtime.fork_safety import one_blas_thread
 from xdynamics.schema import STEPS, Variable
 from xdynamics.stability import LinearSystem, NormalModes, decay_limit, oscillator_limit, stable_step_of
@@ -43,8 +44,8 @@ from xdynamics.stability.normal_modes import MANY
 from xdynamics.units import NONE, NUMBERS, Unit, parse_unit, spell, unit_suffix
 
 
-def operating_point(subject: Any, row: int | None) -> tuple[Model, dict[str, float]]:
-    """Return the requested model and state.
+def operating_point(subject: Any, row: int | None) -> tuple[Model, dict[str, float], list[str]]:
+    """Return the requested model and state, and the digest of the run that they are of.
 
     Raises
     ------
@@ -54,12 +55,20 @@ def operating_point(subject: Any, row: int | None) -> tuple[Model, dict[str, flo
     if isinstance(subject, Model):
         if row is not None:
             raise InputError(f"row is {row!r}, but a model has no rows; give a run record, or the state with at=…")
-        return subject, initial_state(subject)
+        return subject, initial_state(subject), []
     if not isinstance(subject, xr.Dataset):
         raise InputError(f"modes needs a Model or a run record, got {str(subject)[:60]!r}")
-    record.check(subject, values=not is_lazy(subject))
-    model, row_index = model_and_row(subject, row)
-    return model, {name: _recorded_number(subject, name, row_index) for name in ("t", *variables(model))}
+    run = unfold(subject) if model_dimensions(subject) else subject
+    record.check(run, values=not is_lazy(run))
+    model, row_index = model_and_row(run, row)
+    state = {name: _recorded_number(run, name, row_index) for name in ("t", *variables(model))}
+    return model, state, [archive.digest_of_run(run)]
+
+
+def _unread_point(run: xr.Dataset, row: int | None) -> tuple[Model, dict[str, float], list[str]]:
+    """Return the model of a run that is read, or marched, later, and a state of unknown numbers."""
+    model, _ = model_and_row(run, row)
+    return model, dict.fromkeys(("t", *variables(model)), np.nan), []
 
 
 def model_and_row(run: xr.Dataset, row: int | None) -> tuple[Model, int]:
@@ -119,7 +128,6 @@ SUGGESTION = (
 )
 
 
-@of_elements
 def modes(
     subject: Model | xr.Dataset, *, row: int | None = None, at: Mapping[str, Any] | None = None, compute: bool = True
 ) -> xr.Dataset:
@@ -165,46 +173,27 @@ def modes(
     >>> modes(model).frequency.values.round(12).tolist()
     [2.0, 3.0]
     """
-    if not compute and isinstance(subject, xr.Dataset) and is_lazy(subject):
-        return _of_lazy_run(subject, row, at)
-    model, state = operating_point(subject, row)
-    state |= replacements(model, at)
-    runs = [archive.digest_of_run(subject)] if isinstance(subject, xr.Dataset) else []
-    if compute:
-        return _linearised_modes(model, state, runs)
-    task = Task.of(
-        "modes", partial(_linearised_modes, model, state, runs), (), model.digest, setting_words(state), runs
-    )
-    template = _modes_dataset(model, state, Spectrum.blank(model), runs)
-    known_names = [variable.name for variable, _ in _state_variables(model, state)]
-    return Stage(task, lambda: template, known_names).result(compute=False)
-
-
-def _of_lazy_run(run: xr.Dataset, row: int | None, replaced_values: Mapping[str, Any] | None) -> xr.Dataset:
-    """Describe the modes about a row that is read, or marched, later."""
-    model, _ = model_and_row(run, row)
-    replaced_numbers = replacements(model, replaced_values)
-    state = dict.fromkeys(("t", *variables(model)), np.nan) | replaced_numbers
-    template = _modes_dataset(model, state, Spectrum.blank(model), ())
-    template.attrs["summary"] = f"Linearisation about row {row or 0} of {run.attrs['title']}"
-    task = task_of_runs(
-        "modes", partial(_modes_in_task, row, replaced_values), (run,), row, setting_words(replaced_numbers)
-    )
-    return Stage(task, lambda: template).result(compute=False)
-
-
-def _modes_in_task(row: int | None, replaced_values: Mapping[str, Any] | None, run: xr.Dataset) -> xr.Dataset:
-    """Linearise about a row of a run, in a task."""
-    model, state = operating_point(run, row)
-    return _linearised_modes(model, state | replacements(model, replaced_values), [archive.digest_of_run(run)])
+    unread = subject if not compute and isinstance(subject, xr.Dataset) and is_lazy(subject) else None
+    model, state, runs = operating_point(subject, row) if unread is None else _unread_point(unread, row)
+    replaced = replacements(model, at)
+    state |= replaced
+    if unread is not None:
+        title, known_names = f"row {row or 0} of {unread.attrs['title']}", list[str]()
+        task = task_of_runs("modes", partial(modes, row=row, at=at), (unread,), row, setting_words(replaced))
+    else:
+        title, known_names = f"the state at t = {state['t']!r}{unit_suffix(model.time_unit)}", ["time", *state]
+        linearised = partial(_linearised_modes, model, state, title, runs)
+        task = Task.of("modes", linearised, (), model.digest, setting_words(state), runs)
+    stage = Stage(task, lambda: _modes_dataset(model, state, title, Spectrum.blank(model), runs), known_names)
+    return stage.result(compute=compute)
 
 
 @one_blas_thread()
-def _linearised_modes(model: Model, state: Mapping[str, float], runs: Sequence[str]) -> xr.Dataset:
+def _linearised_modes(model: Model, state: Mapping[str, float], title: str, runs: Sequence[str]) -> xr.Dataset:
     linearisation = linearise(model, dict(state))
     _check_state(model, linearisation, state)
     _check_finite(model, linearisation, state["t"])
-    return _modes_dataset(model, state, Spectrum.of(model, linearisation), runs)
+    return _modes_dataset(model, state, title, Spectrum.of(model, linearisation), runs)
 
 
 @dataclass(frozen=True)
@@ -259,7 +248,9 @@ class Spectrum:
         return cls(modes, modes, np.tile(modes, (n, 1)), eigenvalues, np.tile(methods, (2, 1)), methods, methods)
 
 
-def _modes_dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum, runs: Sequence[str]) -> xr.Dataset:
+def _modes_dataset(
+    model: Model, state: Mapping[str, float], title: str, spectrum: Spectrum, runs: Sequence[str]
+) -> xr.Dataset:
     filled = [
         *_state_variables(model, state),
         *_undamped(model, spectrum),
@@ -267,7 +258,7 @@ def _modes_dataset(model: Model, state: Mapping[str, float], spectrum: Spectrum,
         *_stability_limits(model, spectrum),
     ]
     attributes = {
-        "summary": f"Linearisation about the state at t = {state['t']!r}{unit_suffix(model.time_unit)}",
+        "summary": f"Linearisation about {title}",
         "source": "linearisation by xdynamics, exact derivatives",
         "model_digest": model.digest,
     }
