@@ -18,7 +18,7 @@ import numpy as np
 
 from xdynamics import record
 from xdynamics.evidence.cluster import compute_in_one_graph
-from xdynamics.evidence.runs import march_model
+from xdynamics.evidence.runs import march_with_settings
 from xdynamics.march import March
 from xdynamics.march.configuration import unthinned_settings_for
 from xdynamics.model import Model
@@ -235,7 +235,7 @@ def march_task(
     prepared = March(model, unthinned_settings_for(model, **requested_settings))
     words = [record.input_digest(prepared), *(["compressed"] if prepared.settings.compress else [])]
     name = "-".join([MARCH, *words, *([str(path)] if path is not None else [])])
-    call = partial(march_model, path=path, memory=memory, **requested_settings)
+    call = partial(march_with_settings, settings=prepared.settings, path=path, memory=memory)
     return Task(name, call, (_model_task(model, prepared),), lasting=path is None, steps=_estimated_steps(prepared))
 
 

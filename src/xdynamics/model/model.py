@@ -30,6 +30,7 @@ from xdynamics.model.elements import (
     dimensions_of,
     with_element_numbers,
 )
+from xdynamics.model.elementwise import Elementwise, always
 from xdynamics.model.end_forces import check_end_forces
 from xdynamics.model.file_access import ACCESSES, ANYWHERE, BELOW, EMBEDDED, FileAccess, parse_model_text
 from xdynamics.model.kinds import Functions
@@ -252,7 +253,8 @@ class Model(ModelTrees):
         model = Model.of_numbers(self._element_statement, self._element_dimensions)
         # the text of all elements would be as long as they are many
         model.__dict__.update(digest=f"elements of {self.digest}", form=f"elements of {self.form}", file=self.file)
-        model.__dict__.update(self._element_trees)
+        units = Elementwise(self.shapes, {name: always(unit) for name, unit in self.units.items()})
+        model.__dict__.update({"units": units} | self._element_trees)
         return model
 
     def written_out(self) -> dict[str, Any]:

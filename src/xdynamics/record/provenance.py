@@ -486,10 +486,11 @@ def identity(march: March) -> dict[str, str]:
     }
     # how an archive is packed changes no bit of the march
     words = dict(_words_of_value("", replace(march.settings, compress=False)))
-    return {name: _abbreviated(value) for name, value in (words | program).items()} | model_words(march.model)
+    return {name: _abbreviated(value) for name, value in (words | program).items()} | {**model_words(march.model)}
 
 
-def model_words(model: Model) -> dict[str, str]:
+@lru_cache(maxsize=8)  # a few models are marched again and again, with other settings
+def model_words(model: Model) -> Mapping[str, str]:
     """Return a model as one word for each entry, equal whether elements have numbers or an expression."""
     return {name: _abbreviated(value) for name, value in _words_of_value("model", model.written_out())}
 

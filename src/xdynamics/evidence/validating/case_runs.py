@@ -5,7 +5,7 @@ Rounding of a closed form and of the start is measured by a second evaluation wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.evidence_dataset import event_rows_by_name, scale_of
 from xdynamics.evidence.observables import is_observable, observe
 from xdynamics.evidence.observed_quantities import parameters_read_by
-from xdynamics.evidence.runs import march_model
+from xdynamics.evidence.stage_tasks import march_task, remembered
 from xdynamics.evidence.validating.ledger_rows import MOST_ALONE, LedgerRow, of_worst
 from xdynamics.expressions import Call, Node, dimension_of, free_names, text_of
 from xdynamics.expressions.tree import every
@@ -145,12 +145,10 @@ WIDER = 1.5  # times its first part, the most that a band may be in its last one
 
 
 class CaseRuns:
-    """The runs of one model by one method, each marched when first needed."""
+    """The runs of one model by one method, each marched when first needed; those that other stages need too once."""
 
-    def __init__(
-        self, model: Model, method: str, *, is_ledger_case: bool, marched: Callable[..., xr.Dataset] = march_model
-    ) -> None:
-        self.model, self.method, self._march = model, METHODS[method], marched
+    def __init__(self, model: Model, method: str, *, is_ledger_case: bool) -> None:
+        self.model, self.method = model, METHODS[method]
         refused, by_differences = (self.method.refusals(model, by_differences=allowed) for allowed in (False, True))
         self.refused = by_differences
         self.march_settings: dict[str, Any] = {"method": method}
@@ -172,9 +170,9 @@ class CaseRuns:
             return "the method locates no events"
         return ""
 
-    def marched(self, **settings: Any) -> xr.Dataset:
-        """March the model; a quantity with dimensions is one variable."""
-        return whole_of(self._march(self.model, **settings))
+    def marched(self, model: Model | None = None, **settings: Any) -> xr.Dataset:
+        """March the model, or another one; a quantity with dimensions is one variable."""
+        return whole_of(remembered(march_task(model or self.model, **settings)))
 
     @cached_property
     def run(self) -> xr.Dataset:
@@ -222,7 +220,7 @@ class CaseRuns:
         """The run from a start without rounding, by `MAGNIFIED` times as much; None where that is none, or is refused."""
         try:
             model = start_without_rounding(self.model)
-            return None if model is None else whole_of(self._march(model, **self.march_settings))
+            return None if model is None else self.marched(model, **self.march_settings)
         except InputError:  # a body at rest on a floor may be inside it by then
             return None
 

@@ -5,7 +5,7 @@ A motion without a closed form is compared with proven bounds, to within the err
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from xdynamics.evidence.enclosing.enclosure import COMPLETED, enclosure_request
 from xdynamics.evidence.kept_results import Keep
-from xdynamics.evidence.runs import march_model
-from xdynamics.evidence.stage_tasks import Task, march_task, remembered, results_of, setting_words
+from xdynamics.evidence.stage_tasks import Task, remembered, setting_words
 from xdynamics.evidence.stages import Stage
 from xdynamics.evidence.validating.case_runs import NEAR, ORDER_AT_MOST, CaseRuns, times_in_words
 from xdynamics.evidence.validating.impacts import checks_of
@@ -195,14 +194,7 @@ def validate(
         )
     cases = _ledger_cases(names) if model is None else _model_cases(model, names, occurrences, proven=proven is True)
     title = EXACT_CASES if model is None else f"validation of {model.name}"
-    keep_folder = Keep.of(keep)
-    if not compute:
-        return ledger_stage(cases, title, keep_folder).result(compute=False)
-    rows_by_case = (
-        case.rows() if keep_folder is None else results_of(keep_folder.task(case.marching_task(), ROWS))[0]
-        for case in cases
-    )
-    return ledger_dataset([row for rows in rows_by_case for row in rows], title)
+    return ledger_stage(cases, title, Keep.of(keep)).result(compute=compute)
 
 
 def _method_names(methods: Any, model: Any, occurrences: Any) -> list[str] | None:
@@ -254,20 +246,21 @@ def _model_cases(model: Model, methods: Sequence[str] | None, occurrences: int |
 
 
 def ledger_stage(cases: Sequence[Case], title: str, keep: Keep | None = None) -> Stage:
-    """Return a ledger before it is computed, one task for each case and method."""
-    tasks = tuple(case.task() if keep is None else keep.task(case.task(), ROWS) for case in cases)
-    template = ledger_dataset([row for case in cases for row in case.blank()], title)
-    task = Task.of("ledger", partial(_of_tasks, title), tasks)
-    return Stage(task, lambda: template, ("case_method", "case_stage"))
+    """Return a ledger, one task for each case and method."""
+    tasks = tuple(case.task if keep is None else keep.task(case.task, ROWS) for case in cases)
+    task = Task.of("ledger", partial(_ledger_of_cases, title), tasks)
+    return Stage(
+        task, lambda: _ledger_of_cases(title, *(case.blank() for case in cases)), ("case_method", "case_stage")
+    )
 
 
 def own_ledger(methods: Sequence[str], keep: Keep | None = None) -> Stage:
-    """Return the ledger of exact cases by methods, before it is computed."""
+    """Return the ledger of exact cases by methods."""
     return ledger_stage(_ledger_cases(methods), EXACT_CASES, keep)
 
 
-def _of_tasks(title: str, *rows: Sequence[LedgerRow]) -> xr.Dataset:
-    return ledger_dataset([row for case in rows for row in case], title)
+def _ledger_of_cases(title: str, *cases: Iterable[LedgerRow]) -> xr.Dataset:
+    return ledger_dataset([row for rows in cases for row in rows], title)
 
 
 @lru_cache(maxsize=1)
@@ -301,23 +294,9 @@ class Case:
     occurrences: int | None = None
     proven: bool = False
 
+    @property
     def task(self) -> Task:
-        """Return the task that marches it.
-
-        Raises
-        ------
-        InputError
-            If the number of its lines is not known.
-        """
-        if self.occurrences is None and self.model.elements.contacts:
-            raise InputError(
-                f"how many relations of impacts a run of '{self.model.name}' has is not known before marching; give the"
-                " number to list, like occurrences=10 (refused where there are fewer), or 0 for none"
-            )
-        return self.marching_task()
-
-    def marching_task(self) -> Task:
-        """Return the task that marches it, with as many lines as there will be."""
+        """The task that marches it, and gives the lines of the ledger."""
         march_settings = CaseRuns(self.model, self.method, is_ledger_case=self.stage > 0).march_settings
         words = (
             self.stage,
@@ -332,9 +311,9 @@ class Case:
         )
         return Task.of("case", partial(_case_rows, self), (), *words)
 
-    def rows(self, marched: Callable[..., xr.Dataset] = march_model) -> Iterator[LedgerRow]:
+    def rows(self) -> Iterator[LedgerRow]:
         """Yield the lines of the ledger, of runs that are marched when they are first needed."""
-        runs = CaseRuns(self.model, self.method, is_ledger_case=self.stage > 0, marched=marched)
+        runs = CaseRuns(self.model, self.method, is_ledger_case=self.stage > 0)
         for row, case in self._forms():
             why = runs.refusal(case)
             yield replace(row, note=why) if why else runs.complete_row(row, case)
@@ -348,7 +327,18 @@ class Case:
             yield from [*lines, *missing][: None if self.stage else self.occurrences]
 
     def blank(self) -> Iterator[LedgerRow]:
-        """Yield as many lines, before anything is marched."""
+        """Yield as many lines, before anything is marched.
+
+        Raises
+        ------
+        InputError
+            If their number is not known.
+        """
+        if self.occurrences is None and self.model.contacts:
+            raise InputError(
+                f"how many relations of impacts a run of '{self.model.name}' has is not known before marching; give the"
+                " number to list, like occurrences=10 (refused where there are fewer), or 0 for none"
+            )
         yield from (row for row, _ in self._forms())
         if self.proven:
             yield from rows_of_bounds(self.model, self.method, self.prefix, self.stage)
@@ -417,5 +407,4 @@ def _impact_rows(marched: CaseRuns, prefix: str, stage: int) -> Iterator[LedgerR
 
 
 def _case_rows(case: Case) -> list[LedgerRow]:
-    """Return the lines of a case, in a task; runs that other stages need too are marched once."""
-    return [*case.rows(lambda model, **settings: remembered(march_task(model, **settings)))]
+    return [*case.rows()]
