@@ -254,7 +254,7 @@ class Model(ModelTrees):
         # the text of all elements would be as long as they are many
         model.__dict__.update(digest=f"elements of {self.digest}", form=f"elements of {self.form}", file=self.file)
         units = Elementwise(self.shapes, {name: always(unit) for name, unit in self.units.items()})
-        model.__dict__.update({"units": units} | self._element_trees)
+        model.__dict__.update({"units": units, **self._element_trees})
         return model
 
     def written_out(self) -> dict[str, Any]:

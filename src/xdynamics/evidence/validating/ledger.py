@@ -334,7 +334,7 @@ class Case:
         InputError
             If their number is not known.
         """
-        if self.occurrences is None and self.model.contacts:
+        if self.occurrences is None and self.model.elements.contacts:
             raise InputError(
                 f"how many relations of impacts a run of '{self.model.name}' has is not known before marching; give the"
                 " number to list, like occurrences=10 (refused where there are fewer), or 0 for none"
