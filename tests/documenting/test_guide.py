@@ -84,7 +84,7 @@ def test_the_page_on_shapes_is_true() -> None:
     """Assert that every function along dimensions is explained, and that the model on the page marches: near circles."""
     assert {*MEANINGS} == {*ALONG} == {*FORMS}
     model = xd.Model.from_text("\n".join(MODEL))
-    assert [*model.force_components["gravity"]] == [*model.elements.statement.coordinates]
+    assert [*model.elements.force_components["gravity"]] == [*model.elements.statement.coordinates]
     run = xd.simulate(model)
     assert run.attrs["run_outcome"] == "completed"
     far = np.linalg.norm(run.r.sel(body=["Jupiter", "Saturn"]) - run.r.sel(body="Sun"), axis=-1) / 149597870700.0
