@@ -141,8 +141,20 @@ def test_fits_of_elements(springs: xd.Model, elements: list[str]) -> None:
     assert found.parameter_name.values.tolist() == ["k[a]", "k[b]"]
     assert found.estimate.values == pytest.approx([2.25, 9.0], rel=1e-7)
     assert found.residual_x.dims == ("at", "body")
+    fitted = xd.Model.from_text(found.model_toml.item())
+    assert fitted.parameters["k[a]"].quantity.value == pytest.approx(2.25, rel=1e-7)
+    assert [*fitted.elements.statement.correlations] == [("k·a", "k·b")]
     with pytest.raises(xd.InputError, match=r"the Dataset has 1 elements of 'body', needs all 2, or a coordinate"):
         xd.fit(springs, data.drop_vars("body").isel(body=[0]), elements)
+
+
+def test_located_times_of_elements_are_refined(springs: xd.Model) -> None:
+    """Assert that time tolerances are refined where events are along a dimension."""
+    model = springs.replace(events={"through": {"function": "x", "direction": "falling"}})
+    found = xd.refine(
+        model, time_tolerances=["1e-3 s", "1e-5 s", "1e-7 s"], method="dormand_prince", rtol=1e-9, until="1.5 s"
+    )
+    assert found.event_time_through.sizes["body"] == 2
 
 
 def test_columns_of_elements(springs: xd.Model, run: xr.Dataset, tmp_path: Path) -> None:

@@ -136,6 +136,41 @@ def test_the_force_of_a_link_has_its_opposite() -> None:
         assert pair[0] == pytest.approx(pair[1], rel=1e-14, abs=1e-16)
 
 
+def test_keys_of_elements_are_quoted() -> None:
+    """Assert that what is said of single elements, in sections with a key for each, reads back from a model's text."""
+    uncertain = changed(PLANETS, 'Saturn = "500 g" }', 'Saturn = "500 g" }, uncertainty = "0.1 kg"')
+    sections = '[correlations]\n"m[Sun]" = { "m[Jupiter]" = 0.5 }\n[discrepancy."r[Sun, x]"]\nstandard = "1 mm"\n'
+    model = xd.Model.from_text(uncertain + sections)
+    again = xd.Model.from_text(model.to_toml())
+    assert again == model
+    assert again.elements.statement.correlations == {("m·Sun", "m·Jupiter"): 0.5}
+    assert again.elements.statement.discrepancy["r·Sun·x"].standard.si == 1e-3
+
+
+def test_an_element_that_no_longer_rests_is_in_the_text() -> None:
+    """Assert that a velocity of one element, of which none was written, is marched and archived, and is not that of before."""
+    still = xd.Model.from_text(CHAIN)
+    moved = still.replace(initial={"v_u[1]": "1 ± 0.1 m s-1"})
+    assert moved.digest != still.digest
+    again = xd.Model.from_text(moved.to_toml())
+    for model in (moved, again):
+        assert [*model.uncertain] == ["v_u·1"]
+        assert [model.initial[f"v_u[{i}]"].value for i in range(3)] == [0.0, 1.0, 0.0]
+    runs = [xd.simulate(model, method="rk4", step="10 ms", until="20 ms") for model in (still, moved, again)]
+    assert [run.v_u.values[0, 1] for run in runs] == [0.0, 1.0, 1.0]
+    assert again == moved
+
+
+def test_events_of_elements_are_replaced_by_quantity() -> None:
+    """Assert that an event along a dimension is replaced and dropped whole, and that one of its elements is no entry."""
+    model = xd.Model.from_text(PLANETS)
+    nearer = model.replace(events={"far": {"function": "norm(r, axis) - metre"}})
+    assert [*nearer.elements.events] == ["far·Sun", "far·Jupiter", "far·Saturn"]
+    assert not model.replace(events={"far": None}).events
+    with pytest.raises(xd.ModelError, match=r"event 'far\[Sun\]': a name is a letter"):
+        model.replace(events={"far[Sun]": {"function": "metre"}})
+
+
 def test_values_at_the_start_follow_the_parameters_they_read() -> None:
     """Assert that another amplitude starts another motion, and that an element that was set itself stays."""
     model = xd.Model.from_text(CHAIN)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from numbers import Integral, Real
 from operator import attrgetter
@@ -22,6 +23,9 @@ from xdynamics.model.statement import Statement
 from xdynamics.units.unit import decimal_text
 
 
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
 def model_toml(statement: Statement) -> str:
     """Return TOML that reads back as an equal model, without its authorship."""
     tables, lines = section_tables(statement), []
@@ -31,10 +35,12 @@ def model_toml(statement: Statement) -> str:
             lines.append(f"{title} = {_toml_value(body)}")
             continue
         tables_by_heading = (
-            {f"{title}.{name}": table for name, table in body.items()} if SECTIONS[title].own_tables else {title: body}
+            {f"{title}.{_toml_key(name)}": table for name, table in body.items()}
+            if SECTIONS[title].own_tables
+            else {title: body}
         )
         for heading, table in tables_by_heading.items():
-            lines += ["", f"[{heading}]", *(f"{key} = {_toml_value(value)}" for key, value in table.items())]
+            lines += ["", f"[{heading}]", *(f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items())]
     return "\n".join(lines) + "\n"
 
 
@@ -139,6 +145,11 @@ _WHOLE: dict[str, Callable[[Statement], dict[str, Any]]] = {  # sections that ar
     "correlations": _correlations,
     "run": attrgetter("run"),
 }
+
+
+def _toml_key(key: str) -> str:
+    """Print a key: as it is where TOML allows, as of a quantity; else in quotes, as of an element."""
+    return key if _BARE.fullmatch(key) else json.dumps(key, ensure_ascii=False)
 
 
 def _toml_value(value: Any) -> str:
