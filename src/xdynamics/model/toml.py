@@ -22,7 +22,6 @@ from xdynamics.model.section import Section
 from xdynamics.model.statement import Statement
 from xdynamics.units.unit import decimal_text
 
-
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
