@@ -39,7 +39,6 @@ from xdynamics.record.folding import (
 from xdynamics.shapes import NO_SHAPES, Extent, Shapes
 from xdynamics.shapes.extents import number_of_element
 from xdynamics.shapes.naming import DOT, display_text, split_element_name
-from xdynamics.shapes.naming import split_element_name as parted_name
 from xdynamics.units import NUMBERS
 
 Array = NDArray[Any]
@@ -112,7 +111,7 @@ class NamedColumns(Mapping[str, Column]):
     def __getitem__(self, name: str) -> Column:
         if name in self._columns or DOT not in name:
             return self._columns[name]
-        quantity_column = self._columns[parted_name(name)[0]]
+        quantity_column = self._columns[split_element_name(name)[0]]
         extents = tuple(self._shapes.extent(dim) for dim in _model_dims(quantity_column, self._shapes))
         if (number := number_of_element(name, extents)) is None:
             raise KeyError(name)
