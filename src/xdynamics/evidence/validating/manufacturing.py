@@ -166,8 +166,8 @@ def _start_value(model: Model, name: str, tree: Node, start_values: Mapping[str,
 
 def _check_manufacturable(model: Model, trajectory: Mapping[str, str]) -> None:
     """Refuse models and trajectories that no force of time alone can make exact."""
-    elements = model.elements
     check_model(model)
+    elements = model.elements
     kinds: dict[str, Any] = {
         "a full mass matrix over dimensions": model.shapes.dims and not has_diagonal_mass(model),
         "contacts": [*elements.contacts, *model.assemblies],
