@@ -436,6 +436,15 @@ def test_a_comparison_of_runs_to_be_marched_has_the_bits_of_the_eager_one(times:
     assert xd.content_digest(whole) == xd.content_digest(eager)
 
 
+def test_the_first_occurrences_are_compared() -> None:
+    """Assert that of more events than are asked for the first ones are compared, with the numbers of all."""
+    runs = [xd.simulate(BOUNCING_BALL, method="euler_cromer", step=step, until="3 s") for step in ("20 ms", "10 ms")]
+    times = xd.compare(*runs).difference_event_time_floor.values
+    assert len(times) > 1
+    first = xd.compare(*runs, compute=False, occurrences=1)
+    assert first.difference_event_time_floor.values.tolist() == times[:1].tolist()
+
+
 @pytest.mark.dear
 def test_what_is_not_there_has_no_value(tmp_path: Path) -> None:
     """Assert nan behind the last time and event and where an event is never met, and the archive of the eager one."""

@@ -103,8 +103,8 @@ def _lazy_comparison(
         return comparison_dataset(first, second, (), variables, attributes)
 
     words = None if sample_times is None else sample_times.tolist()
-    compared = partial(compare_runs, times=sample_times, functions=functions)
-    task = task_of_runs("comparison", compared, runs, words, read=True)
+    compared = partial(compare_runs, times=sample_times, functions=functions, occurrences=occurrences)
+    task = task_of_runs("comparison", compared, runs, (words, occurrences), read=True)
     return Stage(task, template, ("name", *(() if times is None else (AT_TIME,)))).result(compute=False)
 
 
@@ -217,7 +217,8 @@ def compare(
         With ``compute=False`` of runs still to be marched, without `times`: how many to show, ``{"at": 5000}``; beyond what
         there is there is nan.
     occurrences : int, optional
-        With ``compute=False``, how many occurrences of each event to compare, if the models have some; 0 for none.
+        With ``compute=False``, how many occurrences of each event to compare, the first ones, if the models have
+        some: nan where there are fewer; 0 for none.
 
     Returns
     -------

@@ -50,9 +50,13 @@ ROUNDINGS = 64.0  # of the largest value, by which runs that agree but for round
 
 
 def compare_runs(
-    first: xr.Dataset, second: xr.Dataset, times: Floats | None, functions: Functions | None
+    first: xr.Dataset,
+    second: xr.Dataset,
+    times: Floats | None,
+    functions: Functions | None,
+    occurrences: int | None = None,
 ) -> xr.Dataset:
-    """Compare two runs; see `compare`.
+    """Compare two runs, and the first occurrences of their events or all of them; see `compare`.
 
     Raises
     ------
@@ -71,7 +75,7 @@ def compare_runs(
         second = second.assign(model_toml=first["model_toml"]).assign_attrs(model_digest=first.attrs["model_digest"])
     table = compare_bits(first, second)
     variables |= {str(name): (entry.dims, entry.values, entry.attrs) for name, entry in table.items()}
-    variables |= dict(event_differences(first, second))
+    variables |= dict(event_differences(first, second, occurrences))
     attributes = (
         table.attrs | model_differences(first, second) | {"settings": "\n".join(differing_settings(first, second))}
     )
@@ -248,10 +252,15 @@ def difference_of(
     }
 
 
-def event_differences(first: xr.Dataset, second: xr.Dataset) -> Iterator[tuple[str, Any]]:
-    """Compare the times of events of one name, occurrence by occurrence."""
+def event_differences(
+    first: xr.Dataset, second: xr.Dataset, occurrences: int | None = None
+) -> Iterator[tuple[str, Any]]:
+    """Compare the times of events of one name, occurrence by occurrence, at most the first `occurrences`."""
     events = [event_rows_by_name(run) for run in (first, second)]
-    pairs = {name: _pair_events(first, second, rows, events[1].get(name, NONE)) for name, rows in events[0].items()}
+    pairs = {
+        name: tuple(paired[:occurrences] for paired in _pair_events(first, second, rows, events[1].get(name, NONE)))
+        for name, rows in events[0].items()
+    }
     max_occurrences = max((len(first_rows) for first_rows, _ in pairs.values()), default=0)
     for name, (first_rows, second_rows) in pairs.items():
         if not len(first_rows):
