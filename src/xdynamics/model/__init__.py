@@ -1,4 +1,8 @@
-"""The initial-value problem: coordinates, mass, forces, drives, events, initial state."""
+"""The initial-value problem: coordinates, mass, forces, drives, events, initial state.
+
+What was written is a `statement`: of a quantity with dimensions it has one entry for all elements. Where single numbers
+are needed, as for a constraint or a message, `Model.elements` is the same model without dimensions.
+"""
 
 from xdynamics.model.drives import Table
 from xdynamics.model.model import Model, check_model

@@ -70,6 +70,18 @@ class Model(ModelTrees):
         force component may also be a numba-compilable Python function whose arguments are declared names; it takes and
         returns SI floats; values of elements may be arrays of numpy, or DataArrays with the attribute `units`.
 
+    Attributes
+    ----------
+    statement : Statement
+        The sections as they were written. A quantity along dimensions stands there once, with its expressions.
+    elements : Model
+        The same model of single numbers: each element is a quantity of its own, like ``r·Jupiter·x``, with the trees
+        that follow from the expressions of its quantity. Without dimensions it is the model itself.
+    shapes : Shapes
+        What has which dimensions.
+    dimensions : dict of str to Dimension
+        The physical dimension of every name that expressions may use; in `elements` those of the elements.
+
     Raises
     ------
     ModelError

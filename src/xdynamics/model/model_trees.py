@@ -1,6 +1,7 @@
 """The trees that follow from a model's statement: forces of potentials, rates, units, dependences.
 
-The sections of a model are read by the names of its file, and are never changed in place.
+The sections of a model are read by the names of its file, and are never changed in place. Trees are of quantities along
+their dimensions; those of the model of its elements, `Model.elements`, are of single numbers.
 """
 
 from __future__ import annotations
