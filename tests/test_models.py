@@ -56,6 +56,25 @@ def extrapolated(name: str, detector: str) -> np.ndarray:
     return fine + (fine - coarse) / 3
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_replaced_numbers_stand_in_the_text(name: str) -> None:
+    """Assert that a model with another number is another one, and has all its numbers again when its text is read."""
+    known, replaced = model(name), 0
+    for title, names in (("parameters", list(known.parameters)), ("initial", list(known.initial))):
+        for entry in dict.fromkeys((*names[:1], *names[-2:])):
+            old = known.parameters[entry].quantity if title == "parameters" else known.initial[entry]
+            try:
+                other = known.replace(**{title: {entry: 1.25 * old.value + (0.125 if old.value == 0.0 else 0.0)}})
+            except xd.ModelError:  # no start of its mechanism, or computed by a controller
+                continue
+            again, replaced = xd.Model.from_text(other.to_toml(), functions=known.functions), replaced + 1
+            assert other != known
+            assert again == other
+            for numbers in ("parameters", "initial", "starts"):
+                assert getattr(again.elements.statement, numbers) == getattr(other.elements.statement, numbers), entry
+    assert replaced > 0
+
+
 def test_ball_reaches_its_apex_and_comes_back() -> None:
     """Assert the closed form's apex and return to 1e-11, by extrapolation, and the method's own error at 1 ms."""
     apex, ground = extrapolated("ball_drag", "apex"), extrapolated("ball_drag", "ground")

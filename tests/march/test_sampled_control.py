@@ -433,6 +433,20 @@ def test_what_holds_at_the_start_is_written_again() -> None:
     assert again.controllers["pd"].outputs["u"].start.si == 3.0
 
 
+def test_what_is_not_yet_in_effect_starts_as_its_output() -> None:
+    """Assert that a delayed output and what waits for it start alike, alone and in a sweep, and that none is set by itself."""
+    model = xd.Model.from_toml(MODELS / "cart_pid.toml")
+    changed = model.replace(initial={"u": "3 N"})
+    assert changed.initial["u_pending"].si == xd.Model.from_text(changed.to_toml()).initial["u_pending"].si == 3.0
+    one = xd.simulate(changed, until="0.1 s")
+    many = xd.sweep(model, {"u": ["1 N", "3 N"]}, until="0.1 s")
+    assert float(many.end_x.sel(u=3.0)) == float(one.x[-1])
+    with pytest.raises(xd.ModelError, match="'u_pending' is computed and in effect later, .* set 'u'"):
+        model.replace(initial={"u_pending": "1 N"})
+    with pytest.raises(xd.InputError, match="'u_pending' is computed and in effect later, .* set 'u'"):
+        xd.sweep(model, {"u_pending": ["1 N"]}, until="0.1 s")
+
+
 def test_a_tick_is_in_its_own_row_and_in_no_other() -> None:
     """Assert forces of what holds from a tick on, in its row, and that a node which is no tick changes nothing."""
     run = xd.simulate(cart(), method="rk4", step="10 ms", until="0.1 s", nodes=["15 ms", "42 ms"])

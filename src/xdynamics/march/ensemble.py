@@ -199,7 +199,7 @@ def march_many(
     """
     check_alone(model, settings)
     varied = {("parameter", name): values for name, values in (parameters or {}).items()}
-    starts = model.started(parameters or {}) | dict(initial or {})
+    starts = model.started(parameters or {}, initial or {})
     varied |= {("initial value", name): values for name, values in starts.items()}
     varied |= {(kind, ""): values for kind, values in (("step", steps), ("rtol", rtols)) if values is not None}
     arrays = _read_run_arrays(model, settings, varied)

@@ -157,6 +157,28 @@ def pending(output: str, controller: Controller) -> list[str]:
     return [f"{output}_pending"] if count == 1 else [f"{output}_pending_{i + 1}" for i in range(count)]
 
 
+def pending_outputs(controllers: Mapping[str, Controller]) -> dict[str, str]:
+    """Return the output of each value that is computed and not yet in effect; at the start it is that of the output."""
+    return {
+        waiting: output
+        for controller in controllers.values()
+        for output in controller.outputs
+        for waiting in pending(output, controller)
+    }
+
+
+def check_in_effect(name: str, outputs: Mapping[str, str]) -> None:
+    """Refuse a start of a value that is not yet in effect, which no text of a model has.
+
+    Raises
+    ------
+    InputError
+        Naming the output, whose start it has.
+    """
+    if name in outputs:
+        raise InputError(f"'{name}' is computed and in effect later, and starts as its output; set '{outputs[name]}'")
+
+
 def tick_changes(controllers: Mapping[str, Controller]) -> tuple[TickChange, ...]:
     """Return the changes by every action, in the order of `actions`."""
     return tuple(_yield_changes(controllers))

@@ -14,6 +14,7 @@ from xdynamics.expressions import Node, derivatives, free_names, shortened_text
 from xdynamics.expressions.calculus import ONE
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
+from xdynamics.model.controllers import pending_outputs
 from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, always, in_si
 from xdynamics.model.given_values import Values, unit_of_values
 from xdynamics.model.parts import Parameter
@@ -256,6 +257,8 @@ def with_starts(statement: Statement, parts: Mapping[str, Parameter]) -> Stateme
     """Return a statement with other values at the start of what has no dimensions."""
     starts = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in statement.initial.items()}
     starts |= parts
+    outputs = pending_outputs(statement.controllers)
+    starts |= {waiting: Parameter(parts[output].quantity) for waiting, output in outputs.items() if output in parts}
     return replace(
         statement,
         initial={name: start.quantity for name, start in starts.items()},

@@ -15,6 +15,7 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.body_consistency import check_bodies_made
 from xdynamics.model.consistency import check_made, check_statement, check_written
+from xdynamics.model.controllers import pending_outputs
 from xdynamics.model.csv_sheet import normalise_newlines
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.element_numbers import (
@@ -381,12 +382,18 @@ class Model(ModelTrees):
         numbers = ElementNumbers(self.statement, self.shapes)
         return numbers.start_slopes(self._element_statement.parameters, parameters)
 
-    def started(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values at the start that follow arrays of parameters, in SI units, by name; see `march_many`."""
-        if not self.read_at_start & parameters.keys():
-            return {}
-        si_values = {name: part.quantity.si for name, part in self._element_statement.parameters.items()}
-        return ElementNumbers(self.statement, self.shapes).varied_starts(parameters, si_values)
+    def started(self, parameters: Mapping[str, Any], initial: Mapping[str, Any]) -> dict[str, Any]:
+        """Return arrays of values at the start, with those that follow them and arrays of parameters; see `march_many`.
+
+        All are in SI units, by the names of elements.
+        """
+        starts: dict[str, Any] = {}
+        if self.read_at_start & parameters.keys():
+            si_values = {name: part.quantity.si for name, part in self._element_statement.parameters.items()}
+            starts = ElementNumbers(self.statement, self.shapes).varied_starts(parameters, si_values)
+        starts |= initial
+        outputs = pending_outputs(self.statement.controllers)
+        return starts | {waiting: starts[output] for waiting, output in outputs.items() if output in starts}
 
     @cached_property
     def read_by_points(self) -> frozenset[str]:

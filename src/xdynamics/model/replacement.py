@@ -10,6 +10,7 @@ from typing import Any
 from xdynamics.expressions import parse
 from xdynamics.faults import DOT, InputError, Ledger, ModelError, display_text, first_names, internal_text
 from xdynamics.keywords import merge_settings
+from xdynamics.model.controllers import check_in_effect, pending_outputs
 from xdynamics.model.element_numbers import with_starts
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.given_values import Values, is_expression, unit_of_values
@@ -138,8 +139,10 @@ def _read_parts(
         changed = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in changed.items()}
     old_entries = {name: section.write(part, source.time) for name, part in changed.items()}
     parts = {}
+    outputs = pending_outputs(statement.controllers) if title == "initial" else {}
     for name, value in _new_entries(title, {**dict.fromkeys(old), **old_entries}, entries).items():
         with ledger.entry(f"{section.entry} '{name}'"):
+            check_in_effect(name, outputs)
             parts[name] = section.read(name, value, source)
     return parts
 
