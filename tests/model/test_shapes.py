@@ -364,12 +364,12 @@ def test_members_of_a_sweep_start_where_their_parameters_say() -> None:
     """Assert that values at the start follow arrays of parameters to the bit of single models, and slopes know it."""
     model = xd.Model.from_text(CHAIN.replace('unit = "m", dims = ["site"]', 'unit = "mm", dims = ["site"]'))
     amplitudes = np.array([0.1, 0.2, 0.37])
-    starts = model.started({"A": amplitudes})
+    starts = model.started({"A": amplitudes}, {})
     assert {*starts} == {f"u·{i}" for i in range(6)}
     for i, amplitude in enumerate(amplitudes):
         alone = model.replace(parameters={"A": float(amplitude)})
         assert [float(starts[name][i]) for name in starts] == [alone.initial[name].si for name in starts]
-    assert model.started({"k": amplitudes}) == {}
+    assert model.started({"k": amplitudes}, {}) == {}
     settings = {"method": "dop853", "rtol": 1e-10, "until": 1.0}
     uncertain = model.replace(parameters={"A": "0.1 ± 0.01 m"})
     budget = xd.error_budget(uncertain, quantity="u·2", at="1 s", **settings)
