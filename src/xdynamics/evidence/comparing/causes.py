@@ -35,14 +35,17 @@ FOLLOWING = (
 
 def model_differences(first: xr.Dataset, second: xr.Dataset) -> dict[str, str]:
     """List the differences of two models by name and value: parameters, initial values, and the rest."""
-    models = [dict(_flatten_table("", table)) for table in _model_tables(first, second)]
+    models = [
+        {name.removesuffix(".value"): value for name, value in _flatten_table("", table)}
+        for table in _model_tables(first, second)
+    ]
     differences: dict[str, list[str]] = {"parameters": [], "initial": [], "model": []}
     for name in dict.fromkeys([*models[0], *models[1]]):
         values = [model.get(name, "absent") for model in models]
         section, _, entry_path = name.partition(".")
         if values[0] != values[1] and section not in ("name", "description", "run"):
             heading, key = (section, entry_path) if section in SECTIONS else ("model", name)
-            differences[heading].append(escaped(f"{key.removesuffix('.value')}: {_side_by_side(*values)}"))
+            differences[heading].append(escaped(f"{key}: {_side_by_side(*values)}"))
     return {name: "\n".join(lines) for name, lines in differences.items()}
 
 
