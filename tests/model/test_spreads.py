@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
+import xarray as xr
 
 import xdynamics as xd
 from xdynamics.model.uncertainty import Spread, normal_quantile
@@ -302,3 +303,77 @@ def test_a_bare_uncertainty_is_on_the_scale_of_its_value() -> None:
     part = with_parameter({"value": 1.0, "unit": "pc", "uncertainty": 0.5}).parameters["p"]
     assert part.spread is not None
     assert (part.quantity.si, part.spread.size.si) == (PARSEC, PARSEC / 2)
+
+
+MASSES = """
+name = "masses on springs"
+dimensions = { site = 3 }
+coordinates = { u = { unit = "m", dims = ["site"] } }
+parameters = { m = { dims = ["site"], value = [1, 2, 3], unit = "kg" }, k = "10 N m-1", A = "0.5 m" }
+mass = { u = "m" }
+forces = { springs = { u = "-k*u" } }
+initial = { u = "A*m/kilogram" }
+run = { method = "dop853", rtol = 1e-10, until = "1 s" }
+"""
+T5 = {"value": "1 kg", "uncertainty": "0.1 kg", "distribution": "t", "degrees_of_freedom": 5}
+HALF = {"value": "1 kg", "half_width": "10 g"}
+
+
+@pytest.mark.parametrize(
+    "replaced",
+    [
+        {"m[1]": "2000 ± 100 g"},
+        {"m[1]": "2 ± 0.1 kg", "m[2]": "3 kg ± 20 g"},
+        {"m[0]": HALF, "m[1]": HALF},
+        {"m[0]": HALF, "m[1]": "2 ± 0.1 kg"},
+        {"m[0]": HALF | {"distribution": "triangular"}, "m[2]": HALF},
+        {"m[0]": T5, "m[2]": "3 ± 0.2 kg"},
+        {"m[0]": "1 ± 0.1 kg", "m[1]": "2 ± 0.1 kg", "m[2]": "3 ± 0.1 kg"},
+    ],
+)
+def test_each_element_has_its_own_uncertainty(replaced: dict[str, Any], tmp_path: Path) -> None:
+    """Assert kind, unit and distribution of each in the text, which reads back as the same model, and in an archive."""
+    model = xd.Model.from_text(MASSES).replace(parameters=replaced)
+    again = xd.Model.from_text(model.to_toml())
+    assert again == model
+    parts, known = again.elements.statement.parameters, model.elements.statement.parameters
+    for name in ("m·0", "m·1", "m·2"):
+        assert parts[name] == known[name]
+    standards = {"m[0]": 0.01 / 3.0**0.5 if replaced.get("m[0]") == HALF else None, "m[1]": 0.1}
+    for name, standard in standards.items():
+        if isinstance(replaced.get(name), str) or (name == "m[0]" and standard):
+            assert known[model.shapes.internal_name(name)].uncertainty == pytest.approx(standard or 0.1, rel=1e-15)
+    xd.save(xd.simulate(model), tmp_path / "run.nc")
+    assert xd.reproduce(tmp_path / "run.nc").attrs["identical"] == 1
+
+
+def test_expressions_at_the_start_follow_before_elements_are_replaced() -> None:
+    """Assert that of a start by an expression other elements have the new parameters, in one replacement or in two."""
+    model = xd.Model.from_text(MASSES)
+    both = model.replace(parameters={"m[1]": "5 kg"}, initial={"u[0]": "1 m"})
+    in_turn = model.replace(parameters={"m[1]": "5 kg"}).replace(initial={"u[0]": "1 m"})
+    for one in (both, in_turn):
+        assert [one.initial[f"u[{i}]"].value for i in range(3)] == [1.0, 2.5, 1.5]
+    assert both == in_turn
+    assert model.replace(initial={"v_u[1]": "0 m s-1"}) == model
+
+
+def test_replaced_elements_keep_their_dimension() -> None:
+    """Assert that numbers with another dimension are refused, and that those without unit have that of the entry."""
+    grams = xd.Model.from_text(MASSES.replace("[1, 2, 3]", "[1000, 2000, 3000]").replace('"kg" }, k', '"g" }, k'))
+    part = grams.replace(parameters={"m[0]": "700 ± 5"}).elements.statement.parameters["m·0"]
+    assert (part.si, part.uncertainty, part.quantity.unit.text) == (0.7, 5.0, "g")
+    for value in ("7 ± 1 s", {"value": 7, "unit": "s"}, {"value": "7 s", "uncertainty": "1 s"}):
+        with pytest.raises(xd.ModelError, match=r"parameter 'm\[0\]': has units 's', needs 'kg'"):
+            grams.replace(parameters={"m[0]": value})
+    number = xr.DataArray(0.25, attrs={"units": "kg"})
+    assert grams.replace(parameters={"m[0]": number}).elements.statement.parameters["m·0"].si == 0.25
+    assert grams.replace(parameters={"A": xr.DataArray(7.0, attrs={"units": "mm"})}).parameters["A"].si == 0.007
+
+
+@pytest.mark.parametrize(("value", "size"), [([1, 2, 4], 0.01), ("2 kg", 0.01), ("2 ± 0.3 kg", 0.3)])
+def test_a_replaced_quantity_keeps_its_uncertainty(value: Any, size: float) -> None:
+    """Assert that of all elements together, as of a number, the uncertainty stays unless there is another."""
+    model = xd.Model.from_text(MASSES.replace('unit = "kg" }, k', 'unit = "kg", uncertainty = "10 g" }, k'))
+    parts = model.replace(parameters={"m": value}).elements.statement.parameters
+    assert [parts[f"m·{i}"].uncertainty for i in range(3)] == [size] * 3

@@ -16,7 +16,7 @@ from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model.controllers import pending_outputs
 from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, always, in_si
-from xdynamics.model.given_values import Values, unit_of_values
+from xdynamics.model.given_values import Values, alike_spreads, unit_of_values
 from xdynamics.model.parts import Parameter
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
@@ -238,9 +238,11 @@ def with_numbers(
             element: elements.starts.get(element, Parameter(elements.initial[element]))
             for element in shapes.elements(name)
         }
-        values = starting.get(name, Values(shapes.dims.get(name, ())))
-        starting[name] = _with_parts(values, old, parts)
-        initial.pop(name, None)  # the zero of all elements at rest
+        at_rest = Values(shapes.dims.get(name, ()))
+        values = _with_parts(starting.get(name, at_rest), old, parts)
+        if values is not at_rest:
+            starting[name] = values
+            initial.pop(name, None)  # the zero of all elements
     single_parameters = {name: part for name, part in parameters.items() if name in statement.parameters}
     renumbered = replace(
         statement,
@@ -284,14 +286,12 @@ def _with_parts(values: Values, old: Mapping[str, Parameter], parts: Mapping[str
         return values
     unit = next(iter(old.values())).quantity.unit
     filled = [parts.get(name, part) for name, part in old.items()]
-    spreads = tuple(part.spread for part in filled)
-    shared_spreads = spreads[:1] if len(set(spreads)) == 1 else spreads
     return replace(
         values,
         tree=None,
         numbers=tuple(part.quantity.into(unit).value for part in filled),
         unit=unit,
-        spreads=() if shared_spreads == (None,) else shared_spreads,
+        spreads=alike_spreads([part.spread for part in filled], unit),
     )
 
 

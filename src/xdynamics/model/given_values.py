@@ -38,6 +38,7 @@ from xdynamics.units import (
     spell,
 )
 
+NO_FREEDOM = 0.0  # in the place of degrees of freedom, of elements that are not Student's t
 NUMBERS_OF_ELEMENT = 30  # at least, of a coordinate in a march
 FEW_ELEMENTS = 100_000  # which always fit
 
@@ -335,9 +336,24 @@ def _spreads(
     if not list_keys:
         spread = read_spread(entry, value, scale)
         return () if spread is None else (spread,)
-    key = list_keys[0]
+    key, rank = list_keys[0], prod(shape)
     sizes, size_scale = _read_nested(entry[key], scale, shape, dims, key)
-    return tuple(read_spread({**entry, key: f"{size!r} {size_scale.unit.text}"}, value) for size in sizes)
+    kinds = {word: _each(entry[word], word, rank) for word in ("distribution", "degrees_of_freedom") if word in entry}
+    spreads = []
+    for i, size in enumerate(sizes):
+        kind = {word: each[i] for word, each in kinds.items() if each[i] != NO_FREEDOM}
+        spreads.append(read_spread({key: f"{size!r} {size_scale.unit.text}", **kind}, value))
+    return tuple(spreads)
+
+
+def _each(value: Any, key: str, count: int) -> list[Any]:
+    """Return one word or number for all elements, or one for each in lists, as a list with one for each."""
+    flat = [value] * count if not isinstance(value, list | tuple) else [value]
+    while flat and isinstance(flat[0], list | tuple):
+        flat = list(joined.from_iterable(flat))
+    if len(flat) != count:
+        raise InputError(f"{key} has {len(flat)} entries, needs one for all elements, or {count}")
+    return flat
 
 
 def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
@@ -352,7 +368,7 @@ def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
     body |= {"unit": values.unit.text} if values.unit is not None else {}
     if spreads := [spread for spread in values.spreads if spread is not None]:
         first = spreads[0]
-        sizes = [0.0 if spread is None else spread.size.value for spread in values.spreads]
+        sizes = [spread.size.value for spread in spreads]
         key = "half_width" if first.bounded else "uncertainty"
         unit_text = first.size.unit.text
         size_entry: Any = (
@@ -361,12 +377,40 @@ def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
             else f"{sizes[0]!r} {unit_text}"
         )
         body[key] = size_entry
-        if first.distribution != (RECTANGULAR if first.bounded else NORMAL):
-            body["distribution"] = first.distribution
-        if first.degrees_of_freedom is not None:
-            body["degrees_of_freedom"] = first.degrees_of_freedom
+        distributions = [spread.distribution for spread in spreads]
+        freedoms = [
+            NO_FREEDOM if spread.degrees_of_freedom is None else spread.degrees_of_freedom for spread in spreads
+        ]
+        if {*distributions} != {RECTANGULAR if first.bounded else NORMAL}:
+            body["distribution"] = _shared(distributions, shape)
+        if {*freedoms} != {NO_FREEDOM}:
+            body["degrees_of_freedom"] = _shared(freedoms, shape)
     body |= {"description": values.description} if values.description else {}
     return body["value"] if declared and [*body] == ["value"] else body
+
+
+def _shared(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:
+    """Return what all elements have, or lists with one for each."""
+    return flat[0] if len({*flat}) == 1 else nested_lists(flat, shape)
+
+
+def alike_spreads(spreads: Sequence[Spread | None], unit: Unit) -> tuple[Spread, ...]:
+    """Return spreads of elements as a file has them: one that all have, or in a unit all of one kind.
+
+    Of standard deviations beside half widths all become standard deviations. Where some elements have a spread, those
+    without have one of size 0.
+    """
+    known = [spread for spread in spreads if spread is not None]
+    if len({*spreads}) == 1:
+        return tuple(known[:1])
+    is_mixed = len({spread.bounded for spread in known}) > 1
+    alike = []
+    for spread in (replace(known[0], size=Quantity(0.0, unit)) if spread is None else spread for spread in spreads):
+        size = spread.standard if is_mixed else spread.size
+        same = size.unit.text == unit.text
+        number = size.value if same else float(size.unit.factor / unit.factor) * size.value
+        alike.append(replace(spread, size=Quantity(number, unit), bounded=spread.bounded and not is_mixed))
+    return tuple(alike)
 
 
 def nested_lists(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:

@@ -341,7 +341,11 @@ class Model(ModelTrees):
 
     def renumbered(self, parameters: Mapping[str, Parameter], starts: Mapping[str, Parameter]) -> Statement:
         """Return the statement with other parameters and values at the start, by the names of elements."""
-        return with_numbers(self.statement, self._element_statement, self.shapes, parameters, starts)
+        statement, elements = self.statement, self._element_statement
+        statement = with_numbers(statement, elements, self.shapes, parameters, {})
+        if starts and elements is not self.statement:  # where expressions at the start follow the new parameters
+            elements = with_element_numbers(elements, statement, self.shapes)
+        return with_numbers(statement, elements, self.shapes, {}, starts)
 
     def with_statement(self, statement: Statement) -> Model:
         """Return the model of another statement, checked unless numbers alone changed; a faulty one is a `ModelError`."""

@@ -29,6 +29,8 @@ _GROWING = (
     *("definitions", "drives", "observables", "validation", "run"),
 )
 _TEXTS = ("name", "description")
+OF_SPREAD = (*SIZES, "distribution", "degrees_of_freedom")  # keys that say how uncertain a value is
+NO_UNIT = "1"
 _ONE_BY_ONE = ("parameters", "initial", "drives")  # sections whose entries nothing else is read from
 _OUTSIDE = FileAccess(Path(), ANYWHERE)
 
@@ -143,7 +145,10 @@ def _read_parts(
     for name, value in _new_entries(title, {**dict.fromkeys(old), **old_entries}, entries).items():
         with ledger.entry(f"{section.entry} '{name}'"):
             check_in_effect(name, outputs)
-            parts[name] = section.read(name, value, source)
+            part = parts[name] = section.read(name, value, source)
+            known = getattr(changed.get(name), "quantity", None)
+            if known is not None and part.quantity.unit.dimension != known.unit.dimension:
+                raise InputError(f"has units '{part.quantity.unit.dimension}', needs '{known.unit.dimension}'")
     return parts
 
 
@@ -189,9 +194,8 @@ def _dropped(entries: Any) -> set[str]:
 
 def _replace_array_value(entry: str, old: Any, values: Values, value: Any) -> Any:
     """Return the entry of a quantity with dimensions with other values, in its unit unless they have one."""
-    kept_keys = (
-        {key: item for key, item in old.items() if key in ("dims", "description")} if isinstance(old, Mapping) else {}
-    )
+    kept_names = ("dims", "description", *(() if split_uncertainty(value) else OF_SPREAD))
+    kept_keys = {key: item for key, item in old.items() if key in kept_names} if isinstance(old, Mapping) else {}
     value = {"value": value} if hasattr(value, "dims") else value.tolist() if hasattr(value, "tolist") else value
     if isinstance(value, Mapping):
         return {**value, **({"dims": kept_keys["dims"]} if "dims" in kept_keys else {})}
@@ -210,11 +214,22 @@ def _replace_array_value(entry: str, old: Any, values: Values, value: Any) -> An
     return kept_keys | {"value": value, "unit": unit.text if values.scale is None else values.scale.text}
 
 
+def _in_unit_of(old: Any, text: Any, value: str) -> str:
+    """Return a quantity in the unit of an entry, where it has none itself."""
+    try:
+        quantity = parse_quantity(value)
+        unit = parse_unit(old["unit"]) if isinstance(old, Mapping) and "unit" in old else parse_quantity(text).unit
+    except InputError:
+        return value
+    return f"{quantity.value!r} {unit.text}" if quantity.unit.text == NO_UNIT else value
+
+
 def _replace_value(entry: str, old: Any, value: Any) -> Any:
     """Replace the value of an entry; a bare number keeps the entry's unit, a quantity must have its dimension."""
     text = old.get("value") if isinstance(old, Mapping) else old
     if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type
-        value = value.item()
+        unit_suffix = getattr(value, "attrs", {}).get("units")
+        value = value.item() if unit_suffix is None else f"{value.item()!r} {unit_suffix}"
     try:
         pair = split_uncertainty(value)
     except InputError as error:
@@ -223,7 +238,7 @@ def _replace_value(entry: str, old: Any, value: Any) -> Any:
         kept_keys = (
             {key: item for key, item in old.items() if key not in ("unit", *SIZES)} if isinstance(old, Mapping) else {}
         )
-        return kept_keys | {"value": pair[0], "uncertainty": pair[1]}
+        return kept_keys | {"value": _in_unit_of(old, text, pair[0]), "uncertainty": pair[1]}
     if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
         return value
     try:
