@@ -115,10 +115,7 @@ def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, tmp_p
     """Assert one clear error, and that the folder is as it was."""
     axes = {"v_y": [10.0, 15.0]}
     asked: dict[str, Any] = {"method": "heun", "keep": ["end"]} | ASKED
-    found = xd.sweep(BALL, axes, path=tmp_path / "a", **asked)
-    with pytest.raises(InputError, match="close that run"):
-        xd.sweep(BALL, {"v_y": [10.0, 15.0, 20.0]}, path=tmp_path / "a", **asked)
-    found.close()
+    xd.sweep(BALL, axes, path=tmp_path / "a", **asked).close()
     more = {key: value for key, value in changed.items() if key not in ("axes", "model")}
     with pytest.raises(InputError, match=words):
         xd.sweep(
