@@ -115,7 +115,8 @@ def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, tmp_p
     """Assert one clear error, and that the folder is as it was."""
     axes = {"v_y": [10.0, 15.0]}
     asked: dict[str, Any] = {"method": "heun", "keep": ["end"]} | ASKED
-    xd.sweep(BALL, axes, path=tmp_path / "a", **asked).close()
+    found = xd.sweep(BALL, axes, path=tmp_path / "a", **asked)
+    found.close()
     more = {key: value for key, value in changed.items() if key not in ("axes", "model")}
     with pytest.raises(InputError, match=words):
         xd.sweep(
