@@ -176,7 +176,7 @@ def diagnose(
     needs += [exact_run] if exact_run is not None else []
     call = partial(_diagnosed, request, tighter)
     task = task_of_runs("diagnosis", call, (run,), *request.words, needs=tuple(needs))
-    stage = Stage(task, partial(_diagnosis_template, request, tighter, run))
+    stage = Stage(task, partial(_diagnosis_template, request, tighter, run), ("gate_name",))
     return _with_run_labels(stage.result(compute=compute), run)
 
 
