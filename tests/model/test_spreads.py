@@ -377,3 +377,31 @@ def test_a_replaced_quantity_keeps_its_uncertainty(value: Any, size: float) -> N
     model = xd.Model.from_text(MASSES.replace('unit = "kg" }, k', 'unit = "kg", uncertainty = "10 g" }, k'))
     parts = model.replace(parameters={"m": value}).elements.statement.parameters
     assert [parts[f"m·{i}"].uncertainty for i in range(3)] == [size] * 3
+
+
+def test_an_array_with_a_unit_is_on_no_other_scale() -> None:
+    """Assert that kelvins stay kelvins where the file has degrees Celsius, and that a bare number is one of these."""
+    room = xd.Model.from_text(MASSES.replace('A = "0.5 m"', 'A = "0.5 m", T = "20 degC"'))
+    for value, kelvins in (
+        (25.0, 298.15),
+        (xr.DataArray(25.0), 298.15),
+        (xr.DataArray(298.0, attrs={"units": "K"}), 298.0),
+    ):
+        assert room.replace(parameters={"T": value}).parameters["T"].si == pytest.approx(kelvins, rel=1e-15)
+
+
+def test_distributions_are_nested_as_the_values_are() -> None:
+    """Assert that lists of distributions have one for each element, in the dimensions of the quantity."""
+    text = MASSES.replace(
+        'unit = "kg" }, k', 'unit = "kg", uncertainty = ["1 g", "2 g", "3 g"], distribution = {} }, k'
+    )
+    parts = xd.Model.from_text(
+        text.replace("{} }", '["normal", "triangular", "normal"] }')
+    ).elements.statement.parameters
+    assert [parts[f"m·{i}"].spread.distribution for i in range(3)] == ["normal", "triangular", "normal"]
+    for wrong, said in (
+        ('["normal", "triangular"]', "distribution has 2 along 'site', needs 3"),
+        ('[["normal"]]', "has 1 along"),
+    ):
+        with pytest.raises(xd.ModelError, match=said):
+            xd.Model.from_text(text.replace("{} }", wrong + " }"))

@@ -11,7 +11,7 @@ from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 from math import ceil, floor, lcm
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,7 @@ def entries_of(section: Section) -> Kind:
 
 
 MOST_TICKS = 10_000_000  # of a run
+Start = TypeVar("Start")  # a quantity, or an array of one for each of many runs
 MOST_ACTIONS = 62  # each is a bit of a number at every tick
 MOST_PENDING = 100  # values of one output on their way
 EXACT = 1 << 53  # whole numbers up to here are floats
@@ -136,10 +137,16 @@ def start_values(controllers: Mapping[str, Controller]) -> dict[str, Quantity]:
     """Return the outputs and states of controllers before their first ticks."""
     values: dict[str, Quantity] = {}
     for controller in controllers.values():
-        for name, output in controller.outputs.items():
-            values |= dict.fromkeys((name, *pending(name, controller)), output.start)
+        outputs = {name: output.start for name, output in controller.outputs.items()}
+        values |= with_pending(outputs, {"": controller})
         values |= {name: memory.start for name, memory in controller.states.items()}
     return values
+
+
+def with_pending(values: Mapping[str, Start], controllers: Mapping[str, Controller]) -> dict[str, Start]:
+    """Return values at the start, each output followed by what waits for it and begins with the same value."""
+    waiting = {name: values[output] for name, output in pending_outputs(controllers).items() if output in values}
+    return {**values, **waiting}
 
 
 def starting_from(controller: Controller, initial: Mapping[str, Quantity]) -> Controller:
@@ -167,7 +174,7 @@ def pending_outputs(controllers: Mapping[str, Controller]) -> dict[str, str]:
     }
 
 
-def check_in_effect(name: str, outputs: Mapping[str, str]) -> None:
+def check_in_effect(name: str, controllers: Mapping[str, Controller]) -> None:
     """Refuse a start of a value that is not yet in effect, which no text of a model has.
 
     Raises
@@ -175,7 +182,7 @@ def check_in_effect(name: str, outputs: Mapping[str, str]) -> None:
     InputError
         Naming the output, whose start it has.
     """
-    if name in outputs:
+    if name in (outputs := pending_outputs(controllers)):
         raise InputError(f"'{name}' is computed and in effect later, and starts as its output; set '{outputs[name]}'")
 
 

@@ -14,9 +14,9 @@ from xdynamics.expressions import Node, derivatives, free_names, shortened_text
 from xdynamics.expressions.calculus import ONE
 from xdynamics.expressions.evaluation import evaluate, evaluate_many
 from xdynamics.faults import InputError, Ledger, ModelError
-from xdynamics.model.controllers import pending_outputs
+from xdynamics.model.controllers import with_pending
 from xdynamics.model.elementwise import Elementwise, Numbers, ParameterNumbers, always, in_si
-from xdynamics.model.given_values import Values, alike_spreads, unit_of_values
+from xdynamics.model.given_values import Values, uniform_spreads, unit_of_values
 from xdynamics.model.parts import Parameter
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
@@ -211,14 +211,10 @@ def _constant_factors(unit_constants: Iterable[str]) -> dict[str, float]:
     return {name: float(constant(name).factor) for name in unit_constants} | {"pi": math.pi}
 
 
-def with_numbers(
-    statement: Statement,
-    elements: Statement,
-    shapes: Shapes,
-    parameters: Mapping[str, Parameter],
-    starts: Mapping[str, Parameter],
+def with_parameters(
+    statement: Statement, elements: Statement, shapes: Shapes, parameters: Mapping[str, Parameter]
 ) -> Statement:
-    """Return a statement with other parameters and values at the start; expressions of changed quantities give way.
+    """Return a statement with other parameters; the expression of a changed quantity gives way to numbers.
 
     Parameters
     ----------
@@ -226,44 +222,45 @@ def with_numbers(
     elements : Statement
         The same of single numbers.
     shapes : Shapes
-    parameters, starts : mapping of str to Parameter
+    parameters : mapping of str to Parameter
         By the names of elements, in any unit.
     """
-    arrays, starting, initial = dict(statement.arrays), dict(statement.starting), dict(statement.initial)
+    arrays = dict(statement.arrays)
     for name, parts in _parts_by_quantity(parameters, statement.parameters).items():
         old = {element: elements.parameters[element] for element in shapes.elements(name)}
-        arrays[name] = _with_parts(arrays[name], old, parts)
+        arrays[name] = _with_element_parts(arrays[name], old, parts)
+    single = {name: part for name, part in parameters.items() if name in statement.parameters}
+    return replace(statement, arrays=arrays, parameters=statement.parameters | single)
+
+
+def with_element_starts(
+    statement: Statement, elements: Statement, shapes: Shapes, starts: Mapping[str, Parameter]
+) -> Statement:
+    """Return a statement with other values at the start; arguments as of `with_parameters`."""
+    starting, initial = dict(statement.starting), dict(statement.initial)
     for name, parts in _parts_by_quantity(starts, initial.keys() - shapes.dims.keys()).items():
         old = {
             element: elements.starts.get(element, Parameter(elements.initial[element]))
             for element in shapes.elements(name)
         }
         at_rest = Values(shapes.dims.get(name, ()))
-        values = _with_parts(starting.get(name, at_rest), old, parts)
+        values = _with_element_parts(starting.get(name, at_rest), old, parts)
         if values is not at_rest:
             starting[name] = values
             initial.pop(name, None)  # the zero of all elements
-    single_parameters = {name: part for name, part in parameters.items() if name in statement.parameters}
-    renumbered = replace(
-        statement,
-        arrays=arrays,
-        starting=starting,
-        parameters=statement.parameters | single_parameters,
-        initial=initial,
-        at_rest=tuple(name for name in statement.at_rest if name in initial),
-    )
-    return with_starts(renumbered, {name: part for name, part in starts.items() if name in initial})
+    at_rest_names = tuple(name for name in statement.at_rest if name in initial)
+    restarted = replace(statement, starting=starting, initial=initial, at_rest=at_rest_names)
+    return with_starts(restarted, {name: part for name, part in starts.items() if name in initial})
 
 
 def with_starts(statement: Statement, parts: Mapping[str, Parameter]) -> Statement:
     """Return a statement with other values at the start of what has no dimensions."""
     starts = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in statement.initial.items()}
     starts |= parts
-    outputs = pending_outputs(statement.controllers)
-    starts |= {waiting: Parameter(parts[output].quantity) for waiting, output in outputs.items() if output in parts}
+    changed = with_pending({name: part.quantity for name, part in parts.items()}, statement.controllers)
     return replace(
         statement,
-        initial={name: start.quantity for name, start in starts.items()},
+        initial={name: start.quantity for name, start in starts.items()} | changed,
         starts={name: start for name, start in starts.items() if start.spread or start.description},
         at_rest=tuple(name for name in statement.at_rest if name not in parts),
     )
@@ -280,7 +277,7 @@ def _parts_by_quantity(
     return by_quantity
 
 
-def _with_parts(values: Values, old: Mapping[str, Parameter], parts: Mapping[str, Parameter]) -> Values:
+def _with_element_parts(values: Values, old: Mapping[str, Parameter], parts: Mapping[str, Parameter]) -> Values:
     """Return the values of a quantity with other parts of some elements, in the unit that they have."""
     if all(_parts_agree(old[name], part) for name, part in parts.items()):
         return values
@@ -291,7 +288,7 @@ def _with_parts(values: Values, old: Mapping[str, Parameter], parts: Mapping[str
         tree=None,
         numbers=tuple(part.quantity.into(unit).value for part in filled),
         unit=unit,
-        spreads=alike_spreads([part.spread for part in filled], unit),
+        spreads=uniform_spreads([part.spread for part in filled], unit),
     )
 
 

@@ -232,6 +232,11 @@ def _read_nested(
     value: Any, scale: Scale | None, shape: tuple[int, ...], dims: tuple[str, ...], key: str = "value"
 ) -> tuple[tuple[float, ...], Scale]:
     """Read nested lists of numbers or quantities, or one quantity, which is that of all elements."""
+    return _in_one_unit(_flat_list(value, shape, dims, key), scale, difference=key in SIZES)
+
+
+def _flat_list(value: Any, shape: tuple[int, ...], dims: tuple[str, ...], key: str) -> list[Any]:
+    """Return the entries of nested lists, the last dimension fastest; of what is no list, itself alone."""
     if isinstance(value, list | tuple) and not dims:
         raise InputError(f'{key} is a list of {len(value)}, needs the dimensions that it is along: dims = ["…"]')
     flat: list[Any] = [value]
@@ -245,7 +250,7 @@ def _read_nested(
         flat = list(joined.from_iterable(flat))
     if any(isinstance(entry, list | tuple) for entry in flat):
         raise InputError(f"{key} has more dimensions than {', '.join(dims) or 'none'}")
-    return _in_one_unit(flat, scale, difference=key in SIZES)
+    return flat
 
 
 def _order_remedy(value: Any, shape: tuple[int, ...]) -> str:
@@ -336,24 +341,18 @@ def _spreads(
     if not list_keys:
         spread = read_spread(entry, value, scale)
         return () if spread is None else (spread,)
-    key, rank = list_keys[0], prod(shape)
+    key = list_keys[0]
     sizes, size_scale = _read_nested(entry[key], scale, shape, dims, key)
-    kinds = {word: _each(entry[word], word, rank) for word in ("distribution", "degrees_of_freedom") if word in entry}
+    kinds = {
+        word: flat if len(flat) > 1 else flat * prod(shape)
+        for word in ("distribution", "degrees_of_freedom")
+        if word in entry and (flat := _flat_list(entry[word], shape, dims, word))
+    }
     spreads = []
     for i, size in enumerate(sizes):
-        kind = {word: each[i] for word, each in kinds.items() if each[i] != NO_FREEDOM}
+        kind = {word: entries[i] for word, entries in kinds.items() if entries[i] != NO_FREEDOM}
         spreads.append(read_spread({key: f"{size!r} {size_scale.unit.text}", **kind}, value))
     return tuple(spreads)
-
-
-def _each(value: Any, key: str, count: int) -> list[Any]:
-    """Return one word or number for all elements, or one for each in lists, as a list with one for each."""
-    flat = [value] * count if not isinstance(value, list | tuple) else [value]
-    while flat and isinstance(flat[0], list | tuple):
-        flat = list(joined.from_iterable(flat))
-    if len(flat) != count:
-        raise InputError(f"{key} has {len(flat)} entries, needs one for all elements, or {count}")
-    return flat
 
 
 def written_values(values: Values, shapes: Shapes, *, declared: bool) -> Any:
@@ -394,23 +393,23 @@ def _shared(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:
     return flat[0] if len({*flat}) == 1 else nested_lists(flat, shape)
 
 
-def alike_spreads(spreads: Sequence[Spread | None], unit: Unit) -> tuple[Spread, ...]:
+def uniform_spreads(spreads: Sequence[Spread | None], unit: Unit) -> tuple[Spread, ...]:
     """Return spreads of elements as a file has them: one that all have, or in a unit all of one kind.
 
     Of standard deviations beside half widths all become standard deviations. Where some elements have a spread, those
     without have one of size 0.
     """
-    known = [spread for spread in spreads if spread is not None]
+    stated = [spread for spread in spreads if spread is not None]
     if len({*spreads}) == 1:
-        return tuple(known[:1])
-    is_mixed = len({spread.bounded for spread in known}) > 1
-    alike = []
-    for spread in (replace(known[0], size=Quantity(0.0, unit)) if spread is None else spread for spread in spreads):
+        return tuple(stated[:1])
+    is_mixed = len({spread.bounded for spread in stated}) > 1
+    uniform = []
+    for spread in (replace(stated[0], size=Quantity(0.0, unit)) if spread is None else spread for spread in spreads):
         size = spread.standard if is_mixed else spread.size
         same = size.unit.text == unit.text
         number = size.value if same else float(size.unit.factor / unit.factor) * size.value
-        alike.append(replace(spread, size=Quantity(number, unit), bounded=spread.bounded and not is_mixed))
-    return tuple(alike)
+        uniform.append(replace(spread, size=Quantity(number, unit), bounded=spread.bounded and not is_mixed))
+    return tuple(uniform)
 
 
 def nested_lists(flat: Sequence[Any], shape: tuple[int, ...]) -> Any:

@@ -15,13 +15,14 @@ from xdynamics.faults import InputError, Ledger, ModelError
 from xdynamics.model import toml
 from xdynamics.model.body_consistency import check_bodies_made
 from xdynamics.model.consistency import check_made, check_statement, check_written
-from xdynamics.model.controllers import pending_outputs
+from xdynamics.model.controllers import with_pending
 from xdynamics.model.csv_sheet import normalise_newlines
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.element_numbers import (
     ElementNumbers,
     explicit_values,
-    with_numbers,
+    with_element_starts,
+    with_parameters,
 )
 from xdynamics.model.elements import (
     Elements,
@@ -261,8 +262,8 @@ class Model(ModelTrees):
         if self._element_statement is self.statement:
             return self
         # asked of the elements they would make the trees of all
-        known = {name: getattr(self.statement, name) for name in ("calendar", "functions")}
-        vars(self._element_statement).update(known if self.statement.delayed else known | {"delayed": ()})
+        same_parts = {name: getattr(self.statement, name) for name in ("calendar", "functions")}
+        vars(self._element_statement).update(same_parts if self.statement.delayed else same_parts | {"delayed": ()})
         model = Model.of_numbers(self._element_statement, self._element_dimensions)
         # the text of all elements would be as long as they are many
         model.__dict__.update(digest=f"elements of {self.digest}", form=f"elements of {self.form}", file=self.file)
@@ -342,10 +343,12 @@ class Model(ModelTrees):
     def renumbered(self, parameters: Mapping[str, Parameter], starts: Mapping[str, Parameter]) -> Statement:
         """Return the statement with other parameters and values at the start, by the names of elements."""
         statement, elements = self.statement, self._element_statement
-        statement = with_numbers(statement, elements, self.shapes, parameters, {})
-        if starts and elements is not self.statement:  # where expressions at the start follow the new parameters
+        statement = with_parameters(statement, elements, self.shapes, parameters)
+        if not starts:
+            return statement
+        if elements is not self.statement:  # where expressions at the start follow the new parameters
             elements = with_element_numbers(elements, statement, self.shapes)
-        return with_numbers(statement, elements, self.shapes, {}, starts)
+        return with_element_starts(statement, elements, self.shapes, starts)
 
     def with_statement(self, statement: Statement) -> Model:
         """Return the model of another statement, checked unless numbers alone changed; a faulty one is a `ModelError`."""
@@ -395,9 +398,7 @@ class Model(ModelTrees):
         if self.read_at_start & parameters.keys():
             si_values = {name: part.quantity.si for name, part in self._element_statement.parameters.items()}
             starts = ElementNumbers(self.statement, self.shapes).varied_starts(parameters, si_values)
-        starts |= initial
-        outputs = pending_outputs(self.statement.controllers)
-        return starts | {waiting: starts[output] for waiting, output in outputs.items() if output in starts}
+        return with_pending(starts | dict(initial), self.statement.controllers)
 
     @cached_property
     def read_by_points(self) -> frozenset[str]:

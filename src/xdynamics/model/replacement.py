@@ -10,7 +10,7 @@ from typing import Any
 from xdynamics.expressions import parse
 from xdynamics.faults import DOT, InputError, Ledger, ModelError, display_text, first_names, internal_text
 from xdynamics.keywords import merge_settings
-from xdynamics.model.controllers import check_in_effect, pending_outputs
+from xdynamics.model.controllers import check_in_effect
 from xdynamics.model.element_numbers import with_starts
 from xdynamics.model.file_access import ANYWHERE, FileAccess
 from xdynamics.model.given_values import Values, is_expression, unit_of_values
@@ -21,7 +21,7 @@ from xdynamics.model.reading import read_statement
 from xdynamics.model.statement import Statement
 from xdynamics.model.toml import section_tables
 from xdynamics.model.uncertainty import SIZES, split_uncertainty
-from xdynamics.units import NONE, parse_quantity, parse_unit
+from xdynamics.units import NONE, Unit, parse_quantity, parse_unit
 
 # sections that take new entries; a new parameter or start would be a misspelt one
 _GROWING = (
@@ -78,7 +78,7 @@ def _on_scales(statement: Statement, title: str, entries: Any) -> Any:
     for name, value in entries.items():
         entry = getattr(statement, title).get(name)
         quantity = getattr(entry, "quantity", entry)
-        number = value.item() if getattr(value, "ndim", None) == 0 else value
+        number = _without_array(value)
         if quantity is not None and quantity.scale and isinstance(number, int | float) and not isinstance(number, bool):
             scaled[name] = f"{number!r} {quantity.scale.text}"
     return scaled
@@ -141,14 +141,13 @@ def _read_parts(
         changed = {name: statement.starts.get(name, Parameter(quantity)) for name, quantity in changed.items()}
     old_entries = {name: section.write(part, source.time) for name, part in changed.items()}
     parts = {}
-    outputs = pending_outputs(statement.controllers) if title == "initial" else {}
     for name, value in _new_entries(title, {**dict.fromkeys(old), **old_entries}, entries).items():
         with ledger.entry(f"{section.entry} '{name}'"):
-            check_in_effect(name, outputs)
+            check_in_effect(name, statement.controllers if title == "initial" else {})
             part = parts[name] = section.read(name, value, source)
-            known = getattr(changed.get(name), "quantity", None)
-            if known is not None and part.quantity.unit.dimension != known.unit.dimension:
-                raise InputError(f"has units '{part.quantity.unit.dimension}', needs '{known.unit.dimension}'")
+            old_quantity = getattr(changed.get(name), "quantity", None)
+            if old_quantity is not None and part.quantity.unit.dimension != old_quantity.unit.dimension:
+                raise InputError(f"has units '{part.quantity.unit.dimension}', needs '{old_quantity.unit.dimension}'")
     return parts
 
 
@@ -214,11 +213,26 @@ def _replace_array_value(entry: str, old: Any, values: Values, value: Any) -> An
     return kept_keys | {"value": value, "unit": unit.text if values.scale is None else values.scale.text}
 
 
-def _in_unit_of(old: Any, text: Any, value: str) -> str:
+def _without_array(value: Any) -> Any:
+    """Return what an array of one number holds, as a text where the array says its unit; anything else as it is."""
+    if getattr(value, "ndim", None) != 0:
+        return value
+    number, unit_text = value.item(), getattr(value, "attrs", {}).get("units")
+    # the repr of a numpy or xarray scalar includes its type
+    return number if unit_text is None else f"{number!r} {unit_text}"
+
+
+def _unit_of_entry(old: Any) -> Unit:
+    """Return the unit of an entry of a file; an `InputError` where it is an expression."""
+    if isinstance(old, Mapping):
+        return parse_unit(old["unit"]) if "unit" in old else parse_quantity(old.get("value")).unit
+    return parse_quantity(old).unit
+
+
+def _in_unit_of(old: Any, value: str) -> str:
     """Return a quantity in the unit of an entry, where it has none itself."""
     try:
-        quantity = parse_quantity(value)
-        unit = parse_unit(old["unit"]) if isinstance(old, Mapping) and "unit" in old else parse_quantity(text).unit
+        quantity, unit = parse_quantity(value), _unit_of_entry(old)
     except InputError:
         return value
     return f"{quantity.value!r} {unit.text}" if quantity.unit.text == NO_UNIT else value
@@ -227,9 +241,7 @@ def _in_unit_of(old: Any, text: Any, value: str) -> str:
 def _replace_value(entry: str, old: Any, value: Any) -> Any:
     """Replace the value of an entry; a bare number keeps the entry's unit, a quantity must have its dimension."""
     text = old.get("value") if isinstance(old, Mapping) else old
-    if getattr(value, "ndim", None) == 0:  # the repr of a numpy or xarray scalar includes its type
-        unit_suffix = getattr(value, "attrs", {}).get("units")
-        value = value.item() if unit_suffix is None else f"{value.item()!r} {unit_suffix}"
+    value = _without_array(value)
     try:
         pair = split_uncertainty(value)
     except InputError as error:
@@ -238,11 +250,11 @@ def _replace_value(entry: str, old: Any, value: Any) -> Any:
         kept_keys = (
             {key: item for key, item in old.items() if key not in ("unit", *SIZES)} if isinstance(old, Mapping) else {}
         )
-        return kept_keys | {"value": _in_unit_of(old, text, pair[0]), "uncertainty": pair[1]}
+        return kept_keys | {"value": _in_unit_of(old, pair[0]), "uncertainty": pair[1]}
     if not isinstance(text, str | int | float) or isinstance(text, bool) or not isinstance(value, str | int | float):
         return value
     try:
-        unit = parse_unit(old["unit"]) if isinstance(old, Mapping) and "unit" in old else parse_quantity(text).unit
+        unit = _unit_of_entry(old)
     except InputError:
         return value  # an expression, not a quantity
     if isinstance(value, str):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from xdynamics.faults import InputError, Ledger
 from xdynamics.model import Model
-from xdynamics.model.controllers import check_in_effect, pending_outputs
+from xdynamics.model.controllers import check_in_effect
 from xdynamics.model.csv_sheet import Sheet
 from xdynamics.model.drives import doubts_of
 from xdynamics.model.instruments import as_table
@@ -566,7 +566,7 @@ def column_of(model: Model, name: str, values: Any) -> AxisColumn:
         return column
     initial = name.removeprefix(INITIAL_PREFIX)
     if initial in elements.statement.initial:
-        check_in_effect(initial, pending_outputs(model.statement.controllers))
+        check_in_effect(initial, model.statement.controllers)
         kind = START if initial == "t" else INITIAL
         return _number_column(
             initial, kind, values, elements.statement.initial[initial].scale_of_numbers, _display_label(name)
