@@ -153,6 +153,8 @@ def test_an_element_that_no_longer_rests_is_in_the_text() -> None:
     moved = still.replace(initial={"v_u[1]": "1 ± 0.1 m s-1"})
     assert moved.digest != still.digest
     again = xd.Model.from_text(moved.to_toml())
+    assert moved.statement.at_rest == again.statement.at_rest == ()
+    assert still.statement.at_rest == ("v_u",)
     for model in (moved, again):
         assert [*model.uncertain] == ["v_u·1"]
         assert [model.initial[f"v_u[{i}]"].value for i in range(3)] == [0.0, 1.0, 0.0]
