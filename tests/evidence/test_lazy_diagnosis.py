@@ -29,6 +29,14 @@ DIAGNOSED: dict[str, tuple[dict[str, Any], dict[str, Any], int]] = {
 SAID_LATER = ("drift_", "energy_drift", "cycle_time", "lyapunov_exponents")  # whose words depend on cycles and pieces
 
 
+def test_gates_of_a_lazy_diagnosis_have_their_labels() -> None:
+    """Assert that what is asked of a record with contacts is named before anything is marched."""
+    model = xd.Model.from_toml(MODELS / "bouncing_ball.toml")
+    run = xd.simulate(model, until="1 s", compute=False, sizes={"step": 2000})
+    lazy = xd.diagnose(run, occurrences=1, companion=False, compute=False)
+    assert lazy["gate"].values.tolist() == ["contacts_admissible"]
+
+
 @pytest.mark.dear
 @pytest.mark.parametrize("name", DIAGNOSED)
 def test_a_lazy_diagnosis_is_described_and_has_the_bits_of_the_eager_one(name: str) -> None:
