@@ -138,14 +138,14 @@ def object_server() -> Iterator[Way]:
 @contextmanager
 def bucket(secret: str = "secret") -> Iterator[Way]:
     """Run a store with the bucket `bucket`, and let this process and those that it starts reach it."""
-    from xdynamics.archive import object_calls
+    from xdynamics.archive import filesystems
 
     with object_server() as way, pytest.MonkeyPatch.context() as patch:
         patch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{way.server_port}")
         patch.setenv("AWS_ACCESS_KEY_ID", "somebody")
         patch.setenv("AWS_SECRET_ACCESS_KEY", secret)
         patch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-        patch.setattr(object_calls, "ATTEMPTS", 2)
-        patch.setattr(object_calls, "READ", 20.0)  # a busy machine answers late
-        object_calls.client().call_s3("create_bucket", Bucket="bucket")
+        patch.setattr(filesystems, "ATTEMPTS", 2)
+        patch.setattr(filesystems, "READ", 20.0)  # a busy machine answers late
+        filesystems.filesystem("s3").call_s3("create_bucket", Bucket="bucket")
         yield way

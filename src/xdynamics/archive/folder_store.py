@@ -2,7 +2,7 @@
 
 A folder is written complete or not at all: it is built under another name, and renamed when every file is on the disk.
 
-`store_of` returns the store of a location: the file system, or a bucket.
+`store_of` returns the store of a location: the file system, or what fsspec reaches.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics.archive import store, target
 from xdynamics.archive.shared_handles import identity_of
-from xdynamics.archive.store import FOLDER, LocalFile, LockedError, NewFile, ObjectName, Place, Store
+from xdynamics.archive.store import FOLDER, Address, LocalFile, LockedError, NewFile, Place, Store
 from xdynamics.archive.target import LONGEST, is_ours, sweep_temporary_files, try_lock
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.runtime.files import ask_path, make_folder, path_kind, read_bounded, synced
@@ -255,11 +255,11 @@ ARCHIVES = (".nc", ".nc4", ".netcdf", ".cdf", ".h5", ".hdf5", ".hdf", ".he5")  #
 
 
 def store_of(location: Place) -> Store[Any]:
-    """Return the store of a location; the modules of object stores are imported with the first object name."""
-    if isinstance(location, ObjectName):
-        from xdynamics.archive.object_store import OBJECTS
+    """Return the store of a location; the modules of fsspec are imported with the first address."""
+    if isinstance(location, Address):
+        from xdynamics.archive.address_store import ADDRESSES
 
-        return OBJECTS
+        return ADDRESSES
     return FOLDERS
 
 

@@ -1,10 +1,10 @@
 """The protocol of a store, the names of files and objects in it, and the checks of a path before it is read.
 
 A store writes files complete or not at all, lists them, locks them, and identifies them by their content. The program
-knows this protocol alone. The file system is one store (`folder_store`), a bucket of an object store another
-(`object_store`); `folder_store.store_of` says to which store a location belongs.
+knows this protocol alone. The file system is one store (`folder_store`); all that fsspec reaches by an address is another
+(`address_store`); `folder_store.store_of` says to which store a location belongs.
 
-A location is a path of the file system, or the name of an object like ``s3://bucket/runs/one.nc``.
+A location is a path of the file system, or an address like ``s3://bucket/runs/one.nc``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from os import PathLike, fspath
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import IO, TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.runtime.files import ask_path, file_above, path_kind
@@ -24,68 +24,86 @@ from xdynamics.runtime.files import ask_path, file_above, path_kind
 if TYPE_CHECKING:
     from xdynamics.model import Model
 
-SCHEME = "s3://"
 LONGEST = 1024  # bytes of an object's name
+FILE, OPEN = "file", "open"  # schemes of addresses that are paths, and of open files
+WRITABLE, READABLE = ("s3", "gs", "memory"), ("https", "http")  # schemes of stores, by what can be done there
+SCHEMES = (FILE, *WRITABLE, *READABLE)
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
+_SECRETS = re.compile(r"[?&][^=&]*(X-Amz-|sig|token|key|secret|credential|passw)[^=&]*=", re.IGNORECASE)
+_GIVEN_ELSEWHERE = {
+    "s3": "by the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_PROFILE) or ~/.aws",
+    "gs": "by the environment (GOOGLE_APPLICATION_CREDENTIALS)",
+}
 
 
 @dataclass(frozen=True)
-class ObjectName:
-    """The name of an object in a bucket, with the interface of a file's name; only the store reads the object.
+class Address:
+    """The name of a file in a store that fsspec reaches, with the interface of a path; only the store reads the file.
 
     Attributes
     ----------
-    bucket : str
-    key : str
-        Without a slash at either end; empty for the bucket itself.
+    scheme : str
+        Like ``s3``.
+    path : str
+        Bucket or host, and the name there, without a slash at the end.
     """
 
-    bucket: str
-    key: str
+    scheme: str
+    path: str
 
     def __str__(self) -> str:
-        return f"{SCHEME}{self.bucket}/{self.key}".removesuffix("/")
+        return f"{self.scheme}://{self.path}"
 
-    def __truediv__(self, name: str) -> ObjectName:
-        return ObjectName(self.bucket, f"{self.key}/{name}" if self.key else name)
+    def __truediv__(self, name: str) -> Address:
+        return Address(self.scheme, f"{self.path}/{name}" if self.path else name)
+
+    @property
+    def root(self) -> str:
+        """The bucket or the host."""
+        return self.path.partition("/")[0]
+
+    @property
+    def key(self) -> str:
+        """The name in the bucket or at the host; empty for the bucket itself."""
+        return self.path.partition("/")[2]
 
     @property
     def name(self) -> str:
-        """The part of the name after the last slash."""
-        return PurePosixPath(self.key).name
+        """The part of the name after the last slash; without the query of a web address."""
+        return PurePosixPath(self.path.partition("?")[0]).name
 
     @property
     def stem(self) -> str:
         """The name without its ending."""
-        return PurePosixPath(self.key).stem
+        return PurePosixPath(self.name).stem
 
     @property
     def suffix(self) -> str:
         """The name's ending, like ``.nc``."""
-        return PurePosixPath(self.key).suffix
+        return PurePosixPath(self.name).suffix
 
     @property
-    def parent(self) -> ObjectName:
+    def parent(self) -> Address:
         """The part of the name before the last slash, as a folder."""
-        return ObjectName(self.bucket, self.key.rpartition("/")[0])
+        return Address(self.scheme, self.path.partition("?")[0].rpartition("/")[0])
 
-    def with_name(self, name: str) -> ObjectName:
-        """Return another object name in the same folder."""
+    def with_name(self, name: str) -> Address:
+        """Return another name in the same folder."""
         return self.parent / name
 
-    def with_suffix(self, suffix: str) -> ObjectName:
-        """Return the object with another ending."""
+    def with_suffix(self, suffix: str) -> Address:
+        """Return the name with another ending."""
         return self.with_name(self.stem + suffix)
 
-    def absolute(self) -> ObjectName:
-        """Return itself: a name in a bucket depends on no current folder."""
+    def absolute(self) -> Address:
+        """Return itself: an address depends on no current folder."""
         return self
 
 
-Place = Path | ObjectName
-Given = str | PathLike[str] | ObjectName  # what a user may give for a place
-GIVEN = (str, PathLike, ObjectName)
+Place = Path | Address
+Given = str | PathLike[str] | Address  # what a user may give for a place
+GIVEN = (str, PathLike, Address)
 
 
 def resolve_links(location: Place) -> Place:
@@ -93,13 +111,13 @@ def resolve_links(location: Place) -> Place:
     return Path(os.path.realpath(location)) if isinstance(location, Path) else location
 
 
-def location_of(named_location: Given) -> Place:
-    """Return the location that a text or a path names.
+def location_of(named_location: Given | IO[bytes]) -> Place:
+    """Return the location that a text or a path names, or of an open binary file.
 
     Raises
     ------
     InputError
-        If it is neither a text nor a path, an address of another kind, has credentials in it, or is no name of an object.
+        If it is neither a text, a path nor a file, an address of another kind, has credentials in it, or is no name in a store.
         Credentials are not repeated in the message.
 
     Examples
@@ -107,34 +125,56 @@ def location_of(named_location: Given) -> Place:
     >>> str(location_of("s3://bucket/runs/one.nc").with_suffix(".png"))
     's3://bucket/runs/one.png'
     """
-    if isinstance(named_location, ObjectName | Path):
+    if isinstance(named_location, Address | Path):
         text = str(named_location)
-        if isinstance(named_location, Path) and text.startswith("s3:/"):
+        if isinstance(named_location, Path) and text.startswith(tuple(f"{scheme}:/" for scheme in SCHEMES)):
             raise InputError(f"{text[:80]!r} is a Path, which drops a slash of an address; give the address as a text")
         return named_location
+    if hasattr(named_location, "read") or hasattr(named_location, "write"):
+        from xdynamics.archive.open_files import place_of
+
+        return place_of(named_location)
     if not isinstance(named_location, str | PathLike):
-        raise InputError(f"{type(named_location).__name__} is no name of a file; give a text or a Path")
+        raise InputError(
+            f"{type(named_location).__name__} is no name of a file; give a text, a Path or an open binary file"
+        )
     text = fspath(named_location)
     address = _ADDRESS.match(text)
     if address is None:
         return Path(text)
-    if address[0] != SCHEME:
+    scheme, path = address[1], text[address.end() :]
+    if scheme == FILE:
+        return Path(path)
+    if scheme not in (*WRITABLE, *READABLE):
+        known = ", ".join(f"'{name}://'" for name in SCHEMES)
         raise InputError(
-            f"addresses that begin with '{address[0]}' are unknown; there are folders, and '{SCHEME}bucket/name'"
+            f"addresses that begin with '{address[0]}' are unknown; there are folders, and addresses that begin with {known}"
         )
-    bucket, _, key = text.removeprefix(SCHEME).partition("/")
-    if (
-        "@" in bucket
-        or ("@" in key.partition("/")[0] and ":" in bucket)
-        or re.search(r"[?&]X-Amz-", text, re.IGNORECASE)
-    ):
+    root, _, key = path.partition("/")
+    if "@" in root or ("@" in key.partition("/")[0] and ":" in root) or _SECRETS.search(text):
+        elsewhere = _GIVEN_ELSEWHERE.get(scheme, "by the configuration of fsspec (~/.config/fsspec)")
         raise InputError(
-            f"credentials stand in an address that begins with '{SCHEME}'; leave them out of it, and give them by the"
-            " environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_PROFILE) or ~/.aws"
+            f"credentials stand in an address that begins with '{address[0]}'; leave them out of it, and give them {elsewhere}"
         )
-    if fault := _object_name_fault(bucket, key.rstrip("/")):
+    if fault := _address_fault(scheme, root, key.rstrip("/")):
         raise InputError(f"'{text[:80]}' names no object: {fault}")
-    return ObjectName(bucket, key.rstrip("/"))
+    return Address(scheme, path.rstrip("/"))
+
+
+def _address_fault(scheme: str, root: str, key: str) -> str:
+    """Describe why no file of a store can have a name; empty if one can."""
+    if scheme in ("s3", "gs") and not _BUCKET.fullmatch(root):
+        return f"the bucket is '{root[:70]}', needs 3 to 63 small letters, digits, dots or hyphens"
+    if not root:
+        return "nothing stands behind '://'"
+    parts = key.split("/") if key else []
+    if odd := [part for part in parts if part in ("", ".", "..")]:
+        return f"it has '{odd[0]}' between slashes, which other programs take for another folder"
+    if not key.isprintable():
+        return "it holds characters that cannot be shown"
+    if len(key.encode()) > LONGEST:
+        return f"it has {len(key.encode())} bytes, {LONGEST} are the most"
+    return ""
 
 
 def check_file_name(name: str) -> None:
@@ -153,20 +193,6 @@ def check_file_name(name: str) -> None:
             f"{name[:60]!r} is no name of a file in the folder; use letters, digits, '-' and '_', and name other folders"
             " where the folder is given"
         )
-
-
-def _object_name_fault(bucket: str, key: str) -> str:
-    """Describe why a name cannot be one of an object; empty if it can."""
-    if not _BUCKET.fullmatch(bucket):
-        return f"the bucket is '{bucket[:70]}', needs 3 to 63 small letters, digits, dots or hyphens"
-    parts = key.split("/") if key else []
-    if odd := [part for part in parts if part in ("", ".", "..")]:
-        return f"it has '{odd[0]}' between slashes, which other programs take for another folder"
-    if not key.isprintable():
-        return "it holds characters that cannot be shown"
-    if len(key.encode()) > LONGEST:
-        return f"it has {len(key.encode())} bytes, {LONGEST} are the most"
-    return ""
 
 
 def check_source(path: Path) -> None:

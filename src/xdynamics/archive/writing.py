@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,7 +265,7 @@ READ_BACK = (
 
 def save(
     run: xr.Dataset,
-    path: Given,
+    path: Given | IO[bytes],
     *,
     derived: str | None = None,
     compress: bool | None = None,

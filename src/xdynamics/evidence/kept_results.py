@@ -48,7 +48,7 @@ class Keep:
 
     Parameters
     ----------
-    folder : Path or ObjectName
+    folder : Path or Address
     """
 
     def __init__(self, folder: Place) -> None:

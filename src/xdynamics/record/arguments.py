@@ -184,7 +184,7 @@ def _recorded_tolerances(run: xr.Dataset) -> dict[str, Any]:
 def is_unmarched(run: Any) -> bool:
     """Whether a Dataset is what `simulate` or `ragged` returned with ``compute=False``, or made from that."""
     # not imported for this question, which takes over a second: without dask in memory nothing is lazy
-    if "dask" not in sys.modules or STAGE not in getattr(run, "encoding", ()):
+    if "dask" not in sys.modules or STAGE not in (getattr(run, "encoding", None) or ()):
         return False
     return EVIDENCE not in run.attrs or (run.attrs[EVIDENCE] == RAGGED and any(map(is_chunked, run.variables.values())))
 

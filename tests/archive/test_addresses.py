@@ -1,0 +1,180 @@
+"""Addresses of all kinds that fsspec reaches, and open files: one word for each verb, complete or not at all."""
+
+from __future__ import annotations
+
+import io
+import pickle
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import xdynamics as xd
+from cases.problems import oscillator
+from cases.verdicts import verified
+from cases.web_server import web_server
+from xdynamics.archive import filesystems
+from xdynamics.archive.address_store import ADDRESSES
+from xdynamics.archive.store import TakenError, location_of
+
+pytest.importorskip("aiohttp")
+MODEL = oscillator().model
+ASKED: dict[str, Any] = {"method": "rk4", "step": 0.1, "until": 1.0}
+RUN = xd.simulate(MODEL, **ASKED)
+OTHER = xd.simulate(MODEL, **(ASKED | {"step": 0.05}))
+
+
+def test_the_address_of_a_file_is_its_path(tmp_path: Path) -> None:
+    """Assert that `file://` is the path behind it, for reading and writing."""
+    assert xd.save(RUN, f"file://{tmp_path}/run.nc") == tmp_path / "run.nc"
+    assert xd.open_run(f"file://{tmp_path}/run.nc").identical(xd.open_run(tmp_path / "run.nc"))
+
+
+@pytest.mark.parametrize("where", ["memory", "open"])
+def test_a_run_is_kept_and_replaced(where: str, request: pytest.FixtureRequest) -> None:
+    """Assert the digest of the run in memory and in an open file, new and replaced, and that a pickled one is the same."""
+    place: Any = f"memory://{request.node.name}/run.nc" if where == "memory" else io.BytesIO()
+    for run in (RUN, OTHER):
+        xd.save(run, place)
+        assert verified(place) == xd.content_digest(run)
+        opened = xd.open_run(place)
+        assert pickle.loads(pickle.dumps(opened.load())).identical(opened)
+
+
+def test_an_open_file_has_the_bytes_of_an_archive(tmp_path: Path) -> None:
+    """Assert that a file opened for writing is an archive under its own name, and one opened for reading a run."""
+    with (tmp_path / "run.nc").open("wb") as file:
+        xd.save(RUN, file)
+    assert verified(tmp_path / "run.nc") == xd.content_digest(RUN)
+    with (tmp_path / "run.nc").open("rb") as file:
+        assert xd.open_run(file).load().attrs["content_digest"] == xd.content_digest(RUN)
+        with pytest.raises(xd.InputError, match="is opened for reading; open it with open"):
+            xd.save(RUN, file)
+    with pytest.raises(xd.InputError, match="is closed; open it with"):
+        xd.open_run(file)
+    with pytest.raises(xd.InputError, match="is opened for text, and an archive is bytes"):
+        xd.save(RUN, io.StringIO())  # type: ignore[arg-type]
+    with pytest.raises(xd.InputError, match="BytesIO-.*' does not exist"):
+        xd.open_run(io.BytesIO())
+
+
+def test_of_two_writers_in_memory_one_is_told(request: pytest.FixtureRequest) -> None:
+    """Assert that what was new, then what was read, is not written over by who began before."""
+    place = location_of(f"memory://{request.node.name}/run.nc")
+
+    def write(early: Any) -> None:
+        with ADDRESSES.taking_name(place) as late:  # type: ignore[arg-type]
+            late.part.write_text("late")
+            xd.save(early, str(place))
+
+    for early in (RUN, OTHER):
+        with pytest.raises(TakenError, match="was written by another process meanwhile"):
+            write(early)
+        assert verified(str(place)) == xd.content_digest(early)
+
+
+@pytest.mark.parametrize("keep", [["end"], ["log"]])
+def test_a_sweep_is_kept_in_memory(keep: list[str], request: pytest.FixtureRequest) -> None:
+    """Assert the numbers of a sweep without a folder, its members, and that nobody else marches there meanwhile."""
+    folder = f"memory://{request.node.originalname}{keep[0]}"
+    sweep = xd.sweep(MODEL, {"k": "1:2:3 N m-1"}, keep=keep, path=folder, **ASKED)
+    assert verified(folder) == sweep.attrs["content_digest"]
+    assert sweep.run_digest.values.tolist() or keep == ["end"]
+    place = location_of(folder)
+    with (
+        ADDRESSES.locked(place),
+        pytest.raises(xd.InputError, match="is locked; if the process that locked it has ended"),
+    ):
+        ADDRESSES.locked(place).__enter__()  # type: ignore[arg-type]
+    names = [entry.name for entry in ADDRESSES.names(place)]  # type: ignore[arg-type]
+    assert names == (["catalogue.nc", "runs"] if keep == ["log"] else ["catalogue.nc"])
+
+
+@pytest.mark.parametrize("parts", [True, False])
+def test_a_run_is_read_from_a_web_server(tmp_path: Path, *, parts: bool) -> None:
+    """Assert the run of a server with and without parts of files, once more where the connection breaks."""
+    xd.save(RUN, tmp_path / "run.nc")
+    with web_server(tmp_path, parts=parts) as server:
+        assert verified(f"{server.address}/run.nc?download=1") == xd.content_digest(RUN)
+        server.what = "cut"
+        assert verified(f"{server.address}/run.nc?again=1") == xd.content_digest(RUN)
+        assert server.what == ""
+        with pytest.raises(xd.InputError, match="none.nc' does not exist"):
+            xd.open_run(f"{server.address}/none.nc")
+        for verb in (lambda name: xd.save(RUN, name), lambda name: xd.simulate(MODEL, path=name, **ASKED)):
+            with pytest.raises(
+                xd.InputError, match="new.nc' cannot be written: addresses that begin with 'http://' are read"
+            ):
+                verb(f"{server.address}/new.nc")
+
+
+BAD = {
+    "longer": "",
+    "unknown": "its server does not say how many bytes it has; download it",
+    "403": r"its store denies access with these credentials \(403\)",
+    "401": r"its store does not accept the credentials \(401\)",
+    "503": r"its store failed 4 times \(503\); call again later",
+    "slow": r"no answer from its store \(TimeoutError\)",
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_a_download_ends(what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that no more is read than is declared, and that what refuses or drips is one line in time."""
+    xd.save(RUN, tmp_path / "run.nc")
+    for name, value in {"READ": 0.5, "SLOWEST": 10**7}.items() if what == "slow" else ():
+        monkeypatch.setattr(filesystems, name, value)
+    begun = time.monotonic()
+    with web_server(tmp_path, parts=False) as server:
+        server.what = what
+        if not BAD[what]:
+            assert verified(f"{server.address}/run.nc") == xd.content_digest(RUN)
+        else:
+            with pytest.raises(xd.InputError, match=f"run.nc' cannot be read: {BAD[what]}"):
+                xd.open_run(f"{server.address}/run.nc")
+    assert time.monotonic() - begun < 20.0
+
+
+WRONG = {
+    "ftp://host/run.nc": "addresses that begin with 'ftp://' are unknown; there are folders, and addresses that begin with",
+    "https://host/run.nc?access_token=abc": "credentials stand in an address that begins with 'https://'",
+    "https://me:word@host/run.nc": "credentials stand in an address that begins with 'https://'; leave them out of it",
+    "memory://": "names no object: nothing stands behind '://'",
+    "memory://a/../run.nc": r"it has '\.\.' between slashes",
+    "gs://A/run.nc": "the bucket is 'A', needs 3 to 63 small letters",
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_address_is_one_line(name: str) -> None:
+    """Assert one line that says what is wrong, for reading and for writing, without a secret."""
+    for verb in (xd.open_run, xd.verify, lambda place: xd.save(RUN, place)):
+        with pytest.raises(xd.InputError, match=WRONG[name]) as told:
+            verb(name)
+        assert not [word for word in ("abc", "word@", "\n") if word in str(told.value)]
+
+
+def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that an address whose filesystem is not installed says what to install."""
+    import sys
+
+    monkeypatch.setitem(sys.modules, "gcsfs", None)
+    with pytest.raises(
+        xd.InputError, match="addresses that begin with 'gs://' need the package gcsfs: pip install gcsfs"
+    ):
+        xd.open_run("gs://bucket/run.nc")
+
+
+def test_threads_read_one_copy(request: pytest.FixtureRequest) -> None:
+    """Assert that threads that open one address share a download."""
+    place = f"memory://{request.node.name}/run.nc"
+    xd.save(RUN, place)
+    found: list[str] = []
+    threads = [threading.Thread(target=lambda: found.append(verified(place))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert {*found} == {xd.content_digest(RUN)}
