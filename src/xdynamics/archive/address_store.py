@@ -276,6 +276,12 @@ class AddressStore:
         """Lock a folder by a file in it."""
         return leased(folder / LOCK, folder)
 
+    def move(self, location: Address, target: Address) -> None:
+        """Copy a file in its store, and remove it under its former name."""
+        with refusals_in_words(target, "cannot be written"), _absent_passed_over():
+            ask(location, "copy", str(target))
+            ask(location, "rm_file")
+
     def remove(self, location: Address) -> None:
         """Remove a file; an empty folder is none."""
         with refusals_in_words(location, "cannot be removed"), _absent_passed_over():

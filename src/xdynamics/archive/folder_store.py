@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics.archive import store, target
 from xdynamics.archive.shared_handles import identity_of
-from xdynamics.archive.store import FOLDER, Address, LocalFile, LockedError, NewFile, Place, Store
+from xdynamics.archive.store import DIGESTS, FOLDER, NOTES, ZARR, Address, LocalFile, LockedError, NewFile, Place, Store
 from xdynamics.archive.target import LONGEST, is_ours, sweep_temporary_files, try_lock
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.runtime.files import ask_path, make_folder, path_kind, read_bounded, synced
@@ -232,6 +232,12 @@ class FolderStore:
         finally:
             os.close(handle)
 
+    def move(self, location: Path, target: Path) -> None:
+        """Rename a file."""
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):
+            location.replace(target)
+
     def remove(self, location: Path) -> None:
         """Remove a file, or an empty folder."""
         if location.is_dir() and not location.is_symlink():
@@ -251,7 +257,7 @@ class FolderStore:
 FOLDERS = FolderStore()
 
 
-ARCHIVES = (".nc", ".nc4", ".netcdf", ".cdf", ".h5", ".hdf5", ".hdf", ".he5")  # ends of names of archives
+ARCHIVES = (".nc", ".nc4", ".netcdf", ".cdf", ".h5", ".hdf5", ".hdf", ".he5", ZARR)  # ends of names of archives
 
 
 def store_of(location: Place) -> Store[Any]:
@@ -269,7 +275,12 @@ def made_folder(location: Place) -> Any:
 
 
 def check_target(location: Place, model: Model | None = None) -> None:
-    """Check before any work that a file can be written to a location without loss; see `Store`."""
+    """Check before any work that an archive, a figure or a table can be written to a location without loss; see `Store`."""
+    if location.suffix == ZARR:
+        from xdynamics.archive.zarr_archive import check_zarr_target
+
+        check_zarr_target(location)
+        return
     store_of(location).check_target(location, model)
 
 
@@ -296,7 +307,7 @@ def check_suffix(location: Place) -> None:
     suffix = location.suffix
     if suffix[1:].isalpha() and suffix.lower() not in ARCHIVES:
         raise InputError(
-            f"'{location}' ends in '{suffix}', and an archive is netCDF: name it like '{location.with_suffix('.nc')}'; states"
+            f"'{location}' ends in '{suffix}', and an archive is netCDF or Zarr: name it like '{location.with_suffix('.nc')}'; states"
             " become a table by `xdynamics sample`, a figure by `xdynamics plot`"
         )
 
@@ -316,3 +327,14 @@ def is_same(location: Place, second_location: Place) -> bool:
 def is_folder(location: Place) -> bool:
     """Whether a location is an existing folder."""
     return store_of(location).kind(location) == FOLDER
+
+
+def is_zarr(location: Place) -> bool:
+    """Whether a location has the suffix of a Zarr store, and is not a file of another form."""
+    return location.suffix == ZARR and store_of(location).kind(location) is not None
+
+
+def has_archive(location: Place) -> bool:
+    """Whether there is a file, or a Zarr store with digests, under a name."""
+    store = store_of(location)
+    return store.kind(location) is None or (is_zarr(location) and store.kind(location / NOTES / DIGESTS) is None)

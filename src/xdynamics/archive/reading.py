@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.archive.file_structure import inventory
-from xdynamics.archive.folder_store import store_of
+from xdynamics.archive.folder_store import is_zarr, store_of
 from xdynamics.archive.integrity import remember_archive
 from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination, harmed
 from xdynamics.archive.netcdf_library import DAMAGE, error_text, opened_file, stored_attributes, with_library_lock
@@ -19,7 +19,7 @@ from xdynamics.archive.sandboxed_reading import examine_sandboxed, is_known, is_
 from xdynamics.archive.seals import Tail, tail_of
 from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_of, open_shared
 from xdynamics.archive.store import Given, LocalFile, Place, location_of
-from xdynamics.archive.text_encoding import text_form
+from xdynamics.archive.text_encoding import Form, text_form
 from xdynamics.faults import ArchiveError, EditedWarning, InputError, KindWarning, first_names, numbered_lines, warn
 from xdynamics.record import faults_of
 from xdynamics.record.pint_records import quantified
@@ -44,8 +44,9 @@ def open_run(
 
     Parameters
     ----------
-    path : str or Path
-        A file, or an object like ``"s3://bucket/run.nc"``, which is downloaded whole to a temporary file first.
+    path : str, Path or file object
+        A file, a Zarr store, an address like ``"s3://bucket/run.nc"`` or ``"https://host/run.nc"``, whose file is
+        downloaded whole to a temporary one first, or a binary file open for reading.
     check : bool
         Whether to compare the file with its seal and its digests first. This reads the whole file: once where this
         process has seen the same bytes before, else twice, the second time in a process of its own, which a
@@ -71,7 +72,7 @@ def open_run(
         If what the record says was changed since it was archived; `save` then takes it as derived data alone.
     """
     location = location_of(path)
-    run, examination = _open_verified(_local_archive(location), check=check)
+    run, examination = _open_location(location, check=check)
     run.attrs.pop(SEALED, None)  # describes the file, not the run
     if check:
         try:
@@ -90,6 +91,20 @@ def open_run(
     return quantified(opened_run) if quantify else opened_run
 
 
+def _open_location(location: Place, *, check: bool) -> tuple[xr.Dataset, Examination | None]:
+    """Open an archive, of which a file is compared with its digests now, and a Zarr store as it is read."""
+    if not is_zarr(location):
+        return _open_verified(_local_archive(location), check=check)
+    from xdynamics.archive.zarr_archive import open_store, state_faults
+
+    run = open_store(location)
+    if check and (faults := state_faults(run, values=False)):
+        examination = Examination(tuple(faults), verdict=EDITED)
+        examination.raise_faults(location, also_edited=True)
+        return run, examination
+    return run, None
+
+
 def read_columns(path: Given, names: Collection[str]) -> xr.Dataset:
     """Read some variables of an archived run into memory, and its attributes; verified as `open_run` does.
 
@@ -102,7 +117,11 @@ def read_columns(path: Given, names: Collection[str]) -> xr.Dataset:
     """
     import xarray as xr
 
-    local_file = _local_archive(location_of(path))
+    location = location_of(path)
+    if is_zarr(location):
+        with open_run(path) as run:
+            return run[[name for name in names if name in run.variables]].load()
+    local_file = _local_archive(location)
     look = _SealedIdentity.from_file(local_file)
     if not is_known(look.tail):
         with open_run(path) as run:
@@ -134,8 +153,8 @@ def _chunked(run: xr.Dataset, chunks: Any) -> xr.Dataset:
         raise InputError(f"chunks are {chunks!r}, need rows by dimension, like {{'step': 100_000}}, a number or 'auto'")
     if isinstance(chunks, Mapping) and (unknown := [dim for dim in chunks if dim not in run.dims]):
         raise InputError(f"chunks name {unknown[0]!r}; there are {', '.join(map(str, run.dims))}")
-    chunk_sizes: Any = _stored_chunks(run) if chunks == {} else chunks
     texts = [name for name, variable in run.variables.items() if variable.dtype.kind in "OU"]
+    chunk_sizes: Any = _stored_chunks(run.drop_vars(texts)) if chunks == {} else chunks
     return run.drop_vars(texts).chunk(chunk_sizes, inline_array=True).assign_coords({name: run[name] for name in texts})
 
 
@@ -288,6 +307,12 @@ def verify(path: Given) -> Examination:
 
 def verify_digests(location: Place) -> Examination:
     """Compare with the digests alone; see `verify`."""
+    if is_zarr(location):
+        from xdynamics.archive.zarr_archive import examine_store
+
+        examination = examine_store(location)
+        examination.raise_faults(location)
+        return examination
     examination = _examine_stable_file(_local_archive(location))[0]
     examination.raise_faults(location)
     return examination
@@ -295,16 +320,22 @@ def verify_digests(location: Place) -> Examination:
 
 def read_values(location: Place) -> dict[str, NDArray[Any]]:
     """Read the values of a file that was written and checked here; texts as bytes, in a quarter of the memory."""
+    return {name: values for name, (values, _) in read_forms(location).items()}
+
+
+def read_forms(location: Place, names: Collection[str] | None = None) -> dict[str, tuple[NDArray[Any], Form | None]]:
+    """Read the values of a file's variables as `read_values` does, with the form in which it keeps texts as numbers."""
     values_by_name, local_file = {}, _local_archive(location)
     with opened_file(local_file.path) as file:
         for name, variable in file.variables.items():
+            if names is not None and name not in names:
+                continue
             values, about = np.asarray(_all_stored_values(variable)), stored_attributes(variable)
             form = text_form(about, values.dtype, variable.dimensions, values.shape)
             letters = form.letters(values) if form else values
             is_text = letters.dtype == "S1"
-            values_by_name[name] = (
-                np.ascontiguousarray(letters).view(f"S{letters.shape[-1]}")[..., 0] if is_text else values
-            )
+            texts = np.ascontiguousarray(letters).view(f"S{letters.shape[-1]}")[..., 0] if is_text else values
+            values_by_name[name] = texts, form
     return values_by_name
 
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 LONGEST = 1024  # bytes of an object's name
 FILE, OPEN = "file", "open"  # schemes of addresses that are paths, and of open files
 WRITABLE, READABLE = ("s3", "gs", "memory"), ("https", "http")  # schemes of stores, by what can be done there
+ZARR, METADATA = ".zarr", "zarr.json"  # a Zarr store's ending, and the file of its metadata
+NOTES, DIGESTS = ".xdynamics", "digests.json"  # the folder in it with the digests of its files
 SCHEMES = (FILE, *WRITABLE, *READABLE)
 _ADDRESS = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
@@ -351,6 +353,9 @@ class Store(Protocol[Name]):
 
     def locked(self, folder: Name) -> AbstractContextManager[None]:
         """Lock a folder against other processes; the lock of a process that died is free. Raises `LockedError`."""
+
+    def move(self, location: Name, target: Name) -> None:
+        """Give a file another name, in place of what stands there; nothing is done where there is no such file."""
 
     def remove(self, location: Name) -> None:
         """Remove a file, or a folder that is empty; raises OSError or `ArchiveError` if it cannot be removed."""

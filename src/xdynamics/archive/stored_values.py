@@ -19,7 +19,7 @@ from xarray.backends import BackendArray, NetCDF4DataStore
 from xarray.core import indexing
 
 from xdynamics.archive.netcdf_library import with_library_lock
-from xdynamics.archive.text_encoding import _VALUES, DIGITS, Form, text_form
+from xdynamics.archive.text_encoding import Form, text_form
 from xdynamics.faults import ArchiveError
 from xdynamics.record.flag_words import own_attributes
 from xdynamics.schema import DIGEST
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     import netCDF4
 
 Array = NDArray[Any]
-
-
-_VALUES[np.frombuffer(DIGITS, np.uint8)] = np.arange(16)
 
 
 LARGEST = 1 << 25  # bytes of a stretch
@@ -151,10 +148,21 @@ class StoredValues(BackendArray):
                 ) from None
 
 
+class VariableValues(BackendArray):
+    """The values of a variable that another reader opened."""
+
+    def __init__(self, name: str, variable: Variable) -> None:
+        self.name, self.variable, self.shape, self.dtype = name, variable, variable.shape, variable.dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        # arrays in the key select along their own dimensions, as those of a Variable do
+        return self.variable[key.tuple].values
+
+
 class Texts(BackendArray):
     """The texts of one variable that are numbers in the file."""
 
-    def __init__(self, numbers: StoredValues, form: Form) -> None:
+    def __init__(self, numbers: StoredValues | VariableValues, form: Form) -> None:
         self.numbers, self.form, self.dtype = numbers, form, np.dtype(f"U{form.width}")
         self.shape: tuple[int, ...] = numbers.shape[: len(numbers.shape) - form.further]
 

@@ -6,7 +6,7 @@ variable is that of its texts, so that an archive has the same content digest in
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -85,12 +85,18 @@ def encoded_texts(name: str, role: Any, letters: Array) -> EncodedTexts | None:
     words = _flag_words(texts.ravel())
     if words is None:
         return None
+    return EncodedTexts(_word_numbers(texts, words), "", _flag_attributes(words))
+
+
+def _word_numbers(texts: Array, words: Sequence[bytes]) -> NDArray[np.int8]:
     values = np.full(texts.shape, NO_WORD, np.int8)
     for number, word in enumerate(words):
         values[texts == word] = number
-    return EncodedTexts(
-        values, "", {TEXT_FORM: FLAGS, **flag_attributes(dict(enumerate(meaning.decode() for meaning in words)))}
-    )
+    return values
+
+
+def _flag_attributes(words: Sequence[bytes]) -> dict[str, Any]:
+    return {TEXT_FORM: FLAGS, **flag_attributes(dict(enumerate(meaning.decode() for meaning in words)))}
 
 
 def _flag_words(texts: Array) -> list[bytes] | None:
@@ -111,6 +117,7 @@ def _is_word(word: bytes) -> bool:
 
 
 _VALUES = np.full(256, 255, np.uint8)
+_VALUES[np.frombuffer(DIGITS, np.uint8)] = np.arange(16)
 
 
 _PAIRS = np.frombuffer(
@@ -174,6 +181,59 @@ class Form:
         letters = self.letters(numbers)
         codes = np.ascontiguousarray(letters.view(np.uint8).astype(np.uint32))
         return codes.view(f"U{self.width}")[..., 0]
+
+
+@dataclass(frozen=True)
+class TextEncoding:
+    """How texts of one variable are kept that come in parts: numbers of words, bytes of hexadecimal digits, or texts.
+
+    Attributes
+    ----------
+    words : tuple of bytes, optional
+        Sorted; None unless the texts are words.
+    digits : int
+        Hexadecimal digits of each text; 0 unless they are such.
+    """
+
+    words: tuple[bytes, ...] | None = None
+    digits: int = 0
+
+    @classmethod
+    def of_parts(cls, parts: Sequence[tuple[Form | None, Array]]) -> TextEncoding:
+        """Return the encoding that all parts allow, from the form that each has and its texts as bytes."""
+        forms = [form for form, texts in parts if form is not None or texts.any()]  # empty texts have every form
+        if not forms or None in forms:
+            return cls(() if not forms else None)
+        if any(form.words is None for form in forms if form):
+            widths = {form.width for form in forms if form and form.words is None}
+            return cls(digits=widths.pop()) if len(widths) == 1 and len(forms) == len(parts) else cls()
+        words = {bytes(word) for form in forms if form and form.words is not None for word in form.words} - {b""}
+        return cls(tuple(sorted(words)) if len(words) <= MOST_WORDS else None)
+
+    def dims(self, name: str) -> dict[str, int]:
+        """Return the dimension of the bytes of each text, and its size, if there is one."""
+        return {bytes_dim(name): self.digits // 2} if self.digits else {}
+
+    @property
+    def dtype(self) -> Any:
+        """The type in which the texts are kept."""
+        return np.dtype(np.uint8 if self.digits else object if not self.words else np.int8)
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """The meaning of the numbers."""
+        return {TEXT_FORM: HEXADECIMAL} if self.digits else _flag_attributes(self.words) if self.words else {}
+
+    def encode(self, texts: Array) -> Array:
+        """Return texts, given as bytes, as they are kept."""
+        if self.digits:
+            codes = np.ascontiguousarray(texts).view(np.uint8).reshape(*texts.shape, -1)
+            octets = _from_hexadecimal(codes)
+            assert octets is not None  # noqa: S101 - each part has this form
+            return octets
+        if self.words:
+            return _word_numbers(texts, self.words)
+        return np.char.decode(texts, "utf-8").astype(object)
 
 
 def text_form(attributes: Mapping[str, Any], dtype: Any, dims: tuple[str, ...], shape: tuple[int, ...]) -> Form | None:

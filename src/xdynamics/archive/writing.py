@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from math import prod
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -38,8 +38,18 @@ from xdynamics.archive.seals import (
     volatile_digest,
 )
 from xdynamics.archive.shared_handles import identity_of
-from xdynamics.archive.store import GIVEN, FileBatch, Given, Place, check_file_name, location_of, resolve_links
-from xdynamics.archive.target import LONGEST
+from xdynamics.archive.store import (
+    GIVEN,
+    ZARR,
+    FileBatch,
+    Given,
+    NewFile,
+    Place,
+    check_file_name,
+    location_of,
+    resolve_links,
+)
+from xdynamics.archive.target import LONGEST, TemporaryFile
 from xdynamics.archive.text_encoding import EncodedTexts, encoded_texts
 from xdynamics.faults import InputError, PartialRunWarning, numbered_lines, warn
 from xdynamics.march.outcomes import GOOD
@@ -286,9 +296,11 @@ def save(
     run : xarray.Dataset
         A run record; checked against the schema first, and compared with what was marched or opened. A part of it
         (`isel` or `sel` of rows, `drop_vars`), nothing else changed, is saved as a selection of the run.
-    path : str or Path
-        A file, or an object like ``"s3://bucket/run.nc"``, which is written on this machine and uploaded whole: what was
-        not there is put only if it still is not, and what was there is replaced only if it is still the same.
+    path : str, Path or file object
+        A file, an address like ``"s3://bucket/run.nc"`` (also ``gs://``, ``memory://``, ``file://``), which is written on
+        this machine and uploaded whole, or a binary file open for writing. What was not there is put only if it still is
+        not, and what was there is replaced only if it is still the same. A name that ends in ``.zarr`` is that of a Zarr
+        store (format 3, written by xarray), with the same content digest.
     derived : str, optional
         How the record was made from a run, like ``"x scaled by 1.1"``: it is saved as derived data, whose attributes
         say so and name the run, and which `verify` and `reproduce` do not take for a run.
@@ -401,7 +413,7 @@ def _target_locations(runs_by_name: Mapping[Any, xr.Dataset], paths: Any) -> lis
     if len(files) != len(runs_by_name):
         raise InputError(f"there are {len(runs_by_name)} runs and {len(files)} paths; give one for each, or a folder")
     for store in dict.fromkeys(map(store_of, files)):
-        store.check_each([path for path in files if store_of(path) is store])
+        store.check_each([path for path in files if store_of(path) is store and path.suffix != ZARR])
     resolved = [resolve_links(path) for path in files]
     duplicates = (
         [path for k, path in enumerate(resolved) if path in resolved[:k]] if len({*resolved}) < len(resolved) else []
@@ -547,7 +559,7 @@ def new_file(
     not read: for one of many that are written alike.
     """
     check_suffix(path)
-    with store_of(path).taking_name(path, batch) as new:
+    with _taking_name(path, batch) as new:
         first = new.name
         with opened_file(new.part, "w") as file:
             # every value is written, so filling the file before would write it twice
@@ -565,16 +577,43 @@ def new_file(
         warn(message, PartialRunWarning)
 
 
+@contextmanager
+def _taking_name(path: Place, batch: FileBatch | None) -> Iterator[NewFile[Any]]:
+    """Lend a temporary file, which takes its name when the `with` block is done, or becomes the Zarr store of that name."""
+    if path.suffix != ZARR:
+        with store_of(path).taking_name(path, batch) as new:
+            yield new
+        return
+    from xdynamics.archive.zarr_archive import check_zarr_target, copy_archive, replacing
+
+    check_zarr_target(path)
+    with TemporaryFile.create_beside(store_of(path).written_at(path), 0o600) as part:
+        new = NewFile(part.path, path)
+        yield new
+        with replacing(new.name) as folder:
+            copy_archive(new.part, folder)
+
+
 def partial_run_location(path: Place) -> Place:
     """Return a name beside that of an archive whose run ended well; the name itself if there is no such archive."""
-    store = store_of(path)
-    while (
-        store.kind(path) is None
-        and examine_sandboxed((local_file := store.local_file(path)).path, tail_of(local_file.path)).outcome in GOOD
-    ):
+    while _stored_outcome(path) in GOOD:
         room = LONGEST - len(os.fsencode(path.suffix)) - len(_PARTIAL)
         path = path.with_name(os.fsdecode(os.fsencode(path.stem)[:room]) + _PARTIAL + path.suffix)
     return path
+
+
+def _stored_outcome(path: Place) -> str:
+    """Return how the run of an intact archive ended; empty if there is none."""
+    store = store_of(path)
+    if store.kind(path) is None:
+        local_file = store.local_file(path)
+        return examine_sandboxed(local_file.path, tail_of(local_file.path)).outcome
+    if path.suffix == ZARR:
+        from xdynamics.archive.zarr_archive import open_store
+
+        with suppress(InputError), open_store(path) as run:
+            return str(run.attrs.get("run_outcome", ""))
+    return ""
 
 
 def _seal_new_file(part: Path, *, read_back: bool) -> str:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from xdynamics import archive, record
-from xdynamics.archive.folder_store import store_of
+from xdynamics.archive.folder_store import has_archive, store_of
 from xdynamics.archive.store import Given, Place
 from xdynamics.dynamics.shortened_steps import StepInterpolator
 from xdynamics.faults import ArchiveError, InputError
@@ -68,7 +68,7 @@ def march_model(
 def _open_kept_run(prepared: March, path: Place) -> xr.Dataset | None:
     """Open the stored run of a march; None if there is none, or the file is damaged or of another march."""
     with suppress(ArchiveError, InputError):
-        if store_of(path).kind(path) is None:
+        if has_archive(path):
             run = archive.open_run(path)
             if record.comes_of(run, prepared):
                 return run

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from xdynamics import archive, record
-from xdynamics.archive.folder_store import store_of
+from xdynamics.archive.folder_store import has_archive, store_of
 from xdynamics.archive.store import Given, Place, location_of
 from xdynamics.evidence.comparing.bits import compare_reproduction
 from xdynamics.faults import InputError, StabilityWarning, warn
@@ -472,7 +472,7 @@ def _march_or_sample(
 def _is_finished_archive(march: March, path: Place) -> bool:
     """Whether a file is the finished archive of a march, so that there is nothing to resume."""
     archive.check_target(path)
-    if store_of(path).kind(path) is not None or archive.has_segments(path):
+    if not has_archive(path) or archive.has_segments(path):
         return False
     try:
         with archive.open_run(path) as archived_run:

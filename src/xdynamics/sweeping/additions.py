@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.archive.store import Place
+from xdynamics.archive.store import ZARR, Place
 from xdynamics.faults import InputError, numbered_lines
 from xdynamics.record import model_words
 from xdynamics.sweeping.axes import INITIAL, PARAMETER, Axis, AxisColumn, column_of, matching_dim
@@ -90,9 +90,7 @@ def existing_additions(
         faults.append("it was marched by another version of xdynamics, or of its elementary functions")
     places = [] if faults else [_indices_in_old_axis(axis, existing.grid, faults) for axis in plan.grid.axes]
     if faults:
-        headline = (
-            f"'{catalogue.parent}' holds another sweep, '{stored_sweep.attrs['title']}', to which this one does not add"
-        )
+        headline = f"'{catalogue if catalogue.suffix == ZARR else catalogue.parent}' holds another sweep, '{stored_sweep.attrs['title']}', to which this one does not add"
         raise InputError(f"{headline}:{numbered_lines(faults)}\nname another folder, or remove it", tuple(faults))
     shared_dims = tuple(dim for dim in plan.grid.dims if dim in existing.grid.dims)
     return Additions(str(catalogue.absolute()), plan.grid.dims, tuple(places), shared_dims, opens)

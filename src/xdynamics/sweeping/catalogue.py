@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,17 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import archive
-from xdynamics.archive.folder_store import is_folder, made_folder, store_of
+from xdynamics.archive.folder_store import (
+    check_target,
+    has_archive,
+    is_folder,
+    is_zarr,
+    made_folder,
+    store_of,
+    taking_name,
+)
 from xdynamics.archive.integrity_checks import DAMAGED, Examination
 from xdynamics.archive.reading import read_values
 from xdynamics.archive.sandboxed_reading import know
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.shared_handles import keep_open
-from xdynamics.archive.store import Given, Place, TakenError, location_of
+from xdynamics.archive.store import METADATA, NOTES, ZARR, Given, LockedError, Place, TakenError, location_of
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.schema import EVIDENCE, SWEEP
-from xdynamics.sweeping import zarr_blocks, zarr_catalogue
 from xdynamics.sweeping.additions import Additions, existing_additions
 from xdynamics.sweeping.collection import DIGEST, sweep_dataset, with_axes
 from xdynamics.sweeping.kept_quantities import DIGEST as DIGEST_OF_RUN
@@ -40,8 +49,8 @@ from xdynamics.sweeping.members import (
     intact_digests,
     march_block,
 )
-from xdynamics.sweeping.tasks import blocks_of
-from xdynamics.sweeping.zarr_blocks import Progress, block_name, lock_folder, saved_or_new_chunks, watch_blocks
+from xdynamics.sweeping.tasks import Chunks, blocks_of, measured_chunks
+from xdynamics.sweeping.zarr_sweep import write_zarr_sweep
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,7 +61,79 @@ PART, BLOCK = "sweep part", "sweep_block"
 SHA256_DIGITS = 64  # digits of a full sha256
 
 
-REMEDY = f"remove what is damaged or added and '{CATALOGUE}', and the same sweep marches what is missing"
+CUT = "blocks.json"  # sizes of the blocks along each axis
+MAX_CUT_BYTES = 100_000_000  # bytes of it
+Progress = Callable[[float, float, int], None]
+
+
+@contextmanager
+def lock_folder(work: Place, folder: Place) -> Iterator[None]:
+    """Lock the working files of a march into a folder against other processes.
+
+    Raises
+    ------
+    InputError
+        If another process has it locked.
+    """
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(store_of(work).locked(work))
+        except LockedError as error:
+            raise InputError(
+                f"another process marches into '{folder}'; wait for it, or name another folder ({error})"
+            ) from None
+        yield
+
+
+def saved_or_new_chunks(plan: Plan, members: int | None, work: Place) -> Chunks:
+    """Return the chunks that a sweep was begun with, or choose and save them."""
+    file = work / CUT
+    with suppress(OSError, ValueError, TypeError, OverflowError, RecursionError):  # no such file, or a damaged one
+        content = json.loads(store_of(file).content(file, MAX_CUT_BYTES))
+        saved = tuple(tuple(map(int, widths)) for widths in content)
+        if tuple(map(sum, saved)) == plan.grid.shape and all(width > 0 for widths in saved for width in widths):
+            return saved
+    chunks = measured_chunks(plan, members)
+    with taking_name(file) as new:
+        new.part.write_text(json.dumps(chunks))
+    return chunks
+
+
+def block_name(block: Block) -> str:
+    """Name a block by the members along each axis."""
+    return "_".join(f"{extent.start}-{extent.stop}" for extent in block)
+
+
+class watch_blocks:  # noqa: N801 - used as a statement
+    """Report how many blocks are done by counting their files, whichever process writes them."""
+
+    def __init__(self, parts: list[Place], progress: Progress | None) -> None:
+        import threading
+
+        self.parts, self.progress, self.stopped = parts, progress, threading.Event()
+        self.thread = threading.Thread(target=self._tell, daemon=True) if progress else None
+
+    def __enter__(self) -> None:
+        if self.thread:
+            self.thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.stopped.set()
+        if self.thread:
+            self.thread.join()
+
+    def _tell(self) -> None:
+        while not self.stopped.wait(1.0):
+            present_names = {entry.name for entry in store_of(self.parts[0]).names(self.parts[0].parent)}
+            finished_count = sum(part.name in present_names for part in self.parts)
+            if self.progress:
+                self.progress(finished_count / len(self.parts), 0.0, finished_count)
+
+
+def _remedy(folder: Place) -> str:
+    """Return what is to be done with a damaged sweep."""
+    removed = f"'{folder}'" if folder.suffix == ZARR else f"what is damaged or added and '{CATALOGUE}'"
+    return f"remove {removed}, and the same sweep marches what is missing"
 
 
 def open_sweep(path: Given) -> xr.Dataset:
@@ -61,7 +142,8 @@ def open_sweep(path: Given) -> xr.Dataset:
     Parameters
     ----------
     path : str or Path
-        The folder that `sweep` marched into, or ``"s3://bucket/folder"``; or a Zarr store, ``"grid.zarr"``.
+        The folder that `sweep` marched into, or ``"s3://bucket/folder"``; or a Zarr store, ``"grid.zarr"``, whose members
+        are dask arrays.
 
     Raises
     ------
@@ -80,27 +162,35 @@ def open_sweep(path: Given) -> xr.Dataset:
                           preprocess=lambda run: run[["time", "y", "v_y"]], decode_times=False)
     """
     folder = location_of(path)
-    if zarr_catalogue.is_zarr_path(folder):
-        return zarr_catalogue.open_zarr_sweep(folder)
-    file = folder / CATALOGUE
-    is_there = _is_file(file)
-    if not is_there and is_folder(folder / UNFINISHED):
+    file = _catalogue_of(folder)
+    is_there = has_archive(file)
+    if not is_there and unfinished_folders(folder):
         raise InputError(f"the sweep in '{folder}' is not finished; call the same sweep again, and it goes on")
     if not is_there:
-        raise InputError(
-            f"'{folder}' holds no sweep: there is no {CATALOGUE} in it; name the folder that sweep marched into"
-        )
+        missing = f"{NOTES}/digests.json" if file == folder else CATALOGUE
+        raise InputError(f"'{folder}' holds no sweep: there is no {missing} in it; name what sweep marched into")
     try:
-        archived_sweep = archive.open_run(file)
+        archived_sweep = archive.open_run(file, chunks={} if is_zarr(file) else None)
     except ArchiveError as error:
         between = "\n" if "\n" in str(error) else "; "
-        raise ArchiveError(f"{error}{between}{REMEDY}", error.faults, error.verdict) from None
+        raise ArchiveError(f"{error}{between}{_remedy(folder)}", error.faults, error.verdict) from None
     if archived_sweep.attrs.get(EVIDENCE) != SWEEP:
         raise ArchiveError(f"'{file}' is no catalogue of a sweep")
     sweep = with_axes(_with_words(archived_sweep))
     sweep.set_close(archived_sweep._close)  # noqa: SLF001 - a Dataset that xarray derives does not close its file
-    sweep.encoding["source"] = str(file.absolute())
+    # a file in the folder, in which the archives of whole runs are found
+    sweep.encoding["source"] = str((file / METADATA if file == folder else file).absolute())
     return sweep
+
+
+def _catalogue_of(folder: Place) -> Place:
+    """Return the archive of a sweep's members: the Zarr store itself, or a file in the folder."""
+    return folder if folder.suffix == ZARR else folder / CATALOGUE
+
+
+def _unfinished_of(folder: Place) -> Place:
+    """Return the folder of unfinished sweeps."""
+    return folder / NOTES / UNFINISHED[1:] if folder.suffix == ZARR else folder / UNFINISHED
 
 
 def _is_file(path: Place) -> bool:
@@ -149,8 +239,8 @@ def verify(path: Given) -> xr.Dataset:
     import xarray as xr
 
     location = location_of(path)
-    is_sweep = zarr_catalogue.is_zarr_path(location) or (
-        is_folder(location) and (_is_file(location / CATALOGUE) or is_folder(location / UNFINISHED))
+    is_sweep = is_folder(location) and (
+        _is_file(location / CATALOGUE) or is_folder(_unfinished_of(location)) or is_folder(location / RUNS)
     )
     examination = verify_sweep(location)[0] if is_sweep else archive.verify(location)
     answer = {
@@ -178,10 +268,8 @@ def verify_sweep(path: Given) -> tuple[Examination, int]:
         Naming every file that is damaged, missing or belongs to another run.
     """
     folder = location_of(path)
-    if zarr_catalogue.is_zarr_path(folder):
-        examination = Examination((), zarr_blocks.verify_arrays(folder))
-    else:
-        examination = archive.verify(folder / CATALOGUE) if _is_file(folder / CATALOGUE) else Examination(())
+    catalogue = _catalogue_of(folder)
+    examination = archive.verify(catalogue) if has_archive(catalogue) else Examination(())
     with open_sweep(folder) as sweep:
         faults, files = _faults_of_run_files(folder, sweep), int(sweep[FILE].size) if FILE in sweep else 0
     if faults:
@@ -190,7 +278,7 @@ def verify_sweep(path: Given) -> tuple[Examination, int]:
 
 
 def _damaged(folder: Place, faults: list[str]) -> ArchiveError:
-    return ArchiveError(f"'{folder}' is damaged:{numbered_lines(faults)}\n{REMEDY}", tuple(faults), DAMAGED)
+    return ArchiveError(f"'{folder}' is damaged:{numbered_lines(faults)}\n{_remedy(folder)}", tuple(faults), DAMAGED)
 
 
 def _faults_of_run_files(folder: Place, sweep: xr.Dataset) -> list[str]:
@@ -246,25 +334,23 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
     InputError
         If the path is no folder, or it holds another sweep that is no part of this one.
     """
-    if zarr_catalogue.is_zarr_path(folder):
-        zarr_catalogue.march_into_zarr(plan, members, folder, progress)
-        return zarr_catalogue.open_zarr_sweep(folder)
-    store = store_of(folder)
+    store, catalogue, existing = store_of(folder), _catalogue_of(folder), None
+    if catalogue == folder:
+        check_target(folder)
     for required_folder in (store.made_folder(folder), folder / RUNS):
         store.clear(required_folder)
-    existing = None
-    if _is_file(folder / CATALOGUE):
+    if has_archive(catalogue):
         sweep = _open_intact(folder)
         _remove_blocks(
             folder, str(sweep.attrs[DIGEST])
         )  # left by a process that was stopped after saving the catalogue
         if sweep.attrs[DIGEST] == plan.digest:
             return sweep
-        existing = existing_additions(plan, sweep, folder / CATALOGUE, partial(archive.open_run, check=False))
+        existing = existing_additions(plan, sweep, catalogue, partial(archive.open_run, check=False))
         sweep.close()
-        if isinstance(catalogue := folder / CATALOGUE, Path):
+        if isinstance(catalogue, Path) and catalogue != folder:
             keep_open(catalogue)  # whoever reads the smaller sweep goes on with its file, which loses its name
-    work = folder / UNFINISHED / _work_name(plan.digest)
+    work = _unfinished_of(folder) / _work_name(plan.digest)
     if other_work_folders := [path for path in unfinished_folders(folder) if path != work]:
         raise InputError(
             f"'{folder}' holds a part of another sweep, which the same call goes on with; name another folder, or give"
@@ -273,11 +359,14 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
     with lock_folder(store.made_folder(work), folder):
         blocks = [block for _, block in blocks_of(saved_or_new_chunks(plan, members, work))]
         parts = [work / f"{block_name(block)}.nc" for block in blocks]
-        new = _march_missing_blocks(plan, blocks, parts, progress, existing)
-        arrays = _join_blocks(plan, blocks, parts)
-        if SEAL in arrays and existing is None:
-            _remember_seals(np.asarray(arrays[SEAL]), new)
-        archive.save(sweep_dataset(plan, arrays), folder / CATALOGUE)
+        new = _march_missing_blocks(plan, blocks, parts, progress, existing, folder.absolute())
+        if catalogue == folder:
+            write_zarr_sweep(plan, blocks, parts, folder)
+        else:
+            arrays = _join_blocks(plan, blocks, parts)
+            if SEAL in arrays and existing is None:
+                _remember_seals(np.asarray(arrays[SEAL]), new)
+            archive.save(sweep_dataset(plan, arrays), catalogue)
         # only now: blocks are all there is of the sweep until its catalogue has its name
         _remove_blocks(folder, plan.digest)
     return open_sweep(folder)
@@ -286,9 +375,9 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
 def _remove_blocks(folder: Place, digest: str) -> None:
     """Remove the blocks of a sweep whose catalogue is complete; those of another sweep stay."""
     store = store_of(folder)
-    store.remove_folder(folder / UNFINISHED / _work_name(digest))
+    store.remove_folder(_unfinished_of(folder) / _work_name(digest))
     with suppress(OSError, ArchiveError):
-        store.remove(folder / UNFINISHED)
+        store.remove(_unfinished_of(folder))
 
 
 def _work_name(digest: str) -> str:
@@ -304,14 +393,17 @@ def _open_intact(folder: Place) -> xr.Dataset:
 
 
 def unfinished_folders(folder: Place) -> list[Place]:
-    """List the folders of unfinished sweeps in a folder, or of additions to a Zarr store."""
-    if zarr_catalogue.is_zarr_path(folder):
-        return zarr_blocks.growth_folders(folder)
-    return [entry for entry in store_of(folder).names(folder / UNFINISHED) if is_folder(entry)]
+    """List the folders of unfinished sweeps in a folder, or in a Zarr store."""
+    return [entry for entry in store_of(folder).names(_unfinished_of(folder)) if is_folder(entry)]
 
 
 def _march_missing_blocks(
-    plan: Plan, blocks: list[Block], parts: list[Place], progress: Progress | None, existing: Additions | None
+    plan: Plan,
+    blocks: list[Block],
+    parts: list[Place],
+    progress: Progress | None,
+    existing: Additions | None,
+    folder: Place,
 ) -> list[Block]:
     """March the missing blocks, on whichever dask scheduler is active, and return them."""
     from dask import base
@@ -327,7 +419,12 @@ def _march_missing_blocks(
         return []
     delayed_plan, delayed_keep, delayed_existing = delayed(plan), delayed(_march_block_into_file), delayed(existing)
     with watch_blocks(parts, progress):
-        compute(*(delayed_keep(delayed_plan, list(block), part.absolute(), delayed_existing) for block, part in todo))
+        compute(
+            *(
+                delayed_keep(delayed_plan, list(block), part.absolute(), delayed_existing, folder)
+                for block, part in todo
+            )
+        )
     return [block for block, _ in todo]
 
 
@@ -338,11 +435,11 @@ def _remember_seals(seals: NDArray[Any], blocks: list[Block]) -> None:
             know(str(seal))
 
 
-def _march_block_into_file(plan: Plan, block: Block, part: Place, existing: Additions | None) -> None:
+def _march_block_into_file(plan: Plan, block: Block, part: Place, existing: Additions | None, folder: Place) -> None:
     """March a block into a file, after archiving its complete runs; existing members are copied."""
     values = march_block(plan, block, existing.copy_existing) if existing else march_block(plan, block)
     if plan.keeping.keeps_whole_runs:
-        files = made_folder(part.parent.parent.parent / RUNS)
+        files = made_folder(folder / RUNS)
         existing_mask = existing.existing_members(block) if existing else np.zeros(plan.grid.block_shape(block), bool)
         archive_members(plan, block, files, values, existing_mask)
     variables = {

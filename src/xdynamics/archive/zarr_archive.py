@@ -1,0 +1,456 @@
+"""Records as Zarr stores, written by xarray: each is replaced whole, and each of its files is compared when it is read.
+
+The folder `.xdynamics` of a store has the digest of every file. Files that are to replace those of a store are written
+into a folder of it, and their digests last, which is the moment at which readers here see them: a reader looks for a
+file there first, then in the store. Then the files are moved into the store. So a process that is killed leaves the old
+record or the new one, and whoever writes next completes the moves.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from hashlib import sha256
+from itertools import product
+from math import prod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from xdynamics import schema
+from xdynamics.archive.folder_store import is_folder, made_folder, store_of, taking_name
+from xdynamics.archive.integrity import variable_digest
+from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination
+from xdynamics.archive.seals import digest_lines, digests_in, root_digest, volatile_digest
+from xdynamics.archive.store import DIGESTS, METADATA, NOTES, LockedError, Place
+from xdynamics.archive.target import sync_file_systems
+from xdynamics.archive.text_encoding import text_form
+from xdynamics.faults import ArchiveError, InputError, numbered_lines
+from xdynamics.record.flag_words import own_attributes
+from xdynamics.runtime.lazy_imports import load_dask_whole
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from xdynamics.archive.compared_store import ComparedStore
+
+KIND = "xdynamics files 1"
+SEAL_WORDS = f"{NOTES}/{DIGESTS} has the sha256 of every file of this store"
+MOST_DIGESTS, MOST_METADATA = 200_000_000, 64_000_000  # bytes of the digests, and of the metadata
+LARGEST_CHUNK = 1 << 28  # bytes of a chunk in memory
+LAZY = 1 << 26  # bytes of a file from which on its variables are copied chunk by chunk
+_TYPES = re.compile(r"bool|string|float(32|64)|u?int(8|16|32|64)")
+_CODECS = {"bytes", "vlen-utf8", "zstd"}
+
+
+def zarr_package() -> Any:
+    """Return the package zarr.
+
+    Raises
+    ------
+    InputError
+        If it is missing.
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise InputError("Zarr stores need the package zarr: pip install 'xdynamics[zarr]'") from None
+    return zarr
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Write all chunks, and leave out zarr's notes that texts and metadata in one file are none of the format's specification yet."""
+    with warnings.catch_warnings(), zarr_package().config.set({"array.write_empty_chunks": True}):
+        warnings.simplefilter("ignore")
+        yield
+
+
+def check_zarr_target(location: Place) -> None:
+    """Check before any work that a store can be written to a location: it is free, or a store of a record.
+
+    Raises
+    ------
+    InputError
+    """
+    zarr_package()
+    store, kind = store_of(location), store_of(location).kind(location)
+    if kind is None or kind not in ("", "a directory"):
+        raise InputError(f"'{location}' is {kind or 'a file'}, and a Zarr store is a folder; name another place")
+    foreign = [entry.name for entry in store.names(location) if entry.name != NOTES]
+    if foreign and not is_folder(location / NOTES):
+        raise InputError(f"'{location}' holds '{min(foreign)}', and no record of xdynamics; name another place")
+
+
+@contextmanager
+def replacing(location: Place) -> Iterator[Path]:
+    """Lend a folder of this machine, whose files replace those of a store when the `with` block is done.
+
+    Raises
+    ------
+    InputError
+        If another process writes there, or it holds what is no record's store.
+    ArchiveError
+        If it cannot be written; nothing is changed there.
+    """
+    check_zarr_target(location)
+    store, notes = store_of(location), made_folder(made_folder(location) / NOTES)
+    try:
+        with store.locked(notes):
+            _complete_moves(location)
+            work = notes / secrets.token_hex(8)
+            try:
+                if isinstance(work, Path):
+                    work.mkdir()
+                    yield work
+                    sync_file_systems([work])
+                else:
+                    with tempfile.TemporaryDirectory() as folder, store.batch([]) as batch:
+                        yield Path(folder)
+                        _upload(Path(folder), work, batch)
+                        _switch(Path(folder), work)
+                        _complete_moves(location)
+                        return
+                _switch(work, work)
+                _complete_moves(location)
+            finally:
+                if store.kind(work / DIGESTS) == "":
+                    store.remove_folder(work)
+    except LockedError as error:
+        raise InputError(f"another process writes '{location}'; wait for it, or name another place ({error})") from None
+    except OSError as error:
+        raise ArchiveError(
+            f"'{location}' cannot be written: {error.strerror or error}; nothing is changed there"
+        ) from error
+
+
+def _upload(folder: Path, work: Place, batch: Any) -> None:
+    for file in sorted(entry for entry in folder.rglob("*") if entry.is_file()):
+        with store_of(work).taking_name(work / file.relative_to(folder).as_posix(), batch) as new:
+            shutil.copyfile(file, new.part)
+    batch.take_names()
+
+
+def _switch(files: Path, work: Place) -> None:
+    """Write the digests of files, from which on readers see them."""
+    entries = {
+        entry.relative_to(files).as_posix(): f"{entry.stat().st_size} {sha256(entry.read_bytes()).hexdigest()}"
+        for entry in sorted(files.rglob("*"))
+        if entry.is_file()
+    }
+    with taking_name(work / DIGESTS) as new:
+        new.part.write_text(json.dumps({"kind": KIND, "files": entries}, indent=0))
+
+
+def _complete_moves(location: Place) -> None:
+    """Move the files of whole replacements into the store, and remove what is of none."""
+    store, notes = store_of(location), location / NOTES
+    for work in store.names(notes):
+        if not re.fullmatch("[0-9a-f]{16}", work.name) or not is_folder(work):
+            continue
+        if store.kind(work / DIGESTS) is None:
+            digests = store.content(work / DIGESTS, MOST_DIGESTS)
+            files = json.loads(digests)["files"]
+            for key in files:
+                store.move(work / key, location / key)
+            for key in _stored_files(location) - {*files}:
+                store.remove(location / key)
+            with taking_name(notes / DIGESTS) as new:
+                new.part.write_bytes(digests)
+        store.remove_folder(work)
+
+
+def _stored_files(location: Place) -> set[str]:
+    """List the files that a store has according to its digests."""
+    with suppress(ArchiveError, InputError, ValueError, KeyError, OSError):
+        return {*json.loads(store_of(location).content(location / NOTES / DIGESTS, MOST_DIGESTS))["files"]}
+    return set()
+
+
+def copy_archive(part: Path, folder: Path) -> None:
+    """Write the variables of an archive, as they are stored, into an empty folder as a Zarr store."""
+    import dask
+    import xarray as xr
+
+    from xdynamics.archive.netcdf_library import file_at
+
+    load_dask_whole()
+    with xr.open_dataset(
+        xr.backends.NetCDF4DataStore(file_at(part)),  # type: ignore[no-untyped-call]
+        decode_times=False,
+        mask_and_scale=False,
+        decode_coords=False,
+        chunks={} if part.stat().st_size > LAZY else None,
+    ) as archive:
+        stored = archive.assign_attrs({schema.SEALED: SEAL_WORDS})
+        chunks = {
+            name: tuple(variable.encoding.get("chunksizes") or variable.shape)
+            for name, variable in stored.variables.items()
+        }
+        stored.attrs[schema.VOLATILE_DIGEST] = volatile_digest(
+            digests_in(stored.attrs), _own_attributes(stored), stored.attrs
+        )
+        with dask.config.set(scheduler="synchronous"):
+            create_store(stored, folder, chunks, compresses=schema.COMPRESSION in archive.attrs, compute=True)
+
+
+def create_store(
+    record: xr.Dataset,
+    folder: Path,
+    chunks: Mapping[Any, tuple[int, ...]],
+    *,
+    compresses: bool = True,
+    compute: bool = False,
+) -> None:
+    """Write a record into an empty folder; without `compute` the values of dask arrays are left out, for `region_writer`.
+
+    Parameters
+    ----------
+    record : xarray.Dataset
+    folder : Path
+    chunks : mapping of str to tuple of int
+        The shape of a variable's chunks.
+    compresses : bool
+    compute : bool
+    """
+    # texts of any length: those of numpy's width are none of the format's specification
+    texts = {name: text.astype(object) for name, text in record.variables.items() if text.dtype.kind in "US"}
+    stored, encodings = record.assign(texts), dict[Any, dict[str, Any]]()
+    stored.attrs = {name: _json_value(value) for name, value in record.attrs.items()}
+    for name, variable in stored.variables.items():
+        variable.encoding = {}
+        variable.attrs = {key: _json_value(value) for key, value in variable.attrs.items()}
+        sizes = chunks.get(name, variable.shape)
+        encodings[name] = {"_FillValue": None}
+        if variable.ndim:
+            encodings[name]["chunks"] = tuple(max(1, min(pair)) for pair in zip(sizes, variable.shape, strict=False))
+        if not compresses or variable.dtype.kind == "O":
+            encodings[name]["compressors"] = None
+    with quietly():
+        writing = stored.to_zarr(
+            str(folder), mode="w", zarr_format=3, consolidated=True, encoding=encodings, compute=False
+        )
+        if compute:
+            writing.compute()  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def region_writer(folder: Path) -> Iterator[Callable[[str, tuple[slice, ...], Any], None]]:
+    """Lend a function that writes a part of an array of a store, by its name and the extents of its first dimensions."""
+    with quietly():
+        arrays = zarr_package().open_group(str(folder), mode="r+")
+        opened = {name: arrays[name] for name in arrays.array_keys()}
+
+        def write(name: str, extents: tuple[slice, ...], values: Any) -> None:
+            opened[name][extents] = values
+
+        yield write
+
+
+def seal_record(folder: Path) -> None:
+    """Write the digests of a store's variables and attributes into its attributes, once all values are there."""
+    zarr = zarr_package()
+    with _opened(str(folder)) as record:
+        digests = {str(name): variable_digest(str(name), variable) for name, variable in record.variables.items()}
+        attributes = dict(record.attrs) | {schema.SEALED: SEAL_WORDS}
+        attributes[schema.DIGESTS] = digest_lines(digests)
+        attributes[schema.ROOT_DIGEST] = root_digest(digests, _own_attributes(record), attributes)
+        attributes[schema.VOLATILE_DIGEST] = volatile_digest(digests, _own_attributes(record), attributes)
+    with quietly():
+        zarr.open_group(str(folder), mode="r+").attrs.update(
+            {name: _json_value(value) for name, value in attributes.items()}
+        )
+        zarr.consolidate_metadata(str(folder))
+
+
+def _own_attributes(record: xr.Dataset) -> dict[str, dict[str, Any]]:
+    return {str(name): own_attributes(variable.attrs) for name, variable in record.variables.items()}
+
+
+def _json_value(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def compared_store(location: Place) -> ComparedStore:
+    """Return the files of a store, as its digests say; nothing but digests and metadata is read.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it holds no record.
+    ArchiveError
+        If its digests or metadata are damaged, or no archive has such.
+    """
+    zarr_package()
+    from xdynamics.archive.compared_store import ComparedStore, FileDigest, chunk_form
+
+    content, folders = _current_digests(location)
+    try:
+        document = json.loads(content)
+        if document["kind"] != KIND:
+            raise ArchiveError(f"'{location}' has digests of a newer version, '{str(document['kind'])[:60]}'")
+        texts = {key: text.split(" ") for key, text in document["files"].items()}
+        files = {key: FileDigest(int(size), digest) for key, (size, digest) in texts.items()}
+        bare_store = ComparedStore(location, folders, files, {})
+        size = files[METADATA].size
+        if size > MOST_METADATA:
+            raise ArchiveError(
+                f"'{location}' is no run archive: its metadata have {size} bytes, {MOST_METADATA} are the most"
+            )
+        arrays = json.loads(bare_store.read(METADATA))["consolidated_metadata"]["metadata"]
+        faults = [fault for name, array in arrays.items() for fault in _array_faults(name, array, files)]
+        if faults:
+            raise ArchiveError(
+                f"'{location}' is damaged or no run archive:{numbered_lines(faults)}", tuple(faults), DAMAGED
+            )
+        forms = {name: chunk_form(array) for name, array in arrays.items()}
+    except ArchiveError:
+        raise
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+        raise ArchiveError(
+            f"'{location}' is damaged or no run archive: its digests or metadata cannot be read ({type(error).__name__}: {error})"
+        ) from None
+    return ComparedStore(location, folders, files, forms)
+
+
+def _current_digests(location: Place) -> tuple[bytes, tuple[Place, ...]]:
+    """Return the digests of the files that readers are to see, and the folders in which these files are."""
+    store, notes = store_of(location), location / NOTES
+    replacements = [work for work in store.names(notes) if re.fullmatch("[0-9a-f]{16}", work.name)]
+    for work in replacements:
+        if store.kind(work / DIGESTS) is None:
+            return store.content(work / DIGESTS, MOST_DIGESTS), (work, location)
+    try:
+        return store.content(notes / DIGESTS, MOST_DIGESTS), (location,)
+    except (InputError, OSError) as error:
+        if isinstance(error, ArchiveError) or store.kind(notes / DIGESTS) is None:
+            raise ArchiveError(f"'{notes / DIGESTS}' cannot be read: {error}") from None
+    if store.kind(location) == "":
+        raise InputError(f"'{location}' does not exist")
+    if replacements:
+        raise InputError(f"'{location}' is not complete: a process is writing it, or was stopped; write it again")
+    raise InputError(
+        f"'{location}' holds no record: there is no '{NOTES}/{DIGESTS}' in it, with the digests of its files; xarray.open_zarr"
+        " shows what another program wrote"
+    )
+
+
+def _array_faults(name: str, array: Mapping[str, Any], files: Mapping[str, Any]) -> Iterator[str]:
+    """Describe what no array of an archive has; nothing is allocated for what it declares."""
+    shape, grid = array["shape"], array["chunk_grid"]
+    codecs = [codec["name"] for codec in array["codecs"]]
+    if unknown := [codec for codec in codecs if codec not in _CODECS]:
+        yield f"array '{name}' is packed by '{str(unknown[0])[:60]}', which no archive is"
+        return
+    if not _TYPES.fullmatch(str(array["data_type"])) or array.get("storage_transformers") or grid["name"] != "regular":
+        yield f"array '{name}' is of the type {str(array['data_type'])[:60]!r}, or cut otherwise than an archive's"
+        return
+    chunk_shape = grid["configuration"]["chunk_shape"]
+    if len(chunk_shape) != len(shape) or not all(isinstance(n, int) and n >= 0 for n in (*shape, *chunk_shape)):
+        yield f"array '{name}' has the chunks {str(chunk_shape)[:60]} for the shape {str(shape)[:60]}"
+        return
+    if 16 * prod(chunk_shape) > LARGEST_CHUNK * (2 if array["data_type"] != "string" else 1):
+        yield f"a chunk of array '{name}' declares {prod(chunk_shape)} items, more than memory is given for"
+        return
+    counts = [-(-n // max(1, width)) for n, width in zip(shape, chunk_shape, strict=True)]
+    prefix = f"{name}/c"
+    stored = sum(key.startswith(f"{prefix}/") or key == prefix for key in files) if prod(counts) < len(files) + 1 else 0
+    if prod(counts) != stored:
+        yield f"array '{name}' declares {prod(counts)} chunks, and there are digests of {stored}"
+    elif any("/".join([prefix, *map(str, index)]) not in files for index in product(*map(range, counts))):
+        yield f"chunks of array '{name}' are not those of its shape {shape}"
+
+
+def open_store(location: Place) -> xr.Dataset:
+    """Open the record of a store, lazily, as `open_run` gives it: texts as they were; values are compared as they are read.
+
+    Raises
+    ------
+    InputError, ArchiveError
+        As `compared_store`.
+    """
+    record = _opened(compared_store(location))
+    record.encoding["source"] = str(location)
+    return record
+
+
+def _opened(store: Any) -> xr.Dataset:
+    import xarray as xr
+    from xarray.core import indexing
+
+    from xdynamics.archive.stored_values import Texts, VariableValues
+
+    with quietly():
+        stored = xr.open_dataset(
+            store, engine="zarr", consolidated=True, decode_times=False, mask_and_scale=False, chunks=None
+        )
+    stored.attrs = _as_arrays(stored.attrs)
+    variables = {}
+    for name in [*digests_in(stored.attrs), *stored.variables]:
+        if name not in stored.variables or name in variables:
+            continue
+        variable = stored.variables[name]
+        variable.attrs = _as_arrays(variable.attrs, variable.dtype)
+        form = text_form(variable.attrs, variable.dtype, tuple(map(str, variable.dims)), variable.shape)
+        if variable.dtype.kind in "OT":
+            variable = variable.copy(data=np.array(variable.values.tolist(), str))
+        elif form is not None:
+            lazy = indexing.LazilyIndexedArray(Texts(VariableValues(str(name), variable), form))
+            variable = xr.Variable(variable.dims[: len(lazy.shape)], lazy, own_attributes(variable.attrs))
+        variables[name] = variable
+    coordinates = [name for name in stored.coords if name in variables]
+    return xr.Dataset(variables, attrs=stored.attrs).set_coords(coordinates)
+
+
+def _as_arrays(attributes: Mapping[Any, Any], dtype: Any = None) -> dict[Any, Any]:
+    """Return attributes with arrays of numbers, which Zarr keeps as lists."""
+    return {
+        name: np.array(value, dtype if name in schema.FLAG_ATTRIBUTES else None) if isinstance(value, list) else value
+        for name, value in attributes.items()
+    }
+
+
+def state_faults(record: xr.Dataset, *, values: bool) -> list[str]:
+    """Compare a record with the digests in its attributes: attributes alone, or all values, too."""
+    stated, faults = digests_in(record.attrs), []
+    if values:
+        faults = [
+            f"variable '{name}' differs from its digest"
+            for name, variable in record.variables.items()
+            if variable_digest(str(name), variable) != stated.get(str(name))
+        ]
+    attributes = _own_attributes(record)
+    faults += [f"variable '{name}' is missing, of which there is a digest" for name in stated if name not in attributes]
+    faults += [f"variable '{name}' has no digest" for name in attributes if name not in stated]
+    if not faults:
+        if root_digest(stated, attributes, record.attrs) != record.attrs.get(schema.ROOT_DIGEST):
+            faults.append("the attributes differ from the content digest")
+        if volatile_digest(stated, attributes, record.attrs) != record.attrs.get(schema.VOLATILE_DIGEST):
+            faults.append("the attributes on date, versions and machine differ from their digest")
+    return faults
+
+
+def examine_store(location: Place) -> Examination:
+    """Read a store completely, and compare every file, variable and attribute with its digest."""
+    with open_store(location) as record:
+        store = compared_store(location)
+        faults: list[str] = []
+        for key in store.files:
+            try:
+                store.read(key)
+            except ArchiveError as error:
+                faults += error.faults or (str(error),)
+        verdict = DAMAGED
+        if not faults:
+            faults, verdict = state_faults(record, values=True), EDITED
+        attributes = dict(record.attrs)
+    if not faults:
+        return Examination((), str(attributes[schema.ROOT_DIGEST]), str(attributes.get("run_outcome", "")))
+    return Examination(tuple(faults), str(attributes.get(schema.ROOT_DIGEST, "")), verdict=verdict)
