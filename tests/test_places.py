@@ -12,7 +12,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.command_line import call
 from cases.problems import MODELS
-from xdynamics.sweeping.zarr_blocks import quietly
+from xdynamics.archive.zarr_archive import quietly
 
 OSCILLATOR = xd.Model.from_toml(MODELS / "harmonic_oscillator.toml")
 RUN = xd.simulate(OSCILLATOR, method="rk4", step=0.1, until=1.0)
@@ -95,7 +95,7 @@ def test_a_store_of_others_is_left_alone(tmp_path: Path) -> None:
             xr.Dataset({"a": ("x", [1.0, 2.0])}).to_zarr(place, zarr_format=version)
         before = {entry: entry.read_bytes() for entry in place.rglob("*") if entry.is_file()}
         with pytest.raises(
-            xd.InputError, match=rf"{version}.zarr' holds a Zarr store that is no sweep's; name another place"
+            xd.InputError, match=rf"{version}.zarr' holds '.*', and no record of xdynamics; name another place"
         ):
             VERBS["sweep"](str(place))
         with pytest.raises(xd.InputError, match=rf"{version}.zarr' holds no sweep: .*; name what sweep marched into"):

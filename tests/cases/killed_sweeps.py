@@ -20,7 +20,7 @@ import dask
 
 import xdynamics as xd
 from cases.verdicts import verified
-from xdynamics.sweeping import zarr_blocks
+from xdynamics.archive.store import DIGESTS, NOTES
 
 MODELS = Path(__file__).parents[2] / "data" / "models"
 AXES = {"v_y": "10:30:6 m s-1", "vt": "20:60:4 m s-1"}
@@ -53,7 +53,7 @@ def ended(number: int) -> int:
 
 def blocks_in(path: Path) -> bool:
     """Whether a block is finished."""
-    return any((path / zarr_blocks.NOTES).glob("*-*.json"))
+    return any((path / NOTES / "unfinished").glob("*/*-*.nc"))
 
 
 def attempt(model: xd.Model, path: Path, moments: random.Random, whole: float) -> tuple[int, int]:
@@ -61,7 +61,7 @@ def attempt(model: xd.Model, path: Path, moments: random.Random, whole: float) -
     kills, behind = 0, 0
     for waits in (False, True, True):
         number = forked(model, path)
-        while waits and not blocks_in(path) and not (path / zarr_blocks.NOTES / zarr_blocks.DIGESTS).exists():
+        while waits and not blocks_in(path) and not (path / NOTES / DIGESTS).exists():
             time.sleep(0.001)
         time.sleep(moments.uniform(0.0, 0.5 * whole if waits else whole))
         os.kill(number, signal.SIGKILL)
@@ -91,7 +91,7 @@ def main(count: int) -> None:
         equal = digests.count(digests[0]) - 1
         for k in range(count):
             swept(model, Path(folder) / f"{k}.zarr")  # clears what one that was killed in the end has left
-        notes = [Path(folder) / f"{k}.zarr" / zarr_blocks.NOTES for k in range(count)]
+        notes = [Path(folder) / f"{k}.zarr" / NOTES for k in range(count)]
         left = {entry.name for note in notes for entry in note.iterdir()}
     print(f"{equal} of {count} equal, {kills} kills, {behind} behind a finished block, left {' '.join(sorted(left))}")
 

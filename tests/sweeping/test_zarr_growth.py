@@ -22,9 +22,11 @@ import xdynamics as xd
 from cases.object_server import bucket
 from cases.problems import oscillator
 from cases.verdicts import verified
+from xdynamics.archive import zarr_archive
+from xdynamics.archive.folder_store import FOLDERS
 from xdynamics.archive.store import location_of
 from xdynamics.cli import main
-from xdynamics.sweeping import grid, zarr_blocks, zarr_catalogue
+from xdynamics.sweeping import catalogue, grid
 
 pytest.importorskip("zarr")
 MODEL = oscillator().model
@@ -82,11 +84,7 @@ def test_added_members_are_as_if_made_at_once(
     marched.clear()
     xd.sweep(MODEL, after, path=stored, **ASKED)
     assert not marched
-    assert [path.name for path in sorted((stored / ".xdynamics").iterdir())] == [
-        "blocks.json",
-        "digests.json",
-        "zarr.json",
-    ]
+    assert [path.name for path in sorted((stored / ".xdynamics").iterdir())] == ["digests.json", "zarr.json"]
     further = xd.sweep(MODEL, after | {"k": [*after["k"], 3.0]}, path=stored, **ASKED)
     assert sum(marched) == further.sizes["solver_method"]
     assert verified(stored)
@@ -128,9 +126,7 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
     marched.clear()
     old = xr.open_zarr(stored).load()
     with (
-        mock.patch.object(
-            zarr_blocks, "_march_block_into_chunks", broken(blocks, zarr_blocks._march_block_into_chunks)
-        ),
+        mock.patch.object(catalogue, "_march_block_into_file", broken(blocks, catalogue._march_block_into_file)),
         dask.config.set(scheduler="synchronous"),
         pytest.raises(KeyboardInterrupt),
     ):
@@ -142,7 +138,7 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
     said = CliRunner().invoke(main, ["verify", str(stored)])
     assert (said.exit_code, "members were being added to it: the same sweep, called again" in said.output) == (0, True)
     with pytest.raises(
-        xd.InputError, match=r"the same call goes on with it, and removing '.*\.xdynamics/.*' gives it up"
+        xd.InputError, match=r"which the same call goes on with; .* or give it up by removing '.*unfinished"
     ):
         xd.sweep(MODEL, BEFORE | STIFFER, path=stored, **ASKED)
     done = sum(marched)
@@ -154,54 +150,27 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
 
 @pytest.mark.dear
 def test_at_every_moment_of_the_exchange_there_is_one_sweep_or_the_other(stored: Path, tmp_path: Path) -> None:
-    """Assert a sweep that is verified, whichever file was to be replaced when it was stopped, and that the call goes on."""
-    after, exchange, replace, given = (
-        BEFORE | STIFFER,
-        zarr_catalogue._exchange_metadata,
-        zarr_catalogue._replace_file,
-        [],
-    )
-    with mock.patch.object(zarr_catalogue, "_exchange_metadata", lambda *about: given.extend(about)):
-        xd.sweep(MODEL, after, path=stored, **ASKED)
-    plan, _, work = given
-    most = len(zarr_catalogue.arrays_in(stored, metadata=work / "zarr.json").attrs["sweep_variables"]) + 4
-    digests = {}
-    for moment in (0, 1, most - 2, most - 1, most):
+    """Assert a sweep that is verified, whichever file was to be moved when it was stopped, and that the call goes on."""
+    after, old = BEFORE | STIFFER, verified(stored)
+    new = verified(once(after, tmp_path))
+    for moment in (0, 1, 7, 20):
         folder = Path(shutil.copytree(stored, tmp_path / f"{moment}.zarr"))
-        with mock.patch.object(zarr_catalogue, "_replace_file", broken(moment, replace)):
-            stopped = stops(exchange, plan, folder, folder / ".xdynamics" / work.name)
-        assert stopped == (moment < most)  # the metadata of every array and of one axis, the blocks, metadata, digests
-        digests[moment] = verified(folder)
-        assert xd.open_sweep(folder).sizes["k"] == xr.open_zarr(folder).sizes["k"] == (3, 5)[moment > most - 2]
-        assert bool(zarr_catalogue.growth_folders(folder)) == stopped
-    assert digests[0] == digests[1] == digests[most - 2] != digests[most - 1] == digests[most]
-    for moment in (1, most - 1):
-        folder = tmp_path / f"{moment}.zarr"
-        assert xd.sweep(MODEL, after, path=folder, **ASKED).attrs["content_digest"] == digests[most]
-        assert verified(folder) == digests[most]
-        assert zarr_catalogue.growth_folders(folder) == []
-
-
-def stops(function: Any, *given: Any) -> bool:
-    """Call a function; return whether it was stopped."""
-    try:
-        function(*given)
-    except KeyboardInterrupt:
-        return True
-    return False
+        with mock.patch.object(FOLDERS, "move", broken(moment, FOLDERS.move)), pytest.raises(KeyboardInterrupt):
+            xd.sweep(MODEL, after, path=folder, **ASKED)
+        assert verified(folder) == new  # all of it was there when the moves began
+        assert xd.open_sweep(folder).sizes["k"] == 5
+        assert xd.sweep(MODEL, after, path=folder, **ASKED).attrs["content_digest"] == new
+        assert verified(folder) == new
+    with mock.patch.object(zarr_archive, "_switch", broken(0, None)), pytest.raises(KeyboardInterrupt):
+        xd.sweep(MODEL, after, path=stored, **ASKED)
+    assert verified(stored) == old
 
 
 @pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"axes": {"k": [1.0, 1.1, 1.25, 1.5]}}, "the values of 'k' that it has are not the first ones here"),
         ({"axes": {"k": [1.0, 1.25]}}, "it has k = 1.5, which this sweep has not; give them too"),
-        (
-            {"axes": {"method": ["heun", "rk4"]}},
-            "the values of 'solver_method' that it has are not the first ones here",
-        ),
-        ({"axes": {"m": [1.0, 2.0]}}, "its axes are k, solver_method there, here k, solver_method, m"),
         ({"until": 2.0}, "setting 'until' is 1.0 there, here 2.0"),
         ({"keep": ["end"], "times": None}, "keep is end, x there, here end"),
     ],
@@ -215,23 +184,23 @@ def test_what_does_not_fit_is_refused(changed: dict[str, Any], words: str, whole
     head, *faults, remedy = str(told.value).splitlines()
     assert head.endswith(":")
     assert faults[0].startswith("  1. ")
-    assert remedy.startswith(("name another folder", "give first what it has"))
+    assert remedy.startswith("name another folder")
     assert xd.open_sweep(whole).attrs["content_digest"] == before
-    assert not zarr_catalogue.growth_folders(whole)
+    assert not catalogue.unfinished_folders(whole)
 
 
 def test_damage_is_found_before_members_are_added(stored: Path) -> None:
     """Assert that a store whose chunk is hurt grows no member, and that the chunk is named."""
     chunk = stored / "end_x" / "c" / "0" / "0"
     chunk.write_bytes(chunk.read_bytes()[:-3])
-    with pytest.raises(xd.ArchiveError, match="array 'end_x' cannot be read in block 0-2_0-1"):
+    with pytest.raises(xd.ArchiveError, match="file 'end_x/c/0/0' of .* differs from its digest"):
         xd.sweep(MODEL, BEFORE | STIFFER, path=stored, **ASKED)
 
 
 PROGRAM = """
 import os, signal, sys, dask, xdynamics as xd
-from xdynamics.sweeping import zarr_blocks
-keep, left = zarr_blocks._march_block_into_chunks, [{left}]
+from xdynamics.sweeping import catalogue
+keep, left = catalogue._march_block_into_file, [{left}]
 
 def killed(*given):
     kept = keep(*given)
@@ -240,7 +209,7 @@ def killed(*given):
         os.kill(os.getpid(), signal.SIGKILL)
     return kept
 
-zarr_blocks._march_block_into_chunks = killed
+catalogue._march_block_into_file = killed
 dask.config.set(scheduler="synchronous")
 xd.sweep(xd.Model.from_toml(sys.argv[1]), {axes!r}, path=sys.argv[2], **{asked!r})
 """
@@ -258,7 +227,7 @@ def test_an_addition_that_was_killed_goes_on(whole: Path, stored: Path, tmp_path
     """Assert the old sweep after kill -9 behind the third of six blocks, and that the same call marches what is missing."""
     old, after = verified(stored), BEFORE | {"k": [*BEFORE["k"], 1.75, 2.0, 3.0, 4.0]}
     if not (child := os.fork()):
-        keep, left = zarr_blocks._march_block_into_chunks, iter(range(3))
+        keep, left = catalogue._march_block_into_file, iter(range(3))
 
         def killed(*given: Any) -> Any:
             kept = keep(*given)
@@ -266,7 +235,7 @@ def test_an_addition_that_was_killed_goes_on(whole: Path, stored: Path, tmp_path
 
         try:
             with (
-                mock.patch.object(zarr_blocks, "_march_block_into_chunks", killed),
+                mock.patch.object(catalogue, "_march_block_into_file", killed),
                 dask.config.set(scheduler="synchronous"),
             ):
                 xd.sweep(MODEL, after, path=stored, **ASKED)
@@ -302,7 +271,7 @@ def test_members_are_added_in_an_object_store(tmp_path: Path, marched: list[int]
             grown = xd.sweep(MODEL, after, path=place, **ASKED)
         assert 0 < sum(marched) < 15 - 6
         assert verified(place) == verified(once(after, tmp_path)) == grown.attrs["content_digest"]
-        assert zarr_catalogue.growth_folders(location_of(place)) == []
+        assert catalogue.unfinished_folders(location_of(place)) == []
 
 
 @pytest.mark.dear

@@ -159,9 +159,9 @@ def _chunked(run: xr.Dataset, chunks: Any) -> xr.Dataset:
 
 
 def _stored_chunks(run: xr.Dataset) -> dict[str, int]:
-    """Return the size of a chunk in the file along every dimension."""
+    """Return the size of a chunk in the file along every dimension; of a coordinate where no variable has one."""
     sizes: dict[str, int] = {}
-    for variable in run.variables.values():
+    for variable in [*run.coords.values(), *run.data_vars.values()]:
         sizes |= {dim: int(size) for dim, size in variable.encoding.get("preferred_chunks", {}).items() if size}
     return sizes
 

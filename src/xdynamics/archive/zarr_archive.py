@@ -104,6 +104,9 @@ def replacing(location: Place) -> Iterator[Path]:
     store, notes = store_of(location), made_folder(made_folder(location) / NOTES)
     try:
         with store.locked(notes):
+            if store.kind(notes / METADATA) == "":  # else zarr warns of a folder that is none of its own
+                with taking_name(notes / METADATA) as new:
+                    new.part.write_text(json.dumps({"zarr_format": 3, "node_type": "group", "attributes": {}}))
             _complete_moves(location)
             work = notes / secrets.token_hex(8)
             try:
