@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import stat
 from collections.abc import AsyncIterator, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 from math import prod
-from pathlib import Path
 from typing import Any
 
 import zarr.abc.store
@@ -19,7 +17,7 @@ from zarr.core.buffer import default_buffer_prototype
 
 from xdynamics.archive.store import Address, Place
 from xdynamics.faults import ArchiveError
-from xdynamics.runtime.files import read_bounded
+from xdynamics.runtime.files import is_inside, read_bounded
 
 ZSTD = "zstd"
 _MAGIC = b"\x28\xb5\x2f\xfd"
@@ -210,7 +208,7 @@ def _file_content(folder: Place, key: str, size: int) -> bytes | None:
         from xdynamics.archive.filesystems import RefusedError, fetch, refusal_error, status_of
 
         try:
-            return fetch(folder / key, 0, size) if size else b"" if status_of(folder / key) else None
+            return fetch(folder / key, size) if size else b"" if status_of(folder / key) else None
         except RefusedError as error:
             if error.is_absent:
                 return None
@@ -220,17 +218,13 @@ def _file_content(folder: Place, key: str, size: int) -> bytes | None:
         kind = path.lstat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         return None
-    if not stat.S_ISREG(kind) or not _is_inside(path, folder):
+    if not stat.S_ISREG(kind) or not is_inside(path, folder):
         raise ArchiveError(
             f"file '{key}' of '{folder}' is no regular file of this store", (f"file '{key}' is no regular file",)
         )
     if path.stat().st_size > size:
         return b""
     return read_bounded(path, size)
-
-
-def _is_inside(path: Path, folder: Path) -> bool:
-    return os.path.realpath(path) == os.path.join(os.path.realpath(folder), os.path.relpath(path, folder))  # noqa: PTH118 - of a text
 
 
 @lru_cache(maxsize=8)

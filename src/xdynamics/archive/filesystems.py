@@ -21,7 +21,7 @@ CONNECT, READ = 10.0, 60.0  # s without an answer, after which a call is repeate
 ATTEMPTS = 4
 SLOWEST = 100_000  # bytes a second: a slower download is given up
 PIECE = 1 << 24  # bytes that are asked for at once
-PARTIAL, WHOLE = 206, "200"  # status of an answer that is a part of a file, or all of it
+PARTIAL = 206  # the status of an answer that is a part of a file
 
 ABSENT = ("NoSuchKey", "404", "NotFound", "FileNotFoundError")
 TAKEN = ("PreconditionFailed", "412", "ConditionalRequestConflict", "OperationAborted", "FileExistsError")
@@ -206,7 +206,13 @@ def refusal_error(location: Address, failure: str, error: RefusedError) -> Input
 
 @contextmanager
 def refusals_in_words(location: Address, failure: str) -> Iterator[None]:
-    """Raise a store's refusals as errors in words."""
+    """Raise a store's refusals as errors in words.
+
+    Raises
+    ------
+    InputError
+        As `refusal_error`, or if the file does not exist.
+    """
     try:
         yield
     except RefusedError as error:
@@ -234,17 +240,16 @@ def stamp_of(status: dict[str, Any] | None) -> str | None:
     return str(status.get("ETag") or " ".join([*moments, str(status["size"])]))
 
 
-def fetch(location: Address, start: int, end: int) -> bytes:
-    """Read a part of a file.
+def fetch(location: Address, size: int) -> bytes:
+    """Read so many bytes of a file, from its begin.
 
     Raises
     ------
     RefusedError
-        If the connection breaks again and again, or other bytes arrive than were asked for: with the code `WHOLE` of a web
-        server that has no parts.
+        If the connection breaks again and again, or fewer arrive.
     """
     content = BytesIO()
-    _insist(_receive_part, location, content, start, end)
+    _insist(_receive_part, location, content, 0, size)
     return content.getvalue()
 
 
@@ -290,15 +295,10 @@ def _receive_part(location: Address, file: IO[bytes], start: int, end: int) -> N
 async def _receive(files: Any, url: str, file: IO[bytes], start: int, end: int) -> None:
     """Write bytes of a web server into a file as they come; what it sends beyond the end is not read."""
     session = await files.set_session()
-    is_part = isinstance(file, BytesIO)
-    headers = {"Accept-Encoding": "identity"}
-    if is_part or start:
-        headers["Range"] = f"bytes={start}-{end - 1}"
+    headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-{end - 1}"} if start else {})
     async with session.get(files.encode_url(url), headers=headers, **files.kwargs) as answer:
         files._raise_not_found_for_status(answer, url)  # noqa: SLF001 - as `cat_file` does
-        if "Range" in headers and answer.status != PARTIAL:
-            if is_part:
-                raise RefusedError(WHOLE, "it was asked for a part, and answers with the whole file")
+        if start and answer.status != PARTIAL:
             file.seek(0)  # from the begin again, as it has no parts
             start = 0
         left = end - start

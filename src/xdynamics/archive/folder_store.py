@@ -20,7 +20,19 @@ from typing import TYPE_CHECKING, Any
 
 from xdynamics.archive import store, target
 from xdynamics.archive.shared_handles import identity_of
-from xdynamics.archive.store import DIGESTS, FOLDER, NOTES, ZARR, Address, LocalFile, LockedError, NewFile, Place, Store
+from xdynamics.archive.store import (
+    DIGESTS,
+    FOLDER,
+    NOTES,
+    READABLE,
+    ZARR,
+    Address,
+    LocalFile,
+    LockedError,
+    NewFile,
+    Place,
+    Store,
+)
 from xdynamics.archive.target import LONGEST, is_ours, sweep_temporary_files, try_lock
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.runtime.files import ask_path, make_folder, path_kind, read_bounded, synced
@@ -331,7 +343,11 @@ def is_folder(location: Place) -> bool:
 
 def is_zarr(location: Place) -> bool:
     """Whether a location has the suffix of a Zarr store, and is not a file of another form."""
-    return location.suffix == ZARR and store_of(location).kind(location) is not None
+    if location.suffix != ZARR:
+        return False
+    if isinstance(location, Address) and location.scheme in READABLE:  # web servers have no folders
+        return store_of(location).kind(location / NOTES / DIGESTS) is None
+    return store_of(location).kind(location) is not None
 
 
 def has_archive(location: Place) -> bool:

@@ -55,7 +55,12 @@ class OpenFiles(AbstractFileSystem):  # type: ignore[misc]
     cachable = False
 
     def info(self, path: str, **_: Any) -> dict[str, Any]:
-        """Return size and type of a file; one without content is none yet."""
+        """Return size and type of a file; one without content is none yet.
+
+        Raises
+        ------
+        FileNotFoundError
+        """
         name = self._strip_protocol(path)
         file = self._file(name)
         size = file.seek(0, 2) if _can(file, "readable") and _can(file, "seekable") else 0
@@ -75,7 +80,13 @@ class OpenFiles(AbstractFileSystem):  # type: ignore[misc]
         return content
 
     def pipe_file(self, path: str, value: bytes, **_: Any) -> None:
-        """Write a file anew."""
+        """Write a file anew.
+
+        Raises
+        ------
+        PermissionError
+            If it was opened for reading.
+        """
         file = self._file(self._strip_protocol(path))
         if not _can(file, "writable"):
             raise PermissionError(path)

@@ -155,8 +155,16 @@ class VariableValues(BackendArray):
         self.name, self.variable, self.shape, self.dtype = name, variable, variable.shape, variable.dtype
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
-        # arrays in the key select along their own dimensions, as those of a Variable do
-        return self.variable[key.tuple].values
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read_by_key)
+
+    def _read_by_key(self, key: tuple[Any, ...]) -> Any:
+        try:
+            # arrays in the key select along their own dimensions
+            return self.variable[key].values
+        except ArchiveError:
+            raise
+        except (RuntimeError, ValueError) as error:  # of a codec
+            raise ArchiveError(f"variable {self.name} cannot be read: {error}") from None
 
 
 class Texts(BackendArray):

@@ -29,25 +29,30 @@ from xdynamics.archive.folder_store import is_folder, made_folder, store_of, tak
 from xdynamics.archive.integrity import variable_digest
 from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination
 from xdynamics.archive.seals import digest_lines, digests_in, root_digest, volatile_digest
-from xdynamics.archive.store import DIGESTS, METADATA, NOTES, LockedError, Place
+from xdynamics.archive.store import DIGESTS, METADATA, NOTES, READABLE, Address, LockedError, Place
 from xdynamics.archive.target import sync_file_systems
 from xdynamics.archive.text_encoding import text_form
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.record.flag_words import own_attributes
+from xdynamics.runtime.files import is_inside
 from xdynamics.runtime.lazy_imports import load_dask_whole
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from xdynamics.archive.compared_store import ComparedStore
+    from xdynamics.archive.compared_store import ComparedStore, FileDigest
 
 KIND = "xdynamics files 1"
 SEAL_WORDS = f"{NOTES}/{DIGESTS} has the sha256 of every file of this store"
 MOST_DIGESTS, MOST_METADATA = 200_000_000, 64_000_000  # bytes of the digests, and of the metadata
-LARGEST_CHUNK = 1 << 28  # bytes of a chunk in memory
+LARGEST_CHUNK = 1 << 29  # bytes of a chunk in memory, at 8 an item
 LAZY = 1 << 26  # bytes of a file from which on its variables are copied chunk by chunk
+_REPLACEMENT = re.compile("[0-9a-f]{16}")  # the name of a folder with files that replace those of a store
+_KEY = re.compile(r"[^/\\\x00-\x1f]+(/[^/\\\x00-\x1f]+)*")
 _TYPES = re.compile(r"bool|string|float(32|64)|u?int(8|16|32|64)")
-_CODECS = {"bytes", "vlen-utf8", "zstd"}
+_CODECS = (["bytes"], ["bytes", "zstd"], ["vlen-utf8"])
+# what is raised where digests or metadata are none
+_DAMAGE = (ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError, MemoryError)
 
 
 def zarr_package() -> Any:
@@ -156,25 +161,54 @@ def _complete_moves(location: Place) -> None:
     """Move the files of whole replacements into the store, and remove what is of none."""
     store, notes = store_of(location), location / NOTES
     for work in store.names(notes):
-        if not re.fullmatch("[0-9a-f]{16}", work.name) or not is_folder(work):
+        if not _REPLACEMENT.fullmatch(work.name) or not is_folder(work):
             continue
         if store.kind(work / DIGESTS) is None:
-            digests = store.content(work / DIGESTS, MOST_DIGESTS)
-            files = json.loads(digests)["files"]
+            content = store.content(work / DIGESTS, MOST_DIGESTS)
+            files, former = _known_files(work), _known_files(notes)
             for key in files:
                 store.move(work / key, location / key)
-            for key in _stored_files(location) - {*files}:
-                store.remove(location / key)
+            for key in {*former} - {*files}:
+                if isinstance(location, Address) or is_inside(location / key, location):
+                    with suppress(ArchiveError, OSError):
+                        store.remove(location / key)
             with taking_name(notes / DIGESTS) as new:
-                new.part.write_bytes(digests)
+                new.part.write_bytes(content)
         store.remove_folder(work)
 
 
-def _stored_files(location: Place) -> set[str]:
-    """List the files that a store has according to its digests."""
-    with suppress(ArchiveError, InputError, ValueError, KeyError, OSError):
-        return {*json.loads(store_of(location).content(location / NOTES / DIGESTS, MOST_DIGESTS))["files"]}
-    return set()
+def _known_files(folder: Place) -> dict[str, FileDigest]:
+    """Return the digests that are in a folder; none where they are damaged."""
+    with suppress(*_DAMAGE, OSError):
+        return _files_of(store_of(folder).content(folder / DIGESTS, MOST_DIGESTS))
+    return {}
+
+
+def _files_of(content: bytes) -> dict[str, FileDigest]:
+    """Return the digests of a store's files.
+
+    Raises
+    ------
+    ArchiveError
+        If they are of a version that is unknown here.
+    ValueError, LookupError, TypeError, AttributeError
+        If they are damaged, or name files elsewhere.
+    """
+    from xdynamics.archive.compared_store import FileDigest
+
+    document = json.loads(content)
+    if document.get("kind") != KIND:
+        kind = "a sweep of version 0.2" if "sweep" in document else f"'{str(document.get('kind'))[:60]}'"
+        raise ArchiveError(f"its digests are those of {kind}, and not of this version's '{KIND}'; write it again")
+    files = {}
+    for key, text in document["files"].items():
+        if not _KEY.fullmatch(key) or {".", ".."} & {*key.split("/")}:
+            raise ValueError(f"{key[:60]!r} is no file of a store")
+        size, digest = text.split(" ")
+        files[key] = FileDigest(int(size), digest)
+        if files[key].size < 0:
+            raise ValueError(f"{key[:60]!r} has {size} bytes")
+    return files
 
 
 def copy_archive(part: Path, folder: Path) -> None:
@@ -292,48 +326,46 @@ def compared_store(location: Place) -> ComparedStore:
         If its digests or metadata are damaged, or no archive has such.
     """
     zarr_package()
-    from xdynamics.archive.compared_store import ComparedStore, FileDigest, chunk_form
+    from xdynamics.archive.compared_store import ComparedStore, chunk_form
 
     content, folders = _current_digests(location)
     try:
-        document = json.loads(content)
-        if document["kind"] != KIND:
-            raise ArchiveError(f"'{location}' has digests of a newer version, '{str(document['kind'])[:60]}'")
-        texts = {key: text.split(" ") for key, text in document["files"].items()}
-        files = {key: FileDigest(int(size), digest) for key, (size, digest) in texts.items()}
-        bare_store = ComparedStore(location, folders, files, {})
+        files = _files_of(content)
         size = files[METADATA].size
-        if size > MOST_METADATA:
-            raise ArchiveError(
-                f"'{location}' is no run archive: its metadata have {size} bytes, {MOST_METADATA} are the most"
-            )
-        arrays = json.loads(bare_store.read(METADATA))["consolidated_metadata"]["metadata"]
+        metadata = ComparedStore(location, folders, files, {}).read(METADATA) if size <= MOST_METADATA else b"{}"
+        arrays = json.loads(metadata)["consolidated_metadata"]["metadata"]
         faults = [fault for name, array in arrays.items() for fault in _array_faults(name, array, files)]
-        if faults:
-            raise ArchiveError(
-                f"'{location}' is damaged or no run archive:{numbered_lines(faults)}", tuple(faults), DAMAGED
-            )
-        forms = {name: chunk_form(array) for name, array in arrays.items()}
-    except ArchiveError:
-        raise
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+        forms = {name: chunk_form(array) for name, array in arrays.items()} if not faults else {}
+    except ArchiveError as error:
+        raise error if error.faults else ArchiveError(f"'{location}' cannot be opened: {error}") from None
+    except _DAMAGE as error:
+        raise _unreadable(location, error) from None
+    if faults:
         raise ArchiveError(
-            f"'{location}' is damaged or no run archive: its digests or metadata cannot be read ({type(error).__name__}: {error})"
-        ) from None
+            f"'{location}' is damaged or no run archive:{numbered_lines(faults[:20])}", tuple(faults), DAMAGED
+        )
     return ComparedStore(location, folders, files, forms)
+
+
+def _unreadable(location: Any, error: BaseException) -> ArchiveError:
+    return ArchiveError(
+        f"'{location}' is damaged or no run archive: its digests or metadata cannot be read"
+        f" ({type(error).__name__}: {str(error)[:120]})"
+    )
 
 
 def _current_digests(location: Place) -> tuple[bytes, tuple[Place, ...]]:
     """Return the digests of the files that readers are to see, and the folders in which these files are."""
     store, notes = store_of(location), location / NOTES
-    replacements = [work for work in store.names(notes) if re.fullmatch("[0-9a-f]{16}", work.name)]
+    is_web = isinstance(location, Address) and location.scheme in READABLE  # where folders are not listed
+    replacements = [] if is_web else [work for work in store.names(notes) if _REPLACEMENT.fullmatch(work.name)]
     for work in replacements:
         if store.kind(work / DIGESTS) is None:
             return store.content(work / DIGESTS, MOST_DIGESTS), (work, location)
     try:
         return store.content(notes / DIGESTS, MOST_DIGESTS), (location,)
     except (InputError, OSError) as error:
-        if isinstance(error, ArchiveError) or store.kind(notes / DIGESTS) is None:
+        if isinstance(error, ArchiveError) or store.kind(notes / DIGESTS) != "":
             raise ArchiveError(f"'{notes / DIGESTS}' cannot be read: {error}") from None
     if store.kind(location) == "":
         raise InputError(f"'{location}' does not exist")
@@ -349,8 +381,9 @@ def _array_faults(name: str, array: Mapping[str, Any], files: Mapping[str, Any])
     """Describe what no array of an archive has; nothing is allocated for what it declares."""
     shape, grid = array["shape"], array["chunk_grid"]
     codecs = [codec["name"] for codec in array["codecs"]]
-    if unknown := [codec for codec in codecs if codec not in _CODECS]:
-        yield f"array '{name}' is packed by '{str(unknown[0])[:60]}', which no archive is"
+    little = all(codec.get("configuration", {}).get("endian", "little") == "little" for codec in array["codecs"])
+    if codecs not in _CODECS or not little:
+        yield f"array '{name}' is packed by {str(array['codecs'])[:90]}, which no archive is"
         return
     if not _TYPES.fullmatch(str(array["data_type"])) or array.get("storage_transformers") or grid["name"] != "regular":
         yield f"array '{name}' is of the type {str(array['data_type'])[:60]!r}, or cut otherwise than an archive's"
@@ -359,8 +392,12 @@ def _array_faults(name: str, array: Mapping[str, Any], files: Mapping[str, Any])
     if len(chunk_shape) != len(shape) or not all(isinstance(n, int) and n >= 0 for n in (*shape, *chunk_shape)):
         yield f"array '{name}' has the chunks {str(chunk_shape)[:60]} for the shape {str(shape)[:60]}"
         return
-    if 16 * prod(chunk_shape) > LARGEST_CHUNK * (2 if array["data_type"] != "string" else 1):
-        yield f"a chunk of array '{name}' declares {prod(chunk_shape)} items, more than memory is given for"
+    if 8 * prod(chunk_shape) > LARGEST_CHUNK:
+        yield f"a chunk of array '{name}' declares {prod(chunk_shape)} items, {LARGEST_CHUNK // 8} are the most"
+        return
+    key_form = array["chunk_key_encoding"]
+    if key_form["name"] != "default" or key_form.get("configuration", {}).get("separator", "/") != "/":
+        yield f"chunks of array '{name}' have other names than an archive's"
         return
     counts = [-(-n // max(1, width)) for n, width in zip(shape, chunk_shape, strict=True)]
     prefix = f"{name}/c"
@@ -390,24 +427,30 @@ def _opened(store: Any) -> xr.Dataset:
 
     from xdynamics.archive.stored_values import Texts, VariableValues
 
-    with quietly():
-        stored = xr.open_dataset(
-            store, engine="zarr", consolidated=True, decode_times=False, mask_and_scale=False, chunks=None
-        )
+    try:
+        with quietly():
+            stored = xr.open_dataset(
+                store, engine="zarr", consolidated=True, decode_times=False, mask_and_scale=False, chunks=None
+            )
+    except ArchiveError:
+        raise
+    except _DAMAGE as error:
+        raise _unreadable(store, error) from None
     stored.attrs = _as_arrays(stored.attrs)
     variables = {}
-    for name in [*digests_in(stored.attrs), *stored.variables]:
-        if name not in stored.variables or name in variables:
+    for name in dict.fromkeys([*digests_in(stored.attrs), *stored.variables]):
+        if name not in stored.variables:
             continue
         variable = stored.variables[name]
-        variable.attrs = _as_arrays(variable.attrs, variable.dtype)
-        form = text_form(variable.attrs, variable.dtype, tuple(map(str, variable.dims)), variable.shape)
+        attributes, dims = _as_arrays(variable.attrs, variable.dtype), variable.dims
+        values: Any = VariableValues(f"'{name}' of '{store}'", variable)
+        form = text_form(attributes, variable.dtype, tuple(map(str, dims)), variable.shape)
+        if form is not None:
+            values, attributes = Texts(values, form), own_attributes(attributes)
+        lazy: Any = indexing.LazilyIndexedArray(values)
         if variable.dtype.kind in "OT":
-            variable = variable.copy(data=np.array(variable.values.tolist(), str))
-        elif form is not None:
-            lazy = indexing.LazilyIndexedArray(Texts(VariableValues(str(name), variable), form))
-            variable = xr.Variable(variable.dims[: len(lazy.shape)], lazy, own_attributes(variable.attrs))
-        variables[name] = variable
+            lazy = np.array(values[indexing.BasicIndexer((slice(None),) * variable.ndim)].tolist(), str)
+        variables[name] = xr.Variable(dims[: lazy.ndim], lazy, attributes, variable.encoding)
     coordinates = [name for name in stored.coords if name in variables]
     return xr.Dataset(variables, attrs=stored.attrs).set_coords(coordinates)
 

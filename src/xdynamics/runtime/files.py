@@ -144,6 +144,11 @@ def read_bounded(path: Path, max_bytes: int, remedy: str = "") -> bytes:
     return bytes(content)
 
 
+def is_inside(path: Path, folder: Path) -> bool:
+    """Whether no link on the way from a folder to a file in it leads elsewhere."""
+    return os.path.realpath(path) == os.path.join(os.path.realpath(folder), os.path.relpath(path, folder))  # noqa: PTH118 - of a text
+
+
 def check_no_address(path: str | Path) -> None:
     """Refuse an address in place of a local file, and repeat no more than its scheme, as the rest may be secret.
 

@@ -39,7 +39,7 @@ def write_zarr_sweep(plan: Plan, blocks: list[Block], parts: list[Place], folder
         if (encoding := encodings.get(variable.name)) is not None:
             sizes, dtype, attributes = sizes | encoding.dims(variable.name), encoding.dtype, encoding.attributes
         chunks[variable.name] = (*widths, *sizes.values())
-        nothing = "" if dtype == object else 0
+        nothing = "" if dtype.kind == "O" else 0
         empty = da.full((*plan.grid.shape, *sizes.values()), nothing, dtype=dtype, chunks=(*widths, *sizes.values()))
         sweep[variable.name] = (*plan.grid.dims, *sizes), empty, variable.attributes | attributes
     with replacing(folder) as store:
