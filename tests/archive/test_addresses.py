@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
+import re
 import threading
 import time
 from pathlib import Path
@@ -111,13 +112,21 @@ def test_a_run_is_read_from_a_web_server(tmp_path: Path, *, parts: bool) -> None
 
 
 BAD = {
-    "longer": "",
+    "longer": "no answer",  # or as many bytes as are declared
     "unknown": "its server does not say how many bytes it has; download it",
     "403": r"its store denies access with these credentials \(403\)",
     "401": r"its store does not accept the credentials \(401\)",
     "503": r"its store failed 4 times \(503\); call again later",
-    "slow": r"no answer from its store \(TimeoutError\)",
+    "slow": r"no answer from its store \((Socket)?TimeoutError\)",
 }
+
+
+def read(address: str) -> str:
+    """Read a run; return why it cannot be, else a word."""
+    try:
+        return "read" if verified(address) == xd.content_digest(RUN) else "another"
+    except xd.InputError as error:
+        return str(error)
 
 
 @pytest.mark.parametrize("what", BAD)
@@ -129,11 +138,8 @@ def test_a_download_ends(what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     begun = time.monotonic()
     with web_server(tmp_path, parts=False) as server:
         server.what = what
-        if not BAD[what]:
-            assert verified(f"{server.address}/run.nc") == xd.content_digest(RUN)
-        else:
-            with pytest.raises(xd.InputError, match=f"run.nc' cannot be read: {BAD[what]}"):
-                xd.open_run(f"{server.address}/run.nc")
+        answer = read(f"{server.address}/run.nc")
+    assert re.search(f"run.nc' cannot be read: {BAD[what]}", answer) or (what, answer) == ("longer", "read")
     assert time.monotonic() - begun < 20.0
 
 
@@ -162,7 +168,7 @@ def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setitem(sys.modules, "gcsfs", None)
     with pytest.raises(
-        xd.InputError, match="addresses that begin with 'gs://' need the package gcsfs: pip install gcsfs"
+        xd.InputError, match=r"addresses that begin with 'gs://' need the package gcsfs: pip install 'xdynamics\[gs\]'"
     ):
         xd.open_run("gs://bucket/run.nc")
 

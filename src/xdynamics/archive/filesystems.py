@@ -40,7 +40,7 @@ _DENIED = ("AccessDenied", "403", "Forbidden", "AllAccessDisabled", "MethodNotAl
 _FULL = ("QuotaExceeded", "StorageFull", "XMinioStorageFull", "InsufficientStorage", "507", "EntityTooLarge")
 _FAILED = ("InternalError", "ServiceUnavailable", "SlowDown", "500", "502", "503", "504", "RequestTimeout")
 _REMEDY = "by the environment (AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_PROFILE) or ~/.aws"
-_EXTRAS = {"s3": "s3fs", "gs": "gcsfs", "http": "aiohttp", "https": "aiohttp"}
+_EXTRAS = {"s3": ("s3fs", "s3"), "gs": ("gcsfs", "gs"), "http": ("aiohttp", "http"), "https": ("aiohttp", "http")}
 
 
 class RefusedError(Exception):
@@ -108,9 +108,9 @@ def _filesystem(
         # fsspec caches by arguments, and would not notice that the environment has changed
         files = fsspec.filesystem(scheme, skip_instance_cache=True, **options)
     except ImportError:
-        package = _EXTRAS.get(scheme, "fsspec")
+        package, extra = _EXTRAS[scheme]
         raise InputError(
-            f"addresses that begin with '{scheme}://' need the package {package}: pip install {package}"
+            f"addresses that begin with '{scheme}://' need the package {package}: pip install 'xdynamics[{extra}]'"
         ) from None
     if scheme == "s3":
         files.retries = 1  # the client behind it repeats calls itself

@@ -122,7 +122,7 @@ PAGES_ABOUT = {  # pages that are of no section of a model file
     "files": "Tables, and files of phones, loggers, oscilloscopes as they come.",
     "fits": "Parameters from measured data, event times and several records; outliers and intervals.",
     "json": "What verbs print with --json.",
-    "stores": "Objects of S3, and Zarr stores.",
+    "stores": "Addresses (S3, web servers, memory), open files, Zarr stores.",
 }
 STARTER = page_text("starter.toml")
 FILES = page_text("files.txt")

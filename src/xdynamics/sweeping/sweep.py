@@ -69,8 +69,7 @@ def sweep(
     path : str or Path, optional
         A folder to march into, or ``"s3://bucket/folder"``; a name that ends in ``.zarr`` is that of a Zarr store, for
         sweeps too large for one file. The same call continues an interrupted sweep without marching finished members
-        again, and members can be added to an existing sweep: by a longer or finer axis, one more axis, further methods;
-        to a Zarr store behind the last values of its axes, in blocks as large as those that it was begun with.
+        again, and members can be added to an existing sweep: by a longer or finer axis, one more axis, further methods.
     check : float
         Fraction of members that are also marched alone and compared bit for bit: ``0.01``.
     members_per_task : int, optional
