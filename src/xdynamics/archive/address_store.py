@@ -35,8 +35,7 @@ from xdynamics.archive.filesystems import (
     status_of,
 )
 from xdynamics.archive.leases import leased
-from xdynamics.archive.open_files import OpenFile
-from xdynamics.archive.store import FOLDER, OPEN, WRITABLE, Address, LocalFile, NewFile, TakenError
+from xdynamics.archive.store import FOLDER, OPEN, WRITABLE, Address, LocalFile, NewFile, OpenFile, TakenError
 from xdynamics.archive.target import TemporaryFile, sweep_temporary_files
 from xdynamics.faults import ArchiveError, InputError
 
@@ -434,7 +433,10 @@ class Upload:
         mode = "create" if self.previous_stamp is None else "overwrite"
         if self.location.scheme == "gs":
             if mode == "overwrite":
-                raise RefusedError("NotImplemented", "")
+                raise InputError(
+                    f"'{self.location}' is there, and objects of Google's store are not replaced under a condition, which"
+                    " keeps two writers from each other's files; name another object, or remove this one first"
+                )
             answered(filesystem("gs").put_file, str(self.part), str(self.location), mode=mode)
             return
         ask(self.location, "pipe_file", self.part.read_bytes(), mode=mode)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import stat
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from hashlib import sha256
 from math import prod
 from typing import Any
@@ -97,6 +96,8 @@ class ComparedStore(zarr.abc.store.Store):
     files : mapping of str to FileDigest
     forms : mapping of str to ChunkForm
         Of arrays, by name.
+    reopen : callable
+        Returns it in another process, by its location and identity.
     """
 
     supports_writes = supports_deletes = supports_partial_writes = False
@@ -108,9 +109,11 @@ class ComparedStore(zarr.abc.store.Store):
         folders: tuple[Place, ...],
         files: Mapping[str, FileDigest],
         forms: Mapping[str, ChunkForm],
+        reopen: Callable[[Place, str], ComparedStore],
     ) -> None:
         super().__init__(read_only=True)
         self.location, self.folders, self.files, self.forms = location, folders, files, forms
+        self._reopen = reopen
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ComparedStore) and self.location == other.location and self.files == other.files
@@ -121,7 +124,7 @@ class ComparedStore(zarr.abc.store.Store):
         return str(self.location)
 
     def __reduce__(self) -> Any:
-        return _reopened, (self.location, self.identity)
+        return self._reopen, (self.location, self.identity)
 
     @property
     def identity(self) -> str:
@@ -225,16 +228,6 @@ def _file_content(folder: Place, key: str, size: int) -> bytes | None:
     if path.stat().st_size > size:
         return b""
     return read_bounded(path, size)
-
-
-@lru_cache(maxsize=8)
-def _reopened(location: Place, identity: str) -> ComparedStore:
-    from xdynamics.archive.zarr_archive import compared_store
-
-    store = compared_store(location)
-    if store.identity != identity:
-        raise ArchiveError(f"'{location}' is another store than the one that was opened; open it again")
-    return store
 
 
 def chunk_form(array: Mapping[str, Any]) -> ChunkForm:

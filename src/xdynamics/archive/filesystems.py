@@ -178,7 +178,7 @@ def refusal_error(location: Address, failure: str, error: RefusedError) -> Input
     error : RefusedError
     """
     code = error.code
-    if code == "NoSuchBucket":
+    if code == "NoSuchBucket" or error.is_absent:  # of what is written, the bucket alone can be
         return InputError(f"'{location}' {failure}: there is no bucket '{location.root}'; make it, or name another")
     if code in ("NoCredentialsError", "PartialCredentialsError", "ProfileNotFound", "NoCredentialProviders"):
         return InputError(f"'{location}' {failure}: there are no credentials for its store; give them {_REMEDY}")

@@ -289,8 +289,6 @@ def made_folder(location: Place) -> Any:
 def check_target(location: Place, model: Model | None = None) -> None:
     """Check before any work that an archive, a figure or a table can be written to a location without loss; see `Store`."""
     if location.suffix == ZARR:
-        from xdynamics.archive.zarr_archive import check_zarr_target
-
         check_zarr_target(location)
         return
     store_of(location).check_target(location, model)
@@ -354,3 +352,34 @@ def has_archive(location: Place) -> bool:
     """Whether there is a file, or a Zarr store with digests, under a name."""
     store = store_of(location)
     return store.kind(location) is None or (is_zarr(location) and store.kind(location / NOTES / DIGESTS) is None)
+
+
+def zarr_package() -> Any:
+    """Return the package zarr.
+
+    Raises
+    ------
+    InputError
+        If it is missing.
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise InputError("Zarr stores need the package zarr: pip install 'xdynamics[zarr]'") from None
+    return zarr
+
+
+def check_zarr_target(location: Place) -> None:
+    """Check before any work that a store can be written to a location: it is free, or a store of a record.
+
+    Raises
+    ------
+    InputError
+    """
+    zarr_package()
+    store, kind = store_of(location), store_of(location).kind(location)
+    if kind is None or kind not in ("", "a directory"):
+        raise InputError(f"'{location}' is {kind or 'a file'}, and a Zarr store is a folder; name another place")
+    foreign = [entry.name for entry in store.names(location) if entry.name != NOTES]
+    if foreign and not is_folder(location / NOTES):
+        raise InputError(f"'{location}' holds '{min(foreign)}', and no record of xdynamics; name another place")

@@ -14,9 +14,11 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from itertools import count
 from os import PathLike, fspath
 from pathlib import Path, PurePosixPath
 from typing import IO, TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from weakref import WeakValueDictionary
 
 from xdynamics.faults import ArchiveError, InputError
 from xdynamics.runtime.files import ask_path, file_above, path_kind
@@ -103,6 +105,61 @@ class Address:
         return self
 
 
+_open_files: WeakValueDictionary[str, Any] = WeakValueDictionary()  # by name; a place keeps its file
+_number = count(1)
+
+
+@dataclass(frozen=True)
+class OpenFile(Address):
+    """The place of an open file, known in this process alone."""
+
+    file: Any = field(default=None, compare=False, repr=False)
+
+    @property
+    def is_writable(self) -> bool:
+        """Whether it was opened for writing."""
+        return can(self.file, "writable")
+
+    def __reduce__(self) -> Any:
+        return Address, (self.scheme, self.path)
+
+
+def _place_of(file: Any) -> OpenFile:
+    """Return the place of an open binary file.
+
+    Raises
+    ------
+    InputError
+        If it is closed or opened for text.
+    """
+    kind = type(file).__name__
+    if getattr(file, "closed", False) or hasattr(file, "encoding"):
+        state = "closed" if getattr(file, "closed", False) else "opened for text, and an archive is bytes"
+        raise InputError(f"the file ({kind}) is {state}; open it with open(…, 'rb') or open(…, 'wb')")
+    name = next((known for known, other in _open_files.items() if other is file), f"{kind}-{next(_number)}")
+    _open_files[name] = file
+    return OpenFile(OPEN, name, file)
+
+
+def open_file(name: str) -> Any:
+    """Return an open file by its name.
+
+    Raises
+    ------
+    FileNotFoundError
+        If it is closed, or of another process.
+    """
+    file = _open_files.get(name)
+    if file is None or getattr(file, "closed", False):
+        raise FileNotFoundError(name)
+    return file
+
+
+def can(file: Any, ability: str) -> bool:
+    """Whether a file is ``readable``, ``writable`` or ``seekable``; one that does not tell is."""
+    return bool(getattr(file, ability, lambda: True)())
+
+
 Place = Path | Address
 Given = str | PathLike[str] | Address  # what a user may give for a place
 GIVEN = (str, PathLike, Address)
@@ -133,9 +190,7 @@ def location_of(named_location: Given | IO[bytes]) -> Place:
             raise InputError(f"{text[:80]!r} is a Path, which drops a slash of an address; give the address as a text")
         return named_location
     if hasattr(named_location, "read") or hasattr(named_location, "write"):
-        from xdynamics.archive.open_files import place_of
-
-        return place_of(named_location)
+        return _place_of(named_location)
     if not isinstance(named_location, str | PathLike):
         raise InputError(
             f"{type(named_location).__name__} is no name of a file; give a text, a Path or an open binary file"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from xdynamics import record, schema
 from xdynamics.archive.file_structure import variables_to_compress
-from xdynamics.archive.folder_store import check_suffix, made_folder, store_of
+from xdynamics.archive.folder_store import check_suffix, check_zarr_target, made_folder, store_of
 from xdynamics.archive.integrity import Standing, check_cut, record_standing
 from xdynamics.archive.integrity_checks import compare_file
 from xdynamics.archive.netcdf_library import opened_file, with_library_lock
@@ -584,7 +584,7 @@ def _taking_name(path: Place, batch: FileBatch | None) -> Iterator[NewFile[Any]]
         with store_of(path).taking_name(path, batch) as new:
             yield new
         return
-    from xdynamics.archive.zarr_archive import check_zarr_target, copy_archive, replacing
+    from xdynamics.archive.zarr_archive import copy_archive, replacing
 
     check_zarr_target(path)
     with TemporaryFile.create_beside(store_of(path).written_at(path), 0o600) as part:

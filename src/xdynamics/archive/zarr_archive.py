@@ -16,6 +16,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from hashlib import sha256
 from itertools import product
 from math import prod
@@ -25,7 +26,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xdynamics import schema
-from xdynamics.archive.folder_store import is_folder, made_folder, store_of, taking_name
+from xdynamics.archive.folder_store import (
+    check_zarr_target,
+    is_folder,
+    made_folder,
+    store_of,
+    taking_name,
+    zarr_package,
+)
 from xdynamics.archive.integrity import variable_digest
 from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination
 from xdynamics.archive.seals import digest_lines, digests_in, root_digest, volatile_digest
@@ -55,43 +63,12 @@ _CODECS = (["bytes"], ["bytes", "zstd"], ["vlen-utf8"])
 _DAMAGE = (ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError, MemoryError)
 
 
-def zarr_package() -> Any:
-    """Return the package zarr.
-
-    Raises
-    ------
-    InputError
-        If it is missing.
-    """
-    try:
-        import zarr
-    except ImportError:
-        raise InputError("Zarr stores need the package zarr: pip install 'xdynamics[zarr]'") from None
-    return zarr
-
-
 @contextmanager
 def quietly() -> Iterator[None]:
     """Write all chunks, and leave out zarr's notes that texts and metadata in one file are none of the format's specification yet."""
     with warnings.catch_warnings(), zarr_package().config.set({"array.write_empty_chunks": True}):
         warnings.simplefilter("ignore")
         yield
-
-
-def check_zarr_target(location: Place) -> None:
-    """Check before any work that a store can be written to a location: it is free, or a store of a record.
-
-    Raises
-    ------
-    InputError
-    """
-    zarr_package()
-    store, kind = store_of(location), store_of(location).kind(location)
-    if kind is None or kind not in ("", "a directory"):
-        raise InputError(f"'{location}' is {kind or 'a file'}, and a Zarr store is a folder; name another place")
-    foreign = [entry.name for entry in store.names(location) if entry.name != NOTES]
-    if foreign and not is_folder(location / NOTES):
-        raise InputError(f"'{location}' holds '{min(foreign)}', and no record of xdynamics; name another place")
 
 
 @contextmanager
@@ -332,7 +309,9 @@ def compared_store(location: Place) -> ComparedStore:
     try:
         files = _files_of(content)
         size = files[METADATA].size
-        metadata = ComparedStore(location, folders, files, {}).read(METADATA) if size <= MOST_METADATA else b"{}"
+        metadata = (
+            ComparedStore(location, folders, files, {}, _reopened).read(METADATA) if size <= MOST_METADATA else b"{}"
+        )
         arrays = json.loads(metadata)["consolidated_metadata"]["metadata"]
         faults = [fault for name, array in arrays.items() for fault in _array_faults(name, array, files)]
         forms = {name: chunk_form(array) for name, array in arrays.items()} if not faults else {}
@@ -344,7 +323,16 @@ def compared_store(location: Place) -> ComparedStore:
         raise ArchiveError(
             f"'{location}' is damaged or no run archive:{numbered_lines(faults[:20])}", tuple(faults), DAMAGED
         )
-    return ComparedStore(location, folders, files, forms)
+    return ComparedStore(location, folders, files, forms, _reopened)
+
+
+@lru_cache(maxsize=8)
+def _reopened(location: Place, identity: str) -> ComparedStore:
+    """Return a store in another process; an error if it is not the one that was opened."""
+    store = compared_store(location)
+    if store.identity != identity:
+        raise ArchiveError(f"'{location}' is another store than the one that was opened; open it again")
+    return store
 
 
 def _unreadable(location: Any, error: BaseException) -> ArchiveError:
