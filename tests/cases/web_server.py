@@ -82,8 +82,8 @@ class _Handler(BaseHTTPRequestHandler):
             for k in range(len(content)):
                 self.wfile.write(content[k : k + 1])
                 time.sleep(0.5)
-        self.wfile.write(content)
         server.sent += len(content)
+        self.wfile.write(content)
 
     def log_message(self, *_: Any) -> None:
         """Say nothing."""

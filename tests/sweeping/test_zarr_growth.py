@@ -148,6 +148,17 @@ def test_an_addition_that_was_stopped_leaves_the_sweep_as_it_was_and_goes_on(
     assert verified(stored) == grown.attrs["content_digest"] != before
 
 
+def stopped_after(count: int) -> Any:
+    """Return what moves so many files of a store, and is stopped then."""
+    move = FOLDERS.move
+
+    def stopped(names: list[str], *folders: Path) -> None:
+        move(names[:count], *folders)
+        raise KeyboardInterrupt
+
+    return stopped
+
+
 @pytest.mark.dear
 def test_at_every_moment_of_the_exchange_there_is_one_sweep_or_the_other(stored: Path, tmp_path: Path) -> None:
     """Assert a sweep that is verified, whichever file was to be moved when it was stopped, and that the call goes on."""
@@ -155,7 +166,7 @@ def test_at_every_moment_of_the_exchange_there_is_one_sweep_or_the_other(stored:
     new = verified(once(after, tmp_path))
     for moment in (0, 1, 7, 20):
         folder = Path(shutil.copytree(stored, tmp_path / f"{moment}.zarr"))
-        with mock.patch.object(FOLDERS, "move", broken(moment, FOLDERS.move)), pytest.raises(KeyboardInterrupt):
+        with mock.patch.object(FOLDERS, "move", stopped_after(moment)), pytest.raises(KeyboardInterrupt):
             xd.sweep(MODEL, after, path=folder, **ASKED)
         assert verified(folder) == new  # all of it was there when the moves began
         assert xd.open_sweep(folder).sizes["k"] == 5

@@ -242,10 +242,14 @@ class AddressStore:
                 yield Path(built)
                 with refusals_in_words(location, "cannot be written"):
                     ask(mark, "pipe_file", b"", mode="create")
-                files = sorted(file for file in Path(built).rglob("*") if file.is_file())
-                names = [location / file.relative_to(built).as_posix() for file in files]
-                call_concurrently(lambda pair: upload_file(*pair, None), [*zip(files, names, strict=True)])
+                self.upload_folder(Path(built), location)
             self.remove(mark)
+
+    def upload_folder(self, folder: Path, location: Address) -> None:
+        """Upload the files of a folder of this machine, several at once, where none of them is."""
+        files = sorted(file for file in folder.rglob("*") if file.is_file())
+        names = [location / file.relative_to(folder).as_posix() for file in files]
+        call_concurrently(lambda pair: upload_file(*pair, None), [*zip(files, names, strict=True)])
 
     def made_folder(self, location: Address) -> Address:
         """Return a folder, which is there when something is in it.
@@ -275,11 +279,15 @@ class AddressStore:
         """Lock a folder by a file in it."""
         return leased(folder / LOCK, folder)
 
-    def move(self, location: Address, target: Address) -> None:
-        """Copy a file in its store, and remove it under its former name."""
-        with refusals_in_words(target, "cannot be written"), _absent_passed_over():
-            ask(location, "copy", str(target))
-            ask(location, "rm_file")
+    def move(self, names: Sequence[str], folder: Address, target: Address) -> None:
+        """Copy files in their store, several at once, and remove them in their former folder."""
+
+        def move_one(name: str) -> None:
+            with refusals_in_words(target / name, "cannot be written"), _absent_passed_over():
+                ask(folder / name, "copy", str(target / name))
+                ask(folder / name, "rm_file")
+
+        call_concurrently(move_one, names)
 
     def remove(self, location: Address) -> None:
         """Remove a file; an empty folder is none."""

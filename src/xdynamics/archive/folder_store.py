@@ -244,11 +244,12 @@ class FolderStore:
         finally:
             os.close(handle)
 
-    def move(self, location: Path, target: Path) -> None:
-        """Rename a file."""
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError):
-            location.replace(target)
+    def move(self, names: Sequence[str], folder: Path, target: Path) -> None:
+        """Rename files."""
+        for name in names:
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            with suppress(FileNotFoundError):
+                (folder / name).replace(target / name)
 
     def remove(self, location: Path) -> None:
         """Remove a file, or an empty folder."""

@@ -409,8 +409,8 @@ class Store(Protocol[Name]):
     def locked(self, folder: Name) -> AbstractContextManager[None]:
         """Lock a folder against other processes; the lock of a process that died is free. Raises `LockedError`."""
 
-    def move(self, location: Name, target: Name) -> None:
-        """Give a file another name, in place of what stands there; nothing is done where there is no such file."""
+    def move(self, names: Sequence[str], folder: Name, target: Name) -> None:
+        """Move files of a folder to another, in place of what is there; those that are not in the folder are passed over."""
 
     def remove(self, location: Name) -> None:
         """Remove a file, or a folder that is empty; raises OSError or `ArchiveError` if it cannot be removed."""

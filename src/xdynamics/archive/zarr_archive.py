@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import re
 import secrets
-import shutil
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -97,9 +96,11 @@ def replacing(location: Place) -> Iterator[Path]:
                     yield work
                     sync_file_systems([work])
                 else:
-                    with tempfile.TemporaryDirectory() as folder, store.batch([]) as batch:
+                    from xdynamics.archive.address_store import ADDRESSES
+
+                    with tempfile.TemporaryDirectory() as folder:
                         yield Path(folder)
-                        _upload(Path(folder), work, batch)
+                        ADDRESSES.upload_folder(Path(folder), work)
                         _switch(Path(folder), work)
                         _complete_moves(location)
                         return
@@ -114,13 +115,6 @@ def replacing(location: Place) -> Iterator[Path]:
         raise ArchiveError(
             f"'{location}' cannot be written: {error.strerror or error}; nothing is changed there"
         ) from error
-
-
-def _upload(folder: Path, work: Place, batch: Any) -> None:
-    for file in sorted(entry for entry in folder.rglob("*") if entry.is_file()):
-        with store_of(work).taking_name(work / file.relative_to(folder).as_posix(), batch) as new:
-            shutil.copyfile(file, new.part)
-    batch.take_names()
 
 
 def _switch(files: Path, work: Place) -> None:
@@ -143,8 +137,7 @@ def _complete_moves(location: Place) -> None:
         if store.kind(work / DIGESTS) is None:
             content = store.content(work / DIGESTS, MOST_DIGESTS)
             files, former = _known_files(work), _known_files(notes)
-            for key in files:
-                store.move(work / key, location / key)
+            store.move([*files], work, location)
             for key in {*former} - {*files}:
                 if isinstance(location, Address) or is_inside(location / key, location):
                     with suppress(ArchiveError, OSError):
