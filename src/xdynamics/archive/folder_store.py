@@ -352,7 +352,11 @@ def is_zarr(location: Place) -> bool:
 def has_archive(location: Place) -> bool:
     """Whether there is a file, or a Zarr store with digests, under a name."""
     store = store_of(location)
-    return store.kind(location) is None or (is_zarr(location) and store.kind(location / NOTES / DIGESTS) is None)
+    if not is_zarr(location):
+        return store.kind(location) is None
+    notes = location / NOTES
+    # the second ones are of files that are still to be moved into the store
+    return any(store.kind(folder / DIGESTS) is None for folder in (notes, *store.names(notes)))
 
 
 def zarr_package() -> Any:

@@ -134,17 +134,33 @@ def _complete_moves(location: Place) -> None:
     for work in store.names(notes):
         if not _REPLACEMENT.fullmatch(work.name) or not is_folder(work):
             continue
-        if store.kind(work / DIGESTS) is None:
-            content = store.content(work / DIGESTS, MOST_DIGESTS)
-            files, former = _known_files(work), _known_files(notes)
+        if files := _known_files(work) if store.kind(work / DIGESTS) is None else {}:
+            content, former = store.content(work / DIGESTS, MOST_DIGESTS), _known_files(notes)
             store.move([*files], work, location)
             for key in {*former} - {*files}:
-                if isinstance(location, Address) or is_inside(location / key, location):
-                    with suppress(ArchiveError, OSError):
-                        store.remove(location / key)
+                with suppress(ArchiveError, OSError):
+                    _remove_file(location, key)
             with taking_name(notes / DIGESTS) as new:
                 new.part.write_bytes(content)
         store.remove_folder(work)
+
+
+def _remove_file(location: Place, key: str) -> None:
+    """Remove a file of a store, and the folders in it that are empty then."""
+    if isinstance(location, Address):
+        store_of(location).remove(location / key)
+    elif is_inside(path := location / key, location):
+        path.unlink()
+        for folder in [*path.relative_to(location).parents][:-1]:
+            (location / folder).rmdir()
+
+
+def complete_replacement(location: Place) -> None:
+    """Complete what a process began that was stopped while it moved files into a store."""
+    notes = location / NOTES
+    if any(_REPLACEMENT.fullmatch(work.name) for work in store_of(location).names(notes)):
+        with suppress(LockedError), store_of(location).locked(notes):  # else another process does it
+            _complete_moves(location)
 
 
 def _known_files(folder: Place) -> dict[str, FileDigest]:

@@ -29,6 +29,7 @@ from xdynamics.archive.sandboxed_reading import know
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.shared_handles import keep_open
 from xdynamics.archive.store import METADATA, NOTES, ZARR, Given, LockedError, Place, TakenError, location_of
+from xdynamics.archive.zarr_archive import complete_replacement
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.schema import EVIDENCE, SWEEP
@@ -344,6 +345,8 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
         _remove_blocks(
             folder, str(sweep.attrs[DIGEST])
         )  # left by a process that was stopped after saving the catalogue
+        if catalogue == folder:
+            complete_replacement(folder)
         if sweep.attrs[DIGEST] == plan.digest:
             return sweep
         existing = existing_additions(plan, sweep, catalogue, partial(archive.open_run, check=False))
