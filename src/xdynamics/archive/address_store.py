@@ -23,6 +23,7 @@ from weakref import WeakValueDictionary, finalize
 
 from xdynamics.archive.filesystems import (
     PIECE,
+    UNMARKED,
     RefusedError,
     answered,
     ask,
@@ -35,7 +36,7 @@ from xdynamics.archive.filesystems import (
     status_of,
 )
 from xdynamics.archive.leases import leased
-from xdynamics.archive.store import FOLDER, OPEN, WRITABLE, Address, LocalFile, NewFile, OpenFile, TakenError
+from xdynamics.archive.store import FOLDER, Address, LocalFile, NewFile, TakenError, check_writable
 from xdynamics.archive.target import TemporaryFile, sweep_temporary_files
 from xdynamics.faults import ArchiveError, InputError
 
@@ -85,7 +86,7 @@ class AddressStore:
         ArchiveError
             If the store refuses to write there.
         """
-        _check_writable(location)
+        check_writable(location)
         if self.kind(location) == FOLDER:
             raise InputError(f"'{location}' is a directory; name a file in it, like '{location / 'run.nc'}'")
         if location.scheme == "s3":
@@ -168,7 +169,7 @@ class AddressStore:
             raise ArchiveError(f"'{location}' is another file than the one that was opened; open it again")
         # a thread that wants the same version waits here and finds the copy, instead of downloading it again
         with self._fetching:
-            local_copy = self._copies.get((location, current))
+            local_copy = None if current.startswith(UNMARKED) else self._copies.get((location, current))
             if local_copy is None:
                 part, copy = _download_copy(location, status)
                 if self.stamp(location) != current:
@@ -196,7 +197,7 @@ class AddressStore:
         if batch is not None:
             yield batch.add(_temporary_copy(location), location)
             return
-        _check_writable(location)
+        check_writable(location)
         with refusals_in_words(location, "cannot be read"):
             status = status_of(location)
         if status is not None and status["type"] != "file":
@@ -232,7 +233,7 @@ class AddressStore:
     @contextmanager
     def taking_folder(self, location: Address) -> Iterator[Path]:
         """Lend a local folder, and upload its files under a mark whose removal, last, makes the folder complete."""
-        _check_writable(location)
+        check_writable(location)
         with self.locked(location):
             mark = location / BUILDING
             if self.stamp(mark) is not None:  # of a process that died
@@ -259,7 +260,7 @@ class AddressStore:
         InputError
             If the name is a file's.
         """
-        _check_writable(location)
+        check_writable(location)
         if self.kind(location) is None:
             raise InputError(f"'{location}' is a file; name a folder")
         return location
@@ -315,16 +316,6 @@ class AddressStore:
 
 
 ADDRESSES = AddressStore()
-
-
-def _check_writable(location: Address | OpenFile) -> None:
-    if location.scheme not in (*WRITABLE, OPEN):
-        raise InputError(
-            f"'{location}' cannot be written: addresses that begin with '{location.scheme}://' are read; name a folder, or"
-            f" an address that begins with {', '.join(f'{scheme}://' for scheme in WRITABLE)}"
-        )
-    if isinstance(location, OpenFile) and not location.is_writable:
-        raise InputError(f"'{location}' is opened for reading; open it with open(…, 'wb')")
 
 
 def _known_status(location: Address) -> dict[str, Any]:

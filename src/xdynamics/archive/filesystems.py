@@ -21,6 +21,7 @@ CONNECT, READ = 10.0, 60.0  # s without an answer, after which a call is repeate
 ATTEMPTS = 4
 SLOWEST = 100_000  # bytes a second: a slower download is given up
 PIECE = 1 << 24  # bytes that are asked for at once
+UNMARKED = "unmarked"  # begins the stamp of a file whose versions nothing tells apart but its size
 PARTIAL = 206  # the status of an answer that is a part of a file
 
 ABSENT = ("NoSuchKey", "404", "NotFound", "FileNotFoundError")
@@ -236,8 +237,9 @@ def stamp_of(status: dict[str, Any] | None) -> str | None:
     """Return the stamp that distinguishes versions of a file under one name; None where there is no file."""
     if status is None or status["type"] != "file":
         return None
-    moments = [str(status.get(name)) for name in ("etag", "generation", "created", "mtime", "LastModified")]
-    return str(status.get("ETag") or " ".join([*moments, str(status["size"])]))
+    names = ("etag", "generation", "Content-MD5", "Digest", "created", "mtime", "LastModified", "Last-Modified")
+    marks = [f"{name} {status[name]}" for name in names if status.get(name)]
+    return str(status.get("ETag") or " ".join([*(marks or [UNMARKED]), str(status["size"])]))
 
 
 def fetch(location: Address, size: int) -> bytes:

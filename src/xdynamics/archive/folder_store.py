@@ -32,10 +32,12 @@ from xdynamics.archive.store import (
     NewFile,
     Place,
     Store,
+    check_no_backslash,
+    check_writable,
 )
 from xdynamics.archive.target import LONGEST, is_ours, sweep_temporary_files, try_lock
 from xdynamics.faults import ArchiveError, InputError
-from xdynamics.runtime.files import ask_path, make_folder, path_kind, read_bounded, synced
+from xdynamics.runtime.files import ask_path, file_above, make_folder, path_kind, read_bounded, synced
 
 if TYPE_CHECKING:
     from xdynamics.archive.target import Batch
@@ -247,7 +249,10 @@ class FolderStore:
     def move(self, names: Sequence[str], folder: Path, target: Path) -> None:
         """Rename files."""
         for name in names:
-            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            for parent in reversed([*Path(name).parents][:-1]):
+                if (target / parent).is_symlink():  # which may lead out of the folder
+                    (target / parent).unlink()
+                (target / parent).mkdir(exist_ok=True)
             with suppress(FileNotFoundError):
                 (folder / name).replace(target / name)
 
@@ -382,6 +387,13 @@ def check_zarr_target(location: Place) -> None:
     InputError
     """
     zarr_package()
+    if isinstance(location, Address):
+        check_writable(location)
+    else:
+        check_no_backslash(location)
+        if not ask_path(location.parent, Path.is_dir):
+            why = file_above(location) or f"the folder '{location.parent}' does not exist"
+            raise InputError(f"'{location}' cannot be written: {why}")
     store, kind = store_of(location), store_of(location).kind(location)
     if kind is None or kind not in ("", "a directory"):
         raise InputError(f"'{location}' is {kind or 'a file'}, and a Zarr store is a folder; name another place")

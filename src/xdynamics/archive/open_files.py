@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from hashlib import sha256
+from typing import Any, ClassVar
 
 from fsspec import AbstractFileSystem
 
 from xdynamics.archive.store import OPEN, can, open_file
+from xdynamics.faults import InputError
+
+SIGNATURE = b"\x89HDF"  # the begin of an archive
 
 
 class OpenFiles(AbstractFileSystem):  # type: ignore[misc]
@@ -14,6 +18,7 @@ class OpenFiles(AbstractFileSystem):  # type: ignore[misc]
 
     protocol = OPEN
     cachable = False
+    _streams: ClassVar[dict[int, bytes]] = {}
 
     def info(self, path: str, **_: Any) -> dict[str, Any]:
         """Return size and type of a file; one without content is none yet.
@@ -23,22 +28,27 @@ class OpenFiles(AbstractFileSystem):  # type: ignore[misc]
         FileNotFoundError
         """
         name = self._strip_protocol(path)
-        file = open_file(name)
-        size = file.seek(0, 2) if can(file, "readable") and can(file, "seekable") else 0
-        if not size:
+        content = self.cat_file(path)
+        if not content:
             raise FileNotFoundError(name)
-        return {"name": name, "size": size, "type": "file"}
+        # the digest tells what was written meanwhile from what was read before
+        return {"name": name, "size": len(content), "type": "file", "ETag": sha256(content).hexdigest()}
 
     def ls(self, path: str, **_: Any) -> list[Any]:  # noqa: ARG002 - fsspec's signature
         """Return nothing: open files are in no folder."""
         return []
 
     def cat_file(self, path: str, start: int = 0, end: int | None = None, **_: Any) -> bytes:
-        """Return bytes of a file."""
+        """Return bytes of a file; of one that cannot be read none, and one that cannot be moved in is read once."""
         file = open_file(self._strip_protocol(path))
-        file.seek(start or 0)
-        content: bytes = file.read() if end is None else file.read(end - (start or 0))
-        return content
+        if not can(file, "readable") or not hasattr(file, "read"):
+            return b""
+        if can(file, "seekable"):
+            file.seek(0)
+            content = file.read()
+        else:
+            content = self._streams.setdefault(id(file), file.read())
+        return bytes(content[start:end])
 
     def pipe_file(self, path: str, value: bytes, **_: Any) -> None:
         """Write a file anew.
@@ -51,7 +61,11 @@ class OpenFiles(AbstractFileSystem):  # type: ignore[misc]
         file = open_file(self._strip_protocol(path))
         if not can(file, "writable"):
             raise PermissionError(path)
-        if can(file, "seekable"):
+        if (there := self.cat_file(path)) and not there.startswith(SIGNATURE):
+            raise InputError(f"'{path}' holds something that is no archive; give a file that is empty")
+        if not there and can(file, "seekable") and file.tell():
+            raise InputError(f"'{path}' is written at its begin, and is open somewhere else; give a file that is empty")
+        if there:
             file.seek(0)
             file.truncate()
         file.write(value)

@@ -155,7 +155,10 @@ def _chunked(run: xr.Dataset, chunks: Any) -> xr.Dataset:
         raise InputError(f"chunks name {unknown[0]!r}; there are {', '.join(map(str, run.dims))}")
     texts = [name for name, variable in run.variables.items() if variable.dtype.kind in "OU"]
     chunk_sizes: Any = _stored_chunks(run.drop_vars(texts)) if chunks == {} else chunks
-    return run.drop_vars(texts).chunk(chunk_sizes, inline_array=True).assign_coords({name: run[name] for name in texts})
+    chunked = run.drop_vars(texts).chunk(chunk_sizes, inline_array=True)
+    return chunked.assign({name: run[name] for name in texts}).set_coords(
+        [name for name in texts if name in run.coords]
+    )
 
 
 def _stored_chunks(run: xr.Dataset) -> dict[str, int]:

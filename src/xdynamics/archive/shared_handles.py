@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import netCDF4
     import xarray as xr
 
+LAZY = 1 << 26  # bytes of a file from which on it is copied chunk by chunk
 MOST_REPLACED = 20  # times that a file's name may go to another while it is read
 MOST_OPEN = 128  # files at a time; what was used longest ago is closed, and opened again when it is read
 
@@ -122,7 +123,9 @@ def _reopened_copy(fetch_again: Callable[[], LocalFile]) -> SharedArchive:
 
 
 @with_library_lock
-def open_shared(path: Path, identity: Identity | None = None, local_file: LocalFile | None = None) -> xr.Dataset:
+def open_shared(
+    path: Path, identity: Identity | None = None, local_file: LocalFile | None = None, *, as_stored: bool = False
+) -> xr.Dataset:
     """Open an archive as a Dataset whose variables are read when they are used, by any thread.
 
     Parameters
@@ -132,6 +135,9 @@ def open_shared(path: Path, identity: Identity | None = None, local_file: LocalF
         Of the expected file, if it was examined before.
     local_file : LocalFile, optional
         If it is one of a store.
+    as_stored : bool
+        Whether texts that are kept as numbers stay numbers, coordinates are not told from data, and a large file is given
+        as dask arrays of its chunks.
 
     Raises
     ------
@@ -140,14 +146,15 @@ def open_shared(path: Path, identity: Identity | None = None, local_file: LocalF
     """
     import xarray as xr
 
-    from xdynamics.archive.stored_values import VariableStore
+    from xdynamics.archive.stored_values import NumberStore, VariableStore
 
     archive = _open_untorn(path) if identity is None else SharedArchive(path, identity, local_file)
     if faults := size_faults(path, archive.acquire()):
         raise ArchiveError(f"'{archive.location}' is damaged or no run archive:{numbered_lines(faults)}", tuple(faults))
-    store = VariableStore(archive, mode="r")  # type: ignore[no-untyped-call]
+    store = (NumberStore if as_stored else VariableStore)(archive, mode="r")  # type: ignore[no-untyped-call]
+    chunks: Any = {} if as_stored and path.stat().st_size > LAZY else None
     # undecoded: values are to have the bits that were recorded, and no time becomes a calendar date
-    run = xr.open_dataset(store, decode_times=False, mask_and_scale=False)
+    run = xr.open_dataset(store, decode_times=False, mask_and_scale=False, decode_coords=not as_stored, chunks=chunks)
     run.encoding["source"] = str(local_file.location if local_file else path)
     run.set_close(_Closing(archive))
     return run

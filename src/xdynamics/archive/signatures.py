@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from xdynamics.archive.folder_store import store_of, taking_name
+from xdynamics.archive.folder_store import is_zarr, store_of, taking_name
 from xdynamics.archive.integrity_checks import VERIFIED
 from xdynamics.archive.reading import open_run, verify
 from xdynamics.archive.seals import bytes_digest
@@ -208,10 +208,15 @@ def _verified_digests(path: Place) -> dict[str, str]:
             " xd.save(xd.open_run(…), …) seals it again",
             verdict=examination.verdict,
         )
-    local_file = store.local_file(path)
+    if is_zarr(path):
+        from xdynamics.archive.zarr_archive import compared_store
+
+        bytes_of_all = compared_store(path).identity
+    else:
+        bytes_of_all = bytes_digest(store.local_file(path).path)
     with open_run(path, check=False) as run:
         circumstances = str(run.attrs[VOLATILE_DIGEST])
-    digests = {"content": examination.digest, "circumstances": circumstances, "bytes": bytes_digest(local_file.path)}
+    digests = {"content": examination.digest, "circumstances": circumstances, "bytes": bytes_of_all}
     # the three digests come from separate readings, and have to be of one file
     if store.stamp(path) != stamp_before:
         raise ArchiveError(f"'{path}' was written to while it was verified; try again")

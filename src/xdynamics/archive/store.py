@@ -234,6 +234,22 @@ def _address_fault(scheme: str, root: str, key: str) -> str:
     return ""
 
 
+def check_writable(location: Address | OpenFile) -> None:
+    """Check that files at addresses of a kind can be written.
+
+    Raises
+    ------
+    InputError
+    """
+    if location.scheme not in (*WRITABLE, OPEN):
+        raise InputError(
+            f"'{location}' cannot be written: addresses that begin with '{location.scheme}://' are read; name a folder, or"
+            f" an address that begins with {', '.join(f'{scheme}://' for scheme in WRITABLE)}"
+        )
+    if isinstance(location, OpenFile) and not location.is_writable:
+        raise InputError(f"'{location}' is opened for reading; open it with open(…, 'wb')")
+
+
 def check_file_name(name: str) -> None:
     """Check that a text can name a file in a folder, and no other folder.
 

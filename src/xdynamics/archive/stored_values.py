@@ -92,8 +92,8 @@ def _rows_by_stretch(rows: NDArray[np.int64], part: int, max_parts: int) -> Iter
     yield from np.split(order, starts[(index_in_stretch % max_parts == 0)][1:])
 
 
-class VariableStore(NetCDF4DataStore):
-    """xarray's own reading of variables and how they are stored; their values are read here."""
+class NumberStore(NetCDF4DataStore):
+    """xarray's own reading of variables and how they are stored; their values are read here, as they are stored."""
 
     __slots__ = ()
 
@@ -103,10 +103,22 @@ class VariableStore(NetCDF4DataStore):
         values = StoredValues(self._manager, name, variable.shape, variable.dtype)
         if variable.dtype == "S1":  # letters of a record are UTF-8, whether another program says so or not
             variable.attrs["_Encoding"] = "utf-8"
-        form = text_form(variable.attrs, variable.dtype, variable.dims, variable.shape)
+        return Variable(variable.dims, indexing.LazilyIndexedArray(values), variable.attrs, variable.encoding)
+
+
+class VariableStore(NumberStore):
+    """The same, with the texts that are kept as numbers."""
+
+    __slots__ = ()
+
+    def open_store_variable(self, name: str, var: Any) -> Variable:
+        """Return a variable without reading its values."""
+        variable = super().open_store_variable(name, var)
+        form = text_form(variable.attrs, variable.dtype, tuple(map(str, variable.dims)), variable.shape)
         if form is None:
-            return Variable(variable.dims, indexing.LazilyIndexedArray(values), variable.attrs, variable.encoding)
-        texts = indexing.LazilyIndexedArray(Texts(values, form))
+            return variable
+        numbers = StoredValues(self._manager, name, variable.shape, variable.dtype)
+        texts = indexing.LazilyIndexedArray(Texts(numbers, form))
         attributes = own_attributes(variable.attrs) | {DIGEST: variable.attrs.get(DIGEST, "")}
         return Variable(variable.dims[: len(texts.shape)], texts, attributes)
 

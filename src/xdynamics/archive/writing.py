@@ -44,12 +44,13 @@ from xdynamics.archive.store import (
     FileBatch,
     Given,
     NewFile,
+    OpenFile,
     Place,
     check_file_name,
     location_of,
     resolve_links,
 )
-from xdynamics.archive.target import LONGEST, TemporaryFile
+from xdynamics.archive.target import LONGEST, TemporaryFile, sweep_temporary_files
 from xdynamics.archive.text_encoding import EncodedTexts, encoded_texts
 from xdynamics.faults import InputError, PartialRunWarning, numbered_lines, warn
 from xdynamics.march.outcomes import GOOD
@@ -587,7 +588,9 @@ def _taking_name(path: Place, batch: FileBatch | None) -> Iterator[NewFile[Any]]
     from xdynamics.archive.zarr_archive import copy_archive, replacing
 
     check_zarr_target(path)
-    with TemporaryFile.create_beside(store_of(path).written_at(path), 0o600) as part:
+    written_at = store_of(path).written_at(path)
+    sweep_temporary_files(written_at.parent)
+    with TemporaryFile.create_beside(written_at, 0o600) as part:
         new = NewFile(part.path, path)
         yield new
         with replacing(new.name) as folder:
@@ -595,8 +598,8 @@ def _taking_name(path: Place, batch: FileBatch | None) -> Iterator[NewFile[Any]]
 
 
 def partial_run_location(path: Place) -> Place:
-    """Return a name beside that of an archive whose run ended well; the name itself if there is no such archive."""
-    while _stored_outcome(path) in GOOD:
+    """Return a name beside that of an archive whose run ended well; the name itself if there is none, or of an open file."""
+    while not isinstance(path, OpenFile) and _stored_outcome(path) in GOOD:
         room = LONGEST - len(os.fsencode(path.suffix)) - len(_PARTIAL)
         path = path.with_name(os.fsdecode(os.fsencode(path.stem)[:room]) + _PARTIAL + path.suffix)
     return path

@@ -12,6 +12,7 @@ import json
 import re
 import secrets
 import tempfile
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -36,6 +37,7 @@ from xdynamics.archive.folder_store import (
 from xdynamics.archive.integrity import variable_digest
 from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination
 from xdynamics.archive.seals import digest_lines, digests_in, root_digest, volatile_digest
+from xdynamics.archive.shared_handles import open_shared
 from xdynamics.archive.store import DIGESTS, METADATA, NOTES, READABLE, Address, LockedError, Place
 from xdynamics.archive.target import sync_file_systems
 from xdynamics.archive.text_encoding import text_form
@@ -53,7 +55,6 @@ KIND = "xdynamics files 1"
 SEAL_WORDS = f"{NOTES}/{DIGESTS} has the sha256 of every file of this store"
 MOST_DIGESTS, MOST_METADATA = 200_000_000, 64_000_000  # bytes of the digests, and of the metadata
 LARGEST_CHUNK = 1 << 29  # bytes of a chunk in memory, at 8 an item
-LAZY = 1 << 26  # bytes of a file from which on its variables are copied chunk by chunk
 _REPLACEMENT = re.compile("[0-9a-f]{16}")  # the name of a folder with files that replace those of a store
 _KEY = re.compile(r"[^/\\\x00-\x1f]+(/[^/\\\x00-\x1f]+)*")
 _TYPES = re.compile(r"bool|string|float(32|64)|u?int(8|16|32|64)")
@@ -62,10 +63,16 @@ _CODECS = (["bytes"], ["bytes", "zstd"], ["vlen-utf8"])
 _DAMAGE = (ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError, MemoryError)
 
 
+_quiet = threading.RLock()
+
+
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Write all chunks, and leave out zarr's notes that texts and metadata in one file are none of the format's specification yet."""
-    with warnings.catch_warnings(), zarr_package().config.set({"array.write_empty_chunks": True}):
+    """Write all chunks, and leave out zarr's notes that texts and metadata in one file are none of the format's specification yet.
+
+    One thread at a time: filters of warnings and zarr's settings are those of the process.
+    """
+    with _quiet, warnings.catch_warnings(), zarr_package().config.set({"array.write_empty_chunks": True}):
         warnings.simplefilter("ignore")
         yield
 
@@ -82,7 +89,7 @@ def replacing(location: Place) -> Iterator[Path]:
         If it cannot be written; nothing is changed there.
     """
     check_zarr_target(location)
-    store, notes = store_of(location), made_folder(made_folder(location) / NOTES)
+    store, notes, seen = store_of(location), made_folder(made_folder(location) / NOTES), False
     try:
         with store.locked(notes):
             if store.kind(notes / METADATA) == "":  # else zarr warns of a folder that is none of its own
@@ -102,9 +109,9 @@ def replacing(location: Place) -> Iterator[Path]:
                         yield Path(folder)
                         ADDRESSES.upload_folder(Path(folder), work)
                         _switch(Path(folder), work)
-                        _complete_moves(location)
-                        return
-                _switch(work, work)
+                if isinstance(work, Path):
+                    _switch(work, work)
+                seen = True
                 _complete_moves(location)
             finally:
                 if store.kind(work / DIGESTS) == "":
@@ -112,9 +119,13 @@ def replacing(location: Place) -> Iterator[Path]:
     except LockedError as error:
         raise InputError(f"another process writes '{location}'; wait for it, or name another place ({error})") from None
     except OSError as error:
-        raise ArchiveError(
-            f"'{location}' cannot be written: {error.strerror or error}; nothing is changed there"
-        ) from error
+        reason = error.strerror or str(error)
+        if seen:
+            raise ArchiveError(
+                f"'{location}' is written, and its files could not all be moved into place: {reason}; xdynamics reads it all"
+                " the same, and writing it again completes that"
+            ) from error
+        raise ArchiveError(f"'{location}' cannot be written: {reason}; nothing is changed there") from error
 
 
 def _switch(files: Path, work: Place) -> None:
@@ -136,10 +147,10 @@ def _complete_moves(location: Place) -> None:
             continue
         if files := _known_files(work) if store.kind(work / DIGESTS) is None else {}:
             content, former = store.content(work / DIGESTS, MOST_DIGESTS), _known_files(notes)
-            store.move([*files], work, location)
-            for key in {*former} - {*files}:
+            for key in {*former} - {*files}:  # first: a file may stand where a folder is to be, or the other way round
                 with suppress(ArchiveError, OSError):
                     _remove_file(location, key)
+            store.move([*files], work, location)
             with taking_name(notes / DIGESTS) as new:
                 new.part.write_bytes(content)
         store.remove_folder(work)
@@ -200,18 +211,9 @@ def _files_of(content: bytes) -> dict[str, FileDigest]:
 def copy_archive(part: Path, folder: Path) -> None:
     """Write the variables of an archive, as they are stored, into an empty folder as a Zarr store."""
     import dask
-    import xarray as xr
-
-    from xdynamics.archive.netcdf_library import file_at
 
     load_dask_whole()
-    with xr.open_dataset(
-        xr.backends.NetCDF4DataStore(file_at(part)),  # type: ignore[no-untyped-call]
-        decode_times=False,
-        mask_and_scale=False,
-        decode_coords=False,
-        chunks={} if part.stat().st_size > LAZY else None,
-    ) as archive:
+    with open_shared(part, as_stored=True) as archive:
         stored = archive.assign_attrs({schema.SEALED: SEAL_WORDS})
         chunks = {
             name: tuple(variable.encoding.get("chunksizes") or variable.shape)
@@ -413,7 +415,7 @@ def open_store(location: Place) -> xr.Dataset:
     InputError, ArchiveError
         As `compared_store`.
     """
-    record = _opened(compared_store(location))
+    record = _opened(compared_store(location.absolute()))
     record.encoding["source"] = str(location)
     return record
 
@@ -455,7 +457,11 @@ def _opened(store: Any) -> xr.Dataset:
 def _as_arrays(attributes: Mapping[Any, Any], dtype: Any = None) -> dict[Any, Any]:
     """Return attributes with arrays of numbers, which Zarr keeps as lists."""
     return {
-        name: np.array(value, dtype if name in schema.FLAG_ATTRIBUTES else None) if isinstance(value, list) else value
+        name: np.array(value, dtype if name in schema.FLAG_ATTRIBUTES else None)
+        if isinstance(value, list)
+        else np.uint64(value)
+        if isinstance(value, int) and value > np.iinfo(np.int64).max
+        else value
         for name, value in attributes.items()
     }
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 
 from xdynamics.archive import open_run
-from xdynamics.archive.folder_store import is_folder
-from xdynamics.archive.store import GIVEN, Given, location_of
+from xdynamics.archive.folder_store import is_folder, store_of
+from xdynamics.archive.store import GIVEN, ZARR, Given, location_of
 from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import ArchiveError, InputError, first_names
@@ -110,7 +110,7 @@ def open_runs(
     heads, left_out = _heads(paths, is_chosen=is_chosen)
     if not heads:
         raise InputError(
-            f"there is no archived run in '{runs}'; {first_names(left_out) if left_out else 'it has no .nc file'}"
+            f"there is no archived run in '{runs}'; {first_names(left_out) if left_out else 'it has no .nc or .zarr'}"
         )
     words = _requested_words(keep, [*heads.values()], functions)
     da: Any = dask.array
@@ -144,8 +144,10 @@ def _paths(runs: Any) -> tuple[list[str], bool]:
         text = str(runs)
         if has_magic(text):
             return sorted(glob(text)), False  # noqa: PTH207 - of a text, which may be absolute
-        if is_folder(location_of(runs)):
-            return sorted(str(path) for path in Path(text).glob("*.nc")), False
+        folder = location_of(runs)
+        if folder.suffix != ZARR and is_folder(folder):
+            entries = store_of(folder).names(folder)
+            return sorted(str(entry) for entry in entries if entry.suffix in (".nc", ZARR)), False
         return [text], True
     if not isinstance(runs, Sequence) or not runs or not all(isinstance(run, GIVEN) for run in runs):
         raise InputError(f"runs are {str(runs)[:60]!r}, need a folder, a pattern like 'results/*.nc', or files")

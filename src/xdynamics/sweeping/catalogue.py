@@ -184,6 +184,16 @@ def open_sweep(path: Given) -> xr.Dataset:
     return sweep
 
 
+def is_sweep_folder(location: Place) -> bool:
+    """Whether a location is the folder or the Zarr store of a sweep, finished or not."""
+    if not is_folder(location) or _is_file(location / CATALOGUE) or unfinished_folders(location):
+        return is_folder(location)
+    if location.suffix != ZARR or not has_archive(location):
+        return False
+    with archive.open_run(location, check=False) as record:
+        return record.attrs.get(EVIDENCE) == SWEEP
+
+
 def _catalogue_of(folder: Place) -> Place:
     """Return the archive of a sweep's members: the Zarr store itself, or a file in the folder."""
     return folder if folder.suffix == ZARR else folder / CATALOGUE
@@ -240,10 +250,7 @@ def verify(path: Given) -> xr.Dataset:
     import xarray as xr
 
     location = location_of(path)
-    is_sweep = is_folder(location) and (
-        _is_file(location / CATALOGUE) or is_folder(_unfinished_of(location)) or is_folder(location / RUNS)
-    )
-    examination = verify_sweep(location)[0] if is_sweep else archive.verify(location)
+    examination = verify_sweep(location)[0] if is_sweep_folder(location) else archive.verify(location)
     answer = {
         "verdict": (
             (),
@@ -337,6 +344,8 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
     """
     store, catalogue, existing = store_of(folder), _catalogue_of(folder), None
     if catalogue == folder:
+        if isinstance(folder, Path):
+            made_folder(folder.parent)
         check_target(folder)
     for required_folder in (store.made_folder(folder), folder / RUNS):
         store.clear(required_folder)

@@ -11,6 +11,7 @@ from xdynamics.archive.store import Place
 from xdynamics.archive.text_encoding import TextEncoding
 from xdynamics.archive.zarr_archive import create_store, region_writer, replacing, seal_record
 from xdynamics.record.folding import unlabelled
+from xdynamics.schema import ORIGIN
 from xdynamics.sweeping.collection import sweep_dataset
 from xdynamics.sweeping.members import Block, Plan
 
@@ -33,15 +34,18 @@ def write_zarr_sweep(plan: Plan, blocks: list[Block], parts: list[Place], folder
     da: Any = dask.array  # its functions are not typed
     encodings = _text_encodings(plan, parts)
     widths = [min(extent.stop - extent.start, size) for extent, size in zip(blocks[0], plan.grid.shape, strict=True)]
-    sweep, chunks = unlabelled(sweep_dataset(plan, {})), {}
+    shapes = {variable.name: (*plan.grid.shape, *variable.sizes) for variable in plan.variables}
+    nothing = {variable.name: da.zeros(shapes[variable.name], dtype=variable.dtype) for variable in plan.variables}
+    sweep, chunks = unlabelled(sweep_dataset(plan, nothing)), {}
+    sweep.attrs.pop(ORIGIN, None)
     for variable in plan.variables:
         sizes, dtype, attributes = dict(zip(variable.dims, variable.sizes, strict=True)), np.dtype(variable.dtype), {}
         if (encoding := encodings.get(variable.name)) is not None:
             sizes, dtype, attributes = sizes | encoding.dims(variable.name), encoding.dtype, encoding.attributes
         chunks[variable.name] = (*widths, *sizes.values())
-        nothing = "" if dtype.kind == "O" else 0
-        empty = da.full((*plan.grid.shape, *sizes.values()), nothing, dtype=dtype, chunks=(*widths, *sizes.values()))
-        sweep[variable.name] = (*plan.grid.dims, *sizes), empty, variable.attributes | attributes
+        filler = "" if dtype.kind == "O" else 0
+        empty = da.full((*plan.grid.shape, *sizes.values()), filler, dtype=dtype, chunks=(*widths, *sizes.values()))
+        sweep[variable.name] = (*plan.grid.dims, *sizes), empty, dict(sweep[variable.name].attrs) | attributes
     with replacing(folder) as store:
         create_store(sweep, store, chunks)
         with region_writer(store) as write:
