@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import pickle
 import re
+import subprocess
 import threading
 import time
 from pathlib import Path
@@ -59,6 +61,45 @@ def test_an_open_file_has_the_bytes_of_an_archive(tmp_path: Path) -> None:
         xd.save(RUN, io.StringIO())  # type: ignore[arg-type]
     with pytest.raises(xd.InputError, match="BytesIO-.*' does not exist"):
         xd.open_run(io.BytesIO())
+
+
+def test_what_was_replaced_is_read_anew(tmp_path: Path) -> None:
+    """Assert the run that an open file or a web server has now, of as many bytes as the one before, which is still in use."""
+    replaced = xd.simulate(MODEL, **ASKED, initial={"x": "0.5 m"})
+    xd.save(replaced, tmp_path / "other.nc")
+    file = io.BytesIO()
+    xd.save(RUN, file)
+    xd.save(RUN, tmp_path / "run.nc")
+    with web_server(tmp_path, parts=True) as server:
+        server.mark = False
+        places: list[Any] = [file, f"{server.address}/run.nc"]
+        before = [xd.open_run(place) for place in places]
+        file.seek(0)
+        file.write((tmp_path / "other.nc").read_bytes())
+        (tmp_path / "run.nc").write_bytes((tmp_path / "other.nc").read_bytes())
+        for place, run in zip(places, before, strict=True):
+            assert verified(place) == xd.content_digest(replaced)
+            assert run.x.values.tolist() == RUN.x.values.tolist()
+
+
+def test_nothing_in_an_open_file_is_lost(tmp_path: Path) -> None:
+    """Assert that what stands in a file is not written over; of streams and packed files, what is written and read."""
+    (tmp_path / "file").write_bytes(b"PRECIOUS")
+    for mode, words in (("ab", "is open somewhere else"), ("r+b", "holds something that is no archive")):
+        with (tmp_path / "file").open(mode) as file, pytest.raises(xd.InputError, match=words):
+            xd.save(RUN, file)
+    assert (tmp_path / "file").read_bytes() == b"PRECIOUS"
+    with gzip.open(tmp_path / "run.gz", "wb") as packed:
+        xd.save(RUN, packed)  # type: ignore[arg-type]
+    with gzip.open(tmp_path / "run.gz", "rb") as packed:
+        assert verified(packed) == xd.content_digest(RUN)
+    xd.save(RUN, tmp_path / "run.nc")
+    with subprocess.Popen(["cat", tmp_path / "run.nc"], stdout=subprocess.PIPE) as process:
+        assert verified(process.stdout) == xd.content_digest(RUN)
+    bad, file = xd.simulate(MODEL, rtol=1e-9, until=1.0, max_steps=3), io.BytesIO()
+    for run in (RUN, bad):  # there is no name beside it for the one that ended badly
+        xd.save(run, file)
+    assert xd.open_run(file).attrs["run_outcome"] == "step_limit"
 
 
 def test_of_two_writers_in_memory_one_is_told(request: pytest.FixtureRequest) -> None:

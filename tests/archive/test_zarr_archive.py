@@ -10,6 +10,7 @@ import shutil
 import signal
 import struct
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
+from cases.command_line import call
 from cases.problems import MODELS, oscillator
 from cases.verdicts import verified
 from cases.web_server import web_server
@@ -299,6 +301,64 @@ def test_digests_that_name_files_elsewhere_are_harmless(where: str, store: Path)
     xd.save(OTHER, store)
     assert verified(store) == xd.content_digest(OTHER)
     assert sorted(entry.read_text() for entry in outside.iterdir()) == ["one", "two"]
+
+
+def test_a_link_in_a_store_is_replaced(store: Path) -> None:
+    """Assert that a run is written into the store alone, where a folder of it is a link that leads out."""
+    outside = store.parent / "outside"
+    (store / "x").rename(outside)
+    (store / "x").symlink_to(outside)
+    before = (outside / "c" / "0").read_bytes()
+    xd.save(OTHER, store)
+    assert verified(store) == xd.content_digest(OTHER)
+    assert (outside / "c" / "0").read_bytes() == before
+
+
+def test_a_run_of_other_dimensions_takes_its_place(store: Path) -> None:
+    """Assert each of two runs in turn, one with arrays where the other has numbers, and one whole run for plain xarray."""
+    truss = xd.simulate(xd.Model.from_toml(MODELS / "truss.toml"), method="rk4", step=1e-5, until=1e-4)
+    for run in (truss, RUN, truss):
+        xd.save(run, store)
+        assert verified(store) == xd.content_digest(run)
+        with xr.open_zarr(store, decode_times=False) as plain:
+            assert str(plain.model_toml.values[0]) == run.model_toml.item()
+            assert {*plain.variables} >= {"time", "model_toml"}
+
+
+def test_threads_write_stores(tmp_path: Path) -> None:
+    """Assert whole runs of stores that several threads write at the same time."""
+    names = [tmp_path / f"{k}.zarr" for k in range(8)]
+    with ThreadPoolExecutor(4) as pool:
+        assert [*pool.map(lambda name: xd.save(RUN, name), names)] == names
+    assert {verified(name) for name in names} == {xd.content_digest(RUN)}
+
+
+def test_a_relative_name_is_one_file(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a run opened by a relative name is read after the process went elsewhere."""
+    monkeypatch.chdir(store.parent)
+    run = xd.open_run("run.zarr")
+    (store.parent / "elsewhere").mkdir()
+    monkeypatch.chdir("elsewhere")
+    assert run.x.values.tolist() == RUN.x.values.tolist()
+    for name in ("none/run.zarr", "back\\slash.zarr"):
+        with pytest.raises(xd.InputError, match="'none' does not exist|has a backslash in its whole name"):
+            xd.save(RUN, name)
+
+
+def test_a_store_is_signed_indexed_and_shown(store: Path) -> None:
+    """Assert that a signature covers every file, that an index has stores and files, and what the commands say."""
+    from xdynamics.archive.signatures import new_key
+
+    public = new_key(store.parent / "key.pem")
+    xd.sign(store, store.parent / "key.pem")
+    assert xd.verify_signature(store, public) == xd.content_digest(RUN)
+    xd.save(RUN, store.parent / "run.nc")
+    assert xd.open_runs(store.parent).member.values.tolist() == ["run.nc", "run.zarr"]
+    for words in (("show", store), ("verify", store), ("table", store, "-o", store.parent / "table.csv")):
+        assert call(*words).exit_code == 0
+    xd.save(OTHER, store)
+    with pytest.raises(xd.ArchiveError, match="run.zarr' is not what was signed"):
+        xd.verify_signature(store, public)
 
 
 def test_what_is_no_archive_is_left_alone(tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ class WebServer(ThreadingHTTPServer):
     ----------
     parts : bool
         Whether it answers with parts of files.
+    mark : bool
+        Whether it tells versions of a file apart.
     what : str
         What happens to the next answers: ``""``, ``"cut"`` (half of one is sent, once), ``"longer"`` (ten times what is
         declared), ``"slow"`` (a byte each half a second), ``"unknown"`` (no length is declared), or a status.
@@ -29,7 +31,7 @@ class WebServer(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, folder: Path, *, parts: bool) -> None:
-        self.folder, self.parts, self.what, self.sent, self.asked = folder, parts, "", 0, list[str]()
+        self.folder, self.parts, self.mark, self.what, self.sent = folder, parts, True, "", 0
         super().__init__(("127.0.0.1", 0), _Handler)
 
     @property
@@ -56,7 +58,6 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(int(server.what) if server.what[:1].isdigit() else 404)
             return
         content, part = file.read_bytes(), re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
-        server.asked.append(self.headers.get("Range", ""))
         total = len(content)
         if part and server.parts:
             start, end = int(part[1]), min(int(part[2] or total - 1), total - 1)
@@ -67,7 +68,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_response(200)
         if server.what != "unknown":
             self.send_header("Content-Length", str(len(content)))
-        self.send_header("ETag", f'"{file.stat().st_mtime_ns}"')
+        if server.mark:
+            self.send_header("ETag", f'"{file.stat().st_mtime_ns}"')
         self.end_headers()
         if with_content:
             self._send(content)

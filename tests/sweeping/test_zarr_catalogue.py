@@ -18,7 +18,7 @@ import pytest
 import xarray as xr
 
 import xdynamics as xd
-from cases.problems import oscillator
+from cases.problems import MODELS, oscillator
 from cases.verdicts import verified
 from xdynamics.archive import zarr_archive
 from xdynamics.sweeping import catalogue, members
@@ -58,6 +58,17 @@ def test_a_store_has_what_a_sweep_has(stored: Path, whole: xr.Dataset) -> None:
     run = xd.member(sweep, k="2 N m-1", method="heun")
     assert float(run.x[-1]) == float(whole.end_x[4, 1])
     assert xd.sweep(MODEL, **ASKED, path=stored).attrs["content_digest"] == sweep.attrs["content_digest"]
+
+
+def test_a_sweep_of_elements_is_the_same_in_both_forms(tmp_path: Path) -> None:
+    """Assert variables, attributes and digest of a folder's catalogue for a model with dimensions."""
+    model, asked = xd.Model.from_toml(MODELS / "heat.toml"), {"method": "rk4", "step": 1e-4, "until": 1e-3}
+    stored = xd.sweep(model, {"L": [1.0, 1.1]}, path=tmp_path / "grid.zarr", **asked)
+    folder = xd.sweep(model, {"L": [1.0, 1.1]}, path=tmp_path / "grid", **asked)
+    assert stored.attrs["content_digest"] == folder.attrs["content_digest"]
+    assert {*stored.data_vars} == {*folder.data_vars}
+    assert {name for name in stored.attrs if name not in folder.attrs} == set()
+    assert "origin" not in xr.open_zarr(tmp_path / "grid.zarr").attrs
 
 
 def test_plain_xarray_opens_it(stored: Path, whole: xr.Dataset) -> None:

@@ -110,7 +110,7 @@ def open_runs(
     heads, left_out = _heads(paths, is_chosen=is_chosen)
     if not heads:
         raise InputError(
-            f"there is no archived run in '{runs}'; {first_names(left_out) if left_out else 'it has no .nc or .zarr'}"
+            f"there is no archived run in '{runs}'; {first_names(left_out) if left_out else 'it has no .nc file, nor a .zarr store'}"
         )
     words = _requested_words(keep, [*heads.values()], functions)
     da: Any = dask.array
