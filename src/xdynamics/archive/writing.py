@@ -585,7 +585,7 @@ def _taking_name(path: Place, batch: FileBatch | None) -> Iterator[NewFile[Any]]
         with store_of(path).taking_name(path, batch) as new:
             yield new
         return
-    from xdynamics.archive.zarr_archive import copy_archive, replacing
+    from xdynamics.archive.zarr_archive import copy_archive, replacement
 
     check_zarr_target(path)
     written_at = store_of(path).written_at(path)
@@ -593,7 +593,7 @@ def _taking_name(path: Place, batch: FileBatch | None) -> Iterator[NewFile[Any]]
     with TemporaryFile.create_beside(written_at, 0o600) as part:
         new = NewFile(part.path, path)
         yield new
-        with replacing(new.name) as folder:
+        with replacement(new.name) as folder:
             copy_archive(new.part, folder)
 
 

@@ -78,7 +78,7 @@ def quietly() -> Iterator[None]:
 
 
 @contextmanager
-def replacing(location: Place) -> Iterator[Path]:
+def replacement(location: Place) -> Iterator[Path]:
     """Lend a folder of this machine, whose files replace those of a store when the `with` block is done.
 
     Raises

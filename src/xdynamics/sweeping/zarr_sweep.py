@@ -9,7 +9,7 @@ import numpy as np
 from xdynamics.archive.reading import read_forms, read_values
 from xdynamics.archive.store import Place
 from xdynamics.archive.text_encoding import TextEncoding
-from xdynamics.archive.zarr_archive import create_store, region_writer, replacing, seal_record
+from xdynamics.archive.zarr_archive import create_store, region_writer, replacement, seal_record
 from xdynamics.record.folding import unlabelled
 from xdynamics.schema import ORIGIN
 from xdynamics.sweeping.collection import sweep_dataset
@@ -46,7 +46,7 @@ def write_zarr_sweep(plan: Plan, blocks: list[Block], parts: list[Place], folder
         filler = "" if dtype.kind == "O" else 0
         empty = da.full((*plan.grid.shape, *sizes.values()), filler, dtype=dtype, chunks=(*widths, *sizes.values()))
         sweep[variable.name] = (*plan.grid.dims, *sizes), empty, dict(sweep[variable.name].attrs) | attributes
-    with replacing(folder) as store:
+    with replacement(folder) as store:
         create_store(sweep, store, chunks)
         with region_writer(store) as write:
             for block, part in zip(blocks, parts, strict=True):
