@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import dask
 import pytest
 
 import xdynamics as xd
@@ -132,6 +133,16 @@ def test_a_sweep_is_kept_in_memory(keep: list[str], request: pytest.FixtureReque
         ADDRESSES.locked(place).__enter__()  # type: ignore[arg-type]
     names = [entry.name for entry in ADDRESSES.names(place)]  # type: ignore[arg-type]
     assert names == (["catalogue.nc", "runs"] if keep == ["log"] else ["catalogue.nc"])
+
+
+def test_memory_is_of_one_process() -> None:
+    """Assert that other processes are not sent to march into the memory of this one."""
+    for name in ("memory://grid", "memory://grid.zarr"):
+        with (
+            dask.config.set(scheduler="processes"),
+            pytest.raises(xd.InputError, match="is in the memory of this process"),
+        ):
+            xd.sweep(MODEL, {"k": "1:2:3 N m-1"}, path=name, **ASKED)
 
 
 @pytest.mark.parametrize("parts", [True, False])

@@ -28,7 +28,7 @@ from xdynamics.archive.reading import read_values
 from xdynamics.archive.sandboxed_reading import know
 from xdynamics.archive.seals import tail_of
 from xdynamics.archive.shared_handles import keep_open
-from xdynamics.archive.store import METADATA, NOTES, ZARR, Given, LockedError, Place, TakenError, location_of
+from xdynamics.archive.store import METADATA, NOTES, ZARR, Address, Given, LockedError, Place, TakenError, location_of
 from xdynamics.archive.zarr_archive import complete_replacement
 from xdynamics.evidence.evidence_dataset import attrs_of, evidence_dataset
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
@@ -342,6 +342,7 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
     InputError
         If the path is no folder, or it holds another sweep that is no part of this one.
     """
+    _check_reach(folder)
     store, catalogue, existing = store_of(folder), _catalogue_of(folder), None
     if catalogue == folder:
         if isinstance(folder, Path):
@@ -382,6 +383,18 @@ def march_into_folder(plan: Plan, members: int | None, folder: Place, progress: 
         # only now: blocks are all there is of the sweep until its catalogue has its name
         _remove_blocks(folder, plan.digest)
     return open_sweep(folder)
+
+
+def _check_reach(folder: Place) -> None:
+    """Check that all processes that march reach the folder."""
+    import dask.config
+
+    is_memory = isinstance(folder, Address) and folder.scheme == "memory"
+    if is_memory and dask.config.get("scheduler", None) in ("processes", "multiprocessing", "dask.distributed"):
+        raise InputError(
+            f"'{folder}' is in the memory of this process, and dask computes in others; name a folder, or compute here:"
+            " dask.config.set(scheduler='threads')"
+        )
 
 
 def _remove_blocks(folder: Place, digest: str) -> None:
