@@ -19,7 +19,7 @@ import xdynamics as xd
 from cases.problems import oscillator
 from cases.verdicts import verified
 from cases.web_server import web_server
-from xdynamics.archive import filesystems
+from xdynamics.archive import filesystems, segments
 from xdynamics.archive.address_store import ADDRESSES
 from xdynamics.archive.store import TakenError, location_of
 
@@ -133,6 +133,25 @@ def test_a_sweep_is_kept_in_memory(keep: list[str], request: pytest.FixtureReque
         ADDRESSES.locked(place).__enter__()  # type: ignore[arg-type]
     names = [entry.name for entry in ADDRESSES.names(place)]  # type: ignore[arg-type]
     assert names == (["catalogue.nc", "runs"] if keep == ["log"] else ["catalogue.nc"])
+
+
+@pytest.mark.parametrize("place", ["{0}/run.zarr", "memory://resumed/run.nc", "memory://resumed/run.zarr"])
+def test_an_interrupted_march_is_resumed(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert that a march into a Zarr store or into memory goes on from its segments to the same bits, and leaves none."""
+    for name, value in {"EVERY": 0.0, "SHARE": 0.0, "BLOCK_ROWS": 50}.items():
+        monkeypatch.setattr(segments, name, value)
+    path, asked = place.format(tmp_path), ASKED | {"until": 20.0}
+
+    def interrupt(_done: float, t: float, _rows: int) -> None:
+        if t > 12.0:
+            raise RuntimeError("as the test asks")
+
+    with pytest.raises(RuntimeError):
+        xd.simulate(MODEL, **asked, path=path, progress=interrupt)
+    assert segments.has_segments(location_of(path))
+    run = xd.simulate(MODEL, **asked, path=path, resume=True)
+    assert verified(path) == xd.content_digest(run) == xd.content_digest(xd.simulate(MODEL, **asked))
+    assert not segments.has_segments(location_of(path))
 
 
 def test_memory_is_of_one_process() -> None:
