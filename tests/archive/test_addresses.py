@@ -95,8 +95,10 @@ def test_nothing_in_an_open_file_is_lost(tmp_path: Path) -> None:
     with gzip.open(tmp_path / "run.gz", "rb") as packed:
         assert verified(packed) == xd.content_digest(RUN)
     xd.save(RUN, tmp_path / "run.nc")
-    with subprocess.Popen(["cat", tmp_path / "run.nc"], stdout=subprocess.PIPE) as process:
-        assert verified(process.stdout) == xd.content_digest(RUN)
+    xd.save(OTHER, tmp_path / "other.nc")
+    for name, run in {"run.nc": RUN, "other.nc": OTHER}.items():  # each stream is another, wherever it is in memory
+        with subprocess.Popen(["cat", tmp_path / name], stdout=subprocess.PIPE) as process:
+            assert verified(process.stdout) == xd.content_digest(run)
     bad, file = xd.simulate(MODEL, rtol=1e-9, until=1.0, max_steps=3), io.BytesIO()
     for run in (RUN, bad):  # there is no name beside it for the one that ended badly
         xd.save(run, file)

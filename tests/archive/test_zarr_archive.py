@@ -23,7 +23,7 @@ from cases.command_line import call
 from cases.problems import MODELS, oscillator
 from cases.verdicts import verified
 from cases.web_server import web_server
-from xdynamics.archive import zarr_archive
+from xdynamics.archive import target, zarr_archive
 from xdynamics.archive.folder_store import FOLDERS
 
 pytest.importorskip("zarr")
@@ -105,7 +105,7 @@ def test_at_every_moment_there_is_one_run_or_the_other(
 
             monkeypatch.setattr(FOLDERS, "move", killed)
             if moment < 0:
-                monkeypatch.setattr(zarr_archive, "_switch", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+                monkeypatch.setattr(zarr_archive, "_digests_of", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
             xd.save(OTHER, store)
         finally:
             os._exit(0)
@@ -123,7 +123,7 @@ def test_a_full_disk_changes_nothing(store: Path, monkeypatch: pytest.MonkeyPatc
         raise OSError(28, os.strerror(28))
 
     with monkeypatch.context() as patch:
-        patch.setattr(zarr_archive, "sync_file_systems", full)
+        patch.setattr(target, "sync_file_systems", full)
         with pytest.raises(
             xd.ArchiveError, match="run.zarr' cannot be written: No space left on device; nothing is changed"
         ):

@@ -20,7 +20,7 @@ import xarray as xr
 import xdynamics as xd
 from cases.problems import MODELS, oscillator
 from cases.verdicts import verified
-from xdynamics.archive import zarr_archive
+from xdynamics.archive import target
 from xdynamics.sweeping import catalogue, members
 
 pytest.importorskip("zarr")
@@ -266,7 +266,7 @@ def test_a_full_disk_is_named_and_the_store_goes_on(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr(zarr_archive, "sync_file_systems", full)
+        patch.setattr(target, "sync_file_systems", full)
         with pytest.raises(
             xd.ArchiveError, match=r"other\.zarr' cannot be written: No space left .*; nothing is changed"
         ):

@@ -243,14 +243,15 @@ class AddressStore:
                 yield Path(built)
                 with refusals_in_words(location, "cannot be written"):
                     ask(mark, "pipe_file", b"", mode="create")
-                self.upload_folder(Path(built), location)
+                _upload_folder(Path(built), location)
             self.remove(mark)
 
-    def upload_folder(self, folder: Path, location: Address) -> None:
-        """Upload the files of a folder of this machine, several at once, where none of them is."""
-        files = sorted(file for file in folder.rglob("*") if file.is_file())
-        names = [location / file.relative_to(folder).as_posix() for file in files]
-        call_concurrently(lambda pair: upload_file(*pair, None), [*zip(files, names, strict=True)])
+    @contextmanager
+    def filled_folder(self, location: Address) -> Iterator[Path]:
+        """Lend a temporary folder, whose files are uploaded in the end."""
+        with tempfile.TemporaryDirectory() as built:
+            yield Path(built)
+            _upload_folder(Path(built), location)
 
     def made_folder(self, location: Address) -> Address:
         """Return a folder, which is there when something is in it.
@@ -337,6 +338,13 @@ def _absent_passed_over() -> Iterator[None]:
     except RefusedError as error:
         if not error.is_absent or error.code == "NoSuchBucket":
             raise
+
+
+def _upload_folder(folder: Path, location: Address) -> None:
+    """Upload the files of a folder of this machine, several at once, where none of them is."""
+    files = sorted(file for file in folder.rglob("*") if file.is_file())
+    names = [location / file.relative_to(folder).as_posix() for file in files]
+    call_concurrently(lambda pair: upload_file(*pair, None), [*zip(files, names, strict=True)])
 
 
 def upload_file(part: Path, location: Address, previous_stamp: str | None) -> None:

@@ -251,7 +251,7 @@ def fetch(location: Address, size: int) -> bytes:
         If the connection breaks again and again, or fewer arrive.
     """
     content = BytesIO()
-    _insist(_receive_part, location, content, 0, size)
+    _receive(location, content, 0, size)
     return content.getvalue()
 
 
@@ -266,15 +266,15 @@ def download(location: Address, file: Path, size: int) -> None:
     width = size if location.scheme in READABLE else PIECE
     with file.open("wb") as copy:
         for start in range(0, size, max(1, width)):
-            _insist(_receive_part, location, copy, start, min(start + width, size))
+            _receive(location, copy, start, min(start + width, size))
 
 
-def _insist(receive: Callable[..., None], location: Address, file: IO[bytes], start: int, end: int) -> None:
+def _receive(location: Address, file: IO[bytes], start: int, end: int) -> None:
     """Write a part of a file behind what another has, and go on where the connection breaks."""
     begin = file.tell() - start
     for attempt in range(ATTEMPTS):
         try:
-            receive(location, file, file.tell() - begin, end)
+            _receive_once(location, file, file.tell() - begin, end)
         except RefusedError as error:
             # with words it is the store's own answer, which would be the same again
             if error.is_absent or error.words or attempt + 1 == ATTEMPTS:
@@ -284,17 +284,17 @@ def _insist(receive: Callable[..., None], location: Address, file: IO[bytes], st
     raise RefusedError("IncompleteRead", "")
 
 
-def _receive_part(location: Address, file: IO[bytes], start: int, end: int) -> None:
+def _receive_once(location: Address, file: IO[bytes], start: int, end: int) -> None:
     if location.scheme not in READABLE:
         file.write(ask(location, "cat_file", start=start, end=end))
         return
     from fsspec.asyn import sync
 
     files, seconds = filesystem(location.scheme), ATTEMPTS * READ + (end - start) / SLOWEST
-    answered(sync, files.loop, _receive, files, str(location), file, start, end, timeout=seconds)
+    answered(sync, files.loop, _stream, files, str(location), file, start, end, timeout=seconds)
 
 
-async def _receive(files: Any, url: str, file: IO[bytes], start: int, end: int) -> None:
+async def _stream(files: Any, url: str, file: IO[bytes], start: int, end: int) -> None:
     """Write bytes of a web server into a file as they come; what it sends beyond the end is not read."""
     session = await files.set_session()
     headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-{end - 1}"} if start else {})

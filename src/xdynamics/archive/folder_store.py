@@ -221,6 +221,13 @@ class FolderStore:
         """Lend a folder beside it, which is renamed."""
         return new_folder_at(location)
 
+    @contextmanager
+    def filled_folder(self, location: Path) -> Iterator[Path]:
+        """Lend the folder itself; its files reach the disk in the end."""
+        location.mkdir()
+        yield location
+        target.sync_file_systems([location])
+
     def made_folder(self, location: Path) -> Path:
         """Make a folder, and those that it is in."""
         return make_folder(location)

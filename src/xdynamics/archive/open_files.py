@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hashlib import sha256
 from typing import Any, ClassVar
+from weakref import finalize
 
 from fsspec import AbstractFileSystem
 
@@ -18,7 +19,7 @@ class OpenFiles(AbstractFileSystem):  # type: ignore[misc]
 
     protocol = OPEN
     cachable = False
-    _streams: ClassVar[dict[int, bytes]] = {}
+    _streams: ClassVar[dict[str, bytes]] = {}
 
     def info(self, path: str, **_: Any) -> dict[str, Any]:
         """Return size and type of a file; one without content is none yet.
@@ -27,8 +28,7 @@ class OpenFiles(AbstractFileSystem):  # type: ignore[misc]
         ------
         FileNotFoundError
         """
-        name = self._strip_protocol(path)
-        content = self.cat_file(path)
+        name, content = self._strip_protocol(path), self.cat_file(path)
         if not content:
             raise FileNotFoundError(name)
         # the digest tells what was written meanwhile from what was read before
@@ -40,15 +40,18 @@ class OpenFiles(AbstractFileSystem):  # type: ignore[misc]
 
     def cat_file(self, path: str, start: int = 0, end: int | None = None, **_: Any) -> bytes:
         """Return bytes of a file; of one that cannot be read none, and one that cannot be moved in is read once."""
-        file = open_file(self._strip_protocol(path))
+        name = self._strip_protocol(path)
+        file = open_file(name)
         if not can(file, "readable") or not hasattr(file, "read"):
             return b""
         if can(file, "seekable"):
-            file.seek(0)
-            content = file.read()
-        else:
-            content = self._streams.setdefault(id(file), file.read())
-        return bytes(content[start:end])
+            file.seek(start or 0)
+            return bytes(file.read() if end is None else file.read(end - (start or 0)))
+        if name not in self._streams:
+            # by name, which no other file gets: an address in memory is used again
+            self._streams[name] = bytes(file.read())
+            finalize(file, self._streams.pop, name)
+        return self._streams[name][start:end]
 
     def pipe_file(self, path: str, value: bytes, **_: Any) -> None:
         """Write a file anew.

@@ -118,12 +118,9 @@ def read_columns(path: Given, names: Collection[str]) -> xr.Dataset:
     import xarray as xr
 
     location = location_of(path)
-    if is_zarr(location):
-        with open_run(path) as run:
-            return run[[name for name in names if name in run.variables]].load()
-    local_file = _local_archive(location)
-    look = _SealedIdentity.from_file(local_file)
-    if not is_known(look.tail):
+    local_file = None if is_zarr(location) else _local_archive(location)
+    look = None if local_file is None else _SealedIdentity.from_file(local_file)
+    if local_file is None or look is None or not is_known(look.tail):
         with open_run(path) as run:
             return run[[name for name in names if name in run.variables]].load()
     with opened_file(local_file.path) as file:

@@ -416,6 +416,9 @@ class Store(Protocol[Name]):
     def taking_folder(self, location: Name) -> AbstractContextManager[Path]:
         """Lend a temporary folder, which takes its name, complete, when the `with` block is done."""
 
+    def filled_folder(self, location: Name) -> AbstractContextManager[Path]:
+        """Lend a folder of this machine, whose files are durable in a new folder when the `with` block is done."""
+
     def made_folder(self, location: Name) -> Name:
         """Return a folder, made if it does not exist."""
 

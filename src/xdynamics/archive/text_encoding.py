@@ -41,35 +41,16 @@ DIGITS = b"0123456789abcdef"
 AT_ONCE = 1 << 16  # texts that are turned into bytes
 
 
-@dataclass(frozen=True)
-class EncodedTexts:
-    """Texts as a file keeps them.
-
-    Attributes
-    ----------
-    values : ndarray of int8 or uint8
-    dim : str
-        Of the bytes of each, after the dimensions of the texts; empty if each is one number.
-    attributes : dict
-        The meaning of the numbers.
-    """
-
-    values: Array
-    dim: str
-    attributes: Mapping[str, Any]
-
-
 def bytes_dim(name: str) -> str:
     """Name the dimension of the bytes of digests in a file."""
     return f"{name}_bytes"
 
 
-def encoded_texts(name: str, role: Any, letters: Array) -> EncodedTexts | None:
-    """Return texts as numbers; None if they stay letters: neither words nor digests, or a single text.
+def encoded_texts(role: Any, letters: Array) -> tuple[TextEncoding, Array] | None:
+    """Return how texts are kept as numbers, and these; None if they stay letters: neither words nor digests, or a single text.
 
     Parameters
     ----------
-    name : str
     role : str
         Of the variable.
     letters : ndarray of S1
@@ -79,13 +60,13 @@ def encoded_texts(name: str, role: Any, letters: Array) -> EncodedTexts | None:
         return None
     if role == "digest":
         values = _from_hexadecimal(np.ascontiguousarray(letters).view(np.uint8))
-        return None if values is None else EncodedTexts(values, bytes_dim(name), {TEXT_FORM: HEXADECIMAL})
+        return None if values is None else (TextEncoding(digits=letters.shape[-1]), values)
     width = letters.shape[-1]
     texts = np.ascontiguousarray(letters).view(f"S{width}")[..., 0]
     words = _flag_words(texts.ravel())
     if words is None:
         return None
-    return EncodedTexts(_word_numbers(texts, words), "", _flag_attributes(words))
+    return TextEncoding(tuple(words)), _word_numbers(texts, words)
 
 
 def _word_numbers(texts: Array, words: Sequence[bytes]) -> NDArray[np.int8]:
@@ -185,7 +166,7 @@ class Form:
 
 @dataclass(frozen=True)
 class TextEncoding:
-    """How texts of one variable are kept that come in parts: numbers of words, bytes of hexadecimal digits, or texts.
+    """How texts of one variable are kept: as numbers of words, as bytes of hexadecimal digits, or as texts.
 
     Attributes
     ----------
@@ -199,11 +180,11 @@ class TextEncoding:
     digits: int = 0
 
     @classmethod
-    def of_parts(cls, parts: Sequence[tuple[Form | None, Array]]) -> TextEncoding:
-        """Return the encoding that all parts allow, from the form that each has and its texts as bytes."""
-        forms = [form for form, texts in parts if form is not None or texts.any()]  # empty texts have every form
+    def of_parts(cls, parts: Sequence[tuple[Form | None, bool]]) -> TextEncoding:
+        """Return the encoding that all parts allow, from the form that each has, and whether it has texts that are not empty."""
+        forms = [form for form, has_text in parts if form is not None or has_text]  # empty texts have every form
         if not forms or None in forms:
-            return cls(() if not forms else None)
+            return cls()
         if any(form.words is None for form in forms if form):
             widths = {form.width for form in forms if form and form.words is None}
             return cls(digits=widths.pop()) if len(widths) == 1 and len(forms) == len(parts) else cls()
@@ -217,7 +198,7 @@ class TextEncoding:
     @property
     def dtype(self) -> Any:
         """The type in which the texts are kept."""
-        return np.dtype(np.uint8 if self.digits else object if not self.words else np.int8)
+        return np.dtype(np.uint8 if self.digits else np.int8 if self.words else object)
 
     @property
     def attributes(self) -> dict[str, Any]:

@@ -51,7 +51,7 @@ from xdynamics.archive.store import (
     resolve_links,
 )
 from xdynamics.archive.target import LONGEST, TemporaryFile, sweep_temporary_files
-from xdynamics.archive.text_encoding import EncodedTexts, encoded_texts
+from xdynamics.archive.text_encoding import TextEncoding, encoded_texts
 from xdynamics.faults import InputError, PartialRunWarning, numbered_lines, warn
 from xdynamics.march.outcomes import GOOD
 from xdynamics.model.file_access import parse_model_text
@@ -198,9 +198,9 @@ class Writer:
 
     def _write_text(self, name: str, letters: Array) -> None:
         """Write texts as numbers or characters: variable-length strings crash the library when a file is open twice."""
-        numbers = encoded_texts(name, self._attributes[name].get("role"), letters) if self.numbered else None
-        if numbers is not None:
-            self._write_numbers(name, numbers)
+        encoded = encoded_texts(self._attributes[name].get("role"), letters) if self.numbered else None
+        if encoded is not None:
+            self._write_numbers(name, *encoded)
             return
         dim = letters_of(name)
         self._file.createDimension(dim, letters.shape[-1])
@@ -209,15 +209,15 @@ class Writer:
         variable[...] = letters
         variable.setncattr("_Encoding", "utf-8")
 
-    def _write_numbers(self, name: str, numbers: EncodedTexts) -> None:
-        dims, values = self._seals[name].dims, numbers.values
-        if numbers.dim:
-            self._file.createDimension(numbers.dim, values.shape[-1])
-            dims = (*dims, numbers.dim)
+    def _write_numbers(self, name: str, encoding: TextEncoding, values: Array) -> None:
+        further = encoding.dims(name)
+        for dim, size in further.items():
+            self._file.createDimension(dim, size)
+        dims = (*self._seals[name].dims, *further)
         variable = self._file.createVariable(name, values.dtype, dims, fill_value=False)
         variable.set_auto_maskandscale(False)
         variable[...] = values
-        variable.setncatts(numbers.attributes)
+        variable.setncatts(encoding.attributes)
 
     def hash(self, parts: list[tuple[str, Array]]) -> None:
         """Add the next values of variables to their digests."""

@@ -11,11 +11,10 @@ from __future__ import annotations
 import json
 import re
 import secrets
-import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import lru_cache
 from hashlib import sha256
 from itertools import product
@@ -37,9 +36,8 @@ from xdynamics.archive.folder_store import (
 from xdynamics.archive.integrity import variable_digest
 from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination
 from xdynamics.archive.seals import digest_lines, digests_in, root_digest, volatile_digest
-from xdynamics.archive.shared_handles import open_shared
+from xdynamics.archive.shared_handles import LAZY, open_shared
 from xdynamics.archive.store import DIGESTS, METADATA, NOTES, READABLE, Address, LockedError, Place
-from xdynamics.archive.target import sync_file_systems
 from xdynamics.archive.text_encoding import text_form
 from xdynamics.faults import ArchiveError, InputError, numbered_lines
 from xdynamics.record.flag_words import own_attributes
@@ -98,19 +96,11 @@ def replacement(location: Place) -> Iterator[Path]:
             _complete_moves(location)
             work = notes / secrets.token_hex(8)
             try:
-                if isinstance(work, Path):
-                    work.mkdir()
-                    yield work
-                    sync_file_systems([work])
-                else:
-                    from xdynamics.archive.address_store import ADDRESSES
-
-                    with tempfile.TemporaryDirectory() as folder:
-                        yield Path(folder)
-                        ADDRESSES.upload_folder(Path(folder), work)
-                        _switch(Path(folder), work)
-                if isinstance(work, Path):
-                    _switch(work, work)
+                with store.filled_folder(work) as folder:
+                    yield folder
+                    digests = _digests_of(folder)
+                with taking_name(work / DIGESTS) as new:  # from here on readers see the files
+                    new.part.write_text(digests)
                 seen = True
                 _complete_moves(location)
             finally:
@@ -128,15 +118,14 @@ def replacement(location: Place) -> Iterator[Path]:
         raise ArchiveError(f"'{location}' cannot be written: {reason}; nothing is changed there") from error
 
 
-def _switch(files: Path, work: Place) -> None:
-    """Write the digests of files, from which on readers see them."""
+def _digests_of(folder: Path) -> str:
+    """Return the text that lists the files of a folder, with their bytes and digests."""
     entries = {
-        entry.relative_to(files).as_posix(): f"{entry.stat().st_size} {sha256(entry.read_bytes()).hexdigest()}"
-        for entry in sorted(files.rglob("*"))
+        entry.relative_to(folder).as_posix(): f"{entry.stat().st_size} {sha256(entry.read_bytes()).hexdigest()}"
+        for entry in sorted(folder.rglob("*"))
         if entry.is_file()
     }
-    with taking_name(work / DIGESTS) as new:
-        new.part.write_text(json.dumps({"kind": KIND, "files": entries}, indent=0))
+    return json.dumps({"kind": KIND, "files": entries}, indent=0)
 
 
 def _complete_moves(location: Place) -> None:
@@ -145,9 +134,11 @@ def _complete_moves(location: Place) -> None:
     for work in store.names(notes):
         if not _REPLACEMENT.fullmatch(work.name) or not is_folder(work):
             continue
-        if files := _known_files(work) if store.kind(work / DIGESTS) is None else {}:
-            content, former = store.content(work / DIGESTS, MOST_DIGESTS), _known_files(notes)
-            for key in {*former} - {*files}:  # first: a file may stand where a folder is to be, or the other way round
+        content, files = _known_files(work)
+        if files:
+            for key in {*_known_files(notes)[1]} - {
+                *files
+            }:  # first: a file may stand where a folder is to be, or the other way round
                 with suppress(ArchiveError, OSError):
                     _remove_file(location, key)
             store.move([*files], work, location)
@@ -174,11 +165,12 @@ def complete_replacement(location: Place) -> None:
             _complete_moves(location)
 
 
-def _known_files(folder: Place) -> dict[str, FileDigest]:
-    """Return the digests that are in a folder; none where they are damaged."""
+def _known_files(folder: Place) -> tuple[bytes, dict[str, FileDigest]]:
+    """Return the text of the digests that are in a folder, and what it says; nothing where there are none, or damaged ones."""
     with suppress(*_DAMAGE, OSError):
-        return _files_of(store_of(folder).content(folder / DIGESTS, MOST_DIGESTS))
-    return {}
+        content = store_of(folder).content(folder / DIGESTS, MOST_DIGESTS)
+        return content, _files_of(content)
+    return b"", {}
 
 
 def _files_of(content: bytes) -> dict[str, FileDigest]:
@@ -210,9 +202,8 @@ def _files_of(content: bytes) -> dict[str, FileDigest]:
 
 def copy_archive(part: Path, folder: Path) -> None:
     """Write the variables of an archive, as they are stored, into an empty folder as a Zarr store."""
-    import dask
-
-    load_dask_whole()
+    if is_large := part.stat().st_size > LAZY:  # its variables are dask arrays
+        load_dask_whole()
     with open_shared(part, as_stored=True) as archive:
         stored = archive.assign_attrs({schema.SEALED: SEAL_WORDS})
         chunks = {
@@ -222,8 +213,14 @@ def copy_archive(part: Path, folder: Path) -> None:
         stored.attrs[schema.VOLATILE_DIGEST] = volatile_digest(
             digests_in(stored.attrs), _own_attributes(stored), stored.attrs
         )
-        with dask.config.set(scheduler="synchronous"):
+        with _in_this_thread() if is_large else nullcontext():
             create_store(stored, folder, chunks, compresses=schema.COMPRESSION in archive.attrs, compute=True)
+
+
+def _in_this_thread() -> Any:
+    import dask
+
+    return dask.config.set(scheduler="synchronous")
 
 
 def create_store(
@@ -258,12 +255,9 @@ def create_store(
             encodings[name]["chunks"] = tuple(max(1, min(pair)) for pair in zip(sizes, variable.shape, strict=False))
         if not compresses or variable.dtype.kind == "O":
             encodings[name]["compressors"] = None
+    write: Any = stored.to_zarr
     with quietly():
-        writing = stored.to_zarr(
-            str(folder), mode="w", zarr_format=3, consolidated=True, encoding=encodings, compute=False
-        )
-        if compute:
-            writing.compute()  # type: ignore[no-untyped-call]
+        write(str(folder), mode="w", zarr_format=3, consolidated=True, encoding=encodings, compute=compute)
 
 
 @contextmanager
@@ -488,18 +482,27 @@ def state_faults(record: xr.Dataset, *, values: bool) -> list[str]:
 
 def examine_store(location: Place) -> Examination:
     """Read a store completely, and compare every file, variable and attribute with its digest."""
-    with open_store(location) as record:
-        store = compared_store(location)
-        faults: list[str] = []
-        for key in store.files:
-            try:
-                store.read(key)
-            except ArchiveError as error:
-                faults += error.faults or (str(error),)
-        verdict = DAMAGED
-        if not faults:
+    store = compared_store(location.absolute())
+    with _opened(store) as record:
+        try:
+            for key in store.files:  # values are read below
+                if key.endswith(METADATA):
+                    store.read(key)
             faults, verdict = state_faults(record, values=True), EDITED
+        except ArchiveError as error:
+            faults, verdict = _file_faults(store) or [str(error)], DAMAGED
         attributes = dict(record.attrs)
     if not faults:
         return Examination((), str(attributes[schema.ROOT_DIGEST]), str(attributes.get("run_outcome", "")))
     return Examination(tuple(faults), str(attributes.get(schema.ROOT_DIGEST, "")), verdict=verdict)
+
+
+def _file_faults(store: ComparedStore) -> list[str]:
+    """Name every file of a store that differs from its digest."""
+    faults: list[str] = []
+    for key in store.files:
+        try:
+            store.read(key)
+        except ArchiveError as error:
+            faults += error.faults or (str(error),)
+    return faults

@@ -39,13 +39,10 @@ def show(archives: tuple[str, ...], whole: bool) -> None:
 def open_archive(name: str) -> xr.Dataset:
     """Open an archive, or the catalogue of a sweep's folder."""
     from xdynamics.archive import open_run
-    from xdynamics.archive.folder_store import is_folder
-    from xdynamics.archive.store import ZARR, location_of
+    from xdynamics.archive.store import location_of
     from xdynamics.sweeping.catalogue import is_sweep_folder, open_sweep
 
-    location = location_of(name)
-    is_sweep = is_folder(location) and (location.suffix != ZARR or is_sweep_folder(location))
-    return open_sweep(name) if is_sweep else open_run(name)
+    return open_sweep(name) if is_sweep_folder(location_of(name)) else open_run(name)
 
 
 @main.command(makes=True)

@@ -29,7 +29,7 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
     from xdynamics.archive import verify as compared
     from xdynamics.archive.folder_store import is_folder
     from xdynamics.archive.integrity_checks import DAMAGED, EDITED, REPACKED, VERIFIED
-    from xdynamics.archive.store import ZARR, location_of
+    from xdynamics.archive.store import location_of
     from xdynamics.faults import ArchiveError, InputError, first_names
     from xdynamics.record.schemas import kind_description
     from xdynamics.sweeping.catalogue import is_sweep_folder
@@ -39,7 +39,7 @@ def verify(archives: tuple[str, ...], key: str | None, audit: bool) -> None:
     for archive in archives:
         try:
             location = location_of(archive)
-            if is_folder(location) and (location.suffix != ZARR or is_sweep_folder(location)):
+            if is_sweep_folder(location):
                 verdict, digest, text = _verified_sweep(archive)
                 verdicts.append({"archive": archive, "verdict": verdict, "digest": digest, "text": text})
                 say([text])

@@ -185,11 +185,9 @@ def open_sweep(path: Given) -> xr.Dataset:
 
 
 def is_sweep_folder(location: Place) -> bool:
-    """Whether a location is the folder or the Zarr store of a sweep, finished or not."""
-    if not is_folder(location) or _is_file(location / CATALOGUE) or unfinished_folders(location):
+    """Whether a location is a folder, and not the Zarr store of another record: what `open_sweep` opens, or says why not."""
+    if location.suffix != ZARR or not is_folder(location) or unfinished_folders(location) or not has_archive(location):
         return is_folder(location)
-    if location.suffix != ZARR or not has_archive(location):
-        return False
     with archive.open_run(location, check=False) as record:
         return record.attrs.get(EVIDENCE) == SWEEP
 
@@ -250,7 +248,10 @@ def verify(path: Given) -> xr.Dataset:
     import xarray as xr
 
     location = location_of(path)
-    examination = verify_sweep(location)[0] if is_sweep_folder(location) else archive.verify(location)
+    is_sweep = is_sweep_folder(location) and (
+        has_archive(_catalogue_of(location)) or bool(unfinished_folders(location))
+    )
+    examination = verify_sweep(location)[0] if is_sweep else archive.verify(location)
     answer = {
         "verdict": (
             (),

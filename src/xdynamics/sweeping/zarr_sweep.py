@@ -59,10 +59,10 @@ def write_zarr_sweep(plan: Plan, blocks: list[Block], parts: list[Place], folder
 def _text_encodings(plan: Plan, parts: list[Place]) -> dict[str, TextEncoding]:
     """Return how each variable of texts is kept, as all its parts allow."""
     names = [variable.name for variable in plan.variables if np.dtype(variable.dtype).kind == "U"]
-    found: dict[str, list[Any]] = {name: [] for name in names}
+    forms: dict[str, list[Any]] = {name: [] for name in names}
     for part in parts:
         values = read_forms(part, names)
         for name in names:
             texts, form = values[name]
-            found[name].append((form, np.array([b"x"]) if texts.any() else np.array([b""])))
-    return {name: TextEncoding.of_parts(forms) for name, forms in found.items()}
+            forms[name].append((form, bool(texts.any())))
+    return {name: TextEncoding.of_parts(forms[name]) for name in names}
