@@ -24,6 +24,7 @@ from cases.problems import MODELS, oscillator
 from cases.verdicts import verified
 from cases.web_server import web_server
 from xdynamics.archive import target, zarr_archive
+from xdynamics.archive.compared_store import unpacked_size
 from xdynamics.archive.folder_store import FOLDERS
 
 pytest.importorskip("zarr")
@@ -191,6 +192,12 @@ def replaced(key: str, make: Callable[[Path], Any]) -> Callable[[Path], None]:
     return change
 
 
+def linked_folder(store: Path) -> None:
+    """Put a link in the place of an array's folder, to its own content outside."""
+    (store / "x").rename(store.parent / "outside")
+    (store / "x").symlink_to(store.parent / "outside")
+
+
 def packed(content: bytes) -> bytes:
     """Content as the format packs it."""
     from numcodecs.zstd import Zstd
@@ -227,6 +234,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
     "pipe": (replaced(NOTES, os.mkfifo), "digests.json' cannot be read: it is a pipe"),
     "pipe of metadata": (replaced("zarr.json", os.mkfifo), "file 'zarr.json' .* is no regular file"),
     "pipe of values": (replaced("x/c/0", os.mkfifo), "file 'x/c/0'.* is no regular file"),
+    "linked folder": (linked_folder, "file 'x/c/0'.* is no regular file"),
     "device": (replaced("x/c/0", lambda path: path.symlink_to("/dev/zero")), "file 'x/c/0'.* is no regular file"),
     "folder": (replaced("x/c/0", Path.mkdir), "file 'x/c/0'.* is no regular file"),
     "lost": (replaced("x/c/0", lambda _: None), "file 'x/c/0'.* is missing"),
@@ -273,6 +281,14 @@ def test_a_chunk_unpacks_to_its_array_alone(case: str, tmp_path: Path) -> None:
     for verb in (lambda: xd.open_run(tmp_path / "run.zarr").load(), lambda: xd.verify(tmp_path / "run.zarr")):
         with pytest.raises(xd.ArchiveError, match="file 'x/c/0'.* is packed otherwise than its array says"):
             verb()
+
+
+def test_a_frame_says_what_it_unpacks_to() -> None:
+    """Assert the size of one whole frame, and none of a frame whose last block is not the last one."""
+    frame = packed(bytes(88))
+    assert unpacked_size(frame) == 88
+    begin = 4 + 1 + 1  # behind magic, descriptor and size of a short single segment
+    assert unpacked_size(frame[:begin] + bytes([frame[begin] & ~1]) + frame[begin + 1 :]) == -1
 
 
 def test_values_with_a_new_digest_are_edited(store: Path) -> None:
