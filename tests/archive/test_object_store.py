@@ -446,3 +446,22 @@ def test_a_report_and_a_bundle_go_to_a_store(place: Address, request: pytest.Fix
     folder = str(xd.bundle(str(place.parent / "bundle"), certificate))
     assert float(xd.recheck(folder).value) == float(certificate.value)
     assert str(xd.document(folder, str(place.with_suffix(".html")))).endswith("run.html")
+
+
+def test_of_a_large_run_the_rows_that_are_used_are_read(place: Address) -> None:
+    """Assert that of a run of 34 MB in a bucket less than 3 MB is downloaded for some rows, and that they are its own."""
+    from xdynamics.archive import filesystems
+
+    run = xd.simulate(MODEL, method="rk4", step="10 ms", until="1400 s", path=str(place))
+    parts: list[int] = []
+    fetch = filesystems.fetch
+
+    def counted(location: Address, start: int, end: int) -> bytes:
+        parts.append(end - start)
+        return fetch(location, start, end)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("xdynamics.archive.address_store.fetch", counted)
+        opened = xd.open_run(str(place))
+        assert (opened.x[137_000:137_100].values == run.x[137_000:137_100].values).all()
+    assert 1_000_000 < sum(parts) < 3_000_000

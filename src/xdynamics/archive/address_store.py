@@ -2,8 +2,9 @@
 
 A file is written on this machine first and uploaded complete: in one call, or in parts that become a file when all are
 there. What must be new is created (``mode="create"``), and what replaces replaces the file that was there when the
-writing began (``If-Match``): of two writers one is told. To be read, a file is downloaded complete to a temporary file:
-its seal covers every byte, none of which is believed before the seal is checked, and the netCDF library reads files.
+writing began (``If-Match``): of two writers one is told. To be read, a file is downloaded to a temporary file, as
+the netCDF library reads files: complete, as its seal covers every byte, none of which is believed before; of a large one
+the structure, and each chunk when it is used, by digests of their own (`extents`).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakValueDictionary, finalize
 
+from xdynamics.archive.extents import FileExtent, PartialCopy, extents_of
 from xdynamics.archive.filesystems import (
     PIECE,
     UNMARKED,
@@ -29,6 +31,7 @@ from xdynamics.archive.filesystems import (
     ask,
     ask_s3,
     download,
+    fetch,
     filesystem,
     refusal_error,
     refusals_in_words,
@@ -36,7 +39,8 @@ from xdynamics.archive.filesystems import (
     status_of,
 )
 from xdynamics.archive.leases import leased
-from xdynamics.archive.store import FOLDER, Address, LocalFile, NewFile, TakenError, check_writable
+from xdynamics.archive.seals import SEAL_LENGTH
+from xdynamics.archive.store import FOLDER, OPEN, Address, LocalFile, NewFile, TakenError, check_writable
 from xdynamics.archive.target import TemporaryFile, sweep_temporary_files
 from xdynamics.faults import ArchiveError, InputError
 
@@ -148,12 +152,15 @@ class AddressStore:
             content: bytes = ask(location, "cat_file")
         return content
 
-    def local_file(self, location: Address, stamp: str | None = None) -> LocalFile:
+    def local_file(self, location: Address, *, whole: bool = True, stamp: str | None = None) -> LocalFile:
         """Download a file to a temporary one, which this process keeps as long as it is used.
 
         Parameters
         ----------
         location : Address
+        whole : bool
+            Whether all of it is needed now. Else the values of a large archive come when they are read, if its server has
+            parts of files.
         stamp : str, optional
             Of the version that is wanted.
 
@@ -164,19 +171,18 @@ class AddressStore:
         """
         with refusals_in_words(location, "cannot be read"):
             status = _known_status(location)
-        current = str(stamp_of(status))
+        size, current = int(status["size"]), str(stamp_of(status))
         if stamp is not None and current != stamp:
             raise ArchiveError(f"'{location}' is another file than the one that was opened; open it again")
         # a thread that wants the same version waits here and finds the copy, instead of downloading it again
         with self._fetching:
             local_copy = None if current.startswith(UNMARKED) else self._copies.get((location, current))
-            if local_copy is None:
-                part, copy = _download_copy(location, status)
+            if local_copy is None or (whole and local_copy.partial is not None):
+                path, copy, chunks = _download_copy(location, size, whole=whole)
                 if self.stamp(location) != current:
                     raise ArchiveError(f"'{location}' was replaced while it was read; open it again")
-                local_copy = self._copies[location, current] = LocalFile(
-                    part, location, partial(self.local_file, location, current), copy
-                )
+                again = partial(self.local_file, location, whole=whole, stamp=current)
+                local_copy = self._copies[location, current] = LocalFile(path, location, again, copy, chunks)
         return local_copy
 
     def written_at(self, location: Address) -> Path:
@@ -600,16 +606,36 @@ class _Copy:
         finalize(self, stack.close)
 
 
-def _download_copy(location: Address, status: dict[str, Any]) -> tuple[Path, _Copy]:
-    """Download a file to a temporary one."""
-    folder, size = Path(tempfile.gettempdir()), int(status["size"])
+def _download_copy(location: Address, size: int, *, whole: bool) -> tuple[Path, _Copy, PartialCopy | None]:
+    """Download a file to a temporary one; its structure alone, if it need not be whole and tells where that is."""
+    folder = Path(tempfile.gettempdir())
     sweep_temporary_files(folder)
-    if size > (free := shutil.disk_usage(folder).free):
+    extents = [] if whole else _extents(location, size)
+    if not extents and size > (free := shutil.disk_usage(folder).free):
         raise ArchiveError(
             f"'{location}' has {size} bytes, and the disk of temporary files, '{folder}', {free} free; name another by TMPDIR"
         )
     with ExitStack() as stack:
-        part = stack.enter_context(_temporary_copy(location))
+        path = stack.enter_context(_temporary_copy(location)).path
         with refusals_in_words(location, "cannot be read"):
-            download(location, part.path, size)
-        return part.path, _Copy(stack.pop_all())
+            chunks = PartialCopy(path, location, partial(_fetch_part, location), extents, size) if extents else None
+            if chunks is None:
+                download(location, path, size)
+        return path, _Copy(stack.pop_all()), chunks
+
+
+def _fetch_part(location: Address, start: int, end: int) -> bytes:
+    with refusals_in_words(location, "cannot be read"):
+        return fetch(location, start, end)
+
+
+def _extents(location: Address, size: int) -> list[FileExtent]:
+    """Return where values and structure of a large archive are; none if it does not tell, or its server has no parts."""
+    if location.scheme in ("memory", OPEN):
+        return []
+    try:
+        return extents_of(partial(fetch, location), size - SEAL_LENGTH)
+    except RefusedError:  # another refusal than that of parts is told by the download
+        return []
+    except ArchiveError as error:
+        raise ArchiveError(f"'{location}' is damaged: {error}") from None

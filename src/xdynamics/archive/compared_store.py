@@ -211,7 +211,7 @@ def _file_content(folder: Place, key: str, size: int) -> bytes | None:
         from xdynamics.archive.filesystems import RefusedError, fetch, refusal_error, status_of
 
         try:
-            return fetch(folder / key, size) if size else b"" if status_of(folder / key) else None
+            return fetch(folder / key, 0, size) if size else b"" if status_of(folder / key) else None
         except RefusedError as error:
             if error.is_absent:
                 return None

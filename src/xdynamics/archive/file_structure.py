@@ -34,14 +34,18 @@ _SMALL = 10_000_000  # bytes that are always read
 
 
 @with_library_lock
-def size_faults(path: Path, file: netCDF4.Dataset) -> list[str]:
+def size_faults(path: Path, file: netCDF4.Dataset, *, is_partial: bool = False) -> list[str]:
     """List the faults of variables for which a file has too few bytes; no values are read.
 
     A byte of the file stands for up to `MOST_PACKED` bytes of a compressed variable, see `variables_to_compress`, and for one of others.
     """
     status = path.stat()
     # st_blocks counts units of 512 bytes, whatever the block size of the file system
-    if status.st_size > _SMALL and status.st_size > SPARSE * 512 * getattr(status, "st_blocks", status.st_size):
+    if (
+        not is_partial
+        and status.st_size > _SMALL
+        and status.st_size > SPARSE * 512 * getattr(status, "st_blocks", status.st_size)
+    ):
         return [f"the file says that it has {status.st_size} bytes, but almost none of them are on the disk"]
     faults, total, needed = [], 0, 0
     for name, variable in file.variables.items():
@@ -212,16 +216,16 @@ def inventory(path: Path) -> Inventory:
     openings.opening_of(path)  # refuses one that was overwritten while the library has it open
     objects = Inventory()
     # the zeros are H5F_ACC_RDONLY and H5P_DEFAULT
-    with _library_handle("H5Fopen", os.fsencode(path.absolute()), 0, 0, close="H5Fclose") as root:
+    with library_handle("H5Fopen", os.fsencode(path.absolute()), 0, 0, close="H5Fclose") as root:
         objects.attributes[""] = _attribute_names(root, "", objects.faults)
-        links = "H5Literate2" if hasattr(_library(), "H5Literate2") else "H5Literate"
+        links = "H5Literate2" if hasattr(loaded_library(), "H5Literate2") else "H5Literate"
         for name, kind in _iterated_names(links, root):  # the first number reported of a link is its kind
             if kind:
                 objects.faults.append(
                     f"'{name}' is {LINKS.get(kind, 'a link of a foreign kind')}; no archive has links"
                 )
                 continue
-            with _library_handle(
+            with library_handle(
                 "H5Oopen", root, name.encode("utf-8", "surrogateescape"), 0, close="H5Oclose"
             ) as handle:
                 _note_object(objects, name, handle)
@@ -230,22 +234,22 @@ def inventory(path: Path) -> Inventory:
 
 def _note_object(objects: Inventory, name: str, handle: int) -> None:
     """Record an object under its name: a dataset, or a fault."""
-    kind = _library().H5Iget_type(handle)
+    kind = loaded_library().H5Iget_type(handle)
     if kind != DATASET:
         kind_name = {GROUP: "group", TYPE: "type"}.get(kind, "object")
         objects.faults.append(f"{kind_name} '{name}' is none of a run")
         return
-    with _library_handle("H5Dget_create_plist", handle, close="H5Pclose") as built:
-        if _library().H5Pget_layout(built) == VIRTUAL:
+    with library_handle("H5Dget_create_plist", handle, close="H5Pclose") as built:
+        if loaded_library().H5Pget_layout(built) == VIRTUAL:
             objects.faults.append(f"variable '{name}' is a virtual dataset, whose values stand elsewhere")
             return
-        if count := _library().H5Pget_external_count(built):
+        if count := loaded_library().H5Pget_external_count(built):
             objects.faults.append(f"variable '{name}' has its values in {count} other file{'s' if count > 1 else ''}")
             return
-    with _library_handle("H5Dget_type", handle, close="H5Tclose") as values:
-        if class_name := CLASSES.get(_library().H5Tget_class(values)):
+    with library_handle("H5Dget_type", handle, close="H5Tclose") as values:
+        if class_name := CLASSES.get(loaded_library().H5Tget_class(values)):
             objects.faults.append(f"variable '{name}' holds {class_name}, which no variable of an archive does")
-    if _library().H5Dget_storage_size(handle):
+    if loaded_library().H5Dget_storage_size(handle):
         objects.filled.add(name)
     objects.attributes[name] = _attribute_names(handle, name, objects.faults)
 
@@ -285,19 +289,19 @@ def _attribute_names(handle: int, name: str, faults: list[str]) -> set[str]:
 
 def _is_within(handle: int) -> bool:
     """Whether the references to an object's dimensions are rows of addresses in the file itself."""
-    library = _library()
+    library = loaded_library()
     with (
-        _library_handle("H5Aopen", handle, FOLLOWED.encode(), 0, close="H5Aclose") as attribute,
-        _library_handle("H5Aget_type", attribute, close="H5Tclose") as rows,
+        library_handle("H5Aopen", handle, FOLLOWED.encode(), 0, close="H5Aclose") as attribute,
+        library_handle("H5Aget_type", attribute, close="H5Tclose") as rows,
     ):
         if library.H5Tget_class(rows) != ROWS:
             return False
         # H5T_STD_REF_OBJ is an address in the file itself; the newer H5T_STD_REF may name another file
-        with _library_handle("H5Tget_super", rows, close="H5Tclose") as base_type:
+        with library_handle("H5Tget_super", rows, close="H5Tclose") as base_type:
             return bool(library.H5Tequal(base_type, c_int64.in_dll(library, "H5T_STD_REF_OBJ_g")) > 0)
 
 
-class _library_handle:  # noqa: N801 - used as a statement, some hundred times a file
+class library_handle:  # noqa: N801 - used as a statement, some hundred times a file
     """Lends a handle that a function of the library opens."""
 
     __slots__ = ("close", "handle")
@@ -309,19 +313,19 @@ class _library_handle:  # noqa: N801 - used as a statement, some hundred times a
         return self.handle
 
     def __exit__(self, *_: object) -> None:
-        getattr(_library(), self.close)(self.handle)
+        getattr(loaded_library(), self.close)(self.handle)
 
 
 def _call_library(name: str, *arguments: Any) -> int:
     """Call a function of the library; raise OSError if it returns a negative number."""
-    answer = int(getattr(_library(), name)(*arguments))
+    answer = int(getattr(loaded_library(), name)(*arguments))
     if answer < 0:
         raise OSError(f"its objects cannot be listed ({name} of HDF5 says no more)")
     return answer
 
 
 @lru_cache
-def _library() -> ctypes.CDLL:
+def loaded_library() -> ctypes.CDLL:
     """Return the HDF5 library: symbols that the extension lacks come from libraries that it was linked with."""
     from netCDF4 import _netCDF4
 

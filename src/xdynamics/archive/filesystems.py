@@ -22,7 +22,7 @@ ATTEMPTS = 4
 SLOWEST = 100_000  # bytes a second: a slower download is given up
 PIECE = 1 << 24  # bytes that are asked for at once
 UNMARKED = "unmarked"  # begins the stamp of a file whose versions nothing tells apart but its size
-PARTIAL = 206  # the status of an answer that is a part of a file
+PARTIAL, WHOLE = 206, "200"  # the status of an answer that is a part of a file, and of one that is not
 
 ABSENT = ("NoSuchKey", "404", "NotFound", "FileNotFoundError")
 TAKEN = ("PreconditionFailed", "412", "ConditionalRequestConflict", "OperationAborted", "FileExistsError")
@@ -242,16 +242,16 @@ def stamp_of(status: dict[str, Any] | None) -> str | None:
     return str(status.get("ETag") or " ".join([*(marks or [UNMARKED]), str(status["size"])]))
 
 
-def fetch(location: Address, size: int) -> bytes:
-    """Read so many bytes of a file, from its begin.
+def fetch(location: Address, start: int, end: int) -> bytes:
+    """Read bytes of a file, from one position to another.
 
     Raises
     ------
     RefusedError
-        If the connection breaks again and again, or fewer arrive.
+        If the connection breaks again and again, or fewer arrive; with the code `WHOLE` if a web server has no parts.
     """
     content = BytesIO()
-    _receive(location, content, 0, size)
+    _receive(location, content, start, end)
     return content.getvalue()
 
 
@@ -297,10 +297,12 @@ def _receive_once(location: Address, file: IO[bytes], start: int, end: int) -> N
 async def _stream(files: Any, url: str, file: IO[bytes], start: int, end: int) -> None:
     """Write bytes of a web server into a file as they come; what it sends beyond the end is not read."""
     session = await files.set_session()
-    headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-{end - 1}"} if start else {})
+    headers = {"Accept-Encoding": "identity", "Range": f"bytes={start}-{end - 1}"}
     async with session.get(files.encode_url(url), headers=headers, **files.kwargs) as answer:
         files._raise_not_found_for_status(answer, url)  # noqa: SLF001 - as `cat_file` does
         if start and answer.status != PARTIAL:
+            if isinstance(file, BytesIO):
+                raise RefusedError(WHOLE, "it was asked for a part, and answers with the whole file")
             file.seek(0)  # from the begin again, as it has no parts
             start = 0
         left = end - start

@@ -192,7 +192,7 @@ class FolderStore:
         """Read a small file."""
         return read_bounded(location, max_bytes)
 
-    def local_file(self, location: Path) -> LocalFile:
+    def local_file(self, location: Path, *, whole: bool = True) -> LocalFile:  # noqa: ARG002 - it is here whole
         """Return the file itself."""
         return LocalFile(location, location)
 

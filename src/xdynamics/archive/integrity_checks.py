@@ -94,7 +94,9 @@ def harmed(*harms: str) -> Examination:
     return Examination(harms, verdict=DAMAGED)
 
 
-def examine_file(path: Path, tail: Tail, granted: Callable[[int], None] | None = None) -> Examination:
+def examine_file(
+    path: Path, tail: Tail, granted: Callable[[int], None] | None = None, *, values: bool = True
+) -> Examination:
     """Compare an archive with its seal and digests, in this process; its objects are listed first.
 
     Parameters
@@ -104,6 +106,8 @@ def examine_file(path: Path, tail: Tail, granted: Callable[[int], None] | None =
         The end of the file, from `tail_of`.
     granted : callable, optional
         Called with the number of bytes to be read, once the file can hold that many.
+    values : bool
+        Whether values are read, or structure and attributes alone, of a copy without them.
     """
     harms = [tail.fault] if tail.fault else []
     try:
@@ -112,11 +116,16 @@ def examine_file(path: Path, tail: Tail, granted: Callable[[int], None] | None =
         return harmed(*harms, f"it cannot be read: {error_text(error)}")
     if objects.faults:  # not opened: the netCDF library would follow them
         return harmed(*harms, *objects.faults)
-    return compare_file(path, tail, objects, granted)
+    return compare_file(path, tail, objects, granted, values=values)
 
 
 def compare_file(
-    path: Path, tail: Tail, objects: Inventory | None = None, granted: Callable[[int], None] | None = None
+    path: Path,
+    tail: Tail,
+    objects: Inventory | None = None,
+    granted: Callable[[int], None] | None = None,
+    *,
+    values: bool = True,
 ) -> Examination:
     """Compare an archive, all of whose bytes are known here, with its seal and digests.
 
@@ -126,24 +135,26 @@ def compare_file(
     tail : Tail
     objects : Inventory, optional
         Its objects, if others wrote it.
-    granted : callable, optional
+    granted, values
         As for `examine_file`.
     """
     harms = [tail.fault] if tail.fault else []
     try:
         with opened_file(path) as file:
-            if bounds := size_faults(path, file):
+            if bounds := size_faults(path, file, is_partial=not values):
                 return harmed(*harms, *bounds)
-            if granted:
+            if granted and values:
                 granted(declared_bytes(file))
             if path.stat().st_size <= AT_ONCE:  # one turn in the library for all of it, not six for each variable
-                return with_library_lock(_examine_open_file)(file, tail, harms, objects)
-            return _examine_open_file(file, tail, harms, objects)
+                return with_library_lock(_examine_open_file)(file, tail, harms, objects, values=values)
+            return _examine_open_file(file, tail, harms, objects, values=values)
     except DAMAGE as error:
         return harmed(*harms, f"it cannot be read: {error_text(error)}")
 
 
-def _examine_open_file(file: Any, tail: Tail, harms: list[str], objects: Inventory | None) -> Examination:
+def _examine_open_file(
+    file: Any, tail: Tail, harms: list[str], objects: Inventory | None, *, values: bool
+) -> Examination:
     differences = [(HARM, harm) for harm in harms] + [(MANNER, fault) for fault in unused_dimensions(file)]
     attributes = attributes_of(file)
     if objects is not None:
@@ -159,7 +170,9 @@ def _examine_open_file(file: Any, tail: Tail, harms: list[str], objects: Invento
     needed = [schema.VOLATILE_DIGEST, *([] if schema.is_former(attributes) else [schema.DIGESTS])]
     differences += [(MANNER, f"attribute '{name}' is missing") for name in needed if name not in attributes]
     record = _Record(
-        attributes, {recorded_name(name, variable, attributes): variable for name, variable in file.variables.items()}
+        attributes,
+        {recorded_name(name, variable, attributes): variable for name, variable in file.variables.items()},
+        values=values,
     )
     of_variables = [*record.faults()]
     differences += of_variables
@@ -195,10 +208,12 @@ class _Record:
     attributes : dict
     variables : dict of str to netCDF4.Variable
         By their names in the record.
+    values : bool
+        Whether their values are read; else the digests that are stated of them are taken.
     """
 
-    def __init__(self, attributes: Mapping[str, Any], variables: Mapping[str, Any]) -> None:
-        self._attributes, self._stated = attributes, digests_in(attributes)
+    def __init__(self, attributes: Mapping[str, Any], variables: Mapping[str, Any], *, values: bool) -> None:
+        self._attributes, self._stated, self._values = attributes, digests_in(attributes), values
         self._variables, self._stored_variables = dict(variables), dict[str, _Stored]()
         texts = [
             with_library_lock(lambda: text.dimensions)()
@@ -212,7 +227,7 @@ class _Record:
                 self._stated and schema.STEP_NUMBER.name in variables and schema.STEP_NUMBER.name not in self._stated
             )
         )
-        self._numbers = self._numbers_of_rows() if self._in_words_of_today else None
+        self._numbers = self._numbers_of_rows() if self._in_words_of_today and values else None
 
     def _numbers_of_rows(self) -> NDArray[np.int64] | None:
         """Return the row numbers under today's schema, if the record as written has them too."""
@@ -254,7 +269,7 @@ class _Record:
             attributes = attributes_of(variable)
             dims, shape, dtype = with_library_lock(lambda: (variable.dimensions, variable.shape, variable.dtype))()
             form, is_text = text_form(attributes, dtype, dims, shape), dtype == "S1"
-            text = read_stored(variable, ...).tobytes() if is_text else b""
+            text = read_stored(variable, ...).tobytes() if is_text and self._values else b""
         except DAMAGE as error:
             return HARM, f"variable '{name}' cannot be read: {error_text(error)}"
         further = letters_of(name) if is_text else bytes_dim(name) if form and form.further else ""
@@ -277,6 +292,8 @@ class _Record:
     def _digest_of(self, name: str) -> str:
         """Return the digest of a variable as the record was written."""
         variable = self._variables[name]
+        if not self._values:
+            return self._stated.get(name, str(attributes_of(variable).get(schema.DIGEST, "")))
         if self._numbers is not None and name in schema.NAMES_ROWS:
             dims, dtype = with_library_lock(lambda: (variable.dimensions, variable.dtype))()
             seal, places = Seal(name, dims, dtype), np.searchsorted(self._numbers, read_stored(variable, ...))

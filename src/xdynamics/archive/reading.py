@@ -15,7 +15,7 @@ from xdynamics.archive.folder_store import is_zarr, store_of
 from xdynamics.archive.integrity import remember_archive
 from xdynamics.archive.integrity_checks import DAMAGED, EDITED, Examination, harmed
 from xdynamics.archive.netcdf_library import DAMAGE, error_text, opened_file, stored_attributes, with_library_lock
-from xdynamics.archive.sandboxed_reading import examine_sandboxed, is_known, is_seen, see
+from xdynamics.archive.sandboxed_reading import examine_sandboxed, examine_structure, is_known, is_seen, see
 from xdynamics.archive.seals import Tail, tail_of
 from xdynamics.archive.shared_handles import MOST_REPLACED, Identity, identity_of, open_shared
 from xdynamics.archive.store import Given, LocalFile, Place, location_of
@@ -94,7 +94,8 @@ def open_run(
 def _open_location(location: Place, *, check: bool) -> tuple[xr.Dataset, Examination | None]:
     """Open an archive, of which a file is compared with its digests now, and a Zarr store as it is read."""
     if not is_zarr(location):
-        return _open_verified(_local_archive(location), check=check)
+        local_file = _local_archive(location, whole=False)
+        return (_open_verified if local_file.partial is None else _open_partial)(local_file, check=check)
     from xdynamics.archive.zarr_archive import open_store, state_faults
 
     run = open_store(location)
@@ -103,6 +104,21 @@ def _open_location(location: Place, *, check: bool) -> tuple[xr.Dataset, Examina
         examination.raise_faults(location, also_edited=True)
         return run, examination
     return run, None
+
+
+def _open_partial(local_file: LocalFile, *, check: bool) -> tuple[xr.Dataset, Examination | None]:
+    """Open an archive whose chunks are compared with their digests when they are read; return an examination of what is edited."""
+    edited = None
+    if check:
+        examination = examine_structure(local_file.path)
+        examination.raise_faults(local_file.location, also_edited=True)
+        edited = examination if examination.faults else None
+    else:
+        _check_objects(local_file)
+    try:
+        return open_shared(local_file.path, _identity(local_file), local_file), edited
+    except DAMAGE as error:
+        raise _unreadable(local_file.location, error) from None
 
 
 def read_columns(path: Given, names: Collection[str]) -> xr.Dataset:
@@ -118,8 +134,8 @@ def read_columns(path: Given, names: Collection[str]) -> xr.Dataset:
     import xarray as xr
 
     location = location_of(path)
-    local_file = None if is_zarr(location) else _local_archive(location)
-    look = None if local_file is None else _SealedIdentity.from_file(local_file)
+    local_file = None if is_zarr(location) else _local_archive(location, whole=False)
+    look = None if local_file is None or local_file.partial is not None else _SealedIdentity.from_file(local_file)
     if local_file is None or look is None or not is_known(look.tail):
         with open_run(path) as run:
             return run[[name for name in names if name in run.variables]].load()
@@ -166,11 +182,11 @@ def _stored_chunks(run: xr.Dataset) -> dict[str, int]:
     return sizes
 
 
-def _local_archive(location: Place) -> LocalFile:
-    """Return an archive as a file of this machine."""
+def _local_archive(location: Place, *, whole: bool = True) -> LocalFile:
+    """Return an archive as a file of this machine; a large one without its values, unless it is wanted whole."""
     store = store_of(location)
     store.check_source(location)
-    return store.local_file(location)
+    return store.local_file(location, whole=whole)
 
 
 def _open_verified(local_file: LocalFile, *, check: bool) -> tuple[xr.Dataset, Examination | None]:

@@ -63,7 +63,10 @@ def _examine_request(request: dict[str, Any]) -> Examination:
     signal.setitimer(signal.ITIMER_PROF, request["seconds"])
     try:
         examination = examine_file(
-            Path(request["path"]), Tail(**request["tail"]), partial(_grant, request["bytes_per_second"])
+            Path(request["path"]),
+            Tail(**request["tail"]),
+            partial(_grant, request["bytes_per_second"]),
+            values=request["values"],
         )
     except BaseException:  # noqa: BLE001 - it must not reach the loop that this process was forked from
         os._exit(1)

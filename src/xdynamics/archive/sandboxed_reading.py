@@ -99,6 +99,12 @@ def examine_sandboxed(path: Path, tail: Tail) -> Examination:
     return examination
 
 
+def examine_structure(path: Path) -> Examination:
+    """Compare the structure and attributes of an archive, of which there is a partial copy, with their digests there."""
+    sealed = Tail("unread")  # by the digests of its extents, which are compared as they are copied
+    return _EXAMINER.examine(path, sealed, values=False)
+
+
 class _Examiner:
     """The separate process: started on first use, given one request at a time, restarted when it has ended."""
 
@@ -107,7 +113,9 @@ class _Examiner:
         self._process: subprocess.Popen[str] | None = None
         self._has_read = False  # whether the reader of that process has read another file before
 
-    def examine(self, path: Path, tail: Tail, seconds: float = SECONDS, memory: int = MEMORY) -> Examination:
+    def examine(
+        self, path: Path, tail: Tail, seconds: float = SECONDS, memory: int = MEMORY, *, values: bool = True
+    ) -> Examination:
         """Examine an archive in the separate process.
 
         Parameters
@@ -118,6 +126,8 @@ class _Examiner:
             Processor time for a small file; a large one has more.
         memory : int
             Bytes that reading it may take.
+        values : bool
+            Whether values are read, too.
         """
         seconds += path.stat().st_size / BYTES_PER_SECOND
         unpacking = path.stat().st_size * MOST_PACKED / UNPACKED_PER_SECOND
@@ -127,6 +137,7 @@ class _Examiner:
             "seconds": seconds,
             "memory": memory,
             "bytes_per_second": UNPACKED_PER_SECOND,
+            "values": values,
         }
         with self._turn:
             try:
@@ -135,7 +146,7 @@ class _Examiner:
                 self.end()
                 raise
         if answer == READY:
-            return examine_file(path, tail)
+            return examine_file(path, tail, values=values)
         if answer is None or answer.get("code") == -signal.SIGPROF:
             return harmed(f"it takes more than {seconds:.2g} s to read, which no archive of its size does")
         if "code" in answer:

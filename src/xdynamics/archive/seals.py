@@ -45,7 +45,7 @@ _TEXTS_AT_ONCE = 1 << 22  # bytes of texts in memory that become letters at once
 
 MARK = b"\nxdynamics seal 1 "
 _SEALED = re.compile(re.escape(MARK) + rb"[0-9a-f]{64}\n")
-_LENGTH = len(MARK) + 64 + 1
+SEAL_LENGTH = len(MARK) + 64 + 1
 _SEARCHED = 1 << 16  # bytes at the end of a file in which a misplaced seal is looked for
 _PART = 1 << 22
 _ASCII = 128
@@ -86,20 +86,20 @@ def tail_of(path: Path) -> Tail:
     with path.open("rb") as file:
         file.seek(max(0, size - _SEARCHED))
         end = file.read(_SEARCHED)
-    mark = end[-_LENGTH:]
+    mark = end[-SEAL_LENGTH:]
     if _SEALED.fullmatch(mark):
-        digest = _file_digest(path, size - _LENGTH)
+        digest = _file_digest(path, size - SEAL_LENGTH)
         if digest == mark[len(MARK) : -1].decode():
             return Tail(digest)
         return Tail(fault="the bytes of the file differ from its seal")
-    if (excess := len(end) - end.rfind(MARK) - _LENGTH) > 0 and MARK in end:
+    if (excess := len(end) - end.rfind(MARK) - SEAL_LENGTH) > 0 and MARK in end:
         return Tail(fault=f"{excess} bytes follow its seal" if excess > 1 else "a byte follows its seal")
     if MARK in end:
         return Tail(
             fault=(
                 "its seal is hurt"
                 if excess == 0
-                else f"its seal is cut off: {-excess} of its {_LENGTH} bytes are missing"
+                else f"its seal is cut off: {-excess} of its {SEAL_LENGTH} bytes are missing"
             )
         )
     matching_bytes = sum(byte == expected for byte, expected in zip(mark, MARK, strict=False))

@@ -44,6 +44,7 @@ class SharedArchive:
     def __init__(self, path: Path, identity: Identity | None = None, local_file: LocalFile | None = None) -> None:
         self.path, self.local_file = path.absolute(), local_file
         self.location = local_file.location if local_file else self.path
+        self.partial = local_file.partial if local_file else None
         self.identity = identity or identity_of(path)
         self.in_use = True
         _register_archive(self)
@@ -149,7 +150,7 @@ def open_shared(
     from xdynamics.archive.stored_values import NumberStore, VariableStore
 
     archive = _open_untorn(path) if identity is None else SharedArchive(path, identity, local_file)
-    if faults := size_faults(path, archive.acquire()):
+    if faults := size_faults(path, archive.acquire(), is_partial=archive.partial is not None):
         raise ArchiveError(f"'{archive.location}' is damaged or no run archive:{numbered_lines(faults)}", tuple(faults))
     store = (NumberStore if as_stored else VariableStore)(archive, mode="r")  # type: ignore[no-untyped-call]
     chunks: Any = {} if as_stored and path.stat().st_size > LAZY else None

@@ -345,12 +345,15 @@ class LocalFile:
         Of a copy: returns the same file again, in another process too, or raises an error.
     copy : object
         Removes the copy in the end.
+    partial : PartialCopy, optional
+        Of a copy with some of the values: reads others.
     """
 
     path: Path
     location: Any
     fetch_again: Callable[[], LocalFile] | None = field(default=None, compare=False)
     copy: Any = field(default=None, compare=False)
+    partial: Any = field(default=None, compare=False)
 
 
 class FileBatch(Protocol):
@@ -390,8 +393,8 @@ class Store(Protocol[Name]):
     def content(self, location: Name, max_bytes: int) -> bytes:
         """Read a small file completely; one of over `max_bytes` bytes is refused."""
 
-    def local_file(self, location: Name) -> LocalFile:
-        """Return a file as one of this machine."""
+    def local_file(self, location: Name, *, whole: bool = True) -> LocalFile:
+        """Return a file as one of this machine; where it need not be whole, its values may come when they are read."""
 
     def written_at(self, location: Name) -> Path:
         """Return a path of the disk on which a file is written before it takes its name."""

@@ -132,8 +132,18 @@ class StoredValues(BackendArray):
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read_by_key)
 
-    @with_library_lock
     def _read_by_key(self, key: tuple[Any, ...]) -> Any:
+        if self.lent.partial is not None:  # outside of the library's lock: a store is waited for
+            self.lent.partial.provide(self.name, self._chunk_widths(), self.shape, key)
+        return self._read_stored(key)
+
+    @with_library_lock
+    def _chunk_widths(self) -> tuple[int, ...]:
+        chunks = self.lent.acquire().variables[self.name].chunking()
+        return tuple(chunks) if isinstance(chunks, list | tuple) else self.shape
+
+    @with_library_lock
+    def _read_stored(self, key: tuple[Any, ...]) -> Any:
         variable = self.lent.acquire().variables[self.name]
         variable.set_auto_maskandscale(False)
         variable.set_auto_chartostring(False)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import record, schema
+from xdynamics.archive.extents import append_extents
 from xdynamics.archive.file_structure import variables_to_compress
 from xdynamics.archive.folder_store import check_suffix, check_zarr_target, made_folder, store_of
 from xdynamics.archive.integrity import Standing, check_cut, record_standing
@@ -621,6 +622,7 @@ def _stored_outcome(path: Place) -> str:
 
 def _seal_new_file(part: Path, *, read_back: bool) -> str:
     """Seal a new file, read it back, and return the seal."""
+    append_extents(part)
     digest = seal_file(part)
     if read_back and part.stat().st_size <= READ_BACK:
         if faults := compare_file(part, Tail(digest)).faults:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics.faults import InputError
-from xdynamics.record.folding import is_chunked
 from xdynamics.schema import STEP_NUMBER, STEPS
 from xdynamics.units import unit_suffix
 
@@ -19,17 +18,13 @@ if TYPE_CHECKING:
 def row_places(run: xr.Dataset, numbers: Any) -> NDArray[np.int64]:
     """Return the places, among a record's rows, of the rows of given numbers; -1 of those that it has not."""
     row_numbers = np.asarray(numbers, np.int64)
-    if STEP_NUMBER.name not in run.variables:
+    if STEP_NUMBER.name not in run.variables or not row_numbers.size:
         return np.full(row_numbers.shape, -1, np.int64)
     step_numbers = run.variables[STEP_NUMBER.name]
     if step_numbers.ndim and step_numbers.size and ((row_numbers >= 0) & (row_numbers < step_numbers.size)).all():
-        flat = row_numbers.ravel()
-        numbers_there = (
-            step_numbers.isel({step_numbers.dims[0]: flat}).values
-            if is_chunked(step_numbers)
-            else step_numbers.values[flat]
-        )
-        if np.array_equal(numbers_there, flat):  # as in a whole run, of which no other number is read
+        first, last = int(row_numbers.min()), int(row_numbers.max())
+        # as in a whole run, of which no other numbers are read
+        if np.array_equal(step_numbers[first : last + 1].values[row_numbers - first], row_numbers):
             return row_numbers
     return places_among(step_numbers.values, row_numbers)
 
