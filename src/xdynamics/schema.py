@@ -69,13 +69,15 @@ REASON_ERROR, REASON_NONFINITE, REASON_DOMAIN, REASON_CONTACT, REASON_EVENT, REA
 )
 EVENT_BOUNDS = "event_time_bounds"  # without attributes: CF's bounds have those of what they bound
 EVENT_KINDS = ("crossing", "touch", "jump", "impact", "regime_switch", "pole", "cluster", "rest", "takeoff", "stick", "slip", "reset")  # fmt: skip
-CROSSING, TOUCH, JUMP, IMPACT, REGIME_SWITCH, POLE, CLUSTER, REST, TAKEOFF, STICK, SLIP, RESET_KIND = range(len(EVENT_KINDS))  # fmt: skip
+KINDS_OF_SLIDING = ("slide", "leave")  # of models that may slide along switches
+CROSSING, TOUCH, JUMP, IMPACT, REGIME_SWITCH, POLE, CLUSTER, REST, TAKEOFF, STICK, SLIP, RESET_KIND, SLIDE, LEAVE = range(len(EVENT_KINDS + KINDS_OF_SLIDING))  # fmt: skip
 KINDS_IN_WORDS = (
     "crossing: changes sign; touch: reaches zero and turns; jump: changes sign at a jump; pole: at infinity;"
     " cluster: several that could not be told apart; impact: velocities change by an impulse; rest: a contact closes"
     " and stays; takeoff: it opens; stick, slip: friction comes to hold, or begins to slip or reverses;"
     " regime_switch: other forces act, or another side of one; reset: the state was set"
 )
+SLIDING_IN_WORDS = "; slide: the motion goes on along the switch; leave: away from it, to a side"
 EVENT_POSITIONS = ("not_asked", "met", "not_met")  # whether an event is within its position tolerance
 UNASKED, NEAR, FAR = range(len(EVENT_POSITIONS))
 EVENT_DIRECTIONS = {-1: "falling", 1: "rising"}
@@ -418,6 +420,11 @@ def side_of(name: str) -> str:
     return f"side_{name.replace('.', '_')}"
 
 
+def share_of(name: str) -> str:
+    """Name the variable for the share of a switch that the motion slides along."""
+    return f"switch_share_{name.replace('.', '_')}"
+
+
 def sample_name(name: str) -> str:
     """Name a quantity that a force evaluation used or gave."""
     return f"sample_{name}"
@@ -510,11 +517,22 @@ FIRST_PASSED = Variable(
     "smooth_switches_first_passed", (SMOOTH_SWITCH,), "f8", SECONDS.text, "time of the first accepted state behind the switch; nan where it was not passed", "switch"
 )  # fmt: skip
 SIDES = {-1: "negative", 0: "elsewhere", 1: "positive"}
+SLIDES = 2  # beside them, of a switch that the motion may slide along
 _ERROR_NORM = "scaled local error norm of the step to this state; 1 is what the tolerances allow"
 ERROR_NORM = Variable("error_norm", (STEPS,), "f8", "1", _ERROR_NORM, "error")
 NEWTON = Variable("newton_iterations", (STEPS,), "i4", "1", "Newton iterations of the step to this state", "effort")
 _OFF = "largest deviation from 1 of the length of a quaternion after the step, before it is brought back to 1"
 DEVIATION = Variable("attitude_deviation", (STEPS,), "f8", "1", _OFF, "error")
+
+
+def with_kinds_of_sliding(variable: Variable) -> Variable:
+    """Return the kinds of events with those of models that may slide along switches; another variable as it is."""
+    if variable.name != "event_kind":
+        return variable
+    kinds = flag_attributes(dict(enumerate(EVENT_KINDS + KINDS_OF_SLIDING)))
+    return replace(variable, more=kinds | {"kinds": KINDS_IN_WORDS + SLIDING_IN_WORDS})
+
+
 FIXED = (*FIXED_STEPS, STEP_NUMBER, *FIXED_TRIALS, *FIXED_EVENTS, *FIXED_SAMPLES, *TEXTS)
 TIMES = {
     variable.name

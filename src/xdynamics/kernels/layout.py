@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import reaction_names, schema
-from xdynamics.expressions import Node, free_names
+from xdynamics.expressions import Node, Number, free_names
 from xdynamics.expressions.calculus import ZERO
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, Scheme
 from xdynamics.methods.steppers import DIFFERENCES
@@ -22,11 +22,12 @@ from xdynamics.model import Model, linearisation
 from xdynamics.model.body_sections import unit_quaternions
 from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import TickChange, tick_changes
-from xdynamics.model.detectors import KINK, SWITCH, Detector, detectors
+from xdynamics.model.detectors import SIDED, Detector, detectors
 from xdynamics.model.elementwise import Lazy, own_mass
 from xdynamics.model.joints import joint_reactions
 from xdynamics.model.motion import energies, forces_by_coordinate, has_diagonal_mass
 from xdynamics.model.reactions import NORMAL, reactions
+from xdynamics.model.sliding import SlidingModel, surfaces
 from xdynamics.model.switches import Switch, smooth_switches
 from xdynamics.reaction_names import PROJECTION, RANK
 from xdynamics.runtime.lazy_imports import cached_property
@@ -35,6 +36,7 @@ from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import Dimension, Scales
 
 Floats = NDArray[np.float64]
+NO_SHARE = -1.0  # in a row of the log, whose numbers are finite
 
 
 @lru_cache(maxsize=64)
@@ -195,6 +197,7 @@ class Layout:
             | observables
             | self.gaps
             | self.constraint_outputs
+            | self.shares
         )
 
     def _observed(self, name: str) -> Node:
@@ -204,7 +207,8 @@ class Layout:
     def computed(self) -> Blocks:
         """The blocks of `derived`."""
         return self._blocks(
-            "derived", (*self._energies, *self.model.statement.observables, *self.gaps, *self.constraint_outputs)
+            "derived",
+            (*self._energies, *self.model.statement.observables, *self.gaps, *self.constraint_outputs, *self.shares),
         )
 
     @cached_property
@@ -228,6 +232,14 @@ class Layout:
         return residuals | rates | joint_reactions(self.model.joints)
 
     @cached_property
+    def shares(self) -> dict[str, Node]:
+        """The shares of the switches that the motion may slide along, `NO_SHARE` where it does not."""
+        weights = self.model.weights if isinstance(self.model, SlidingModel) else {}
+        return {
+            schema.share_of(surface.name): weights.get(surface, Number(NO_SHARE)) for surface in surfaces(self.model)
+        }
+
+    @cached_property
     def watched(self) -> tuple[Detector, ...]:
         """Everything whose zeros a march looks for."""
         return detectors(self.model)
@@ -235,7 +247,7 @@ class Layout:
     @cached_property
     def switches(self) -> tuple[Detector, ...]:
         """Those of `watched` that are switches in forces."""
-        return tuple(detector for detector in self.watched if detector.role in (SWITCH, KINK))
+        return tuple(detector for detector in self.watched if detector.role in SIDED)
 
     @cached_property
     def flags(self) -> int:

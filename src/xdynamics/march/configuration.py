@@ -23,7 +23,7 @@ from xdynamics.keywords import (
     read_log_columns,
     read_number,
 )
-from xdynamics.march.settings import EARLIEST_FIRST, JUDGED, TIME_TOLERANCE, Pacing, Settings
+from xdynamics.march.settings import EARLIEST_FIRST, FILIPPOV, JUDGED, TIME_TOLERANCE, Pacing, Settings
 from xdynamics.march.tolerances import OF_TERMS, Tolerances, least_rtol
 from xdynamics.methods import METHODS, Method, method_named, method_of
 from xdynamics.methods.scheme import (
@@ -116,6 +116,7 @@ def settings_for(model: Model, **requested_settings: Any) -> Settings:
         read.get("precision", FLOAT64),
         read.get("event_start", JUDGED),
         read.get("atol_floor", OF_TERMS),
+        read.get("sliding", FILIPPOV),
     )
     settings.check(model)
     return settings

@@ -37,7 +37,7 @@ from xdynamics.methods.steppers import DIFFERENCES, NOTHING
 from xdynamics.model import Function, Model
 from xdynamics.model.assemblies import max_simultaneous
 from xdynamics.model.controllers import Action, actions, alarms, exact_ticks, exact_time, ticks
-from xdynamics.model.detectors import KINK, SWITCH
+from xdynamics.model.detectors import SIDED
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elementwise import put_in_si
 from xdynamics.model.motion import (
@@ -50,6 +50,7 @@ from xdynamics.model.motion import (
 )
 from xdynamics.model.reactions import mode_names
 from xdynamics.model.regime_model import switch_inputs
+from xdynamics.model.sliding import slid_along, surfaces
 from xdynamics.model.switches import LANDED_ON
 from xdynamics.reaction_names import PROJECTION
 from xdynamics.units import CONSTANTS, TIME, Quantity, Scales, constant
@@ -228,6 +229,9 @@ def march_plan(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         **_rests_of_grid(model, layout, single),
         **_constraint_plan(model, law),
         "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
+        "slides": bool(surfaces(layout.model)),
+        "along": len(slid_along(layout.model)),
+        "resumes": 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 
@@ -252,7 +256,7 @@ def _contact_phases(model: Model, law: Law) -> dict[str, int]:
 
 def _switch_plan(layout: Layout, settings: Settings) -> dict[str, int]:
     """Return the number of switches, and whether those at points of tables are passed without events."""
-    count = sum(detector.role in (SWITCH, KINK) for detector in layout.watched)
+    count = sum(detector.role in SIDED for detector in layout.watched)
     return {"switches": count, "passing": int(settings.switches == LANDED_ON)}
 
 

@@ -61,6 +61,7 @@ from xdynamics.march.run import (
     BEGIN_CONTACTS,
     BEGIN_EVENTS,
     BEGIN_LINKS,
+    BEGINS,
     BEGUN,
     CONTACT_PHASE,
     EVENT_PHASE,
@@ -68,6 +69,7 @@ from xdynamics.march.run import (
     FIND_MEETING,
     LAND_ON_MEETING,
     MEET_HERE,
+    RESUME,
     RING,
     TAKE_SIDES,
     Run,
@@ -100,6 +102,8 @@ def march(address: Any, rows: int) -> None:
         begin_march(run)
     elif run.plan[0].follows:
         settle_tolerances(run)  # of a march that goes on
+    if now.status == RUNNING and run.plan[0].resumes > 0:
+        call_phase(run.functions[EVENT_PHASE], run, 0.0, RESUME)
     pause = now.rows + rows
     while now.status == RUNNING and 0 < now.rows < pause and has_room(run):
         if run.instant.shape[0] > 0 and run.instant[0].meets > 0:
@@ -199,6 +203,8 @@ def begin_march(run: Run) -> None:
         now.first_step = now.step
     if plan.follows:
         settle_tolerances(run)
+    if plan.slides > 0:
+        run.plan[0].resumes = BEGINS
 
 
 @jit_separate

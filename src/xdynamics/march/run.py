@@ -102,13 +102,14 @@ BOOK = record_type("", "pieces breaks stretch crossing aimed first width slot mo
 # and `start_rest` and `step_rest` are then what is left of the start and of the step beside the nearest float; `held` is
 # the law's number of the program that puts a state where constraints hold, 0 without any, `moved` the place in a state of
 # how far it did, and `consistent` is 1 where the start may be moved, too; `passing` is 1 where kinks at points of tables
-# are landed on without a row of events each.
+# are landed on without a row of events each; `slides` is 1 where the motion may slide along switches, `along` the number of
+# those that it does; `resumes` is 1 where it goes on from an event at which that changed, 2 where it begins on a switch.
 PLAN = record_type(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin start_rest step_rest rounding",
     "adaptive differences estimates steps extrapolated limited stages samples"
     " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies links together"
-    " degree curve polynomial series doubled held moved consistent passing",
+    " degree curve polynomial series doubled held moved consistent passing slides along resumes",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried, `rest` what is left of the time beside `t`; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
@@ -201,8 +202,9 @@ ASSEMBLY = record_type(
 )
 # Entries of the engine, after the operations on intervals in `functions`.
 ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE, ASSEMBLY_PHASE = (2 * len(RULES) + i for i in range(5))
+AFTER_EVENT, BEGINS = 1, 2  # of `plan.resumes`
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
-BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING, MEET_HERE = range(5)  # what `events.dispatch` is to do
+BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING, MEET_HERE, RESUME = range(6)  # what `events.dispatch` is to do
 # what `contacts.dispatch` is to do
 BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH, DERIVE, CHECK = range(9)
 BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, STEP_LINKS, NOTE_LINKS, RELEASE_LINKS = range(7)

@@ -39,10 +39,20 @@ from xdynamics.march.memory import (
     put_back,
     rest_on,
 )
-from xdynamics.march.outcomes import INTERRUPTED, NONFINITE_OBSERVABLE, OUTCOMES, RUNNING, STEP_LIMIT, STOPPED, Outcome
+from xdynamics.march.outcomes import (
+    INTERRUPTED,
+    NONFINITE_OBSERVABLE,
+    OUTCOMES,
+    RUNNING,
+    SLIDES,
+    STEP_LIMIT,
+    STOPPED,
+    Outcome,
+)
 from xdynamics.march.past import make_room
 from xdynamics.march.run import ARRAYS, NOW, Run
 from xdynamics.march.settings import Settings
+from xdynamics.march.sliding import Sliding
 from xdynamics.march.thinning import RowsAroundTimes, Thinning, Witnesses
 from xdynamics.march.unlocated_switches import NOWHERE, Passages, chattering
 from xdynamics.methods.scheme import FLOAT64
@@ -184,6 +194,11 @@ class March:
         return Passages(self.model, self.settings, self.layout)
 
     @cached_property
+    def sliding(self) -> Sliding:
+        """What the march slides along."""
+        return Sliding(self)
+
+    @cached_property
     def thinning(self) -> Thinning | None:
         """The selection of recorded rows; None where all are recorded."""
         if self.times is not None:
@@ -268,6 +283,10 @@ class March:
     def _log(self, rows: int) -> Log:
         """Return an empty log; see `log_of`."""
         return log_of(self.layout, self.settings, rows, int(self.run.plan[0].samples) if rows else 0)
+
+    def empty_log(self) -> Log:
+        """Return a log of no row, for a run that another log is lent to."""
+        return self._log(0)
 
     def waiting_block(self) -> LogBlock | None:
         """Return the last row of an interrupted march, if a march that goes on would leave it out."""
@@ -376,6 +395,8 @@ class March:
                 raise NoMemoryError(
                     f"the model '{self.model.name}'", f", at t = {t:.6g}{unit_suffix(self.model.time_unit)}"
                 ) from None
+            if _status(self.run) == SLIDES:
+                self.sliding.go_on()
             new = slice(counts[0] - first[0], _counts(self.run)[0] - first[0])
             self.slides = self.passages.sliding(self.run, log.rows[:, new], counts[0])
             looked, took = clock(), clock() - looked

@@ -19,7 +19,7 @@ from xdynamics.march.run import AT_INSTANT, BALANCE, DEPARTURE, DETECTOR, LINK, 
 from xdynamics.march.settings import JUDGED, Settings
 from xdynamics.model import Model
 from xdynamics.model.assemblies import PATTERN
-from xdynamics.model.detectors import KINK, PERIODIC, SWITCH
+from xdynamics.model.detectors import PERIODIC, SIDED
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS, RECORD
 from xdynamics.model.reactions import DRY, NORMAL, mode_names, reactions
 from xdynamics.model.switches import borders
@@ -194,7 +194,7 @@ def _detector_rows(layout: Layout, intervals: Enclosing, settings: Settings) -> 
         row.sampled = int(detector.sampled)
         row.interpolant = int(event.root_state == "interpolant")
         row.drive = -1
-        if detector.role in (SWITCH, KINK):
+        if detector.role in SIDED:
             row.to, row.at_zero = side_index, detector.at_zero
             side_index += len(borders(detector.drive)) if detector.drive else 1
         if detector.drive:

@@ -65,6 +65,8 @@ ROOT_METHODS = {  # how events are located, as described in a record; version 0.
 }
 # What becomes of an acting event whose function is zero where the motion starts or another event acts: it is judged by
 # where the motion takes it, or, as in archives that do not say so, waits until its function has left zero.
+FILIPPOV, ENDS = "Filippov", "ends"  # what becomes of a motion that both sides drive back to a switch
+SLIDINGS = (FILIPPOV, ENDS)
 JUDGED, WAITING = "judged", "waiting"
 EVENT_STARTS = (JUDGED, WAITING)
 
@@ -355,6 +357,8 @@ class Settings:
         What becomes of acting events whose functions are zero at the start or where another acts, one of `EVENT_STARTS`.
     atol_floor : str
         What tolerances that follow are never less than, one of `ATOL_FLOORS`.
+    sliding : str
+        What becomes of a motion that both sides drive back to a switch, one of `SLIDINGS`.
     """
 
     method: Method
@@ -379,6 +383,7 @@ class Settings:
     precision: str = FLOAT64
     event_start: str = JUDGED
     atol_floor: str = OF_TERMS
+    sliding: str = FILIPPOV
 
     @property
     def partial(self) -> bool:
@@ -424,7 +429,7 @@ class Settings:
 
     def layout(self, model: Model) -> Layout:
         """Return the layout of the march's numbers."""
-        return layout_of(regime_model(model, self.switches), self.scheme)
+        return layout_of(regime_model(model, self.switches, self.sliding == FILIPPOV), self.scheme)
 
     def check(self, model: Model) -> None:
         """Refuse settings that a march could not use.
@@ -458,6 +463,8 @@ class Settings:
             faults.append(
                 f"event_root_method is {self.event_root_method!r}; there are {', '.join(map(repr, ROOT_METHODS))}"
             )
+        if self.sliding not in SLIDINGS:
+            faults.append(f"sliding is {self.sliding!r}; there are {', '.join(map(repr, SLIDINGS))}")
         if self.event_start not in EVENT_STARTS:
             faults.append(f"event_start is {self.event_start!r}; there are {', '.join(map(repr, EVENT_STARTS))}")
         if self.atol_floor not in ATOL_FLOORS:

@@ -16,13 +16,15 @@ from xdynamics.model.motion import delayed_dimensions, motion
 from xdynamics.model.parts import Contact, Event, Friction, Function
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, mode_number, reaction_dimensions, reactions
 from xdynamics.model.regime_model import RegimeModel
+from xdynamics.model.sliding import SlidingModel
 from xdynamics.model.switches import LOCATED_EVERYWHERE, bounded_function, switch_side, where_it_decides
 from xdynamics.units import NONE, Dimension, Quantity
 
 # what a detector is for: an event of the model; a gap that closes, a contact that pulls, a contact that has settled;
 # slip that stops, grip that is lost; a switch hidden in a force, which jumps or has a kink there; the gaps of many links,
-# which `march.assembly` looks for
-OCCASION, GAP, PULL, LIMIT, SLIP, GRIP, SWITCH, KINK, LINKS, PERIODIC = range(10)
+# which `march.assembly` looks for; a periodic event; the share of a switch that the motion slides along
+OCCASION, GAP, PULL, LIMIT, SLIP, GRIP, SWITCH, KINK, LINKS, PERIODIC, SHARE = range(11)
+SIDED = (SWITCH, KINK, SHARE)  # of switches
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,15 @@ def _switch_detectors(model: Model) -> Iterator[Detector]:
     if not isinstance(model, RegimeModel):
         return
     sides = {(switch.owner, switch.function): switch_side(i) for i, switch in enumerate(model.switches)}
-    for switch in model.switches:
+    weights = model.weights if isinstance(model, SlidingModel) else {}
+    functions = {i: ONE for surface in weights for i, _ in surface.members}
+    functions |= {
+        surface.members[0][0]: Binary("*", weight, Binary("-", ONE, weight)) for surface, weight in weights.items()
+    }
+    for i, switch in enumerate(model.switches):
+        if i in functions:
+            yield Detector(switch.name, functions[i], SHARE, direction="falling")
+            continue
         role, watched = SWITCH if switch.jumps else KINK, bounded_function(model, switch.function)
         if switch.nested and model.located != LOCATED_EVERYWHERE:
             owner_sides = {function: name for (owner, function), name in sides.items() if owner == switch.owner}

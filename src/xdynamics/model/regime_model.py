@@ -42,13 +42,15 @@ class RegimeModel(Model):
     switches : tuple of Switch
     located : {"located", "located everywhere"}
         Whether switches are watched where they have an effect, or also elsewhere.
+    slides : bool
+        Whether the motion may slide along them; see `model.sliding`.
     """
 
-    def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str) -> None:
+    def __init__(self, plain: Model, switches: tuple[Switch, ...], located: str, *, slides: bool = False) -> None:
         # what the plain model has cached under these names would hide the properties of this class
         replaced_names = ("digest", "form", "force_components", "elements")
         self.__dict__.update({name: value for name, value in vars(plain).items() if name not in replaced_names})
-        self.plain, self.switches, self.located = plain, switches, located
+        self.plain, self.switches, self.located, self.slides = plain, switches, located, slides
         if plain.shapes.dims:  # whose elements have sides
             return
         written = plain.statement
@@ -83,7 +85,7 @@ class RegimeModel(Model):
     def elements(self) -> Model:
         """The model of its elements on the sides of their switches."""
         is_single = self.plain.elements is self.plain
-        return self if is_single else RegimeModel(self.plain.elements, self.switches, self.located)
+        return self if is_single else RegimeModel(self.plain.elements, self.switches, self.located, slides=self.slides)
 
     def replace(self, **sections: Mapping[str, Any] | str) -> Model:
         """Return the plain model with some entries replaced; see `Model.replace`."""
@@ -98,12 +100,16 @@ class RegimeModel(Model):
     @cached_property
     def digest(self) -> str:
         """The digest of the plain model, and where its switches are located."""
-        return f"{self.plain.digest} {self.located}"
+        return f"{self.plain.digest} {self.located}{self._slides_text}"
+
+    @property
+    def _slides_text(self) -> str:
+        return " or slid along" if self.slides else ""
 
     @cached_property
     def form(self) -> str:
         """The form of the plain model, and where its switches are located: they are other programs."""
-        return f"{self.plain.form}\n# switches: {self.located}\n"
+        return f"{self.plain.form}\n# switches: {self.located}{self._slides_text}\n"
 
     @cached_property
     def force_components(self) -> Mapping[str, Mapping[str, Node | Function]]:
@@ -146,12 +152,12 @@ class RegimeModel(Model):
 
 
 @lru_cache(maxsize=64)
-def regime_model(model: Model, located: str = LOCATED) -> Model:
+def regime_model(model: Model, located: str = LOCATED, slides: bool = False) -> Model:  # noqa: FBT001, FBT002 - cached
     """Return a model on the sides of its switches; the model itself if it has none, or they are stepped over."""
     watched = watched_switches(model)
     if not watched or isinstance(model, RegimeModel) or located == STEPPED_OVER:
         return model
-    return RegimeModel(model, watched, LOCATED if located == LANDED_ON else located)
+    return RegimeModel(model, watched, LOCATED if located == LANDED_ON else located, slides=slides)
 
 
 def switch_inputs(model: Model) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from xdynamics.elementary import kept_set
 from xdynamics.faults import InputError
 from xdynamics.keywords import FULL, KEYWORDS
 from xdynamics.march.control import FIRST_STEP, FORESEEN
-from xdynamics.march.settings import ONE_BY_ONE, ROOT_METHODS, WAITING
+from xdynamics.march.settings import ENDS, ONE_BY_ONE, ROOT_METHODS, WAITING
 from xdynamics.march.tolerances import ATOL_FLOORS, NO_FLOOR
 from xdynamics.methods.scheme import FLOAT64, PLAIN, STEP_DOUBLING
 from xdynamics.model.switches import LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER
@@ -65,6 +65,7 @@ def recorded_arguments(run: xr.Dataset) -> dict[str, Any]:
         "math_functions": kept_set(recorded.get("math_functions")),
         "event_root_method": root_method_of(recorded),
         "event_start": recorded.get("solver_event_start", WAITING),
+        "sliding": recorded.get("solver_sliding", ENDS),
         "atol_floor": atol_floor_of(recorded) if "solver_atol_rule" in recorded else None,
         "keep_every": int(recorded[schema.KEEP_EVERY]) if schema.KEEP_EVERY in recorded else None,
         "log": _log_asked(recorded),

@@ -24,6 +24,7 @@ from xdynamics.elementary.double_double.sums import add, multiply
 from xdynamics.expressions import Binary, Compare, Node, dimension_of, text_of
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.kernels import Layout
+from xdynamics.kernels.layout import NO_SHARE
 from xdynamics.march import LogBlock, March, Tolerances
 from xdynamics.march.log import PIECES
 from xdynamics.march.settings import Settings
@@ -36,6 +37,7 @@ from xdynamics.model.motion import constants
 from xdynamics.model.parts import Constraint
 from xdynamics.model.reactions import reaction_dimensions
 from xdynamics.model.regime_model import watched_by
+from xdynamics.model.sliding import REFERENCE, Surface, surfaces
 from xdynamics.model.switches import Switch
 from xdynamics.reaction_names import (
     JOINT,
@@ -341,6 +343,7 @@ def side_columns(about: ColumnContext) -> list[Column]:
     # before them in a row's flags stand its kind, its regime and the state of each reaction
     collected, places, flag_row = [], {}, 2 + about.layout.reactions.size
     switches = watched_by(about.model)
+    slid = {switches[i].name for surface in surfaces(about.model) for i, _ in surface.members}
     for switch in switches:
         places[switch.owner, switch.function] = flag_row
         flag_row += 3 if switch.drive else 1
@@ -357,6 +360,8 @@ def side_columns(about: ColumnContext) -> list[Column]:
             function: flag_index for (owner, function), flag_index in places.items() if owner == switch.owner
         }
         sides = {number: word for number, word in schema.SIDES.items() if number or switch.nested or switch.dims}
+        if switch.name in slid:
+            sides |= {schema.SLIDES: "slides"}
         extra = schema.flag_attributes(sides) | {"function": switch.text}
         long_name = f"side of switch {switch.name}: the sign of its function"
         long_name += "; elsewhere where it decides nothing, inside a where" if switch.nested else ""
@@ -403,6 +408,24 @@ def _side_taker(
         return np.where(decides, block.log.flags[flag_row, : block.rows], np.int8(0))
 
     return take_side
+
+
+def share_column(about: ColumnContext, surface: Surface) -> Column:
+    """Return the share of a switch that the motion may slide along."""
+    model, name = about.model, schema.share_of(surface.name)
+    take = take_row(about.layout.row.offset_of(name), 1.0)
+
+    def take_share(block: LogBlock) -> Array:
+        share = take(block)
+        return np.where(share == NO_SHARE, np.nan, share)
+
+    switches = watched_by(model)
+    along = " and ".join(switches[i].name for i, _ in surface.members)
+    long_name = (
+        f"share of the forces of the positive side, where the motion slides along switch {along}; nan where it does not"
+    )
+    more = {"function": switches[surface.members[0][0]].text, "reference": REFERENCE}
+    return Column(Variable(name, (STEPS,), "f8", "1", long_name, "switch", more), take_share)
 
 
 def smooth_switch_passes(march: March) -> list[tuple[Variable, Array]]:

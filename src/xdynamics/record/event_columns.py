@@ -80,7 +80,8 @@ def event_columns(about: ColumnContext) -> list[Column]:
         take_event_field("kind", "i1"),
         take_event_field("direction", "i1"),
     )
-    collected = [Column(variable, take) for variable, take in zip(schema.FIXED_EVENTS, takes, strict=True)]
+    fixed = map(schema.with_kinds_of_sliding, schema.FIXED_EVENTS) if about.layout.shares else schema.FIXED_EVENTS
+    collected = [Column(variable, take) for variable, take in zip(fixed, takes, strict=True)]
     collected += [Column(variable, take) for variable, take in zip(schema.EVENT_UNCERTAINTIES, parts, strict=True)]
     if about.layout.is_doubled:
         collected.append(Column(schema.REST_EVENT_TIME, take_event_field("rest", "f8", time)))
@@ -396,7 +397,7 @@ def _observable_columns(about: ColumnContext, uncertainty: Callable[[LogBlock], 
         slopes = np.abs(block.log.rates[lines, : block.events]).T.reshape(-1, *shape)
         return multiply_values(slopes, factor) * uncertainty(block).reshape(-1, *[1] * len(shape))
 
-    other_columns = {*schema.ENERGIES, *layout.gaps, *layout.constraint_outputs}
+    other_columns = {*schema.ENERGIES, *layout.gaps, *layout.constraint_outputs, *layout.shares}
     observed = (
         [quantity for quantity in layout.computed.blocks if quantity.first not in other_columns]
         if layout.watched

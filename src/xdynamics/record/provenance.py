@@ -43,6 +43,7 @@ from xdynamics.methods.scheme import DOUBLE_DOUBLE, ESTIMATE_WORDS, FLOAT64, INT
 from xdynamics.methods.taylor import ORDER_RULE
 from xdynamics.model import Model
 from xdynamics.model.motion import delayed_quantities, variables
+from xdynamics.model.sliding import surfaces
 from xdynamics.model.switches import LANDED_ON, LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, landed_on, watched_switches
 from xdynamics.record.arguments import EVERYWHERE, SCALES, recorded_arguments
 from xdynamics.record.folded_columns import march_shapes
@@ -179,6 +180,7 @@ def settings_used(march: March) -> dict[str, Any]:
         **interpolation_attributes(settings.scheme, model),
         "solver_event_root_method": ROOT_METHODS[settings.event_root_method],
         "solver_event_start": settings.event_start,
+        **({"solver_sliding": settings.sliding} if surfaces(march.layout.model) else {}),
         "solver_force_samples": "all" if settings.samples else "none",
         "precision": PRECISION_WORDS[settings.precision],
         "math_functions": settings.math_functions,

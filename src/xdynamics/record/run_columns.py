@@ -20,6 +20,7 @@ from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
 from xdynamics.model.parts import Contact, Friction
 from xdynamics.model.reactions import DRY, NORMAL, Reaction, reactions
+from xdynamics.model.sliding import surfaces
 from xdynamics.record.column import (
     Column,
     ColumnContext,
@@ -29,6 +30,7 @@ from xdynamics.record.column import (
     rest_column,
     row_column,
     shapes_with_switches,
+    share_column,
     side_columns,
     smooth_switch_passes,
     take_row,
@@ -194,7 +196,7 @@ def _step_columns(about: ColumnContext) -> list[Column]:
     for (term, name), force in zip(term_components, layout.forces.blocks, strict=True):
         label = model.elements.forces[term].description or term
         add_column(force, f"component of force {label} along {name}", units.known[force.name])
-    for entry in (block for block in layout.computed.blocks if block.first not in layout.constraint_outputs):
+    for entry in (b for b in layout.computed.blocks if b.first not in {*layout.constraint_outputs, *layout.shares}):
         name = entry.name
         role = "energy" if name in schema.ENERGIES else "gap" if entry.first in layout.gaps else "observable"
         noun = "gap of contact" if role == "gap" else "observable"
@@ -207,6 +209,7 @@ def _step_columns(about: ColumnContext) -> list[Column]:
         reaction = reactions(model)[first]
         add_column(entry, _long_name(about, reaction), units.known[entry.name], _declared_attributes(model, reaction))
         collected.append(Column(_state_of(about, reaction, entry.dims), _flag_taker(2 + first, entry.shape)))
+    collected += [share_column(about, surface) for surface in surfaces(model)]
     collected += [*of_constraints(about), *stacked_columns(side_columns(about), shapes_with_switches(model))]
     if layout.estimates and about.tolerances is not None:
         collected.append(Column(schema.ERROR_NORM, take_row(layout.row.offset_of("error_norm"), 1.0)))

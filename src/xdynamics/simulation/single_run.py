@@ -255,6 +255,7 @@ def simulate(
     switches: str | None = None,
     event_root_method: str | None = None,
     event_start: str | None = None,
+    sliding: str | None = None,
     # arithmetic
     scales: Mapping[str, str] | None = None,
     summation: str | None = None,
@@ -326,6 +327,11 @@ def simulate(
         What becomes of a stop, switch or reset whose function is zero at the start, or where another event acts: it has
         happened if the motion takes it on in its direction, `rising` or `falling`; or, for the bits of older archives,
         it waits until its function has left zero, in whichever direction.
+    sliding : {"Filippov", "ends"}
+        What becomes of a motion that both sides drive back to a switch at which a force jumps: it slides along it, by the
+        convex combination of both forces that keeps the function of the switch at zero (Filippov, Differential Equations
+        with Discontinuous Righthand Sides, 1988, chapter 2), and ``switch_share_<switch>(step)`` has the share of the
+        positive side; or the run ends as ``sliding_mode``, as in older archives.
     scales : mapping, optional
         Length, time and mass to march in nondimensional variables with: ``{"length": "0.4 m"}``. Everything reported
         has its units again.

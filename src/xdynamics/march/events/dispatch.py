@@ -17,12 +17,12 @@ from xdynamics.march.events.departures import arm_event, begin_departures, judge
 from xdynamics.march.events.enclosures import end_region
 from xdynamics.march.events.isolation import ends_near_event, is_event_free, isolate
 from xdynamics.march.events.switch_sides import take_sides
-from xdynamics.march.events.transition import check_contact_row, locate_and_land, meet_here, ring_alone
+from xdynamics.march.events.transition import check_contact_row, locate_and_land, meet_here, resume, ring_alone
 from xdynamics.march.events.zero_tests import event_resolution
 from xdynamics.march.force_evaluation import set_time
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import SOUND
-from xdynamics.march.run import BEGIN_EVENTS, MEET_HERE, RING, TAKE_SIDES, Run
+from xdynamics.march.run import BEGIN_EVENTS, MEET_HERE, RESUME, RING, TAKE_SIDES, Run
 from xdynamics.march.trial_step import evaluate_events, restore_trial, store_trial, substep
 from xdynamics.model.detectors import OCCASION
 from xdynamics.schema import REASON_DOMAIN, REASON_EVENT, REASON_EVENT_FUNCTION
@@ -39,7 +39,7 @@ def run_event_command(address: Any, _number: float, command: int) -> None:
         `BEGIN_EVENTS`: determine on which side of zero every event function is at the start. `TAKE_SIDES`: set the
         switches hidden in forces to the sides of the march's state. `FIND_EVENTS`: find the first event of the trial
         and go on after it. `RING`: act as periodic events at the trial's end say. `MEET_HERE`: act as events that have
-        happened where the march stands.
+        happened where the march stands. `RESUME`: go on with other forces, along switches or away from them.
     """
     run = run_at(address)
     if command == TAKE_SIDES:
@@ -50,6 +50,8 @@ def run_event_command(address: Any, _number: float, command: int) -> None:
         ring_alone(run)
     elif command == MEET_HERE:
         meet_here(run)
+    elif command == RESUME:
+        resume(run)
     else:
         find_event(run)
 

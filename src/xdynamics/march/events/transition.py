@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xdynamics import schema
+from xdynamics.elementary.bounds import SMOOTH
 from xdynamics.kernels.compiling import jit_separate, noinline
-from xdynamics.kernels.law import RESETS, SLOPES
+from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, T
 from xdynamics.march.calls import call_law, call_phase
 from xdynamics.march.control import (
@@ -31,6 +32,7 @@ from xdynamics.march.control import (
     nonfinite_reason,
 )
 from xdynamics.march.events.departures import (
+    arm_event,
     begin_instant,
     judge_actions,
     judges_departures,
@@ -49,7 +51,7 @@ from xdynamics.march.events.switch_sides import (
     tick_at_end,
     ticks_at_end,
 )
-from xdynamics.march.events.zero_tests import NONE, event_resolution, function_uncertainty
+from xdynamics.march.events.zero_tests import CROSSED, NONE, event_resolution, function_uncertainty
 from xdynamics.march.force_evaluation import evaluate_held, finite_state, put_reset_value, set_time
 from xdynamics.march.log import append_row, first_of_group, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
@@ -57,6 +59,7 @@ from xdynamics.march.outcomes import (
     CONTACT_PENETRATED,
     NONFINITE_OBSERVABLE,
     RUNNING,
+    SLIDES,
     SLIDING_MODE,
     SOUND,
     STOPPED,
@@ -65,6 +68,7 @@ from xdynamics.march.past import break_here, note_past
 from xdynamics.march.run import (
     ASSEMBLY_PHASE,
     BEFORE,
+    BEGINS,
     BEGUN,
     BEHIND,
     CHECK,
@@ -81,7 +85,7 @@ from xdynamics.march.run import (
     Run,
 )
 from xdynamics.march.trial_step import copy_numbers, evaluate_events, propose_step_apart
-from xdynamics.model.detectors import GRIP, KINK, PERIODIC, PULL, SLIP
+from xdynamics.model.detectors import GRIP, KINK, PERIODIC, PULL, SHARE, SLIP
 from xdynamics.model.detectors import SWITCH as SWITCH_ROLE
 from xdynamics.model.parts import ACTIONS
 
@@ -90,6 +94,7 @@ State = NDArray[Any]
 # no literals: numba compiles a copy of a function for each literal that it is given
 _CROSSING, _JUMP = np.int64(schema.CROSSING), np.int64(schema.JUMP)
 _SWITCHED, _RESET = np.int64(schema.REGIME_SWITCH), np.int64(schema.RESET_KIND)
+_LEAVE = np.int64(schema.LEAVE)
 _BEFORE, _AFTER, _NODE = np.int64(schema.EVENT_BEFORE), np.int64(schema.EVENT_AFTER), np.int64(schema.NODE)
 STATE = 2  # of a row of the log, after time and step
 NEWTON_TURNS = 3  # from the time tolerance to 31 digits
@@ -193,6 +198,8 @@ def act(run: Run, row: int) -> bool:
         elif detector.action == RESET:
             reset(run, event.detector, k)
             event.kind, changed = _RESET, True
+        elif detector.role == SHARE:
+            event.kind, changed = _LEAVE, True
     return changed
 
 
@@ -274,6 +281,9 @@ def note_both_sides(run: Run, reached: bool) -> None:
     if judges_departures(run) and (run.trial[0].h > 0.0 or run.instant[0].states == 0):
         begin_instant(run)
     if not cross_events(run, row_before):
+        return
+    if now_slides(run):
+        go_on_after_events(run, reached)
         return
     if judges_departures(run):
         judge_actions(run)
@@ -390,7 +400,9 @@ def cross_events(run: Run, row_before: int) -> bool:
     if judges_departures(run):
         run.instant[0].changed = int(acted or meets_contact(run))
     if plan.switches > 0 and slides_along_switch(run):
-        now.status = SLIDING_MODE
+        now.status = SLIDES if plan.slides > 0 else SLIDING_MODE
+    if plan.along > 0 and changed and now.status == RUNNING:  # other forces have other shares
+        now.status = SLIDES
     if not finite_state(run):
         status = nonfinite_reason(run)
         break_off(run, row_before)
@@ -398,6 +410,66 @@ def cross_events(run: Run, row_before: int) -> bool:
         now.h = 0.0  # no step failed, but the state after the event
         return False
     return True
+
+
+@jit_separate
+def now_slides(run: Run) -> bool:
+    """Whether the march waits for other forces; the state behind the events is noted with those."""
+    return bool(run.now[0].status == SLIDES)
+
+
+@jit_separate
+def resume(run: Run) -> None:
+    """Go on with other forces: along switches, or away from them."""
+    now, begins = run.now[0], run.plan[0].resumes == BEGINS
+    run.plan[0].resumes = 0
+    end_region(run)
+    run.kept[0].since, run.kept[0].weighs = BEGUN, 1
+    copy_numbers(run.y, run.z)
+    if begins:
+        stand_on_switches(run)
+        return
+    evaluate_held(run, now.t, run.z, 0.0)
+    if not finite_state(run):
+        now.status = nonfinite_reason(run)
+        return
+    note_sample(run, now.t, run.z, now.rows)
+    if not append_row_apart(run, _AFTER, now.t, 0.0, run.z):
+        end_march(run, NONFINITE_OBSERVABLE)
+        return
+    copy_numbers(run.z, run.y)
+    set_time(run, T, now.t)
+    call_law(run.law[DETECT], run, run.y, run.g, 0)
+    for i in range(run.detectors.shape[0]):
+        watch = run.watches[i]
+        watch.hit, watch.greatest, run.pending[i] = NONE, 0.0, 0.0
+        arm_event(run, i, run.g[i])
+
+
+@jit_separate
+def stand_on_switches(run: Run) -> None:
+    """Note switches on which a march begins, and to which the motion is driven back, as events there."""
+    now, trial = run.now[0], run.trial[0]
+    run.piece[0].substeps = 0
+    trial.t, trial.h, trial.rest = now.t, 0.0, now.rest
+    trial.landing, trial.iterations, trial.unsound = AT_BORDER, 0, 0.0
+    evaluate_events(run)
+    call_law(run.law[SLOPES], run, run.y, run.slopes, 0)
+    for i in range(run.detectors.shape[0]):
+        watch, side = run.watches[i], 0.0
+        watch.hit, run.pending[i] = NONE, 0.0
+        if run.detectors[i].role == SWITCH_ROLE and run.detectors[i].drive < 0 and run.g[i] == 0.0:
+            side = run.modes[run.detectors[i].to]
+        if side * run.slopes[i] < 0.0:
+            watch.hit, watch.armed, watch.left, watch.broken = CROSSED, np.int64(-side), 0.0, SMOOTH
+            watch.zone, watch.before, watch.drift = -1.0, 0.0, 0.0
+            now.status = SLIDES
+    if now.status == SLIDES:
+        row = now.rows
+        if not append_row_apart(run, _BEFORE, now.t, 0.0, run.z):
+            end_march(run, NONFINITE_OBSERVABLE)
+            return
+        note_events(run, row, 0)
 
 
 @jit_separate

@@ -1,0 +1,220 @@
+"""Marches along switches: which of them the motion slides along, by whose forces it goes on, when it leaves them.
+
+At an event at which a force drives the motion back, or at which the forces along a switch change, the march waits. From
+the rates of the functions of all switches that it stands on, by the forces of either side, follows how it goes on: each
+is left to a side into which it moves, or slid along with a share between 0 and 1. Exactly one way has to be right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xdynamics.kernels import Law, law_of
+from xdynamics.march.initial_run import addresses_of, pose_run
+from xdynamics.march.outcomes import COMPLETED, RUNNING, SLIDING_MODE
+from xdynamics.march.run import AFTER_EVENT, CHANGING, Run
+from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states
+from xdynamics.model.regime_model import RegimeModel
+from xdynamics.model.sliding import MOST_AT_ONCE, Surface, arm_rates, sliding_model, surfaces
+from xdynamics.model.switches import switch_side
+from xdynamics.schema import SLIDE, SLIDES
+from xdynamics.units import TIME
+
+if TYPE_CHECKING:
+    from xdynamics.march.runner import March
+
+Floats = NDArray[np.float64]
+
+NEAR = 1e-9  # of the span of a march: how long the motion would take to a switch that it counts as standing on
+SLIDING = 0  # beside the sides -1 and 1
+_UNCERTAIN = 1e-12  # of the sizes of rates: below it one says nothing
+
+
+class Sliding:
+    """What a march slides along, and the runs by the forces there.
+
+    Parameters
+    ----------
+    march : March
+    """
+
+    def __init__(self, march: March) -> None:
+        self.march, self.along = march, tuple[Surface, ...]()
+        self.fault = ""  # why no motion goes on along switches, once one ended there
+        self._runs: dict[tuple[Surface, ...], tuple[Run, Law]] = {}
+
+    def go_on(self) -> None:
+        """Decide how the march that waits at an event goes on, and let it.
+
+        Its run is another one where it slides along other switches than before.
+        """
+        run = self.march.run
+        candidates = [surface for surface in surfaces(self._model) if surface in self.along or self._is_met(surface)]
+        ways = [*self._ways(candidates)] if len(candidates) <= MOST_AT_ONCE else []
+        if len(ways) != 1 or not candidates:
+            self.fault = _fault(candidates, len(ways))
+            run.now[0].status = SLIDING_MODE
+            return
+        (way,) = ways
+        self._note(way)
+        for surface, side in way.items():
+            for i, factor in surface.members:
+                detector = run.detectors[self._first_switch + i]
+                run.watches["guard"][self._first_switch + i] = side * factor
+                run.modes[detector["to"]] = side * factor if side != SLIDING else SLIDES
+        self.enter(tuple(surface for surface, side in way.items() if side == SLIDING))
+        run = self.march.run
+        run.plan["resumes"] = AFTER_EVENT
+        run.now["status"] = RUNNING if run.now["t"][0] < run.plan["end"][0] else COMPLETED
+
+    def enter(self, along: tuple[Surface, ...]) -> None:
+        """March on with the forces along some switches, or away from all."""
+        if along == self.along:
+            return
+        left, self._runs[self.along] = self.march.run, (self.march.run, self.march.law)
+        entered, _ = self._runs.get(along) or self._made(along)
+        for name in (*CHANGING, "p"):
+            source, target = getattr(left, name), getattr(entered, name)
+            if source.shape == target.shape:
+                target[...] = source
+        entered.put(base=left.base, **{name: getattr(left, name) for name in vars(left) if name.startswith("log_")})
+        self.along = along
+        vars(self.march)["run"] = entered
+
+    def _made(self, along: tuple[Surface, ...]) -> tuple[Run, Law]:
+        march = self.march
+        model = sliding_model(self._model, along)
+        law = law_of(march.settings.layout(model), sampled=march.settings.samples, unread=march.law.unread)
+        return pose_run(model, march.settings, law, march.empty_log(), addresses_of(law)), law
+
+    @property
+    def _model(self) -> RegimeModel:
+        model = self.march.layout.model
+        assert isinstance(model, RegimeModel)  # noqa: S101 - others have no switches
+        return model
+
+    @property
+    def _first_switch(self) -> int:
+        return len(self.march.layout.watched) - len(self.march.layout.switches)
+
+    def _is_met(self, surface: Surface) -> bool:
+        hits = self.march.run.watches["hit"]
+        return any(hits[self._first_switch + i] for i, _ in surface.members)
+
+    def _ways(self, candidates: Sequence[Surface]) -> Iterator[dict[Surface, int]]:
+        """Yield the ways in which the motion may go on: the side of each switch, or 0 where it slides."""
+        along = tuple(candidates)
+        rates, matrix, values = self._rates(along)
+        sizes = np.abs(rates) + np.abs(matrix).sum(axis=1)
+        fixed = {k: self._left_side(surface) for k, surface in enumerate(along) if self._is_left(surface)}
+        span = float(self.march.run.plan[0]["end"] - self.march.run.plan[0]["start"])
+        for k, value in enumerate(values):
+            if along[k] in self.along and abs(value) > NEAR * span * sizes[k]:  # an event has set the state elsewhere
+                fixed[k] = 1 if value > 0.0 else -1
+        for sides in product((-1, SLIDING, 1), repeat=len(along)):
+            if any(sides[k] != side for k, side in fixed.items()):
+                continue
+            shares = np.array([(1.0 + side) / 2.0 for side in sides])
+            slid = [k for k, side in enumerate(sides) if side == SLIDING]
+            if slid:
+                block = matrix[np.ix_(slid, slid)]
+                shares[slid] = 0.0
+                known = rates + matrix @ shares
+                if abs(np.linalg.det(block / sizes[slid, None])) <= _UNCERTAIN:
+                    continue
+                shares[slid] = np.linalg.solve(block, -known[slid])
+            going = rates + matrix @ shares
+            if all(
+                (0.0 <= shares[k] <= 1.0 and matrix[k, k] < 0.0)
+                if side == SLIDING
+                else k in fixed or side * going[k] > _UNCERTAIN * sizes[k]
+                for k, side in enumerate(sides)
+            ):
+                yield dict(zip(along, sides, strict=True))
+
+    def _is_left(self, surface: Surface) -> bool:
+        """Whether the share of a switch that the motion slid along has come to one of its bounds."""
+        return surface in self.along and bool(self.march.run.watches["hit"][self._first_switch + surface.members[0][0]])
+
+    def _left_side(self, surface: Surface) -> int:
+        place = self.march.layout.row.offset_of(_share_name(surface))
+        run = self.march.run
+        row = int(run.now["rows"][0] - run.base["rows"][0]) - 1
+        return 1 if run.log_rows[place, row] > 0.5 else -1
+
+    def _rates(self, along: tuple[Surface, ...]) -> tuple[Floats, Floats, Floats]:
+        """Return the rates of functions with all sides negative, what each positive side adds to them, and their values."""
+        model, n = self._model, len(along)
+        trees = [*arm_rates(model, along, ())]
+        for surface in along:
+            trees += arm_rates(model, along, (surface,))
+        values = self._values([*trees, *(surface.function for surface in along)])
+        rates, beyond, functions = np.split(values, [n, n + n * n])
+        return rates, (beyond.reshape(n, n) - rates).T, functions
+
+    def _values(self, trees: Sequence[Any]) -> Floats:
+        """Return the values of expressions where the march waits, in SI units."""
+        march, run, model = self.march, self.march.run, self._model
+        scales, layout = march.settings.scales, march.layout
+        sizes = layout.sizes(scales)
+        state: dict[str, Any] = {
+            "t": run.now["t"] * scales.si_factor(TIME),
+            REGIME_NUMBER: float(run.now["regime"][0]),
+        }
+        state |= {name: run.y[i : i + 1] * sizes[i] for i, name in enumerate(layout.used)}
+        known: Mapping[str, float] = constants(model)
+        factors = [
+            scales.si_factor(model.elements.dimensions[name]) if name in model.elements.statement.parameters else 1.0
+            for name in known
+        ]
+        parameters = {
+            name: value * factor
+            for (name, value, factor) in zip(known, run.p.tolist(), factors, strict=False)
+            if name in model.elements.statement.parameters
+        }
+        modes = run.modes.tolist()
+        sides = {
+            switch_side(i): modes[run.detectors[self._first_switch + i]["to"]]
+            for i, switch in enumerate(model.switches)
+            if not switch.drive
+        }
+        numbers = dict(known) | parameters | sides
+        found = evaluate_over_states(model, list(trees), state, numbers, drive_pieces(model))
+        return np.array([float(np.broadcast_to(np.asarray(value, float), 1)[0]) for value in found])
+
+    def _note(self, way: Mapping[Surface, int]) -> None:
+        """Write into the rows of the events at this instant what they are: the begin of sliding."""
+        run = self.march.run
+        last = int(run.now["events"][0] - run.base["events"][0]) - 1
+        members = {
+            self._first_switch + i: side
+            for surface, side in way.items()
+            for i, _ in surface.members
+            if surface not in self.along
+        }
+        row = run.log_events["row_before"][last] if last >= 0 else -1
+        while last >= 0 and run.log_events["row_before"][last] == row:
+            if members.get(int(run.log_events["detector"][last])) == SLIDING:
+                run.log_events["kind"][last] = SLIDE
+            last -= 1
+
+
+def _share_name(surface: Surface) -> str:
+    from xdynamics.schema import share_of
+
+    return share_of(surface.name)
+
+
+def _fault(candidates: Sequence[Surface], ways: int) -> str:
+    names = " and ".join(f"'{surface.name}'" for surface in candidates)
+    if len(candidates) > MOST_AT_ONCE:
+        return f"the motion meets {len(candidates)} switches at once, {names}, and {MOST_AT_ONCE} are as many as it slides along"
+    if not ways:
+        return f"at the switch {names} no motion goes on, along it or to a side"
+    return f"at the switch {names} {ways} motions go on, along it or to a side: forces do not decide which"
+

@@ -1,0 +1,198 @@
+"""Motion along switches that both sides drive back to: Filippov's convex combination, as trees.
+
+Where the forces of either side drive the motion back to a switch it slides along it. Its forces are then the
+combination f = f- + u (f+ - f-) of those of both sides with which the function of the switch stays zero, 0 <= u <= 1
+(Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2; equivalent control: Utkin, Sliding
+Modes in Control and Optimization, 1992). The share u follows from the state: it solves g'(u) = 0, which is linear in u.
+
+A model that slides is one whose forces are these combinations. It is smooth, so that whatever marches, samples or
+differentiates a model does so with it; the share has a detector, which is zero where the motion leaves the switch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from xdynamics.expressions import Binary, Node, Number, expand
+from xdynamics.expressions.calculus import ONE, ZERO
+from xdynamics.expressions.evaluation import evaluate
+from xdynamics.model.model import Model
+from xdynamics.model.motion import constants, motion, variables
+from xdynamics.model.parts import Function
+from xdynamics.model.regime_model import RegimeModel, watched_by
+from xdynamics.model.switches import switch_side
+from xdynamics.runtime.lazy_imports import cached_property
+
+REFERENCE = "Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2"
+MOST_AT_ONCE = 3  # surfaces that a motion slides along at a time
+_PROBES = ((0.7310, 0.3176), (1.2391, 0.5143), (0.4127, 0.8869))  # first value, and ratio to the next: three odd states
+_EQUAL = 1e-12  # of ratios at these
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What a motion may slide along: switches whose functions are equal up to a factor.
+
+    Attributes
+    ----------
+    name : str
+        Of the first switch.
+    function : Node
+        Its function; the share is that of the side where it is positive.
+    members : tuple of (int, int)
+        Numbers of the switches, with the sign of the factor.
+    """
+
+    name: str
+    function: Node
+    members: tuple[tuple[int, int], ...]
+
+
+@lru_cache(maxsize=64)
+def surfaces(model: Model) -> tuple[Surface, ...]:
+    """Return what a motion may slide along: located switches at which a force or rate jumps, of models without dimensions.
+
+    Not points of tables, not what masses and friction switch at, and nothing of models with contacts or constraints.
+    """
+    if isinstance(model, SlidingModel):
+        return surfaces(model.base)
+    if not (isinstance(model, RegimeModel) and model.slides):
+        return ()
+    elements = model.elements
+    statement = model.statement
+    if model.shapes.dims or elements.contacts or statement.frictions or elements.constraints or model.assemblies:
+        return ()
+    if model.python_functions or model.delays:
+        return ()
+    owners = {*statement.forces, *statement.states}
+    groups: list[tuple[str, Node, list[tuple[int, int]]]] = []
+    for i, switch in enumerate(watched_by(model)):
+        if not switch.jumps or switch.drive or switch.owner not in owners:
+            continue
+        for _, function, members in groups:
+            if factor := _sign_of_factor(model, function, switch.function):
+                members.append((i, factor))
+                break
+        else:
+            groups.append((switch.name, switch.function, [(i, 1)]))
+    return tuple(Surface(name, function, tuple(members)) for name, function, members in groups)
+
+
+def _sign_of_factor(model: Model, first: Node, second: Node) -> int:
+    """Return the sign of the factor between two functions; 0 if they are not equal up to one."""
+    if first == second:
+        return 1
+    ratios = set[float]()
+    for value, ratio in _PROBES:
+        values = dict(constants(model)) | {"t": value}
+        for name in variables(model):
+            value = (value * ratio + 0.3) % 1.0  # noqa: PLW2901
+            values[name] = value
+        try:
+            ratios.add(evaluate(second, values) / evaluate(first, values))
+        except (ArithmeticError, KeyError, ValueError):
+            return 0
+    least, most = min(ratios), max(ratios)
+    if not abs(most - least) <= _EQUAL * abs(most) or most == 0.0:
+        return 0
+    return 1 if most > 0.0 else -1
+
+
+class SlidingModel(RegimeModel):
+    """A model on the sides of its switches, but on the convex combination of those that it slides along.
+
+    Parameters
+    ----------
+    model : RegimeModel
+    weights : mapping of Surface to Node
+        The share of the positive side: an expression of the state, 0 or 1.
+    """
+
+    def __init__(self, model: RegimeModel, weights: Mapping[Surface, Node]) -> None:
+        self.weights, self.base = dict(weights), model
+        super().__init__(model.plain, model.switches, model.located, slides=model.slides)
+
+    @cached_property
+    def digest(self) -> str:
+        """The digest of the model, and what it slides along."""
+        return f"{self.base.digest} {self._shares_text}"
+
+    @cached_property
+    def form(self) -> str:
+        """The form of the model, and what it slides along: it is another program."""
+        return f"{self.base.form}\n# shares: {self._shares_text}\n"
+
+    @cached_property
+    def _shares_text(self) -> str:
+        fixed = {ZERO: "0", ONE: "1"}
+        return ", ".join(f"{surface.name} {fixed.get(weight, 'slides')}" for surface, weight in self.weights.items())
+
+    def _one_sided_tree(self, owner: str, tree: Node) -> Node:
+        mixed = super()._one_sided_tree(owner, tree)
+        for surface, weight in self.weights.items():
+            minus, plus = (_on_side(mixed, surface, side) for side in (-1, 1))
+            if weight == ONE or minus == plus:
+                mixed = plus
+            elif weight == ZERO:
+                mixed = minus
+            else:
+                mixed = Binary("+", minus, Binary("*", weight, Binary("-", plus, minus)))
+        return mixed
+
+
+def _on_side(tree: Node, surface: Surface, side: int) -> Node:
+    return expand(tree, {switch_side(i): Number(float(side * factor)) for i, factor in surface.members})
+
+
+def sliding_model(model: RegimeModel, along: Sequence[Surface]) -> SlidingModel:
+    """Return a model that slides along some surfaces."""
+    return SlidingModel(model, dict(zip(along, shares(model, tuple(along)), strict=True)))
+
+
+@lru_cache(maxsize=64)
+def shares(model: RegimeModel, along: tuple[Surface, ...]) -> tuple[Node, ...]:
+    """Return the shares with which the functions of some surfaces stay zero, as expressions of the state.
+
+    Of several surfaces they solve linear equations, by Gaussian elimination: forces are sums of what each switches.
+    """
+    base = arm_rates(model, along, ())
+    matrix: list[list[Node]] = [[ZERO] * len(along) for _ in along]
+    for k, surface in enumerate(along):
+        for j, (rate, rate_there) in enumerate(zip(base, arm_rates(model, along, (surface,)), strict=True)):
+            matrix[j][k] = Binary("-", rate_there, rate)
+    right: list[Node] = [Binary("-", ZERO, rate) for rate in base]
+    n = len(along)
+    for p in range(n):
+        for i in range(p + 1, n):
+            factor = Binary("/", matrix[i][p], matrix[p][p])
+            for j in range(p + 1, n):
+                matrix[i][j] = Binary("-", matrix[i][j], Binary("*", factor, matrix[p][j]))
+            right[i] = Binary("-", right[i], Binary("*", factor, right[p]))
+    solved: list[Node] = [ZERO] * n
+    for i in reversed(range(n)):
+        total = right[i]
+        for j in range(i + 1, n):
+            total = Binary("-", total, Binary("*", matrix[i][j], solved[j]))
+        solved[i] = Binary("/", total, matrix[i][i])
+    return tuple(solved)
+
+
+@lru_cache(maxsize=64)
+def arm_rates(model: RegimeModel, of: tuple[Surface, ...], positive: tuple[Surface, ...]) -> tuple[Node, ...]:
+    """Return the time derivatives of the functions of surfaces, where all but some of them are on their negative side."""
+    arm = SlidingModel(model, {surface: ONE if surface in positive else ZERO for surface in of})
+    known: dict[str, Node] = {}
+    for item in motion(arm.elements):
+        assert not isinstance(item.value, Function)  # noqa: S101 - a model with one has no surfaces
+        known[item.name] = expand(item.value, known)
+    return tuple(expand(arm.elements.rate_of(surface.function), known) for surface in of)
+
+
+def slid_along(model: Model) -> tuple[Surface, ...]:
+    """Return what a model slides along."""
+    return tuple(model.weights) if isinstance(model, SlidingModel) else ()
+
+
+__all__ = ["MOST_AT_ONCE", "SlidingModel", "Surface", "arm_rates", "shares", "slid_along", "sliding_model", "surfaces"]
