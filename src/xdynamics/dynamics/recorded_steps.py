@@ -352,13 +352,11 @@ def step_columns(
     columns_with_rows = [("step_size", following)]
     columns_with_rows += [(name, rows) for name in ("regime", "row_kind", *contact_states, *used)]
     if settings.precision == DOUBLE_DOUBLE:
-        return columns_with_rows + [(name, rows) for name in (*map(schema.rest_name, used), schema.REST_TIME.name)]
-    # iterations that continue from those of the step before do not reproduce its end to the bit
-    return (
-        columns_with_rows + [(name, following) for name in used]
-        if settings.method.stepper.has_memory
-        else columns_with_rows
-    )
+        columns_with_rows += [(name, rows) for name in (*map(schema.rest_name, used), schema.REST_TIME.name)]
+    elif settings.method.stepper.has_memory:
+        # iterations that continue from those of the step before do not reproduce its end to the bit
+        columns_with_rows += [(name, following) for name in used]
+    return columns_with_rows + [(name, rows) for name in settings.layout(model).shares]
 
 
 def values_along(numbers: Any, first: int, quantity: Block) -> Any:

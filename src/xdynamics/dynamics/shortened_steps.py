@@ -36,6 +36,7 @@ from xdynamics.march.dense_output import past_of, posed_inside, states_within
 from xdynamics.march.initial_run import rest_of_time
 from xdynamics.march.memory import LARGE
 from xdynamics.march.past import Past
+from xdynamics.march.settings import ENDS
 from xdynamics.methods import METHODS, method_of
 from xdynamics.methods.scheme import DOUBLE_DOUBLE, PLAIN, REINTEGRATE
 from xdynamics.methods.steppers import EXACT
@@ -151,6 +152,7 @@ class StepInterpolator:
             switches=str(attributes.get("solver_switches", STEPPED_OVER)),
             math_functions=kept_set(attributes.get("math_functions")),
             precision=precision_of(attributes),
+            sliding=str(attributes.get("solver_sliding", ENDS)),
         )
 
     @cached_property
@@ -362,6 +364,7 @@ class StepInterpolator:
         time, used, low_parts = np.asarray(self.run["time"]), self.layout.used, None
         columns, links = stack_columns(self._columns(rows)), self._links
         n, first, doubled = len(used), 3 + self._touching, self.layout.is_doubled
+        slid = 0 if self.layout.is_doubled else len(self.layout.shares)
         start, end = time[rows], time[rows + 1]
         if shifts is not None:
             of_step = [np.asarray(shifts[quantity.name]) for quantity in self.quantities]
@@ -375,7 +378,8 @@ class StepInterpolator:
             columns[first : first + n] = inner
             if doubled and high is end:  # as the march had it, which is not what the float is written as
                 low_parts = np.asarray(self.run.variables[schema.REST_TIME.name])[rows + 1]
-            steps = columns if doubled else columns[: first + n]
+            of_start = slice(0, len(columns) if doubled else first + n)
+            steps = np.vstack([columns[of_start], columns[len(columns) - slid :]]) if slid else columns[of_start]
             state_numbers = self._evaluated(
                 np.stack([high, low, high, rows]), steps, links, with_errors=False, low_parts=low_parts
             )

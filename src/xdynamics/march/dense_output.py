@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.elementary.double_double import DoubleDouble, nearest
 from xdynamics.elementary.double_double.sums import multiply
-from xdynamics.kernels import Law, Layout
+from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import engine
 from xdynamics.march.engine import lanes as side_by_side
 from xdynamics.march.ensemble import Runs
@@ -23,6 +24,8 @@ from xdynamics.march.settings import Settings
 from xdynamics.march.simd_ensemble import table_of
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
+from xdynamics.model.regime_model import RegimeModel
+from xdynamics.model.sliding import Surface, sliding_model, surfaces
 from xdynamics.units import TIME
 
 Floats = NDArray[np.float64]
@@ -73,7 +76,8 @@ def states_within(
     columns : ndarray, shape (3 + r + n or 3 + r + 2*n, k)
         Step size; regime, kind of row, state of each reaction and state at the start; and for a method
         whose iterations continue those of the step before, the state at the end; in units of the record. Where numbers
-        are sums of two, after the state its rests and that of the time.
+        are sums of two, after the state its rests and that of the time. In the end the share at the start of each switch
+        that the motion may slide along, nan where it does not.
     factors : ndarray, shape (n, 1) or (1, 1)
         From internal units to those of the record.
     reintegrated : bool
@@ -100,6 +104,64 @@ def states_within(
     ndarray, shape (2*n, k) or (3*n, k)
         The states, and their distances; where numbers are sums of two, then the rests of the states. At an accepted time the state is the accepted one, to the bit.
     """
+    switches = surfaces(law.layout.model)
+    columns, shares = np.split(columns, [len(columns) - len(switches)])
+    given = {"reintegrated": reintegrated, "with_distances": with_distances, "parameters": parameters}
+    if np.isnan(shares).all():
+        more = {
+            "runs": runs,
+            "past": past,
+            "low_parts": low_parts,
+            "links": links,
+            "run": run,
+            "state_room": state_room,
+        }
+        return _states_by_law(model, settings, law, where, columns, factors, **given, **more)
+    numbers = np.empty(0)
+    ways, group_of = np.unique(~np.isnan(shares), axis=1, return_inverse=True)
+    for group, slid in enumerate(ways.T):
+        steps = np.flatnonzero(group_of.ravel() == group)
+        more = {
+            name: None if array is None else array[steps] for name, array in (("runs", runs), ("low_parts", low_parts))
+        }
+        way_model, way_law = _along(model, settings, law, tuple(compress(switches, slid)))
+        states = _states_by_law(
+            way_model, settings, way_law, where[:, steps], columns[:, steps], factors, **given, **more
+        )
+        numbers = numbers if numbers.size else np.empty((len(states), columns.shape[1]))
+        numbers[:, steps] = states
+    return numbers
+
+
+def _along(model: Model, settings: Settings, law: Law, along: tuple[Surface, ...]) -> tuple[Model, Law]:
+    """Return a model that slides along some switches, and its law."""
+    if not along:
+        return model, law
+    base = law.layout.model
+    assert isinstance(base, RegimeModel)  # noqa: S101 - others have no switches
+    slid = sliding_model(base, along)
+    return slid, law_of(settings.layout(slid), sampled=law.sampled, unread=law.unread)
+
+
+def _states_by_law(
+    model: Model,
+    settings: Settings,
+    law: Law,
+    where: Floats,
+    columns: Floats,
+    factors: Floats,
+    *,
+    reintegrated: bool,
+    with_distances: bool,
+    parameters: Floats | None,
+    runs: NDArray[np.int64] | None = None,
+    past: Past | None = None,
+    low_parts: Floats | None = None,
+    links: ListedLinks | None = None,
+    run: Run | None = None,
+    state_room: Floats | None = None,
+) -> Floats:
+    """Evaluate states inside steps by the forces of one law; see `states_within`."""
     scale, n, reaction_count = settings.scales.si_factor(TIME), law.layout.used.size, len(reactions(model))
     times, starts, ends = where / scale
     moving = np.flatnonzero(times > starts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import Log, LogBlock, Room, allocate
-from xdynamics.march.outcomes import OUTCOMES
+from xdynamics.march.outcomes import OUTCOMES, SLIDES
 from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings, check_alone
 from xdynamics.march.simd_ensemble import (
@@ -217,28 +217,39 @@ def march_many(
     columns = (tuple(law.layout.row) if logs else ()) if isinstance(logs, bool) else tuple(logs)
     filled_columns = columns if keeps_logs and side_by_side > 1 else tuple(law.layout.row)
 
-    def march_slice(part: slice) -> EnsemblePart:
+    def march_part(part: slice, room: Room | None, *, alone: bool = False) -> EnsemblePart:
         part_arrays = {key: array[part] for key, array in arrays.items()}
+        if side_by_side > 1 and not alone:
+            return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
+        log = log_of_many(law.layout, settings)
+        # written by repr, which loses no bit of a number
+        slice_parameters = {name: f"{float(values[part.start])!r} {_si(model, name)}" for name, values in timed.items()}
+        member = model.replace(parameters=slice_parameters) if slice_parameters else model, settings
+        run = pose_run(*member, law, log, addresses_of(law))
+        inputs = inputs_of_runs(model, settings, law, run, part_arrays)
+        if alone:
+            return march_watched(*member, law, inputs, logs=keeps_logs)
+        return _march_part(member, run, log, law, inputs, logs=keeps_logs)
+
+    def march_slice(part: slice) -> list[EnsemblePart]:
         try:
-            if side_by_side > 1:
-                return march_abreast(model, settings, law, part_arrays, side_by_side, columns, room or Room())
-            log = log_of_many(law.layout, settings)
-            # written by repr, which loses no bit of a number
-            slice_parameters = {
-                name: f"{float(values[part.start])!r} {_si(model, name)}" for name, values in timed.items()
-            }
-            member = model.replace(parameters=slice_parameters) if slice_parameters else model, settings
-            run = pose_run(*member, law, log, addresses_of(law))
-            return _march_part(
-                member, run, log, law, inputs_of_runs(model, settings, law, run, part_arrays), logs=keeps_logs
-            )
+            found = march_part(part, room)
+            slide = found.ends["status"] == SLIDES
+            if not slide.any():
+                return [found]
+            borders = [0, *(1 + np.flatnonzero(np.diff(slide))).tolist(), len(slide)]
+            return [
+                march_part(slice(part.start + a, part.start + b), None, alone=bool(slide[a]))
+                for a, b in pairwise(borders)
+            ]
         except NoMemoryError:
             raise NoMemoryError(f"the model '{model.name}'", f", in one of {n} runs") from None
 
     if len(parts) == 1:
-        return _join_parts(law, settings, [march_slice(parts[0])], filled_columns, logs=keeps_logs)
+        return _join_parts(law, settings, march_slice(parts[0]), filled_columns, logs=keeps_logs)
     with ThreadPoolExecutor(min(threads, len(parts))) as pool:
-        return _join_parts(law, settings, list(pool.map(march_slice, parts)), filled_columns, logs=keeps_logs)
+        marched = [*chain.from_iterable(pool.map(march_slice, parts))]
+        return _join_parts(law, settings, marched, filled_columns, logs=keeps_logs)
 
 
 def _si(model: Model, name: str) -> str:
@@ -280,13 +291,12 @@ def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False)
     timed = [{name: model.parameters[name].quantity for name in sorted(model.read_by_points)} for model, _ in members]
     ends = [k for k in range(1, len(members)) if timed[k] != timed[k - 1] or model.delays]
     try:
-        parts = [
-            _march_part(
-                member, pose_run(*member, law, log, addresses), log, law, tuple(part[a:b] for part in inputs), logs=logs
-            )
-            for a, b in pairwise([0, *ends, len(members)])
-            for member in members[a : a + 1]
-        ]
+        parts = []
+        for a, b in pairwise([0, *ends, len(members)]):
+            member, part_inputs = members[a], tuple(part[a:b] for part in inputs)
+            part = _march_part(member, pose_run(*member, law, log, addresses), log, law, part_inputs, logs=logs)
+            slide = (part.ends["status"] == SLIDES).any()
+            parts.append(march_watched(*member, law, part_inputs, logs=logs) if slide else part)
     except NoMemoryError:
         raise NoMemoryError(f"the model '{model.name}'", f", in one of {len(members)} runs") from None
     return _join_parts(law, settings, parts, tuple(law.layout.row), logs=logs)

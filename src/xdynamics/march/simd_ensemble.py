@@ -143,15 +143,15 @@ def march_watched(
     part = EnsemblePart.empty(len(inputs[0]), law, inputs[2])
     for k, (plan, start, parameters, atols) in enumerate(zip(*inputs, strict=True)):
         march = March(model, settings)
-        run = march.run
-        run.plan[0], run.p[:], run.atol[:] = plan, parameters, atols
-        run.y[: start.size] = start
+        march.run.plan[0], march.run.p[:], march.run.atol[:] = plan, parameters, atols
+        march.run.y[: start.size] = start
         with closing(march.blocks(BLOCK_ROWS)) as blocks:
             for block in blocks:
                 if block.rows:
                     part.lasts[k] = block.log.rows[:, block.rows - 1]
                 part.logs.append(copy_log_start(block.log, block.rows if logs else 0, block.events))
                 part.logs[-1].closed[:1] -= block.log.base[0]["rows"]
+        run = march.run  # another one, if it slides in the end
         part.ends[k], part.largest[k] = run.now[0], run.largest[: part.largest.shape[1]]
         part.passed[k] = run.w[run.w.size - part.passed.shape[1] :]
     return part

@@ -32,6 +32,12 @@ Floats = NDArray[np.float64]
 
 NEAR = 1e-9  # of the span of a march: how long the motion would take to a switch that it counts as standing on
 SLIDING = 0  # beside the sides -1 and 1
+OF_MEMBERS = (
+    "first_step",
+    "step_size",
+    "rtol",
+    "floor",
+)  # numbers of a plan that members of an ensemble have their own of
 _UNCERTAIN = 1e-12  # of the sizes of rates: below it one says nothing
 
 
@@ -78,10 +84,12 @@ class Sliding:
             return
         left, self._runs[self.along] = self.march.run, (self.march.run, self.march.law)
         entered, _ = self._runs.get(along) or self._made(along)
-        for name in (*CHANGING, "p"):
+        for name in (*CHANGING, "p", "atol"):
             source, target = getattr(left, name), getattr(entered, name)
             if source.shape == target.shape:
                 target[...] = source
+        for name in OF_MEMBERS:
+            entered.plan[name] = left.plan[name]
         entered.put(base=left.base, **{name: getattr(left, name) for name in vars(left) if name.startswith("log_")})
         self.along = along
         vars(self.march)["run"] = entered
@@ -217,4 +225,3 @@ def _fault(candidates: Sequence[Surface], ways: int) -> str:
     if not ways:
         return f"at the switch {names} no motion goes on, along it or to a side"
     return f"at the switch {names} {ways} motions go on, along it or to a side: forces do not decide which"
-

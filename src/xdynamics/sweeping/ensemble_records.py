@@ -186,7 +186,8 @@ class MemberRuns:
 
     def _states_within_steps(self, members: Rows, times: Floats, rows: Rows, following: Rows) -> Floats:
         """Repeat steps, shortened to end at the given times: side by side where possible."""
-        if self.parts is not None:
+        slides = any((~np.isnan(self[name][rows])).any() for name in self.layout.shares)
+        if self.parts is not None and not slides:
             return self.parts.states(self.runs, np.stack([rows, following, members]), times)
         return self._repeat_steps(members, times, rows, following, with_error=False)[: self.layout.used.size]
 

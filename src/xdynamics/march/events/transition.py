@@ -95,6 +95,7 @@ State = NDArray[Any]
 _CROSSING, _JUMP = np.int64(schema.CROSSING), np.int64(schema.JUMP)
 _SWITCHED, _RESET = np.int64(schema.REGIME_SWITCH), np.int64(schema.RESET_KIND)
 _LEAVE = np.int64(schema.LEAVE)
+BEYOND = 16.0  # times as far from a switch as it was left at, its function is on a side again
 _BEFORE, _AFTER, _NODE = np.int64(schema.EVENT_BEFORE), np.int64(schema.EVENT_AFTER), np.int64(schema.NODE)
 STATE = 2  # of a row of the log, after time and step
 NEWTON_TURNS = 3  # from the time tolerance to 31 digits
@@ -443,6 +444,8 @@ def resume(run: Run) -> None:
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
         watch.hit, watch.greatest, run.pending[i] = NONE, 0.0, 0.0
+        beyond = run.detectors[i].role == SWITCH_ROLE and run.g[i] * watch.guard < 0.0
+        watch.floor = BEYOND * abs(run.g[i]) if beyond else 0.0  # a switch that is left, off its surface by rounding
         arm_event(run, i, run.g[i])
 
 
