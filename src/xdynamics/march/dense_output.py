@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import compress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,9 +106,9 @@ def states_within(
     """
     switches = surfaces(law.layout.model)
     columns, shares = np.split(columns, [len(columns) - len(switches)])
-    given = {"reintegrated": reintegrated, "with_distances": with_distances, "parameters": parameters}
+    given: dict[str, Any] = {"reintegrated": reintegrated, "with_distances": with_distances, "parameters": parameters}
     if np.isnan(shares).all():
-        more = {
+        more: dict[str, Any] = {
             "runs": runs,
             "past": past,
             "low_parts": low_parts,

@@ -98,12 +98,7 @@ def march(address: Any, rows: int) -> None:
     now = run.now[0]
     if run.detectors.shape[0] > 0:
         enclose_constants(run)
-    if now.rows == 0 and now.status == RUNNING and has_room(run):
-        begin_march(run)
-    elif run.plan[0].follows:
-        settle_tolerances(run)  # of a march that goes on
-    if now.status == RUNNING and run.plan[0].resumes > 0:
-        call_phase(run.functions[EVENT_PHASE], run, 0.0, RESUME)
+    begin_or_go_on(run)
     pause = now.rows + rows
     while now.status == RUNNING and 0 < now.rows < pause and has_room(run):
         if run.instant.shape[0] > 0 and run.instant[0].meets > 0:
@@ -133,6 +128,19 @@ def march(address: Any, rows: int) -> None:
             accept(run)
         elif reason != schema.REASON_EVENT:
             reject(run, reason)
+
+
+@jit_separate
+def begin_or_go_on(run: Run) -> None:
+    """Begin a march, or go on with one, by other forces where it has come to a switch that it may slide along."""
+    now, plan = run.now[0], run.plan[0]
+    if now.rows == 0 and now.status == RUNNING and has_room(run):
+        begin_march(run)
+        plan.resumes = BEGINS if plan.slides > 0 else 0
+    elif plan.follows:
+        settle_tolerances(run)  # of a march that goes on
+    if now.status == RUNNING and plan.resumes > 0:
+        call_phase(run.functions[EVENT_PHASE], run, 0.0, RESUME)
 
 
 @jit_inline
@@ -203,8 +211,6 @@ def begin_march(run: Run) -> None:
         now.first_step = now.step
     if plan.follows:
         settle_tolerances(run)
-    if plan.slides > 0:
-        run.plan[0].resumes = BEGINS
 
 
 @jit_separate

@@ -7,6 +7,7 @@ Settings that do not go with numbers that are sums of two floats, or with delaye
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
@@ -431,6 +432,18 @@ class Settings:
         """Return the layout of the march's numbers."""
         return layout_of(regime_model(model, self.switches, self.sliding == FILIPPOV), self.scheme)
 
+    def _word_faults(self) -> Iterator[str]:
+        words = {
+            "math_functions": SETS,
+            "event_root_method": ROOT_METHODS,
+            "event_start": EVENT_STARTS,
+            "sliding": SLIDINGS,
+            "atol_floor": ATOL_FLOORS,
+        }
+        for name, known in words.items():
+            if (word := getattr(self, name)) not in known:
+                yield f"{name} is {word!r}; there are {', '.join(map(repr, known))}"
+
     def check(self, model: Model) -> None:
         """Refuse settings that a march could not use.
 
@@ -450,25 +463,14 @@ class Settings:
             *delay_faults(self, model),
             *self._tick_faults(model, start, second),
             *self.pacing.faults(second),
+            *self._word_faults(),
         ]
         if self.tolerances is not None:
             faults += self.tolerances.faults(model, least_rtol(self.precision)) or self._inner_faults(
                 self.tolerances.rtol
             )
-        if self.math_functions not in SETS:
-            faults.append(f"math_functions is {self.math_functions!r}; there are {', '.join(map(repr, SETS))}")
         if not 1 <= self.keep_every <= MOST_APART:
             faults.append(f"keep_every is {self.keep_every!r}, needs a whole number from 1, every row, to 2**53")
-        if self.event_root_method not in ROOT_METHODS:
-            faults.append(
-                f"event_root_method is {self.event_root_method!r}; there are {', '.join(map(repr, ROOT_METHODS))}"
-            )
-        if self.sliding not in SLIDINGS:
-            faults.append(f"sliding is {self.sliding!r}; there are {', '.join(map(repr, SLIDINGS))}")
-        if self.event_start not in EVENT_STARTS:
-            faults.append(f"event_start is {self.event_start!r}; there are {', '.join(map(repr, EVENT_STARTS))}")
-        if self.atol_floor not in ATOL_FLOORS:
-            faults.append(f"atol_floor is {self.atol_floor!r}; there are {', '.join(map(repr, ATOL_FLOORS))}")
         if not (isfinite(self.time_tolerance) and self.time_tolerance > 0):
             faults.append(f"time_tolerance is {self.time_tolerance!r}{second}, needs a positive time")
         if self.pacing.min_step > self.until - start > 0:

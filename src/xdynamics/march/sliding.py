@@ -9,15 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xdynamics.kernels import Law, law_of
+from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.initial_run import addresses_of, pose_run
+from xdynamics.march.log import Log
 from xdynamics.march.outcomes import COMPLETED, RUNNING, SLIDING_MODE
 from xdynamics.march.run import AFTER_EVENT, CHANGING, Run
+from xdynamics.march.settings import Settings
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states
 from xdynamics.model.regime_model import RegimeModel
 from xdynamics.model.sliding import MOST_AT_ONCE, Surface, arm_rates, sliding_model, surfaces
@@ -25,8 +27,21 @@ from xdynamics.model.switches import switch_side
 from xdynamics.schema import SLIDE, SLIDES
 from xdynamics.units import TIME
 
-if TYPE_CHECKING:
-    from xdynamics.march.runner import March
+
+class Marching(Protocol):
+    """What of a `March` is needed here."""
+
+    law: Law
+    settings: Settings
+    layout: Layout
+
+    @property
+    def run(self) -> Run:
+        """Return its state."""
+
+    def empty_log(self) -> Log:
+        """Return a log of no row."""
+
 
 Floats = NDArray[np.float64]
 
@@ -46,10 +61,10 @@ class Sliding:
 
     Parameters
     ----------
-    march : March
+    march : Marching
     """
 
-    def __init__(self, march: March) -> None:
+    def __init__(self, march: Marching) -> None:
         self.march, self.along = march, tuple[Surface, ...]()
         self.fault = ""  # why no motion goes on along switches, once one ended there
         self._runs: dict[tuple[Surface, ...], tuple[Run, Law]] = {}

@@ -140,7 +140,7 @@ def _switch_detectors(model: Model) -> Iterator[Detector]:
         return
     sides = {(switch.owner, switch.function): switch_side(i) for i, switch in enumerate(model.switches)}
     weights = model.weights if isinstance(model, SlidingModel) else {}
-    functions = {i: ONE for surface in weights for i, _ in surface.members}
+    functions: dict[int, Node] = {i: ONE for surface in weights for i, _ in surface.members}
     functions |= {
         surface.members[0][0]: Binary("*", weight, Binary("-", ONE, weight)) for surface, weight in weights.items()
     }

@@ -126,7 +126,7 @@ class SlidingModel(RegimeModel):
 
     @cached_property
     def _shares_text(self) -> str:
-        fixed = {ZERO: "0", ONE: "1"}
+        fixed: dict[Node, str] = {ZERO: "0", ONE: "1"}
         return ", ".join(f"{surface.name} {fixed.get(weight, 'slides')}" for surface, weight in self.weights.items())
 
     def _one_sided_tree(self, owner: str, tree: Node) -> Node:
