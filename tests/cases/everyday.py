@@ -424,7 +424,7 @@ def switched() -> Iterator[Everyday]:
     )
     yield Everyday(
         "block_braked_by_a_sign", line("x", {"friction": "-2*newton*sign(v_x)"}, "0 m", "1 m s-1"),
-        "3 s", {"x": 0.25, "v_x": 0.0}, "v0^2/(2 a), at rest", outcome="sliding_mode",
+        "3 s", {"x": 0.25, "v_x": 0.0}, "v0^2/(2 a), at rest",
     )
     room = "-(T - 280*kelvin)/tau"
     heat = f"{room} + h*0.5*kelvin/second"
@@ -440,7 +440,7 @@ def switched() -> Iterator[Everyday]:
     yield Everyday(
         "thermostat_by_where",
         flows({"T": ("290 K", f"{room} + where(T < 295*kelvin, 0.5, 0)*kelvin/second")}, {"tau": "100 s"}),
-        "600 s", {"T": 295.0}, "330 K - 40 K exp(-t/tau) = 295 K, and held there", outcome="sliding_mode", step="0.7 s",
+        "600 s", {"T": 295.0}, "330 K - 40 K exp(-t/tau) = 295 K, and held there", step="0.7 s",
     )
     off, on = 280.0, 330.0
     times = [100 * log(40 / 34), 100 * log(16 / 14), 100 * log(36 / 34), 100 * log(16 / 14), 100 * log(36 / 34)]

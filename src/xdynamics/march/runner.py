@@ -347,6 +347,8 @@ class March:
         InputError
             If it belongs to another version.
         """
+        if self.run.plan["slides"][0]:
+            self.sliding.recall(memory["modes"])
         put_back(self.run, memory)
         self.passages.go_on_from(memory)
         witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])

@@ -93,6 +93,17 @@ class Sliding:
         run.plan["resumes"] = AFTER_EVENT
         run.now["status"] = RUNNING if run.now["t"][0] < run.plan["end"][0] else COMPLETED
 
+    def recall(self, modes: Floats) -> None:
+        """March on along the switches that a march of these modes slid along."""
+        detectors = self.march.run.detectors
+        self.enter(
+            tuple(
+                surface
+                for surface in surfaces(self._model)
+                if modes[detectors[self._first_switch + surface.members[0][0]]["to"]] == SLIDES
+            )
+        )
+
     def enter(self, along: tuple[Surface, ...]) -> None:
         """March on with the forces along some switches, or away from all."""
         if along == self.along:

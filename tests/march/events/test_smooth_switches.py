@@ -183,7 +183,7 @@ def test_clean_orders_do_not_hide_a_switch() -> None:
 def test_switches_that_cannot_be_located_are_counted_on() -> None:
     """Assert that a relay on which the motion would stick, and a table, are held by the last differences alone."""
     model, _ = passings("-0.3*newton*sign(v_x)", 1.0, 0.0, method="rk4", step=0.1, until=0.1)
-    study = xd.refine(model, method="rk4", steps=[0.04, 0.02, 0.01, 0.005], at=[9.0], until=9.0)
+    study = xd.refine(model, method="rk4", steps=[0.04, 0.02, 0.01, 0.005], at=[9.0], until=9.0, sliding="ends")
     rule = study.uncertainty_rule_x.attrs["flag_meanings"].split()[int(study.uncertainty_rule_x[0])]
     assert rule == "three_times_the_last_differences_a_switch_was_stepped_over"
     assert abs(float(study.x[-1, 0])) <= 0.3 + float(study.uncertainty_x[0])  # it rests where friction holds the spring

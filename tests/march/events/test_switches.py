@@ -107,11 +107,11 @@ def table_of(model: xd.Model) -> dict[str, Any]:
 def test_sliding_on_a_switch_is_an_outcome() -> None:
     """Assert the time at which x' = -sign(x) comes to zero, and friction written as a sign stops, with the remedy."""
     relay = xd.Model(name="relay", states={"x": {"unit": "m", "rate": "-sign(x)*metre/second"}}, initial={"x": "1.5 m"})
-    run = xd.simulate(relay, method="rk4", step=0.4, until=5.0)
+    run = xd.simulate(relay, method="rk4", step=0.4, until=5.0, sliding="ends")
     assert (run.attrs["run_outcome"], float(run.event_time[0])) == ("sliding_mode", pytest.approx(1.5, abs=1e-12))
     assert abs(float(run.x[-1])) < 1e-11
     braked = pushed("-f*sign(v_x)", v="2 m s-1")
-    run = xd.simulate(braked, method="rk4", step=0.3, until=5.0)
+    run = xd.simulate(braked, method="rk4", step=0.3, until=5.0, sliding="ends")
     assert float(run.time[-1]) == pytest.approx(2.0, abs=1e-12)
     assert "'relay' switches where v_x = 0" in run.attrs["run_outcome_text"]
     assert "[frictions]" in run.attrs["run_outcome_text"]

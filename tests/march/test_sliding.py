@@ -1,0 +1,183 @@
+"""Motion along switches that both sides drive back to: Filippov's convex combination, against closed forms."""
+
+from __future__ import annotations
+
+from math import asin, pi, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xdynamics as xd
+
+METHODS = ["bogacki_shampine", "dormand_prince", "dop853", "rk4", "midpoint", "radau_iia", "taylor"]
+
+
+def flows(rates: dict[str, tuple[str, str]], parameters: dict[str, str] | None = None) -> xd.Model:
+    """A model of first-order states in metres: start and rate of each."""
+    return xd.Model(
+        name="flows",
+        states={name: {"unit": "m", "rate": rate} for name, (_, rate) in rates.items()},
+        initial={name: start for name, (start, _) in rates.items()},
+        parameters=parameters or {},
+    )
+
+
+RELAY = flows({"x": ("1 m", "(0.5 - sign(x/(1*metre)))*metre/second")})
+MEETING = flows(
+    {"x": ("1.5 m", "where(x > y, -2, 2)*metre/second"), "y": ("1 m", "where(y > x, -3, 1.5)*metre/second")}
+)
+
+
+def braked(forces: dict[str, str], **initial: str) -> xd.Model:
+    """A mass of 1 kg under forces along x."""
+    return xd.Model(
+        name="braked",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        forces={name: {"x": tree} for name, tree in forces.items()},
+        initial={"x": "0 m", "v_x": "0 m s-1"} | initial,
+    )
+
+
+DRY = "-1*newton*sign(v_x)"
+
+
+def march(model: xd.Model, method: str = "dormand_prince", until: str = "3 s", **asked: Any) -> Any:
+    """March with chosen steps, or those of 10 ms."""
+    given = {"step": "10 ms"} if method in ("rk4", "midpoint") else {}
+    return xd.simulate(model, method=method, until=until, **given | asked)
+
+
+def kinds(run: Any) -> list[str]:
+    """The kinds of its events."""
+    words = run.event_kind.attrs["flag_meanings"].split()
+    return [words[kind] for kind in run.event_kind.values]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_relay_slides_with_its_share(method: str) -> None:
+    """Assert x' = 1/2 - sign(x/(1*metre)): at zero from 2 s on, with the share 3/4."""
+    run = march(RELAY, method)
+    assert run.attrs["run_outcome"] == "completed"
+    assert kinds(run) == ["slide"]
+    assert run.event_time.values[0] == pytest.approx(2.0, abs=1e-11)
+    slides = run.time.values > 2.0 + 1e-9
+    assert np.abs(run.x.values[slides]).max() < 1e-11
+    assert run.switch_share_x_sign.values[slides] == pytest.approx(0.75, abs=1e-14)
+    assert np.isnan(run.switch_share_x_sign.values[~slides]).sum() >= 2
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_states_that_drive_each_other_have_one_share(method: str) -> None:
+    """Assert that they meet at 1/7 s, and go on together with the share 10/17."""
+    run = march(MEETING, method, "1 s")
+    assert [name for name in run.data_vars if str(name).startswith("switch_share")] == ["switch_share_x_where"]
+    assert run.event_time.values[0] == pytest.approx(1 / 7, abs=1e-11)
+    assert run.switch_share_x_where.values[-1] == pytest.approx(10 / 17, abs=1e-14)
+    assert (run.x.values[-1], run.y.values[-1]) == pytest.approx((0.9117647059, 0.9117647059), abs=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_spring_held_by_friction_sticks(method: str) -> None:
+    """Assert where dry friction written with a sign stops a mass on a spring, and its share there."""
+    run = (
+        march(braked({"spring": "-2*newton/metre*x", "dry": DRY}, v_x="1 m s-1"), method, rtol=1e-9)
+        if method not in ("rk4", "midpoint")
+        else march(braked({"spring": "-2*newton/metre*x", "dry": DRY}, v_x="1 m s-1"), method)
+    )
+    at_rest = sqrt(0.75) - 0.5
+    near = 1e-4 if method == "midpoint" else 1e-7
+    assert run.x.values[-1] == pytest.approx(at_rest, abs=near)
+    assert abs(run.v_x.values[-1]) < 1e-11
+    assert run.switch_share_dry_sign.values[-1] == pytest.approx((1 - 2 * at_rest) / 2, abs=near)
+    assert run.force_dry_x.values[-1] == pytest.approx(2 * at_rest, abs=2 * near)
+
+
+@pytest.mark.parametrize("method", ["dormand_prince", "rk4", "radau_iia", "taylor"])
+def test_it_leaves_where_its_share_is_at_a_bound(method: str) -> None:
+    """Assert that a mass at rest under 1.7 N sin(t) slips where that exceeds 1 N, and slides again where it stops."""
+    run = march(braked({"drive": "1.7*newton*sin(t/(1*second))", "dry": DRY}), method, "9 s")
+    assert kinds(run)[:2] == ["slide", "leave"]
+    assert run.event_time.values[0] == 0.0
+    assert run.event_time.values[1] == pytest.approx(asin(1 / 1.7), abs=1e-9)
+    run = march(braked({"drive": "1.05*newton*sin(t/(1*second))", "dry": DRY}), method, "9 s")
+    assert kinds(run) == ["slide", "leave", "slide", "leave", "slide", "leave", "slide"][: len(kinds(run))]
+    leaves = run.event_time.values[1::2]
+    assert leaves == pytest.approx([asin(1 / 1.05) + k * pi for k in range(len(leaves))], abs=1e-8)
+    assert len(leaves) >= 2
+
+
+def test_a_start_on_a_switch_slides_at_once() -> None:
+    """Assert that a motion begins along a switch that it stands on, with one event at the start."""
+    run = march(flows({"x": ("0 m", "(0.5 - sign(x/(1*metre)))*metre/second")}))
+    assert kinds(run) == ["slide"]
+    assert run.event_time.values.tolist() == [0.0]
+    assert run.x.values.tolist() == [0.0] * run.sizes["step"]
+
+
+def test_two_switches_at_once() -> None:
+    """Assert that a motion slides along two surfaces, each with its share, and leaves none."""
+    model = flows(
+        {
+            "x": ("1 m", "(0.5 - sign(x/(1*metre)))*metre/second + 0.2*sign(y/(1*metre))*metre/second"),
+            "y": ("2 m", "(-0.25 - sign(y/(1*metre)))*metre/second"),
+        }
+    )
+    run = march(model, until="9 s")
+    assert run.attrs["run_outcome"] == "completed"
+    # at rest in both: -0.25 = sign(y/(1*metre)), 0.5 + 0.2*(-0.25) = sign(x/(1*metre))
+    assert run.switch_share_x_sign_2.values[-1] == pytest.approx((1 - 0.25) / 2)
+    assert run.switch_share_x_sign.values[-1] == pytest.approx((1 + 0.45) / 2)
+    assert abs(run.x.values[-1]) < 1e-12
+    assert abs(run.y.values[-1]) < 1e-12
+
+
+def test_sides_that_both_drive_away_are_told() -> None:
+    """Assert that what forces do not decide is no motion."""
+    run = march(
+        flows(
+            {"x": ("1 m", "-1*metre/second"), "y": ("0 m", "where(x > 0*metre, 0, 1)*sign(y/(1*metre))*metre/second")}
+        )
+    )
+    assert run.attrs["run_outcome"] in ("completed", "sliding_mode")
+
+
+def test_states_inside_steps_are_those_along_the_switch() -> None:
+    """Assert states at times within long steps along a switch, and after one that is left."""
+    run = march(MEETING, until="1 s")
+    met = 17 / 14
+    inside = run.dynamics.at([0.1, 0.5, 0.9])
+    assert inside.x.values == pytest.approx(
+        [1.3, met - (0.5 - 1 / 7) * 6 / 17, met - (0.9 - 1 / 7) * 6 / 17], abs=1e-12
+    )
+    assert np.abs(inside.x.values - inside.y.values)[1:].max() < 1e-12
+
+
+def test_members_of_a_sweep_slide_as_alone() -> None:
+    """Assert ends and states at times of members of which some slide, to the bit those of single runs."""
+    model = flows({"x": ("1 m", "(a - sign(x/(1*metre)))*metre/second")}, {"a": "0.5"})
+    sweep = xd.sweep(model, {"a": "-0.5:2.5:13"}, method="dormand_prince", until="3 s")
+    assert len({*sweep.run_outcome.values}) == 1
+    for place, a in enumerate(sweep.a.values.tolist()):
+        alone = march(model.replace(parameters={"a": repr(a)}))
+        assert alone.x.values[-1] == sweep.end_x.values[place]
+
+
+def test_an_older_archive_ends_there() -> None:
+    """Assert the former rule, by its word, and that it is another record."""
+    run = march(RELAY, sliding="ends")
+    assert run.attrs["run_outcome"] == "sliding_mode"
+    assert not [name for name in run.variables if "share" in str(name)]
+    with pytest.raises(xd.InputError, match="sliding is 'yes'; there are 'Filippov', 'ends'"):
+        march(RELAY, sliding="yes")
+
+
+def test_a_record_is_reproduced_and_goes_on(tmp_path: Any) -> None:
+    """Assert that an archive of a sliding motion is made again to the bit, and extended as one run would be."""
+    run = march(RELAY, path=tmp_path / "run.nc")
+    assert xd.reproduce(tmp_path / "run.nc").attrs["identical"] == 1
+    longer = xd.extend(tmp_path / "run.nc", until="4 s")
+    assert longer.attrs["run_outcome"] == "completed"
+    assert longer.x.values[-1] == run.x.values[-1]
+    assert longer.switch_share_x_sign.values[-1] == 0.75
