@@ -240,6 +240,15 @@ class Layout:
         }
 
     @cached_property
+    def slid_switches(self) -> dict[str, int]:
+        """The number of the first switch of each of `shares`."""
+        return {schema.share_of(surface.name): surface.members[0][0] for surface in surfaces(self.model)}
+
+    def flag_of_switch(self, number: int) -> int:
+        """Return the flag of a switch's side in a row of the log."""
+        return 2 + self.reactions.size + sum(3 if switch.drive else 1 for switch in self.switches[:number])
+
+    @cached_property
     def watched(self) -> tuple[Detector, ...]:
         """Everything whose zeros a march looks for."""
         return detectors(self.model)

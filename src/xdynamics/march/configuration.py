@@ -23,7 +23,7 @@ from xdynamics.keywords import (
     read_log_columns,
     read_number,
 )
-from xdynamics.march.settings import EARLIEST_FIRST, FILIPPOV, JUDGED, TIME_TOLERANCE, Pacing, Settings
+from xdynamics.march.settings import EARLIEST_FIRST, ENDS, FILIPPOV, JUDGED, TIME_TOLERANCE, Pacing, Settings
 from xdynamics.march.tolerances import OF_TERMS, Tolerances, least_rtol
 from xdynamics.methods import METHODS, Method, method_named, method_of
 from xdynamics.methods.scheme import (
@@ -41,6 +41,7 @@ from xdynamics.methods.taylor import DEFAULT_ORDER, LEAST_ORDER, MOST_ORDER, ord
 from xdynamics.model import Model, check_model
 from xdynamics.model.constraints import beyond_trees
 from xdynamics.model.motion import variables
+from xdynamics.model.sliding import may_slide_along_switches
 from xdynamics.model.switches import (
     LANDED_ON,
     LOCATED,
@@ -116,10 +117,17 @@ def settings_for(model: Model, **requested_settings: Any) -> Settings:
         read.get("precision", FLOAT64),
         read.get("event_start", JUDGED),
         read.get("atol_floor", OF_TERMS),
-        read.get("sliding", FILIPPOV),
+        _sliding_rule(model, read),
     )
     settings.check(model)
     return settings
+
+
+def _sliding_rule(model: Model, read: Mapping[str, Any]) -> str:
+    """Return what becomes of a motion that switches drive back: of a model that cannot slide, it ends."""
+    requested = str(read.get("sliding", FILIPPOV))
+    slides = read.get("switches") != STEPPED_OVER and may_slide_along_switches(model)
+    return requested if slides or requested != FILIPPOV else ENDS
 
 
 def _refuse_pacing(paced: list[str]) -> None:

@@ -15,13 +15,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from xdynamics.expressions import Binary, Node, Number, expand
+from xdynamics.expressions import CALLED_ALONE, Binary, Call, Node, Number, expand
 from xdynamics.expressions.calculus import ONE, ZERO
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.expressions.tree import every
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, motion, variables
 from xdynamics.model.parts import Function
-from xdynamics.model.regime_model import RegimeModel, watched_by
+from xdynamics.model.regime_model import RegimeModel, regime_model, watched_by
 from xdynamics.model.switches import switch_side
 from xdynamics.runtime.lazy_imports import cached_property
 
@@ -69,7 +70,11 @@ def surfaces(model: Model) -> tuple[Surface, ...]:
     owners = {*statement.forces, *statement.states}
     groups: list[tuple[str, Node, list[tuple[int, int]]]] = []
     for i, switch in enumerate(watched_by(model)):
-        if not switch.jumps or switch.drive or switch.owner not in owners:
+        # nothing drives time back, nor a function that has jumped over zero
+        moves = elements.reads(switch.function) & {*variables(model)}
+        called = {node.function for node in every(switch.function) if isinstance(node, Call)}
+        called.add(switch.name.rpartition(".")[2].partition("_")[0])
+        if not (switch.jumps and moves) or switch.drive or switch.owner not in owners or called & {*CALLED_ALONE}:
             continue
         for _, function, members in groups:
             if factor := _sign_of_factor(model, function, switch.function):
@@ -98,6 +103,12 @@ def _sign_of_factor(model: Model, first: Node, second: Node) -> int:
     if not abs(most - least) <= _EQUAL * abs(most) or most == 0.0:
         return 0
     return 1 if most > 0.0 else -1
+
+
+@lru_cache(maxsize=64)
+def may_slide_along_switches(model: Model) -> bool:
+    """Whether a model has switches that its motion may slide along, where they are located."""
+    return not model.shapes.dims and bool(surfaces(regime_model(model, slides=True)))
 
 
 class SlidingModel(RegimeModel):

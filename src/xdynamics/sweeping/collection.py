@@ -23,9 +23,10 @@ from xdynamics.evidence.grid_axes import (
     sweep_of,
 )
 from xdynamics.faults import InputError
-from xdynamics.march.settings import EARLIEST_FIRST, JUDGED, ROOT_METHODS, WAITING
+from xdynamics.march.settings import EARLIEST_FIRST, ENDS, FILIPPOV, JUDGED, ROOT_METHODS, WAITING
 from xdynamics.march.tolerances import ATOL_FLOORS, OF_TERMS
 from xdynamics.model import Model
+from xdynamics.model.sliding import may_slide_along_switches
 from xdynamics.record.arguments import atol_floor_of, root_method_of
 from xdynamics.record.folding import names_as_words
 from xdynamics.shapes import Shapes
@@ -216,6 +217,7 @@ def _sweep_attributes(plan: Plan) -> dict[str, Any]:
         "math_functions": plan.grid.math_functions,
         "solver_event_root_method": ROOT_METHODS[plan.grid.event_root_method],
         "solver_event_start": plan.grid.event_start,
+        **({"solver_sliding": rule} if (rule := plan.grid.sliding) else {}),
         **({schema.ATOL_FLOOR_RULE: rule} if (rule := ATOL_FLOORS[plan.grid.atol_floor]) else {}),
         "model_digest": plan.grid.model.digest,
         DIGEST: plan.digest,
@@ -292,6 +294,8 @@ def plan_of(sweep: xr.Dataset, functions: Mapping[str, Any] | None = None) -> Pl
         requested_settings["event_root_method"] = root_method
     if (start := str(sweep.attrs.get("solver_event_start", WAITING))) != JUDGED:  # likewise
         requested_settings["event_start"] = start
+    if may_slide_along_switches(model) and (rule := str(sweep.attrs.get("solver_sliding", ENDS))) != FILIPPOV:
+        requested_settings["sliding"] = rule
     if (floor := atol_floor_of(sweep.attrs)) != OF_TERMS:  # likewise
         requested_settings["atol_floor"] = floor
     return Plan(

@@ -31,6 +31,7 @@ from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
 from xdynamics.record.run_columns import named_columns, state_name
 from xdynamics.runtime.lazy_imports import cached_property
+from xdynamics.schema import SLIDES
 from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.units import parse_unit, spell
 
@@ -186,7 +187,7 @@ class MemberRuns:
 
     def _states_within_steps(self, members: Rows, times: Floats, rows: Rows, following: Rows) -> Floats:
         """Repeat steps, shortened to end at the given times: side by side where possible."""
-        slides = any((~np.isnan(self[name][rows])).any() for name in self.layout.shares)
+        slides = any((~np.isnan(self._slid(name, rows))).any() for name in self.layout.shares)
         if self.parts is not None and not slides:
             return self.parts.states(self.runs, np.stack([rows, following, members]), times)
         return self._repeat_steps(members, times, rows, following, with_error=False)[: self.layout.used.size]
@@ -200,7 +201,14 @@ class MemberRuns:
     def _repeat_steps(self, members: Rows, times: Floats, rows: Rows, following: Rows, *, with_error: bool) -> Floats:
         """Repeat steps one by one; if `with_error`, return also the distance of each state from a more accurate one."""
         time, column_rows = self["time"], step_columns(self.model, self.settings, rows, following)
-        columns = np.concatenate([flattened_rows(self[name][row_indices]).T for name, row_indices in column_rows])
+        columns = np.concatenate(
+            [
+                self._slid(name, row_indices)[None]
+                if name in self.layout.shares
+                else flattened_rows(self[name][row_indices]).T
+                for name, row_indices in column_rows
+            ]
+        )
         links = None if self._row_links is None else self._row_links.links_at(rows)
         if self.model.delays:
             step_times = np.stack([times, time[rows], time[following]])
@@ -219,6 +227,11 @@ class MemberRuns:
             runs=members,
             links=links,
         )
+
+    def _slid(self, share: str, rows: Rows) -> Floats:
+        """Return a number where the motion slides along a switch, else nan: its side is known where no share is kept."""
+        flag = self.layout.flag_of_switch(self.layout.slid_switches[share])
+        return np.where(self.runs.log_block.log.flags[flag, rows] == SLIDES, 0.5, np.nan)
 
     def _repeat_with_past(self, members: Rows, step_times: Floats, columns: Floats, *, with_error: bool) -> Floats:
         """Repeat steps of one member after the other, each with the past that its own rows leave."""

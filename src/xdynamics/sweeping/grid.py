@@ -19,11 +19,12 @@ from xdynamics.faults import InputError
 from xdynamics.march import Runs, Settings, march_each, march_many
 from xdynamics.march.configuration import RECORDING, settings_for, unthinned_settings_for
 from xdynamics.march.log import Room
-from xdynamics.march.settings import EARLIEST_FIRST, JUDGED
+from xdynamics.march.settings import EARLIEST_FIRST, FILIPPOV, JUDGED
 from xdynamics.march.tolerances import OF_TERMS
 from xdynamics.methods import METHODS
 from xdynamics.methods.scheme import FLOAT64
 from xdynamics.model import Model
+from xdynamics.model.sliding import may_slide_along_switches
 from xdynamics.model.toml import section_tables
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.sweeping.axes import (
@@ -246,6 +247,12 @@ class SweepGrid:
     def event_start(self) -> str:
         """How all members treat acting events whose functions are zero at the start."""
         return str(self.shared_settings.get("event_start") or JUDGED)
+
+    @property
+    def sliding(self) -> str:
+        """What becomes of a motion that switches drive back; empty where the model has none that it may slide along."""
+        rule = str(self.shared_settings.get("sliding") or FILIPPOV)
+        return rule if may_slide_along_switches(self.model) else ""
 
     @property
     def atol_floor(self) -> str:
