@@ -96,6 +96,7 @@ CASES: dict[str, tuple[dict[str, Any], list[str]]] = {
             "math_functions": "xdynamics 1",
             "event_root_method": "one by one",
             "event_start": "waiting",
+            "sliding": "ends",
         },
         [
             "--method",
@@ -117,6 +118,8 @@ CASES: dict[str, tuple[dict[str, Any], list[str]]] = {
             "one by one",
             "--event-start",
             "waiting",
+            "--sliding",
+            "ends",
         ],
     ),
     "stiff": (

@@ -181,3 +181,20 @@ def test_a_record_is_reproduced_and_goes_on(tmp_path: Any) -> None:
     assert longer.attrs["run_outcome"] == "completed"
     assert longer.x.values[-1] == run.x.values[-1]
     assert longer.switch_share_x_sign.values[-1] == 0.75
+
+
+def test_what_forces_do_not_decide_is_told() -> None:
+    """Assert the words where the motion comes to two switches whose forces leave no motion, or leave several."""
+    # on y = 0 with x' = -1 the motion arrives at x = 0; there both sides of y drive away
+    model = flows(
+        {
+            "x": ("1 m", "-1*metre/second - 0.5*metre/second*sign(x/(1*metre))"),
+            "y": ("0 m", "where(x > 0*metre, -1, 1)*sign(y/(1*metre))*metre/second"),
+        }
+    )
+    run = march(model)
+    assert run.attrs["run_outcome"] == "sliding_mode"
+    assert "motions go on, along it or to a side: forces do not decide which" in run.attrs["run_outcome_text"]
+    assert run.sizes["step"] == int(run.event_row_after[-1]) + 1
+    with pytest.raises(xd.ModelError, match="switch_share_x_sign"):
+        flows({"x": ("1 m", "-sign(x/(1*metre))*metre/second"), "switch_share_x_sign": ("1 m", "0*metre/second")})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from typing import Any
@@ -234,22 +235,20 @@ def march_many(
     def march_slice(part: slice) -> list[EnsemblePart]:
         try:
             found = march_part(part, room)
-            slide = found.ends["status"] == SLIDES
-            if not slide.any():
-                return [found]
-            borders = [0, *(1 + np.flatnonzero(np.diff(slide))).tolist(), len(slide)]
-            return [
-                march_part(slice(part.start + a, part.start + b), None, alone=bool(slide[a]))
-                for a, b in pairwise(borders)
-            ]
+            pieces = _pieces_by_sliding(part, found.ends["status"] == SLIDES)
+            return [march_part(piece, None, alone=alone) for piece, alone in pieces] if pieces else [found]
         except NoMemoryError:
             raise NoMemoryError(f"the model '{model.name}'", f", in one of {n} runs") from None
 
-    if len(parts) == 1:
-        return _join_parts(law, settings, march_slice(parts[0]), filled_columns, logs=keeps_logs)
-    with ThreadPoolExecutor(min(threads, len(parts))) as pool:
-        marched = [*chain.from_iterable(pool.map(march_slice, parts))]
-        return _join_parts(law, settings, marched, filled_columns, logs=keeps_logs)
+    with ThreadPoolExecutor(min(threads, len(parts))) if len(parts) > 1 else nullcontext() as pool:
+        marched = [*chain.from_iterable((pool.map if pool else map)(march_slice, parts))]
+    return _join_parts(law, settings, marched, filled_columns, logs=keeps_logs)
+
+
+def _pieces_by_sliding(part: slice, slide: NDArray[np.bool_]) -> list[tuple[slice, bool]]:
+    """Return the runs of a slice that slide along switches and those that do not, apart; none if no run does."""
+    borders = [0, *(1 + np.flatnonzero(np.diff(slide))).tolist(), len(slide)] if slide.any() else []
+    return [(slice(part.start + a, part.start + b), bool(slide[a])) for a, b in pairwise(borders)]
 
 
 def _si(model: Model, name: str) -> str:

@@ -229,9 +229,6 @@ def march_plan(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         **_rests_of_grid(model, layout, single),
         **_constraint_plan(model, law),
         "series": scheme.method.order if scheme.method.stepper.foresees and adaptive else 0,
-        "slides": bool(surfaces(layout.model)),
-        "along": len(slid_along(layout.model)),
-        "resumes": 0,
     }
     return np.array([tuple(values[name] for name in PLAN.names or ())], PLAN)
 
@@ -255,9 +252,15 @@ def _contact_phases(model: Model, law: Law) -> dict[str, int]:
 
 
 def _switch_plan(layout: Layout, settings: Settings) -> dict[str, int]:
-    """Return the number of switches, and whether those at points of tables are passed without events."""
+    """Return the number of switches, whether those of tables are passed without events, and those that are slid along."""
     count = sum(detector.role in SIDED for detector in layout.watched)
-    return {"switches": count, "passing": int(settings.switches == LANDED_ON)}
+    return {
+        "switches": count,
+        "passing": int(settings.switches == LANDED_ON),
+        "slides": bool(surfaces(layout.model)),
+        "along": len(slid_along(layout.model)),
+        "resumes": 0,
+    }
 
 
 def _rests_of_grid(model: Model, layout: Layout, step: float) -> dict[str, float]:

@@ -204,6 +204,8 @@ def _sliding(march: March) -> str:
             f"{_jump_text(march, march.slides)}, and the last {STEPS} steps went to and fro across it: it slides along the switch"
             f" (Filippov), which is no motion by this force; {_SMOOTHER}"
         )
+    if march.sliding.fault:
+        return f"{march.sliding.fault}; {_SMOOTHER}"
     watched = zip(march.layout.watched, march.run.watches["hit"].tolist(), strict=True)
     switch = next(switch for switch, hit in watched if hit and switch.role == SWITCH)
     return (

@@ -103,7 +103,7 @@ BOOK = record_type("", "pieces breaks stretch crossing aimed first width slot mo
 # the law's number of the program that puts a state where constraints hold, 0 without any, `moved` the place in a state of
 # how far it did, and `consistent` is 1 where the start may be moved, too; `passing` is 1 where kinks at points of tables
 # are landed on without a row of events each; `slides` is 1 where the motion may slide along switches, `along` the number of
-# those that it does; `resumes` is 1 where it goes on from an event at which that changed, 2 where it begins on a switch.
+# those that it does; `resumes` is 1 where it goes on from an event at which that changed, 2 where it begins, 3 where no motion goes on.
 PLAN = record_type(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin start_rest step_rest rounding",
@@ -202,7 +202,7 @@ ASSEMBLY = record_type(
 )
 # Entries of the engine, after the operations on intervals in `functions`.
 ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE, ASSEMBLY_PHASE = (2 * len(RULES) + i for i in range(5))
-AFTER_EVENT, BEGINS = 1, 2  # of `plan.resumes`
+AFTER_EVENT, BEGINS, ENDS_THERE = 1, 2, 3  # of `plan.resumes`
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
 BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING, MEET_HERE, RESUME = range(6)  # what `events.dispatch` is to do
 # what `contacts.dispatch` is to do

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import Log
-from xdynamics.march.outcomes import COMPLETED, RUNNING, SLIDING_MODE
-from xdynamics.march.run import AFTER_EVENT, CHANGING, Run
+from xdynamics.march.outcomes import COMPLETED, RUNNING
+from xdynamics.march.run import AFTER_EVENT, CHANGING, ENDS_THERE, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states
 from xdynamics.model.regime_model import RegimeModel
@@ -78,8 +78,8 @@ class Sliding:
         candidates = [surface for surface in surfaces(self._model) if surface in self.along or self._is_met(surface)]
         ways = [*self._ways(candidates)] if len(candidates) <= MOST_AT_ONCE else []
         if len(ways) != 1 or not candidates:
-            self.fault = _fault(candidates, len(ways))
-            run.now[0].status = SLIDING_MODE
+            self.fault = _fault(candidates, len(ways)) if candidates else ""
+            run.now["status"], run.plan["resumes"] = RUNNING, ENDS_THERE
             return
         (way,) = ways
         self._note(way)

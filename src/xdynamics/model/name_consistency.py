@@ -111,6 +111,13 @@ def _is_used(name: str, parts: Mapping[str, Any]) -> bool:
     return bool(parts["constraints"]) if name in (RANK.name, PROJECTION.name) else True
 
 
+def _share_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for section in ("forces", "states"):
+        for name in parts[section]:
+            for switch in ("sign", "where"):
+                yield schema.share_of(f"{name}.{switch}"), f"switch of {section.removesuffix('s')} '{name}'"
+
+
 def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield every name that the record of a model uses, with the entry that claims it."""
     for variable in (*schema.FIXED, *schema.EVENT_UNCERTAINTIES):
@@ -127,6 +134,7 @@ def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for section in ("events", "contacts", "frictions"):  # the flags of `event_detector`
         for name in parts[section]:
             yield f"detector {name}", f"{section.removesuffix('s')} '{name}'"
+    yield from _share_names(parts)
     for term, one_force in parts["forces"].items():
         for name in one_force.components or parts["coordinates"]:
             yield force(term, name), f"force '{term}'"

@@ -74,6 +74,7 @@ from xdynamics.march.run import (
     CHECK,
     CONTACT_PHASE,
     DERIVE,
+    ENDS_THERE,
     GUARD,
     HOLD,
     KEPT_ALL,
@@ -422,7 +423,7 @@ def now_slides(run: Run) -> bool:
 @jit_separate
 def resume(run: Run) -> None:
     """Go on with other forces: along switches, or away from them."""
-    now, begins = run.now[0], run.plan[0].resumes == BEGINS
+    now, begins, ends = run.now[0], run.plan[0].resumes == BEGINS, run.plan[0].resumes == ENDS_THERE
     run.plan[0].resumes = 0
     end_region(run)
     run.kept[0].since, run.kept[0].weighs = BEGUN, 1
@@ -443,10 +444,12 @@ def resume(run: Run) -> None:
     call_law(run.law[DETECT], run, run.y, run.g, 0)
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
-        watch.hit, watch.greatest, run.pending[i] = NONE, 0.0, 0.0
+        watch.hit, watch.greatest, run.pending[i] = watch.hit if ends else NONE, 0.0, 0.0
         beyond = run.detectors[i].role == SWITCH_ROLE and run.g[i] * watch.guard < 0.0
         watch.floor = BEYOND * abs(run.g[i]) if beyond else 0.0  # a switch that is left, off its surface by rounding
         arm_event(run, i, run.g[i])
+    if ends:
+        now.status = SLIDING_MODE
 
 
 @jit_separate
