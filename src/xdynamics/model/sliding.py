@@ -55,7 +55,8 @@ class Surface:
 def surfaces(model: Model) -> tuple[Surface, ...]:
     """Return what a motion may slide along: located switches at which a force or rate jumps, of models without dimensions.
 
-    Not points of tables, not what masses and friction switch at, and nothing of models with contacts or constraints.
+    Not points of tables, not what masses and friction switch at, and nothing of models with contacts, constraints,
+    controllers or tables that jump.
     """
     if isinstance(model, SlidingModel):
         return surfaces(model.base)
@@ -65,7 +66,9 @@ def surfaces(model: Model) -> tuple[Surface, ...]:
     statement = model.statement
     if model.shapes.dims or elements.contacts or statement.frictions or elements.constraints or model.assemblies:
         return ()
-    if model.python_functions or model.delays:
+    # what changes forces at a time without an event would change shares: ticks, and tables that jump
+    jumps = any(drive.interpolation == "previous" or drive.outside == "zero" for drive in elements.drives.values())
+    if model.python_functions or model.delays or statement.controllers or jumps:
         return ()
     owners = {*statement.forces, *statement.states}
     groups: list[tuple[str, Node, list[tuple[int, int]]]] = []
