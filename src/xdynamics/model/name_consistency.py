@@ -112,10 +112,10 @@ def _is_used(name: str, parts: Mapping[str, Any]) -> bool:
 
 
 def _share_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    for section in ("forces", "states"):
+    for section, owner in (("forces", "force"), ("states", "state")):
         for name in parts[section]:
             for switch in ("sign", "where"):
-                yield schema.share_of(f"{name}.{switch}"), f"switch of {section.removesuffix('s')} '{name}'"
+                yield schema.share_of(f"{name}.{switch}"), f"switch of {owner} '{name}'"
 
 
 def claimed_names(parts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
