@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from fractions import Fraction
 from itertools import compress
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from xdynamics.march.simd_ensemble import table_of
 from xdynamics.model import Model
 from xdynamics.model.reactions import reactions
 from xdynamics.model.regime_model import RegimeModel
-from xdynamics.model.sliding import Surface, sliding_model, surfaces
+from xdynamics.model.sliding import SlidingModel, Surface, sliding_model, surfaces
 from xdynamics.units import TIME
 
 Floats = NDArray[np.float64]
@@ -104,64 +105,12 @@ def states_within(
     ndarray, shape (2*n, k) or (3*n, k)
         The states, and their distances; where numbers are sums of two, then the rests of the states. At an accepted time the state is the accepted one, to the bit.
     """
-    switches = surfaces(law.layout.model)
+    switches = () if isinstance(law.layout.model, SlidingModel) else surfaces(law.layout.model)
     columns, shares = np.split(columns, [len(columns) - len(switches)])
-    given: dict[str, Any] = {"reintegrated": reintegrated, "with_distances": with_distances, "parameters": parameters}
-    if np.isnan(shares).all():
-        more: dict[str, Any] = {
-            "runs": runs,
-            "past": past,
-            "low_parts": low_parts,
-            "links": links,
-            "run": run,
-            "state_room": state_room,
-        }
-        return _states_by_law(model, settings, law, where, columns, factors, **given, **more)
-    numbers = np.empty(0)
-    ways, group_of = np.unique(~np.isnan(shares), axis=1, return_inverse=True)
-    for group, slid in enumerate(ways.T):
-        steps = np.flatnonzero(group_of.ravel() == group)
-        more = {
-            name: None if array is None else array[steps] for name, array in (("runs", runs), ("low_parts", low_parts))
-        }
-        way_model, way_law = _along(model, settings, law, tuple(compress(switches, slid)))
-        states = _states_by_law(
-            way_model, settings, way_law, where[:, steps], columns[:, steps], factors, **given, **more
-        )
-        numbers = numbers if numbers.size else np.empty((len(states), columns.shape[1]))
-        numbers[:, steps] = states
-    return numbers
-
-
-def _along(model: Model, settings: Settings, law: Law, along: tuple[Surface, ...]) -> tuple[Model, Law]:
-    """Return a model that slides along some switches, and its law."""
-    if not along:
-        return model, law
-    base = law.layout.model
-    assert isinstance(base, RegimeModel)  # noqa: S101 - others have no switches
-    slid = sliding_model(base, along)
-    return slid, law_of(settings.layout(slid), sampled=law.sampled, unread=law.unread)
-
-
-def _states_by_law(
-    model: Model,
-    settings: Settings,
-    law: Law,
-    where: Floats,
-    columns: Floats,
-    factors: Floats,
-    *,
-    reintegrated: bool,
-    with_distances: bool,
-    parameters: Floats | None,
-    runs: NDArray[np.int64] | None = None,
-    past: Past | None = None,
-    low_parts: Floats | None = None,
-    links: ListedLinks | None = None,
-    run: Run | None = None,
-    state_room: Floats | None = None,
-) -> Floats:
-    """Evaluate states inside steps by the forces of one law; see `states_within`."""
+    if not np.isnan(shares).all():
+        of_steps = {"runs": runs, "low_parts": low_parts}
+        of_all = {"reintegrated": reintegrated, "with_distances": with_distances, "parameters": parameters}
+        return _by_what_slides((model, settings, law), where, columns, shares, factors, of_steps, of_all)
     scale, n, reaction_count = settings.scales.si_factor(TIME), law.layout.used.size, len(reactions(model))
     times, starts, ends = where / scale
     moving = np.flatnonzero(times > starts)
@@ -204,6 +153,39 @@ def _states_by_law(
     results = _at_rest(columns, n, doubled=doubled)
     results[:, moving] = inner
     return results
+
+
+def _by_what_slides(
+    march: tuple[Model, Settings, Law],
+    where: Floats,
+    columns: Floats,
+    shares: Floats,
+    factors: Floats,
+    of_steps: Mapping[str, Any],
+    of_all: Mapping[str, Any],
+) -> Floats:
+    """Evaluate states inside steps, those that slide along the same switches together; see `states_within`."""
+    switches, states = surfaces(march[2].layout.model), np.empty(0)
+    slid, group_of = np.unique(~np.isnan(shares), axis=1, return_inverse=True)
+    for group in range(slid.shape[1]):
+        steps, along = np.flatnonzero(group_of.ravel() == group), tuple(compress(switches, slid[:, group]))
+        unslid = np.full((0 if along else len(switches), steps.size), np.nan)
+        own: dict[str, Any] = {name: None if array is None else array[steps] for name, array in of_steps.items()}
+        inputs = where[:, steps], np.vstack([columns[:, steps], unslid]), factors
+        part = states_within(*_along(*march, along), *inputs, **own, **of_all)
+        states = states if states.size else np.empty((len(part), shares.shape[1]))
+        states[:, steps] = part
+    return states
+
+
+def _along(model: Model, settings: Settings, law: Law, along: tuple[Surface, ...]) -> tuple[Model, Settings, Law]:
+    """Return a model that slides along some switches, its settings and its law."""
+    if not along:
+        return model, settings, law
+    base = law.layout.model
+    assert isinstance(base, RegimeModel)  # noqa: S101 - others have no switches
+    slid = sliding_model(base, along)
+    return slid, settings, law_of(settings.layout(slid), sampled=law.sampled, unread=law.unread)
 
 
 def posed_inside(model: Model, settings: Settings, law: Law, *, reintegrated: bool) -> Run:

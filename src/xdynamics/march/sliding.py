@@ -14,18 +14,20 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics.expressions import Node
 from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import COMPLETED, RUNNING
 from xdynamics.march.run import AFTER_EVENT, CHANGING, ENDS_THERE, Run
 from xdynamics.march.settings import Settings
+from xdynamics.model import Model
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states
-from xdynamics.model.regime_model import RegimeModel
+from xdynamics.model.regime_model import RegimeModel, watched_by
 from xdynamics.model.sliding import MOST_AT_ONCE, Surface, arm_rates, sliding_model, surfaces
 from xdynamics.model.switches import switch_side
-from xdynamics.schema import SLIDE, SLIDES
-from xdynamics.units import TIME
+from xdynamics.schema import SLIDE, SLIDES, share_of
+from xdynamics.units import TIME, Scales
 
 
 class Marching(Protocol):
@@ -176,7 +178,7 @@ class Sliding:
         return surface in self.along and bool(self.march.run.watches["hit"][self._first_switch + surface.members[0][0]])
 
     def _left_side(self, surface: Surface) -> int:
-        place = self.march.layout.row.offset_of(_share_name(surface))
+        place = self.march.layout.row.offset_of(share_of(surface.name))
         run = self.march.run
         row = int(run.now["rows"][0] - run.base["rows"][0]) - 1
         return 1 if run.log_rows[place, row] > 0.5 else -1
@@ -191,35 +193,11 @@ class Sliding:
         rates, beyond, functions = np.split(values, [n, n + n * n])
         return rates, (beyond.reshape(n, n) - rates).T, functions
 
-    def _values(self, trees: Sequence[Any]) -> Floats:
+    def _values(self, trees: Sequence[Node]) -> Floats:
         """Return the values of expressions where the march waits, in SI units."""
-        march, run, model = self.march, self.march.run, self._model
-        scales, layout = march.settings.scales, march.layout
-        sizes = layout.sizes(scales)
-        state: dict[str, Any] = {
-            "t": run.now["t"] * scales.si_factor(TIME),
-            REGIME_NUMBER: float(run.now["regime"][0]),
-        }
-        state |= {name: run.y[i : i + 1] * sizes[i] for i, name in enumerate(layout.used)}
-        known: Mapping[str, float] = constants(model)
-        factors = [
-            scales.si_factor(model.elements.dimensions[name]) if name in model.elements.statement.parameters else 1.0
-            for name in known
-        ]
-        parameters = {
-            name: value * factor
-            for (name, value, factor) in zip(known, run.p.tolist(), factors, strict=False)
-            if name in model.elements.statement.parameters
-        }
-        modes = run.modes.tolist()
-        sides = {
-            switch_side(i): modes[run.detectors[self._first_switch + i]["to"]]
-            for i, switch in enumerate(model.switches)
-            if not switch.drive
-        }
-        numbers = dict(known) | parameters | sides
-        found = evaluate_over_states(model, list(trees), state, numbers, drive_pieces(model))
-        return np.array([float(np.broadcast_to(np.asarray(value, float), 1)[0]) for value in found])
+        march, run = self.march, self.march.run
+        row = np.concatenate([run.now["t"], [0.0], run.y[: march.layout.used.size]])[:, np.newaxis]
+        return np.concatenate(values_in_rows(self._model, march.layout, march.settings.scales, run, trees, row))
 
     def _note(self, way: Mapping[Surface, int]) -> None:
         """Write into the rows of the events at this instant what they are: the begin of sliding."""
@@ -238,10 +216,23 @@ class Sliding:
             last -= 1
 
 
-def _share_name(surface: Surface) -> str:
-    from xdynamics.schema import share_of
-
-    return share_of(surface.name)
+def values_in_rows(
+    model: Model, layout: Layout, scales: Scales, run: Run, trees: Sequence[Node], rows: Floats
+) -> list[Floats]:
+    """Return values of expressions in rows of time, step and state, SI, with the run's own parameters and sides of switches."""
+    state: dict[str, Any] = {"t": rows[0] * scales.si_factor(TIME), REGIME_NUMBER: float(run.now["regime"][0])}
+    sizes = layout.sizes(scales).tolist()
+    state |= {name: row * size for name, row, size in zip(layout.used, rows[2:], sizes, strict=True)}
+    known = dict(constants(model))
+    run_values = zip(known, run.p.tolist(), strict=False)
+    parameters, dimensions = model.elements.statement.parameters, model.elements.dimensions
+    known |= {name: value * scales.si_factor(dimensions[name]) for name, value in run_values if name in parameters}
+    first = len(layout.watched) - len(layout.switches)
+    for i, switch in enumerate(watched_by(model)):
+        if not switch.drive:
+            known[switch_side(i)] = float(run.modes[run.detectors["to"][first + i]])
+    values = evaluate_over_states(model, list(trees), state, known, drive_pieces(model))
+    return [np.broadcast_to(np.asarray(numbers, float), rows.shape[1]) for numbers in values]
 
 
 def _fault(candidates: Sequence[Surface], ways: int) -> str:

@@ -17,9 +17,9 @@ from xdynamics.kernels import Layout
 from xdynamics.march.outcomes import RUNNING, SLIDING_MODE
 from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings
+from xdynamics.march.sliding import values_in_rows
 from xdynamics.model import Model
 from xdynamics.model.detectors import SWITCH
-from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states
 from xdynamics.model.switches import Switch, are_too_many, jumping_switches
 from xdynamics.runtime.lazy_imports import cached_property
 from xdynamics.units import TIME
@@ -164,20 +164,7 @@ class Passages:
         return rows
 
     def _values_in_rows(self, run: Run, trees: list[Node], rows: Floats) -> list[Floats]:
-        """Return values of expressions in rows, SI, with the run's own parameters."""
-        model, scales = self.model, self.scales
-        state: dict[str, Any] = {"t": rows[0] * scales.si_factor(TIME), REGIME_NUMBER: float(run.now[0].regime)}
-        sizes = self.layout.sizes(scales).tolist()
-        state |= {name: row * size for name, row, size in zip(self.layout.used, rows[2:], sizes, strict=True)}
-        constant_values = dict(constants(model))
-        run_values = zip(constant_values, run.p.tolist(), strict=False)
-        constant_values |= {
-            name: value * scales.si_factor(model.elements.dimensions[name])
-            for name, value in run_values
-            if name in model.elements.statement.parameters
-        }
-        values = evaluate_over_states(model, trees, state, constant_values, drive_pieces(model))
-        return [np.broadcast_to(np.asarray(numbers, float), rows.shape[1]) for numbers in values]
+        return values_in_rows(self.model, self.layout, self.scales, run, trees, rows)
 
 
 def _returns(values: Floats) -> int:

@@ -23,7 +23,7 @@ from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, motion, variables
 from xdynamics.model.parts import Function
 from xdynamics.model.regime_model import RegimeModel, regime_model, watched_by
-from xdynamics.model.switches import switch_side
+from xdynamics.model.switches import LOCATED, switch_side
 from xdynamics.runtime.lazy_imports import cached_property
 
 REFERENCE = "Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2"
@@ -111,7 +111,8 @@ def _sign_of_factor(model: Model, first: Node, second: Node) -> int:
 @lru_cache(maxsize=64)
 def may_slide_along_switches(model: Model) -> bool:
     """Whether a model has switches that its motion may slide along, where they are located."""
-    return not model.shapes.dims and bool(surfaces(regime_model(model, slides=True)))
+    # by position, as `Settings.layout` asks: what is cached is one model
+    return not model.shapes.dims and bool(surfaces(regime_model(model, LOCATED, True)))  # noqa: FBT003
 
 
 class SlidingModel(RegimeModel):
@@ -207,6 +208,3 @@ def arm_rates(model: RegimeModel, of: tuple[Surface, ...], positive: tuple[Surfa
 def slid_along(model: Model) -> tuple[Surface, ...]:
     """Return what a model slides along."""
     return tuple(model.weights) if isinstance(model, SlidingModel) else ()
-
-
-__all__ = ["MOST_AT_ONCE", "SlidingModel", "Surface", "arm_rates", "shares", "slid_along", "sliding_model", "surfaces"]
