@@ -110,7 +110,7 @@ def states_within(
     if not np.isnan(shares).all():
         of_steps = {"runs": runs, "low_parts": low_parts}
         of_all = {"reintegrated": reintegrated, "with_distances": with_distances, "parameters": parameters}
-        return _by_what_slides((model, settings, law), where, columns, shares, factors, of_steps, of_all)
+        return _by_what_slides(model, settings, law, where, columns, shares, factors, of_steps, of_all)
     scale, n, reaction_count = settings.scales.si_factor(TIME), law.layout.used.size, len(reactions(model))
     times, starts, ends = where / scale
     moving = np.flatnonzero(times > starts)
@@ -156,7 +156,9 @@ def states_within(
 
 
 def _by_what_slides(
-    march: tuple[Model, Settings, Law],
+    model: Model,
+    settings: Settings,
+    law: Law,
     where: Floats,
     columns: Floats,
     shares: Floats,
@@ -165,27 +167,28 @@ def _by_what_slides(
     of_all: Mapping[str, Any],
 ) -> Floats:
     """Evaluate states inside steps, those that slide along the same switches together; see `states_within`."""
-    switches, states = surfaces(march[2].layout.model), np.empty(0)
+    switches, states = surfaces(law.layout.model), np.empty(0)
     slid, group_of = np.unique(~np.isnan(shares), axis=1, return_inverse=True)
     for group in range(slid.shape[1]):
         steps, along = np.flatnonzero(group_of.ravel() == group), tuple(compress(switches, slid[:, group]))
         unslid = np.full((0 if along else len(switches), steps.size), np.nan)
         own: dict[str, Any] = {name: None if array is None else array[steps] for name, array in of_steps.items()}
-        inputs = where[:, steps], np.vstack([columns[:, steps], unslid]), factors
-        part = states_within(*_along(*march, along), *inputs, **own, **of_all)
+        way_model, way_law = _along(model, settings, law, along)
+        way_columns = np.vstack([columns[:, steps], unslid])
+        part = states_within(way_model, settings, way_law, where[:, steps], way_columns, factors, **own, **of_all)
         states = states if states.size else np.empty((len(part), shares.shape[1]))
         states[:, steps] = part
     return states
 
 
-def _along(model: Model, settings: Settings, law: Law, along: tuple[Surface, ...]) -> tuple[Model, Settings, Law]:
-    """Return a model that slides along some switches, its settings and its law."""
+def _along(model: Model, settings: Settings, law: Law, along: tuple[Surface, ...]) -> tuple[Model, Law]:
+    """Return a model that slides along some switches, and its law."""
     if not along:
-        return model, settings, law
+        return model, law
     base = law.layout.model
     assert isinstance(base, RegimeModel)  # noqa: S101 - others have no switches
     slid = sliding_model(base, along)
-    return slid, settings, law_of(settings.layout(slid), sampled=law.sampled, unread=law.unread)
+    return slid, law_of(settings.layout(slid), sampled=law.sampled, unread=law.unread)
 
 
 def posed_inside(model: Model, settings: Settings, law: Law, *, reintegrated: bool) -> Run:

@@ -17,7 +17,7 @@ from xdynamics.kernels import Law, Layout, law_of
 from xdynamics.march.engine import NoMemoryError, engine
 from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import Log, LogBlock, Room, allocate
-from xdynamics.march.outcomes import OUTCOMES, SLIDES
+from xdynamics.march.outcomes import AT_SWITCH, OUTCOMES
 from xdynamics.march.run import Run
 from xdynamics.march.settings import Settings, check_alone
 from xdynamics.march.simd_ensemble import (
@@ -235,7 +235,7 @@ def march_many(
     def march_slice(part: slice) -> list[EnsemblePart]:
         try:
             found = march_part(part, room)
-            pieces = _pieces_by_sliding(part, found.ends["status"] == SLIDES)
+            pieces = _pieces_by_sliding(part, found.ends["status"] == AT_SWITCH)
             return [march_part(piece, None, alone=alone) for piece, alone in pieces] if pieces else [found]
         except NoMemoryError:
             raise NoMemoryError(f"the model '{model.name}'", f", in one of {n} runs") from None
@@ -294,7 +294,7 @@ def march_each(members: Sequence[tuple[Model, Settings]], *, logs: bool = False)
         for a, b in pairwise([0, *ends, len(members)]):
             member, part_inputs = members[a], tuple(part[a:b] for part in inputs)
             part = _march_part(member, pose_run(*member, law, log, addresses), log, law, part_inputs, logs=logs)
-            slide = (part.ends["status"] == SLIDES).any()
+            slide = (part.ends["status"] == AT_SWITCH).any()
             parts.append(march_watched(*member, law, part_inputs, logs=logs) if slide else part)
     except NoMemoryError:
         raise NoMemoryError(f"the model '{model.name}'", f", in one of {len(members)} runs") from None

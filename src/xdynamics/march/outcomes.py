@@ -22,7 +22,7 @@ SOUND, RUNNING = -1, -1
     CONSTRAINT_VIOLATED,
     EVENT_ACCUMULATION,
     CONTACT_VIOLATED,
-    SLIDES,  # no end: the march waits for the forces with which it goes on along a switch, or leaves it
+    AT_SWITCH,  # no end: the march waits for the forces with which it goes on along a switch, or leaves it
 ) = range(len(schema.TRIAL_REASONS), len(schema.TRIAL_REASONS) + 14)
 
 
@@ -69,7 +69,7 @@ OUTCOMES: dict[int, Outcome] = {
     CONTACT_INCONSISTENT: Outcome("contact_inconsistent", _ACCEPTED),
     CONSTRAINT_VIOLATED: Outcome("constraint_violated", "at t = {t}: {cause}"),
     SLIDING_MODE: Outcome("sliding_mode", "at t = {t}: {cause}"),
-    SLIDES: Outcome("sliding_mode", "at t = {t}: {cause}"),
+    AT_SWITCH: Outcome("sliding_mode", "at t = {t}: {cause}"),
     EVENT_ACCUMULATION: Outcome("event_accumulation", "at t = {t}: {cause}"),
     CONTACT_VIOLATED: Outcome("contact_violated", "at t = {t}: {cause}"),
     INTERRUPTED: Outcome("interrupted", "interrupted at t = {t}; the rows up to there are kept"),

@@ -40,11 +40,11 @@ from xdynamics.march.memory import (
     rest_on,
 )
 from xdynamics.march.outcomes import (
+    AT_SWITCH,
     INTERRUPTED,
     NONFINITE_OBSERVABLE,
     OUTCOMES,
     RUNNING,
-    SLIDES,
     STEP_LIMIT,
     STOPPED,
     Outcome,
@@ -397,7 +397,7 @@ class March:
                 raise NoMemoryError(
                     f"the model '{self.model.name}'", f", at t = {t:.6g}{unit_suffix(self.model.time_unit)}"
                 ) from None
-            if _status(self.run) == SLIDES:
+            if _status(self.run) == AT_SWITCH:
                 self.sliding.go_on()
             new = slice(counts[0] - first[0], _counts(self.run)[0] - first[0])
             self.slides = self.passages.sliding(self.run, log.rows[:, new], counts[0])

@@ -55,11 +55,11 @@ from xdynamics.march.events.zero_tests import CROSSED, NONE, event_resolution, f
 from xdynamics.march.force_evaluation import evaluate_held, finite_state, put_reset_value, set_time
 from xdynamics.march.log import append_row, first_of_group, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
+    AT_SWITCH,
     CONTACT_INCONSISTENT,
     CONTACT_PENETRATED,
     NONFINITE_OBSERVABLE,
     RUNNING,
-    SLIDES,
     SLIDING_MODE,
     SOUND,
     STOPPED,
@@ -238,14 +238,20 @@ def locate_and_land(run: Run) -> int:
 
 
 @jit_separate
-def meet_here(run: Run) -> None:
-    """Act for events that have happened at the march's present state, and go on from there."""
+def stand_here(run: Run) -> None:
+    """Make the march's present state a trial that ends where it begins, with its event functions."""
     now, trial = run.now[0], run.trial[0]
     run.piece[0].substeps = 0
     trial.t, trial.h, trial.rest = now.t, 0.0, now.rest
     trial.landing, trial.iterations, trial.unsound = AT_BORDER, 0, 0.0
     copy_numbers(run.y, run.z)
     evaluate_events(run)
+
+
+@jit_separate
+def meet_here(run: Run) -> None:
+    """Act for events that have happened at the march's present state, and go on from there."""
+    stand_here(run)
     meet_departures(run)
     note_both_sides(run, False)
     end_region(run)
@@ -402,9 +408,9 @@ def cross_events(run: Run, row_before: int) -> bool:
     if judges_departures(run):
         run.instant[0].changed = int(acted or meets_contact(run))
     if plan.switches > 0 and slides_along_switch(run):
-        now.status = SLIDES if plan.slides > 0 else SLIDING_MODE
+        now.status = AT_SWITCH if plan.slides > 0 else SLIDING_MODE
     if plan.along > 0 and changed and now.status == RUNNING:  # other forces have other shares
-        now.status = SLIDES
+        now.status = AT_SWITCH
     if not finite_state(run):
         status = nonfinite_reason(run)
         break_off(run, row_before)
@@ -417,7 +423,7 @@ def cross_events(run: Run, row_before: int) -> bool:
 @jit_separate
 def now_slides(run: Run) -> bool:
     """Whether the march waits for other forces; the state behind the events is noted with those."""
-    return bool(run.now[0].status == SLIDES)
+    return bool(run.now[0].status == AT_SWITCH)
 
 
 @jit_separate
@@ -427,10 +433,10 @@ def resume(run: Run) -> None:
     run.plan[0].resumes = 0
     end_region(run)
     run.kept[0].since, run.kept[0].weighs = BEGUN, 1
-    copy_numbers(run.y, run.z)
     if begins:
         stand_on_switches(run)
         return
+    copy_numbers(run.y, run.z)
     evaluate_held(run, now.t, run.z, 0.0)
     if not finite_state(run):
         now.status = nonfinite_reason(run)
@@ -455,11 +461,8 @@ def resume(run: Run) -> None:
 @jit_separate
 def stand_on_switches(run: Run) -> None:
     """Note switches on which a march begins, and to which the motion is driven back, as events there."""
-    now, trial = run.now[0], run.trial[0]
-    run.piece[0].substeps = 0
-    trial.t, trial.h, trial.rest = now.t, 0.0, now.rest
-    trial.landing, trial.iterations, trial.unsound = AT_BORDER, 0, 0.0
-    evaluate_events(run)
+    now = run.now[0]
+    stand_here(run)
     call_law(run.law[SLOPES], run, run.y, run.slopes, 0)
     for i in range(run.detectors.shape[0]):
         watch, side = run.watches[i], 0.0
@@ -469,8 +472,8 @@ def stand_on_switches(run: Run) -> None:
         if side * run.slopes[i] < 0.0:
             watch.hit, watch.armed, watch.left, watch.broken = CROSSED, np.int64(-side), 0.0, SMOOTH
             watch.zone, watch.before, watch.drift = -1.0, 0.0, 0.0
-            now.status = SLIDES
-    if now.status == SLIDES:
+            now.status = AT_SWITCH
+    if now.status == AT_SWITCH:
         row = now.rows
         if not append_row_apart(run, _BEFORE, now.t, 0.0, run.z):
             end_march(run, NONFINITE_OBSERVABLE)
