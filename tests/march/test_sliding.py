@@ -198,3 +198,36 @@ def test_what_forces_do_not_decide_is_told() -> None:
     assert run.sizes["step"] == int(run.event_row_after[-1]) + 1
     with pytest.raises(xd.ModelError, match="switch_share_x_sign"):
         flows({"x": ("1 m", "-sign(x/(1*metre))*metre/second"), "switch_share_x_sign": ("1 m", "0*metre/second")})
+
+
+def test_a_force_that_jumps_leaves_the_switch_to_a_side() -> None:
+    """Assert that a motion along one switch leaves it where another is passed, behind which its share would be 5/4."""
+    rate = "(where(y > 0*metre, 0.5, 1.5) - sign(x/(1*metre)))*metre/second"
+    run = march(flows({"x": ("0.5 m", rate), "y": ("2 m", "-1*metre/second")}))
+    assert run.attrs["run_outcome"] == "completed"
+    assert run.event_time.values == pytest.approx([1.0, 2.0], abs=1e-11)
+    slides = ~np.isnan(run.switch_share_x_sign.values)
+    assert run.switch_share_x_sign.values[slides] == pytest.approx(0.75)
+    assert (run.time.values[slides].min(), run.time.values[slides].max()) == pytest.approx((1.0, 2.0), abs=1e-11)
+    assert run.x.values[-1] == pytest.approx(0.5, abs=1e-10)
+
+
+def test_models_whose_forces_jump_without_an_event_end_there() -> None:
+    """Assert that a table of steps in time, which may jump while a motion slides, leaves the former rule."""
+    table = {
+        "table": "push.csv",
+        "csv": "time [s],push [N]\n0,0\n2,3\n4,0\n",
+        "argument": "t",
+        "interpolation": "previous",
+    }
+    model = xd.Model(
+        name="pushed",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        drives={"push": table},
+        forces={"push": {"x": "push"}, "dry": {"x": DRY}},
+        initial={"x": "0 m", "v_x": "0.5 m s-1"},
+    )
+    run = march(model, until="1 s")
+    assert run.attrs["run_outcome"] == "sliding_mode"
+    assert "solver_sliding" not in run.attrs
