@@ -231,3 +231,39 @@ def test_models_whose_forces_jump_without_an_event_end_there() -> None:
     run = march(model, until="1 s")
     assert run.attrs["run_outcome"] == "sliding_mode"
     assert "solver_sliding" not in run.attrs
+
+
+def test_a_reset_takes_the_motion_off_the_switch() -> None:
+    """Assert that a motion that an event sets elsewhere goes on from there, and slides again where it comes back."""
+    kick = {"function": "t - 2.5*second", "direction": "rising", "action": "reset", "set": {"x": "1*metre"}}
+    states = {"x": {"unit": "m", "rate": "(0.5 - sign(x/(1*metre)))*metre/second"}}
+    model = xd.Model(name="kicked", states=states, initial={"x": "1 m"}, events={"kick": kick})
+    assert march(model).x.values[-1] == pytest.approx(0.75, abs=1e-10)
+    assert march(model, until="6 s").switch_share_x_sign.values[-1] == pytest.approx(0.75)
+
+
+def test_members_that_slide_have_their_own_steps() -> None:
+    """Assert ends of members of other steps, after a stretch along the switch that is curved in time, as alone."""
+    model = braked({"drive": "1.7*newton*sin(t/(1*second))", "dry": DRY})
+    sweep = xd.sweep(model, {"step": ["0.1 s", "0.2 s"]}, method="rk4", until="2 s")
+    for step, end in zip(("0.1 s", "0.2 s"), sweep.end_x.values.tolist(), strict=True):
+        assert march(model, "rk4", "2 s", step=step).x.values[-1] == end
+
+
+def test_a_table_before_a_relay_keeps_its_flags() -> None:
+    """Assert states at times of members that slide in a model whose table has sides of its own."""
+    table = {"table": "k.csv", "csv": "z [m],pull [m s-1]\n-5,0.5\n0.3,0.5\n5,0.4\n", "argument": "z"}
+    model = xd.Model(
+        name="tabled",
+        states={
+            "z": {"unit": "m", "rate": "pull"},
+            "x": {"unit": "m", "rate": "(0.5 - a*sign(x/(1*metre)))*metre/second"},
+        },
+        drives={"pull": table},
+        parameters={"a": "1"},
+        initial={"z": "0 m", "x": "1 m"},
+    )
+    sweep = xd.sweep(model, {"a": "0.8:1.6:3"}, method="dormand_prince", until="4 s", keep=["x"], times="0:4:17 s")
+    for a, states in zip(sweep.a.values.tolist(), sweep.x.values, strict=True):
+        alone = march(model.replace(parameters={"a": repr(a)}), until="4 s")
+        assert np.array_equal(states, alone.dynamics.at("0:4:17 s").x.values)
