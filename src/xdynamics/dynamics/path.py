@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xdynamics import schema
 from xdynamics.dynamics.growth import GrowthLaw, Rows
 from xdynamics.dynamics.saltation import SimultaneousEvents
 from xdynamics.dynamics.shortened_steps import StepInterpolator
@@ -63,6 +64,7 @@ NO_MAP = (
     "takeoff",
     "stick",
     "slip",
+    *schema.KINDS_OF_SLIDING,
 )  # kinds of events that are not described by a map of the state
 
 

@@ -22,7 +22,7 @@ from xdynamics.model import Model, linearisation
 from xdynamics.model.body_sections import unit_quaternions
 from xdynamics.model.constraints import conditions
 from xdynamics.model.controllers import TickChange, tick_changes
-from xdynamics.model.detectors import SIDED, Detector, detectors
+from xdynamics.model.detectors import Detector, detectors
 from xdynamics.model.elementwise import Lazy, own_mass
 from xdynamics.model.joints import joint_reactions
 from xdynamics.model.motion import energies, forces_by_coordinate, has_diagonal_mass
@@ -36,6 +36,7 @@ from xdynamics.shapes.blocks import Blocks
 from xdynamics.units import Dimension, Scales
 
 Floats = NDArray[np.float64]
+REGIME_FLAG = 1  # in a row of the log, after the kind
 NO_SHARE = -1.0  # in a row of the log, whose numbers are finite
 
 
@@ -240,12 +241,16 @@ class Layout:
         }
 
     @cached_property
-    def slid_switches(self) -> dict[str, int]:
-        """The number of the first switch of each of `shares`."""
-        return {schema.share_of(surface.name): surface.members[0][0] for surface in surfaces(self.model)}
+    def sliding_flags(self) -> dict[str, tuple[int, int]]:
+        """The flag of each of `shares` in a row of the log that tells whether the motion slides, and its value there."""
+        return {
+            schema.share_of(surface.name): (REGIME_FLAG, surface.number)
+            if surface.regimes
+            else (self._flag_of_switch(surface.switches[0][0]), schema.SLIDES)
+            for surface in surfaces(self.model)
+        }
 
-    def flag_of_switch(self, number: int) -> int:
-        """Return the flag of a switch's side in a row of the log."""
+    def _flag_of_switch(self, number: int) -> int:
         return 2 + self.reactions.size + sum(3 if switch.drive else 1 for switch in self.switches[:number])
 
     @cached_property
@@ -256,7 +261,7 @@ class Layout:
     @cached_property
     def switches(self) -> tuple[Detector, ...]:
         """Those of `watched` that are switches in forces."""
-        return tuple(detector for detector in self.watched if detector.role in SIDED)
+        return tuple(detector for detector in self.watched if detector.is_switch)
 
     @cached_property
     def flags(self) -> int:

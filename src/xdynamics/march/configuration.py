@@ -126,7 +126,7 @@ def settings_for(model: Model, **requested_settings: Any) -> Settings:
 def _sliding_rule(model: Model, read: Mapping[str, Any]) -> str:
     """Return what becomes of a motion that switches drive back: of a model that cannot slide, it ends."""
     requested = str(read.get("sliding", FILIPPOV))
-    slides = read.get("switches") != STEPPED_OVER and may_slide_along_switches(model)
+    slides = may_slide_along_switches(model, str(read.get("switches", LOCATED)))
     return requested if slides or requested != FILIPPOV else ENDS
 
 

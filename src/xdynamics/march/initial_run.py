@@ -37,7 +37,6 @@ from xdynamics.methods.steppers import DIFFERENCES, NOTHING
 from xdynamics.model import Function, Model
 from xdynamics.model.assemblies import max_simultaneous
 from xdynamics.model.controllers import Action, actions, alarms, exact_ticks, exact_time, ticks
-from xdynamics.model.detectors import SIDED
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.elementwise import put_in_si
 from xdynamics.model.motion import (
@@ -253,7 +252,7 @@ def _contact_phases(model: Model, law: Law) -> dict[str, int]:
 
 def _switch_plan(layout: Layout, settings: Settings) -> dict[str, int]:
     """Return the number of switches, whether those of tables are passed without events, and those that are slid along."""
-    count = sum(detector.role in SIDED for detector in layout.watched)
+    count = len(layout.switches)
     return {
         "switches": count,
         "passing": int(settings.switches == LANDED_ON),

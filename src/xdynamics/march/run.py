@@ -124,11 +124,11 @@ TRIAL = record_type("t h unsound unsound_events rest deviation", "landing iterat
 # How to look for each event: `tolerance` of its time, and `position`, how far from zero its function may be then;
 # `role` is one of `model.detectors`, `reaction` the number of its reaction. A switch at the next points of a table has
 # the number of its drive, else -1, and the places of the argument, its rate and acceleration in a state; for a velocity
-# `turn` equals `rate`.
+# `turn` equals `rate`. `slides` is 1 for an event between regimes that the motion may slide between.
 DETECTOR = record_type(
     "tolerance position",
     "direction action to count value slope bend of_time role reaction at_zero interpolant sampled drive argument rate"
-    " turn",
+    " turn slides",
 )
 # The state of an event function. `armed` is its side since it left zero, 0 until it does, `began` the value before the
 # trial; `ever` is whether it left zero, `seen` how often the event was met; the rest is of the current trial: whether

@@ -348,7 +348,7 @@ class March:
             If it belongs to another version.
         """
         if self.run.plan["slides"][0]:
-            self.sliding.recall(memory["modes"])
+            self.sliding.recall(memory["modes"], int(memory["now"]["regime"][0]))
         put_back(self.run, memory)
         self.passages.go_on_from(memory)
         witnesses, self.event_pairs = memory["witnesses"], int(memory["event_pairs"][0])

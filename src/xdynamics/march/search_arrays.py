@@ -19,9 +19,10 @@ from xdynamics.march.run import AT_INSTANT, BALANCE, DEPARTURE, DETECTOR, LINK, 
 from xdynamics.march.settings import JUDGED, Settings
 from xdynamics.model import Model
 from xdynamics.model.assemblies import PATTERN
-from xdynamics.model.detectors import PERIODIC, SIDED
+from xdynamics.model.detectors import OCCASION
 from xdynamics.model.parts import ACTIONS, IMPACT_LAWS, RECORD
 from xdynamics.model.reactions import DRY, NORMAL, mode_names, reactions
+from xdynamics.model.sliding import surfaces
 from xdynamics.model.switches import borders
 from xdynamics.schema import acceleration, velocity
 from xdynamics.units import TIME
@@ -72,8 +73,10 @@ def event_search_arrays(model: Model, law: Law, settings: Settings) -> dict[str,
 
 def _departure_arrays(layout: Layout, settings: Settings) -> dict[str, NDArray[Any]]:
     """Return the arrays of functions that leave zero; empty where no event acts, or none is judged where it leaves."""
-    acting = any(detector.event.action != RECORD for detector in layout.watched)
-    is_judged = settings.event_start == JUDGED and (acting or any(d.role == PERIODIC for d in layout.watched))
+    # of the model's events, which are no detectors where the motion slides along them
+    events = layout.model.elements.events.values()
+    acts = any(event.action != RECORD or event.every is not None for event in events)
+    is_judged = settings.event_start == JUDGED and acts
     used = layout.used.size
     return {
         "departures": np.zeros(len(layout.watched) if is_judged else 0, DEPARTURE),
@@ -183,7 +186,8 @@ def _detector_rows(layout: Layout, intervals: Enclosing, settings: Settings) -> 
     rows["value"], rows["slope"], rows["of_time"] = intervals.functions, intervals.slopes, intervals.of_time
     rows["bend"] = intervals.bends
     side_index = len(mode_names(model))  # of sides, after the modes of contacts
-    for row, detector in zip(rows, watched, strict=True):
+    between_regimes = {i for surface in surfaces(model) for i, _ in surface.events}
+    for i, (row, detector) in enumerate(zip(rows, watched, strict=True)):
         event = detector.event
         row.direction, row.action, row.count = _DIRECTIONS[detector.direction], ACTIONS.index(event.action), event.count
         row.to = list(model.regimes).index(event.to) if event.to else 0
@@ -193,8 +197,9 @@ def _detector_rows(layout: Layout, intervals: Enclosing, settings: Settings) -> 
         row.role, row.reaction = detector.role, detector.reaction
         row.sampled = int(detector.sampled)
         row.interpolant = int(event.root_state == "interpolant")
+        row.slides = int(detector.role == OCCASION and i in between_regimes)
         row.drive = -1
-        if detector.role in SIDED:
+        if detector.is_switch:
             row.to, row.at_zero = side_index, detector.at_zero
             side_index += len(borders(detector.drive)) if detector.drive else 1
         if detector.drive:

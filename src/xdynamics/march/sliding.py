@@ -1,14 +1,15 @@
-"""Marches along switches: which of them the motion slides along, by whose forces it goes on, when it leaves them.
+"""Marches along switches and between regimes: along which the motion slides, by whose forces it goes on, when it leaves.
 
 At an event at which a force drives the motion back, or at which the forces along a switch change, the march waits. From
 the rates of the functions of all switches that it stands on, by the forces of either side, follows how it goes on: each
 is left to a side into which it moves, or slid along with a share between 0 and 1. Exactly one way has to be right.
+Events between two regimes are such switches, whose sides are the regimes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
+from itertools import combinations, product
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from xdynamics.expressions import Node
 from xdynamics.kernels import Law, Layout, law_of
+from xdynamics.kernels.program import REGIME
 from xdynamics.march.initial_run import addresses_of, pose_run
 from xdynamics.march.log import Log
 from xdynamics.march.outcomes import COMPLETED, RUNNING
@@ -55,6 +57,7 @@ OF_MEMBERS = (
     "rtol",
     "floor",
 )  # numbers of a plan that members of an ensemble have their own of
+ADDS_UP = 1e-9  # of the sizes of rates: by which those of several sides may differ from a sum
 _UNCERTAIN = 1e-12  # of the sizes of rates: below it one says nothing
 
 
@@ -79,32 +82,40 @@ class Sliding:
         run = self.march.run
         candidates = [surface for surface in surfaces(self._model) if surface in self.along or self._is_met(surface)]
         ways = [*self._ways(candidates)] if len(candidates) <= MOST_AT_ONCE else []
-        if len(ways) != 1 or not candidates:
+        if len(ways) != 1 or not candidates or not self._adds_up(tuple(candidates)):
             self.fault = _fault(candidates, len(ways)) if candidates else ""
             run.now["status"], run.plan["resumes"] = RUNNING, ENDS_THERE
             return
         (way,) = ways
         self._note(way)
         for surface, side in way.items():
-            for i, factor in surface.members:
-                detector = run.detectors[self._first_switch + i]
-                run.watches["guard"][self._first_switch + i] = side * factor
-                run.modes[detector["to"]] = side * factor if side != SLIDING else SLIDES
+            self._take_side(surface, side)
         self.enter(tuple(surface for surface, side in way.items() if side == SLIDING))
         run = self.march.run
         run.plan["resumes"] = AFTER_EVENT
         run.now["status"] = RUNNING if run.now["t"][0] < run.plan["end"][0] else COMPLETED
 
-    def recall(self, modes: Floats) -> None:
-        """March on along the switches that a march of these modes slid along."""
-        detectors = self.march.run.detectors
-        self.enter(
-            tuple(
-                surface
-                for surface in surfaces(self._model)
-                if modes[detectors[self._first_switch + surface.members[0][0]]["to"]] == SLIDES
-            )
-        )
+    def recall(self, modes: Floats, regime: int) -> None:
+        """March on along the switches that a march of these modes and this regime slid along."""
+        self.enter(tuple(one for one in surfaces(self._model) if self._is_slid_along(one, modes, regime)))
+
+    def _is_slid_along(self, surface: Surface, modes: Floats, regime: int) -> bool:
+        if surface.regimes:
+            return surface.number == regime
+        first, _ = surface.detectors(self._model)[0]
+        return bool(modes[self.march.run.detectors[first]["to"]] == SLIDES)
+
+    def _take_side(self, surface: Surface, side: int) -> None:
+        """Set forces to one side of a switch, or to sliding along it."""
+        run, watches = self.march.run, self.march.run.watches
+        leaves = surface in self.along and side != SLIDING
+        if surface.regimes:
+            run.now["regime"] = surface.number if side == SLIDING else surface.regimes[(1 + side) // 2]
+        for i, factor in surface.detectors(self._model):
+            is_switch = self.march.layout.watched[i].is_switch
+            watches["guard"][i] = side * factor if is_switch or leaves else 0  # an event is to be armed on this side
+            if is_switch:
+                run.modes[run.detectors[i]["to"]] = side * factor if side != SLIDING else SLIDES
 
     def enter(self, along: tuple[Surface, ...]) -> None:
         """March on with the forces along some switches, or away from all."""
@@ -116,6 +127,7 @@ class Sliding:
             source, target = getattr(left, name), getattr(entered, name)
             if source.shape == target.shape:
                 target[...] = source
+        entered.at[REGIME] = left.now["regime"][0]
         for name in OF_MEMBERS:
             entered.plan[name] = left.plan[name]
         entered.put(base=left.base, **{name: getattr(left, name) for name in vars(left) if name.startswith("log_")})
@@ -134,13 +146,9 @@ class Sliding:
         assert isinstance(model, RegimeModel)  # noqa: S101 - others have no switches
         return model
 
-    @property
-    def _first_switch(self) -> int:
-        return len(self.march.layout.watched) - len(self.march.layout.switches)
-
     def _is_met(self, surface: Surface) -> bool:
         hits = self.march.run.watches["hit"]
-        return any(hits[self._first_switch + i] for i, _ in surface.members)
+        return any(hits[i] for i, _ in surface.detectors(self._model))
 
     def _ways(self, candidates: Sequence[Surface]) -> Iterator[dict[Surface, int]]:
         """Yield the ways in which the motion may go on: the side of each switch, or 0 where it slides."""
@@ -175,7 +183,8 @@ class Sliding:
 
     def _is_left(self, surface: Surface) -> bool:
         """Whether the share of a switch that the motion slid along has come to one of its bounds."""
-        return surface in self.along and bool(self.march.run.watches["hit"][self._first_switch + surface.members[0][0]])
+        first, _ = surface.detectors(self._model)[0]
+        return surface in self.along and bool(self.march.run.watches["hit"][first])
 
     def _left_side(self, surface: Surface) -> int:
         place = self.march.layout.row.offset_of(share_of(surface.name))
@@ -193,6 +202,17 @@ class Sliding:
         rates, beyond, functions = np.split(values, [n, n + n * n])
         return rates, (beyond.reshape(n, n) - rates).T, functions
 
+    def _adds_up(self, along: tuple[Surface, ...]) -> bool:
+        """Whether what several switches change adds up: of a product of two, shares do not follow from rates alone."""
+        several = [positive for n in range(2, len(along) + 1) for positive in combinations(along, n)]
+        if not several:
+            return True
+        rates, matrix, _ = self._rates(along)
+        sizes = np.abs(rates) + np.abs(matrix).sum(axis=1)
+        together = self._values([tree for positive in several for tree in arm_rates(self._model, along, positive)])
+        sums = [rates + matrix @ [float(surface in positive) for surface in along] for positive in several]
+        return bool((np.abs(together.reshape(len(several), -1) - sums) <= ADDS_UP * sizes).all())
+
     def _values(self, trees: Sequence[Node]) -> Floats:
         """Return the values of expressions where the march waits, in SI units."""
         march, run = self.march, self.march.run
@@ -204,10 +224,7 @@ class Sliding:
         run = self.march.run
         last = int(run.now["events"][0] - run.base["events"][0]) - 1
         members = {
-            self._first_switch + i: side
-            for surface, side in way.items()
-            for i, _ in surface.members
-            if surface not in self.along
+            i: side for surface, side in way.items() for i, _ in surface.detectors(self._model) if surface not in self.along
         }
         row = run.log_events["row_before"][last] if last >= 0 else -1
         while last >= 0 and run.log_events["row_before"][last] == row:
@@ -241,4 +258,6 @@ def _fault(candidates: Sequence[Surface], ways: int) -> str:
         return f"the motion meets {len(candidates)} switches at once, {names}, and {MOST_AT_ONCE} are as many as it slides along"
     if not ways:
         return f"at the switch {names} no motion goes on, along it or to a side"
+    if ways == 1:
+        return f"at the switches {names} forces jump by a product of both, and Filippov's combination is not one alone"
     return f"at the switch {names} {ways} motions go on, along it or to a side: forces do not decide which"

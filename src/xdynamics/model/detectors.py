@@ -24,7 +24,6 @@ from xdynamics.units import NONE, Dimension, Quantity
 # slip that stops, grip that is lost; a switch hidden in a force, which jumps or has a kink there; the gaps of many links,
 # which `march.assembly` looks for; a periodic event; the share of a switch that the motion slides along
 OCCASION, GAP, PULL, LIMIT, SLIP, GRIP, SWITCH, KINK, LINKS, PERIODIC, SHARE = range(11)
-SIDED = (SWITCH, KINK, SHARE)  # of switches
 
 
 @dataclass(frozen=True)
@@ -51,6 +50,8 @@ class Detector:
         delayed values.
     drive : str
         The drive, where the switch is the next point of a table.
+    is_switch : bool
+        Whether it is of a switch in a force, with a side.
     time_tolerance, position_tolerance : Quantity, optional
     """
 
@@ -66,6 +67,7 @@ class Detector:
     drive: str = ""
     position_tolerance: Quantity | None = None
     watched: Node | None = None
+    is_switch: bool = False
 
     @property
     def looked_at(self) -> Node:
@@ -84,7 +86,11 @@ def detectors(model: Model) -> tuple[Detector, ...]:
 
 
 def _event_detectors(model: Model) -> Iterator[Detector]:
-    for name, event in model.elements.events.items():
+    slid = _slid_functions(model)
+    for i, (name, event) in enumerate(model.elements.events.items()):
+        if i in slid:
+            yield Detector(name, slid[i], SHARE, event.time_tolerance, "falling")
+            continue
         sampled = isinstance(event.function, Function) or reads_past(event.function, model)
         tree = (
             Name(python_value(name))
@@ -139,14 +145,10 @@ def _switch_detectors(model: Model) -> Iterator[Detector]:
     if not isinstance(model, RegimeModel):
         return
     sides = {(switch.owner, switch.function): switch_side(i) for i, switch in enumerate(model.switches)}
-    weights = model.weights if isinstance(model, SlidingModel) else {}
-    functions: dict[int, Node] = {i: ONE for surface in weights for i, _ in surface.members}
-    functions |= {
-        surface.members[0][0]: Binary("*", weight, Binary("-", ONE, weight)) for surface, weight in weights.items()
-    }
+    slid, first = _slid_functions(model), len(model.elements.events)
     for i, switch in enumerate(model.switches):
-        if i in functions:
-            yield Detector(switch.name, functions[i], SHARE, direction="falling")
+        if first + i in slid:
+            yield Detector(switch.name, slid[first + i], SHARE, direction="falling", is_switch=True)
             continue
         role, watched = SWITCH if switch.jumps else KINK, bounded_function(model, switch.function)
         if switch.nested and model.located != LOCATED_EVERYWHERE:
@@ -161,7 +163,18 @@ def _switch_detectors(model: Model) -> Iterator[Detector]:
             sampled=past,
             drive=switch.drive,
             watched=None if watched is switch.function else watched,
+            is_switch=True,
         )
+
+
+def _slid_functions(model: Model) -> dict[int, Node]:
+    """Return what is watched for the detectors of surfaces that a model slides along: the share at the first, else 1."""
+    weights = model.weights if isinstance(model, SlidingModel) else {}
+    functions: dict[int, Node] = {}
+    for surface, weight in weights.items():
+        (first, _), *others = surface.detectors(model)
+        functions |= {first: Binary("*", weight, Binary("-", ONE, weight))} | dict.fromkeys([i for i, _ in others], ONE)
+    return functions
 
 
 def reads_past(tree: Node, model: Model) -> bool:

@@ -15,8 +15,8 @@ from xdynamics.model.model_trees import BY_NAME
 from xdynamics.model.parts import Contact, Function
 from xdynamics.model.statement import Statement
 from xdynamics.model.switches import (
-    LANDED_ON,
     LOCATED,
+    LOCATED_EVERYWHERE,
     STEPPED_OVER,
     Switch,
     borders,
@@ -153,11 +153,15 @@ class RegimeModel(Model):
 
 @lru_cache(maxsize=64)
 def regime_model(model: Model, located: str = LOCATED, slides: bool = False) -> Model:  # noqa: FBT001, FBT002 - cached
-    """Return a model on the sides of its switches; the model itself if it has none, or they are stepped over."""
-    watched = watched_switches(model)
-    if not watched or isinstance(model, RegimeModel) or located == STEPPED_OVER:
+    """Return a model on the sides of its switches; the model itself if it has none, or they are stepped over.
+
+    Regimes have sides, too, where the motion may slide between them.
+    """
+    watched = () if located == STEPPED_OVER else watched_switches(model)
+    has_sides = watched or (slides and model.regimes and not model.shapes.dims)
+    if not has_sides or isinstance(model, RegimeModel):
         return model
-    return RegimeModel(model, watched, LOCATED if located == LANDED_ON else located, slides=slides)
+    return RegimeModel(model, watched, LOCATED_EVERYWHERE if located == LOCATED_EVERYWHERE else LOCATED, slides=slides)
 
 
 def switch_inputs(model: Model) -> tuple[str, ...]:

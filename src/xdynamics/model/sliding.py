@@ -1,6 +1,7 @@
 """Motion along switches that both sides drive back to: Filippov's convex combination, as trees.
 
-Where the forces of either side drive the motion back to a switch it slides along it. Its forces are then the
+Where the forces of either side drive the motion back to a switch it slides along it; where those of two regimes drive it
+back to the events between them, along these. Its forces are then the
 combination f = f- + u (f+ - f-) of those of both sides with which the function of the switch stays zero, 0 <= u <= 1
 (Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2; equivalent control: Utkin, Sliding
 Modes in Control and Optimization, 1992). The share u follows from the state: it solves g'(u) = 0, which is linear in u.
@@ -12,7 +13,7 @@ differentiates a model does so with it; the share has a detector, which is zero 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 from xdynamics.expressions import CALLED_ALONE, Binary, Call, Node, Number, expand
@@ -21,12 +22,13 @@ from xdynamics.expressions.evaluation import evaluate
 from xdynamics.expressions.tree import every
 from xdynamics.model.model import Model
 from xdynamics.model.motion import constants, motion, variables
-from xdynamics.model.parts import Function
+from xdynamics.model.parts import ACTIONS, Event, Function
 from xdynamics.model.regime_model import RegimeModel, regime_model, watched_by
-from xdynamics.model.switches import LOCATED, switch_side
+from xdynamics.model.switches import LOCATED, Switch, switch_side
 from xdynamics.runtime.lazy_imports import cached_property
 
 REFERENCE = "Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2"
+TO_REGIME = ACTIONS[2]
 MOST_AT_ONCE = 3  # surfaces that a motion slides along at a time
 _PROBES = ((0.7310, 0.3176), (1.2391, 0.5143), (0.4127, 0.8869))  # first value, and ratio to the next: three odd states
 _EQUAL = 1e-12  # of ratios at these
@@ -34,29 +36,43 @@ _EQUAL = 1e-12  # of ratios at these
 
 @dataclass(frozen=True)
 class Surface:
-    """What a motion may slide along: switches whose functions are equal up to a factor.
+    """What a motion may slide along: switches, and events between two regimes, whose functions are equal up to a factor.
 
     Attributes
     ----------
     name : str
-        Of the first switch.
+        Of the first event or switch.
     function : Node
         Its function; the share is that of the side where it is positive.
-    members : tuple of (int, int)
+    switches : tuple of (int, int)
         Numbers of the switches, with the sign of the factor.
+    events : tuple of (int, int)
+        Numbers of the events that switch to and fro between two regimes, in the same way.
+    regimes : tuple of (int, int), optional
+        Numbers of the regimes of the negative and of the positive side.
+    number : int
+        Of the regime in which the motion slides, behind those of the model; -1 without regimes.
     """
 
     name: str
     function: Node
-    members: tuple[tuple[int, int], ...]
+    switches: tuple[tuple[int, int], ...]
+    events: tuple[tuple[int, int], ...] = ()
+    regimes: tuple[int, int] | None = None
+    number: int = -1
+
+    def detectors(self, model: Model) -> tuple[tuple[int, int], ...]:
+        """Return the numbers of its detectors, events before switches: models that slide have nothing between them."""
+        first = len(model.elements.events)
+        return (*self.events, *((first + i, factor) for i, factor in self.switches))
 
 
 @lru_cache(maxsize=64)
 def surfaces(model: Model) -> tuple[Surface, ...]:
-    """Return what a motion may slide along: located switches at which a force or rate jumps, of models without dimensions.
+    """Return what a motion may slide along: switches at which a force or rate jumps, and events between two regimes.
 
-    Not points of tables, not what masses and friction switch at, and nothing of models with contacts, constraints,
-    controllers or tables that jump.
+    Not points of tables, not what masses and friction switch at, and nothing of models with dimensions, contacts,
+    constraints, controllers or tables that jump.
     """
     if isinstance(model, SlidingModel):
         return surfaces(model.base)
@@ -70,22 +86,66 @@ def surfaces(model: Model) -> tuple[Surface, ...]:
     jumps = any(drive.interpolation == "previous" or drive.outside == "zero" for drive in elements.drives.values())
     if model.python_functions or model.delays or statement.controllers or jumps:
         return ()
-    owners = {*statement.forces, *statement.states}
-    groups: list[tuple[str, Node, list[tuple[int, int]]]] = []
+    groups: list[_Group] = []
+    for i, (name, event) in enumerate(elements.events.items()):
+        if _switches_in_one_direction(event) and elements.reads(event.function) & {*variables(model)}:
+            group, factor = _group_of(model, groups, elements.expanded(event.function), name)
+            group.events.append((i, factor))
+    groups = [group for group in groups if _regimes_beside(model, group)]
     for i, switch in enumerate(watched_by(model)):
-        # nothing drives time back, nor a function that has jumped over zero
-        moves = elements.reads(switch.function) & {*variables(model)}
-        called = {node.function for node in every(switch.function) if isinstance(node, Call)}
-        called.add(switch.name.rpartition(".")[2].partition("_")[0])
-        if not (switch.jumps and moves) or switch.drive or switch.owner not in owners or called & {*CALLED_ALONE}:
-            continue
-        for _, function, members in groups:
-            if factor := _sign_of_factor(model, function, switch.function):
-                members.append((i, factor))
-                break
-        else:
-            groups.append((switch.name, switch.function, [(i, 1)]))
-    return tuple(Surface(name, function, tuple(members)) for name, function, members in groups)
+        if _may_be_slid_along(model, switch):
+            group, factor = _group_of(model, groups, switch.function, switch.name)
+            group.switches.append((i, factor))
+    return tuple(
+        Surface(group.name, group.function, tuple(group.switches), tuple(group.events), *between)
+        for k, group in enumerate(groups)
+        for between in [(_regimes_beside(model, group), len(model.regimes) + k) if group.events else ()]
+    )
+
+
+@dataclass
+class _Group:
+    """Switches and events whose functions are equal up to a factor."""
+
+    name: str
+    function: Node
+    switches: list[tuple[int, int]] = field(default_factory=list)
+    events: list[tuple[int, int]] = field(default_factory=list)
+
+
+def _group_of(model: Model, groups: list[_Group], function: Node, name: str) -> tuple[_Group, int]:
+    """Return the group of a function, a new one if there is none yet, and the sign of its factor there."""
+    for group in groups:
+        if factor := _sign_of_factor(model, group.function, function):
+            return group, factor
+    groups.append(_Group(name, function))
+    return groups[-1], 1
+
+
+def _switches_in_one_direction(event: Event) -> bool:
+    written = not isinstance(event.function, Function) and event.every is None
+    return written and event.action == TO_REGIME and event.count == 1 and event.direction != "either"
+
+
+def _may_be_slid_along(model: Model, switch: Switch) -> bool:
+    """Whether a force or rate jumps at a switch, and forces drive its function: not time, and not over zero by a jump."""
+    moves = model.elements.reads(switch.function) & {*variables(model)}
+    called = {node.function for node in every(switch.function) if isinstance(node, Call)}
+    called.add(switch.name.rpartition(".")[2].partition("_")[0])
+    owners = {*model.statement.forces, *model.statement.states}
+    return bool(switch.jumps and moves and not switch.drive and switch.owner in owners and not called & {*CALLED_ALONE})
+
+
+def _regimes_beside(model: Model, group: _Group) -> tuple[int, int] | None:
+    """Return the regimes on either side of a function, if its events lead to one on each; None of other events."""
+    events, numbers = [*model.elements.events.values()], {name: i for i, name in enumerate(model.regimes)}
+    sides: dict[int, set[int]] = {-1: set(), 1: set()}
+    for i, factor in group.events:
+        sides[factor * (1 if events[i].direction == "rising" else -1)].add(numbers[events[i].to])
+    (negative, *more), (positive, *further) = (sorted(sides[side]) or [-1] for side in (-1, 1))
+    if more or further or -1 in (negative, positive) or negative == positive:
+        return None
+    return negative, positive
 
 
 def _sign_of_factor(model: Model, first: Node, second: Node) -> int:
@@ -109,10 +169,10 @@ def _sign_of_factor(model: Model, first: Node, second: Node) -> int:
 
 
 @lru_cache(maxsize=64)
-def may_slide_along_switches(model: Model) -> bool:
-    """Whether a model has switches that its motion may slide along, where they are located."""
+def may_slide_along_switches(model: Model, located: str = LOCATED) -> bool:
+    """Whether a model has switches or regimes that its motion may slide along, where switches are treated so."""
     # by position, as `Settings.layout` asks: what is cached is one model
-    return not model.shapes.dims and bool(surfaces(regime_model(model, LOCATED, True)))  # noqa: FBT003
+    return not model.shapes.dims and bool(surfaces(regime_model(model, located, True)))  # noqa: FBT003
 
 
 class SlidingModel(RegimeModel):
@@ -128,6 +188,9 @@ class SlidingModel(RegimeModel):
     def __init__(self, model: RegimeModel, weights: Mapping[Surface, Node]) -> None:
         self.weights, self.base = dict(weights), model
         super().__init__(model.plain, model.switches, model.located, slides=model.slides)
+        if any(surface.regimes for surface in weights):  # whose forces have shares, and act in every regime
+            acting = tuple(self.statement.forces)
+            self.regimes = {name: replace(regime, forces=acting) for name, regime in self.regimes.items()}
 
     @cached_property
     def digest(self) -> str:
@@ -147,18 +210,23 @@ class SlidingModel(RegimeModel):
     def _one_sided_tree(self, owner: str, tree: Node) -> Node:
         mixed = super()._one_sided_tree(owner, tree)
         for surface, weight in self.weights.items():
-            minus, plus = (_on_side(mixed, surface, side) for side in (-1, 1))
+            minus, plus = (self._on_side(owner, mixed, surface, side) for side in (-1, 1))
             if weight == ONE or minus == plus:
                 mixed = plus
             elif weight == ZERO:
                 mixed = minus
+            elif minus == ZERO:
+                mixed = Binary("*", weight, plus)
             else:
                 mixed = Binary("+", minus, Binary("*", weight, Binary("-", plus, minus)))
         return mixed
 
-
-def _on_side(tree: Node, surface: Surface, side: int) -> Node:
-    return expand(tree, {switch_side(i): Number(float(side * factor)) for i, factor in surface.members})
+    def _on_side(self, owner: str, tree: Node, surface: Surface, side: int) -> Node:
+        if surface.regimes and owner in self.plain.statement.forces:
+            regime = [*self.plain.statement.regimes.values()][surface.regimes[(1 + side) // 2]]
+            if owner not in regime.forces:
+                return ZERO
+        return expand(tree, {switch_side(i): Number(float(side * factor)) for i, factor in surface.switches})
 
 
 def sliding_model(model: RegimeModel, along: Sequence[Surface]) -> SlidingModel:

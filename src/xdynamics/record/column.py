@@ -22,6 +22,7 @@ from xdynamics import schema
 from xdynamics.elementary.double_double import DoubleDouble, nearest
 from xdynamics.elementary.double_double.sums import add, multiply
 from xdynamics.expressions import Binary, Compare, Node, dimension_of, text_of
+from xdynamics.faults import display_text
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.kernels import Layout
 from xdynamics.kernels.layout import NO_SHARE
@@ -343,7 +344,7 @@ def side_columns(about: ColumnContext) -> list[Column]:
     # before them in a row's flags stand its kind, its regime and the state of each reaction
     collected, places, flag_row = [], {}, 2 + about.layout.reactions.size
     switches = watched_by(about.model)
-    slid = {switches[i].name for surface in surfaces(about.model) for i, _ in surface.members}
+    slid = {switches[i].name for surface in surfaces(about.model) for i, _ in surface.switches}
     for switch in switches:
         places[switch.owner, switch.function] = flag_row
         flag_row += 3 if switch.drive else 1
@@ -419,12 +420,12 @@ def share_column(about: ColumnContext, surface: Surface) -> Column:
         share = take(block)
         return np.where(share == NO_SHARE, np.nan, share)
 
-    switches = watched_by(model)
-    along = " and ".join(switches[i].name for i, _ in surface.members)
-    long_name = (
-        f"share of the forces of the positive side, where the motion slides along switch {along}; nan where it does not"
-    )
-    more = {"function": switches[surface.members[0][0]].text, "reference": REFERENCE}
+    owner, along = "the positive side", [f"switch {watched_by(model)[i].name}" for i, _ in surface.switches]
+    if surface.regimes:
+        negative, positive = ([*model.regimes][i] for i in surface.regimes)
+        owner, along = f"regime {positive}", [f"the border of regimes {negative} and {positive}", *along]
+    long_name = f"share of the forces of {owner}, where the motion slides along {' and '.join(along)}; nan where it does not"
+    more = {"function": display_text(text_of(surface.function)), "reference": REFERENCE}
     return Column(Variable(name, (STEPS,), "f8", "1", long_name, "switch", more), take_share)
 
 

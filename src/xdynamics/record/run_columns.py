@@ -226,6 +226,8 @@ def _step_columns(about: ColumnContext) -> list[Column]:
 def _regime_column(about: ColumnContext) -> Column:
     """Return the regime of every row, with the forces of each."""
     model = about.model
+    words = dict(enumerate(model.regimes)) or {0: schema.ONLY_REGIME}
+    words |= {surface.number: f"slides_{surface.name}" for surface in surfaces(model) if surface.regimes}
     regime = Variable(
         "regime",
         (STEPS,),
@@ -233,7 +235,7 @@ def _regime_column(about: ColumnContext) -> Column:
         "1",
         "regime of the force law",
         "flag",
-        schema.flag_attributes(dict(enumerate(model.regimes)) or {0: schema.ONLY_REGIME}) | _forces_by_regime(model),
+        schema.flag_attributes(words) | _forces_by_regime(model),
     )
     return Column(regime, lambda block: block.log.flags[1, : block.rows])
 

@@ -176,7 +176,7 @@ def _restore_march(source_run: xr.Dataset, march: March) -> None:
         memory, numbers = _restore_witnesses(march, memory, numbers, rows)
     go_on_from_end(march.run, memory, numbers)
     if march.run.plan["slides"][0]:
-        march.sliding.recall(march.run.modes)
+        march.sliding.recall(march.run.modes, int(march.now.regime))
     run_state = march.now
     if int(run_state.rows) != rows or float(run_state.t) * march.settings.scales.si_factor(TIME) != float(
         source_run["time"][-1]

@@ -31,7 +31,6 @@ from xdynamics.model.reactions import reactions
 from xdynamics.record.column import Column
 from xdynamics.record.run_columns import named_columns, state_name
 from xdynamics.runtime.lazy_imports import cached_property
-from xdynamics.schema import SLIDES
 from xdynamics.shapes.blocks import Block, Blocks
 from xdynamics.units import parse_unit, spell
 
@@ -230,8 +229,8 @@ class MemberRuns:
 
     def _slid(self, share: str, rows: Rows) -> Floats:
         """Return a number where the motion slides along a switch, else nan: its side is known where no share is kept."""
-        flag = self.layout.flag_of_switch(self.layout.slid_switches[share])
-        return np.where(self.runs.log_block.log.flags[flag, rows] == SLIDES, 0.5, np.nan)
+        flag, there = self.layout.sliding_flags[share]
+        return np.where(self.runs.log_block.log.flags[flag, rows] == there, 0.5, np.nan)
 
     def _repeat_with_past(self, members: Rows, step_times: Floats, columns: Floats, *, with_error: bool) -> Floats:
         """Repeat steps of one member after the other, each with the past that its own rows leave."""

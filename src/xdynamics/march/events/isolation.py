@@ -217,7 +217,8 @@ def decide_side(run: Run, i: int, start: float, end: float) -> None:
         return  # from beyond zero, where the event was met, it is on its way back
     if side_before == -watch.armed and watch.zone < 0.0 and start == 0.0 and not leaving:
         watch.broken = BREAKS  # at the very start, after a node where a drive jumps
-    came = side_after if watch.state == MONOTONE else (side_before if side_before != 0 else side_after)
+    leaves_through_zero = leaving and side_after == watch.armed  # where it is beyond zero, it is so by rounding
+    came = side_after if watch.state == MONOTONE or side_before == 0 or leaves_through_zero else side_before
     watch.clear = start
     pending, left = watch.zone >= 0.0, watch.zone if watch.zone >= 0.0 else start
     if moves_past_guard(run, i, came):
@@ -232,10 +233,18 @@ def decide_side(run: Run, i: int, start: float, end: float) -> None:
             watch.armed = came
     elif pending and not waiting and not leaving and reaches_zero(run, i, end - watch.zone):
         note_event_in_piece(run, i, left, start, TOUCHED)
-    has_left(run, i)
+    if not (leaving and is_near_zero(run, i, end)):
+        has_left(run, i)
     watch.ever = max(watch.ever, abs(watch.armed))
     if watch.hit == NONE:
         watch.zone, watch.forced, watch.broken, run.pending[i] = -1.0, 0, SMOOTH, 0.0
+
+
+@jit_separate
+def is_near_zero(run: Run, i: int, end: float) -> bool:
+    """Whether a function is as good as zero after a piece: it has yet to leave, and would seem to touch zero later."""
+    run.at[T] = run.now[0].t + end
+    return abs(run.far_g[i]) <= noise_floor(run, i, run.far)
 
 
 @jit_separate

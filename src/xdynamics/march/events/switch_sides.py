@@ -174,7 +174,9 @@ def keep_pieces(run: Run, state_was_set: bool, landed: bool) -> bool:
 
 @jit_separate
 def slides_along_switch(run: Run) -> bool:
-    """Whether the motion is driven back to a switch at which a force jumps, as it was on the side before.
+    """Whether the motion is driven back to a switch at which a force jumps, or to an event behind which another regime holds.
+
+    It was driven there on the side before, too.
 
     For a table, the side after the switch is inside the next piece, where its function is positive again. At a switch
     where a force has a kink, being driven back is rest: with ``sign(v)*sqrt(abs(v))`` a motion is at zero after a
@@ -190,6 +192,8 @@ def slides_along_switch(run: Run) -> bool:
             if detector.of_time or event_kind(run, i) == JUMP or not has_passed(run, i, run.g1[i]):
                 continue  # a trial that solves equations anew may end before a switch that it was to end behind
             sliding = sliding or run.slopes[i] * (watch.guard if detector.drive >= 0 else -watch.armed) < 0.0
+        elif detector.slides > 0 and watch.hit in (CROSSED, FORCED) and event_kind(run, i) != JUMP:
+            sliding = sliding or run.slopes[i] * -watch.armed < 0.0
         elif detector.role == KINK and detector.drive < 0 and watch.hit in (CROSSED, FORCED):
             watch.floor = abs(run.slopes[i]) * run.located[0].h if run.slopes[i] * -watch.armed < 0.0 else 0.0
     return sliding

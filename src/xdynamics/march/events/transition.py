@@ -32,14 +32,18 @@ from xdynamics.march.control import (
     nonfinite_reason,
 )
 from xdynamics.march.events.departures import (
+    LEAVING,
     arm_event,
     begin_instant,
+    find_sides,
+    has_action,
     judge_actions,
     judges_departures,
     meet_departures,
     note_rates,
     rearm,
     rearm_rejected,
+    take_departure,
 )
 from xdynamics.march.events.enclosures import end_region
 from xdynamics.march.events.root_finding import event_kind, is_plain, locate_events
@@ -407,7 +411,8 @@ def cross_events(run: Run, row_before: int) -> bool:
         note_sample(run, trial.t, run.z, row_before + 1)
     if judges_departures(run):
         run.instant[0].changed = int(acted or meets_contact(run))
-    if plan.switches > 0 and slides_along_switch(run):
+    slides = (plan.switches > 0 or plan.slides > 0) and slides_along_switch(run)
+    if slides and now.status == RUNNING:  # a stop outweighs it
         now.status = AT_SWITCH if plan.slides > 0 else SLIDING_MODE
     if plan.along > 0 and changed and now.status == RUNNING:  # other forces have other shares
         now.status = AT_SWITCH
@@ -446,14 +451,26 @@ def resume(run: Run) -> None:
         end_march(run, NONFINITE_OBSERVABLE)
         return
     copy_numbers(run.z, run.y)
+    for i in range(run.detectors.shape[0]):
+        run.watches[i].greatest, run.pending[i] = 0.0, 0.0
+    if judges_departures(run):
+        run.instant[0].meets = 0
+        find_sides(run)
     set_time(run, T, now.t)
     call_law(run.law[DETECT], run, run.y, run.g, 0)
     for i in range(run.detectors.shape[0]):
         watch = run.watches[i]
-        watch.hit, watch.greatest, run.pending[i] = watch.hit if ends else NONE, 0.0, 0.0
         beyond = run.detectors[i].role == SWITCH_ROLE and run.g[i] * watch.guard < 0.0
         watch.floor = BEYOND * abs(run.g[i]) if beyond else 0.0  # a switch that is left, off its surface by rounding
-        arm_event(run, i, run.g[i])
+        if judges_departures(run) and has_action(run, i):
+            run.departures[i].met = 0
+            take_departure(run, i)
+        else:
+            arm_event(run, i, run.g[i])
+        if judges_departures(run) and run.detectors[i].slides > 0 and watch.guard != 0:
+            run.departures[i].met, run.departures[i].leaves = 0, LEAVING
+            watch.armed, watch.guard = watch.guard, 0
+        watch.hit = watch.hit if ends else NONE
     if ends:
         now.status = SLIDING_MODE
 
@@ -565,7 +582,8 @@ def go_on_after_events(run: Run, reached: bool) -> None:
             end_march(run, CONTACT_INCONSISTENT)
         if meets_contact(run):
             forget_rounding_apart(run)
-    rearm(run, run.instant.shape[0] > 0 and run.instant[0].changed > 0)
+    if not now_slides(run):
+        rearm(run, run.instant.shape[0] > 0 and run.instant[0].changed > 0)
     if holds_contacts(run):
         copy_numbers(run.y, run.z)
         check_contact_row(run, now.t)
