@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from math import asin, pi, sqrt
 from typing import Any
 
@@ -242,6 +243,28 @@ def test_a_reset_takes_the_motion_off_the_switch() -> None:
     assert march(model, until="6 s").switch_share_x_sign.values[-1] == pytest.approx(0.75)
 
 
+@pytest.mark.parametrize("a", ["0.5", "0.7"])
+def test_states_inside_steps_are_those_of_the_own_parameters(a: str) -> None:
+    """Assert a state inside a step along a switch, of two models that differ in a number: y = 1/(2 (1 - a)) - 1 + a t."""
+    states = {
+        "x": {"unit": "m", "rate": "(a - sign(x/(1*metre)))*metre/second"},
+        "y": {"unit": "m", "rate": "x/(1*second) + sign(x/(1*metre))*metre/second"},
+    }
+    model = xd.Model(name="fed", states=states, parameters={"a": a}, initial={"x": "1 m", "y": "0 m"})
+    met = 1.0 / (1.0 - float(a))
+    exact = met / 2.0 + met + float(a) * (5.0 - met)
+    assert march(model, until="6 s").dynamics.at([5.0]).y.values == pytest.approx([exact], abs=1e-11)
+
+
+def test_functions_that_numbers_make_equal_are_two_switches() -> None:
+    """Assert that a member whose thresholds coincide has the columns of those whose do not, and ends in words."""
+    rate = "(where(x > h, -1, 0) + where(x < -h, 1, 0) + 0.25)*metre/second"
+    model = flows({"x": ("-1 m", rate)}, {"h": "0.1 m"})
+    sweep = xd.sweep(model, {"h": "0:0.2:3 m"}, method="dormand_prince", until="5 s")
+    assert sweep.run_outcome.values.tolist() == ["sliding_mode", "completed", "completed"]
+    assert sweep.end_x.values[1:] == pytest.approx([0.1, 0.2], abs=1e-10)
+
+
 def test_members_that_slide_have_their_own_steps() -> None:
     """Assert ends of members of other steps, after a stretch along the switch that is curved in time, as alone."""
     model = braked({"drive": "1.7*newton*sin(t/(1*second))", "dry": DRY})
@@ -267,3 +290,117 @@ def test_a_table_before_a_relay_keeps_its_flags() -> None:
     for a, states in zip(sweep.a.values.tolist(), sweep.x.values, strict=True):
         alone = march(model.replace(parameters={"a": repr(a)}), until="4 s")
         assert np.array_equal(states, alone.dynamics.at("0:4:17 s").x.values)
+
+
+def two_regimes(drive: str, *, events: dict[str, Any] | None = None, third: str = "", **initial: str) -> xd.Model:
+    """A mass of 1 kg whose dry friction of 1 N is two regimes, driven along x; the first regime is that of its start."""
+    regimes = {"forth": {"forces": ["drive", "against"]}, "back": {"forces": ["drive", "along"]}}
+    if initial.get("v_x", "0").startswith("-"):
+        regimes = dict(reversed(regimes.items()))
+    if third:
+        regimes[third] = {"forces": ["drive"]}
+    switch = {"action": "switch", "direction": "falling"}
+    return xd.Model(
+        name="two_regimes",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        forces={"drive": {"x": drive}, "against": {"x": "-1*newton"}, "along": {"x": "1*newton"}},
+        regimes=regimes,
+        initial={"x": "0 m", "v_x": "0 m s-1"} | initial,
+        events={
+            "halt": {"function": "v_x", "to": "back", **switch},
+            "go": {"function": "-2*v_x", "to": "forth", **switch},
+            **(events or {}),
+        },
+    )
+
+
+SWUNG = "1.7*newton*sin(t/(1*second))"
+
+
+@pytest.mark.parametrize("method", ["dormand_prince", "rk4", "radau_iia", "taylor"])
+def test_regimes_slide_as_a_sign_does(method: str) -> None:
+    """Assert that dry friction by two regimes and by a sign are one motion, with the same events, forces and shares."""
+    ours = march(two_regimes(SWUNG, v_x="-0.3 m s-1"), method, "9 s")
+    theirs = march(braked({"drive": SWUNG, "dry": DRY}, v_x="-0.3 m s-1"), method, "9 s")
+    assert kinds(ours) == kinds(theirs) == ["slide", "leave"] * 3
+    assert ours.event_time.values == pytest.approx(theirs.event_time.values, abs=1e-9)
+    assert ours.x.values[-1] == pytest.approx(theirs.x.values[-1], abs=1e-9)
+    share, force = ours.switch_share_halt.values, ours.force_against_x + ours.force_along_x
+    slides = ~np.isnan(share)
+    assert force.values[slides] == pytest.approx(1.0 - 2.0 * share[slides], abs=1e-12)
+    assert {*ours.regime.values[slides].tolist()} == {2}
+    assert ours.regime.attrs["flag_meanings"] == "back forth slides_halt"
+
+
+def test_a_start_at_rest_between_regimes_slides_at_once() -> None:
+    """Assert that one event at the start says so, and that the motion leaves where the drive exceeds friction."""
+    run = march(two_regimes("1.05*newton*sin(t/(1*second))"), until="9 s")
+    assert kinds(run) == ["slide", "leave"] * 3 + ["slide"]
+    assert run.event_time.values[:2] == pytest.approx([0.0, asin(1 / 1.05)], abs=1e-11)
+
+
+def test_regimes_and_a_sign_on_one_border_have_one_share() -> None:
+    """Assert that friction half by regimes and half by a sign slides as the whole by a sign."""
+    model = two_regimes("2.5*newton*sin(t/(1*second))", v_x="0.5 m s-1")
+    text = model.to_toml().replace("[regimes", '[forces.more]\nx = "-1*newton*sign(v_x)"\n[regimes', 1)
+    mixed = xd.Model.from_text(text.replace('"against"]', '"against", "more"]').replace('"along"]', '"along", "more"]'))
+    whole = braked({"drive": "2.5*newton*sin(t/(1*second))", "dry": "-2*newton*sign(v_x)"}, v_x="0.5 m s-1")
+    ours, theirs = march(mixed, until="9 s"), march(whole, until="9 s")
+    times = np.unique(ours.event_time.values)
+    assert times == pytest.approx(theirs.event_time.values, abs=1e-9)
+    assert ours.x.values[-1] == pytest.approx(theirs.x.values[-1], abs=1e-8)
+    assert [name for name in ours.data_vars if str(name).startswith("switch_share")] == ["switch_share_halt"]
+
+
+def test_what_else_happens_between_regimes() -> None:
+    """Assert that a stop outweighs sliding, a reset takes the motion off, a third regime ends it, and three do not slide."""
+    falls = {"function": "v_x", "direction": "falling"}
+    stopped = march(two_regimes("0*newton", v_x="0.5 m s-1", events={"end": falls | {"action": "stop"}}))
+    assert (stopped.attrs["run_outcome"], stopped.time.values[-1]) == ("stopped_by_event", pytest.approx(0.5))
+    late = {"function": "t - 2*second", "direction": "rising"}
+    kick = late | {"action": "reset", "set": {"v_x": "1*metre/second"}}
+    assert march(two_regimes("0*newton", events={"kick": kick})).x.values[-1] == pytest.approx(0.5, abs=1e-9)
+    to_third = {"action": "switch", "to": "free"}
+    freed = march(two_regimes("0.3*newton", events={"loose": late | to_third}, third="free"))
+    # a regime without friction moves it, which is the passage at which 'go' acts, behind which it slides
+    assert kinds(freed) == ["slide", "regime_switch", "slide"]
+    assert freed.event_time.values == pytest.approx([0.0, 2.0, 2.0])
+    third = march(two_regimes("0.3*newton", events={"loose": falls | to_third}, third="free", v_x="0.5 m s-1"))
+    assert third.attrs["run_outcome"] == "sliding_mode"
+
+
+@pytest.mark.parametrize("stop", ["v_x", "2*v_x"])
+def test_a_stop_where_a_sign_would_hold_ends_the_run(stop: str) -> None:
+    """Assert that a car braked by a sign ends its run at rest, as its event asks for."""
+    halt = {"function": stop, "direction": "falling", "action": "stop"}
+    forces = {"brake": {"x": "-2*newton*sign(v_x)"}}
+    start = {"x": "0 m", "v_x": "20 m s-1"}
+    model = xd.Model(
+        name="car", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces=forces, initial=start, events={"halt": halt}
+    )
+    run = march(model, until="20 s")
+    assert run.attrs["run_outcome"] == "stopped_by_event"
+    assert (run.time.values[-1], run.x.values[-1]) == pytest.approx((10.0, 100.0))
+
+
+def test_switches_that_multiply_are_told() -> None:
+    """Assert that a product of two signs, whose sides do not add up, ends the run in words."""
+    rate = "-(sign(x/(1*metre)) + 0.5*sign(x/(1*metre))*sign(y/(1*metre)))*metre/second"
+    run = march(flows({"x": ("1 m", rate), "y": ("1 m", "-sign(y/(1*metre))*metre/second")}))
+    assert run.attrs["run_outcome"] == "sliding_mode"
+    assert run.event_time.values == pytest.approx([2 / 3, 1.0, 1.0])
+    assert "a product of both" in run.attrs["run_outcome_text"]
+
+
+def test_small_changes_along_a_switch_are_differences() -> None:
+    """Assert the slope of a budget: what is fed by the share is 5 m by differences, and the equations take no part."""
+    states = {
+        "x": {"unit": "m", "rate": "(a - sign(x/(1*metre)))*metre/second"},
+        "y": {"unit": "m", "rate": "x/(1*second) + sign(x/(1*metre))*metre/second"},
+    }
+    model = xd.Model(name="fed", states=states, parameters={"a": "0.5 +- 0.01"}, initial={"x": "1 m", "y": "0 m"})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        budget = xd.error_budget(model, "y", at="3 s", method="dormand_prince", until="3 s", rtol=1e-9)
+    assert budget.sensitivity.values[budget.term_name.values == "a"] == pytest.approx(5.0, abs=1e-6)

@@ -185,7 +185,7 @@ def _along(model: Model, settings: Settings, law: Law, along: tuple[Surface, ...
     """Return a model that slides along some switches, and its law."""
     if not along:
         return model, law
-    base = law.layout.model
+    base = settings.layout(model).model  # not the law's, which is of the first model of its form, with other numbers
     assert isinstance(base, RegimeModel)  # noqa: S101 - others have no switches
     slid = sliding_model(base, along)
     return slid, law_of(settings.layout(slid), sampled=law.sampled, unread=law.unread)

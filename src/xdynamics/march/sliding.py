@@ -80,9 +80,10 @@ class Sliding:
         Its run is another one where it slides along other switches than before.
         """
         run = self.march.run
-        candidates = [surface for surface in surfaces(self._model) if surface in self.along or self._is_met(surface)]
-        ways = [*self._ways(candidates)] if len(candidates) <= MOST_AT_ONCE else []
-        if len(ways) != 1 or not candidates or not self._adds_up(tuple(candidates)):
+        candidates = [surface for surface in surfaces(self._model) if self._is_slid_on(surface) or self._is_met(surface)]
+        ways = [*self._ways(candidates)] if 0 < len(candidates) <= MOST_AT_ONCE else [{}] * (not candidates)
+        stands = candidates or self.along
+        if len(ways) != 1 or not stands or not self._adds_up(tuple(candidates)):
             self.fault = _fault(candidates, len(ways)) if candidates else ""
             run.now["status"], run.plan["resumes"] = RUNNING, ENDS_THERE
             return
@@ -145,6 +146,11 @@ class Sliding:
         model = self.march.layout.model
         assert isinstance(model, RegimeModel)  # noqa: S101 - others have no switches
         return model
+
+    def _is_slid_on(self, surface: Surface) -> bool:
+        """Whether the motion slid along a switch, and no event has led to a regime elsewhere."""
+        between = surface.regimes is None or int(self.march.run.now["regime"][0]) in (surface.number, *surface.regimes)
+        return surface in self.along and between
 
     def _is_met(self, surface: Surface) -> bool:
         hits = self.march.run.watches["hit"]

@@ -30,7 +30,7 @@ from xdynamics.runtime.lazy_imports import cached_property
 REFERENCE = "Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2"
 TO_REGIME = ACTIONS[2]
 MOST_AT_ONCE = 3  # surfaces that a motion slides along at a time
-_PROBES = ((0.7310, 0.3176), (1.2391, 0.5143), (0.4127, 0.8869))  # first value, and ratio to the next: three odd states
+_PROBES = ((0.7310, 0.3176), (1.2391, 0.5143), (0.4127, 0.8869))  # first value, and ratio to the next: three odd states, with odd parameters
 _EQUAL = 1e-12  # of ratios at these
 
 
@@ -149,13 +149,13 @@ def _regimes_beside(model: Model, group: _Group) -> tuple[int, int] | None:
 
 
 def _sign_of_factor(model: Model, first: Node, second: Node) -> int:
-    """Return the sign of the factor between two functions; 0 if they are not equal up to one."""
+    """Return the sign of the factor between two functions; 0 if they are not equal up to one, whatever the parameters are."""
     if first == second:
         return 1
     ratios = set[float]()
     for value, ratio in _PROBES:
         values = dict(constants(model)) | {"t": value}
-        for name in variables(model):
+        for name in (*variables(model), *model.elements.statement.parameters):
             value = (value * ratio + 0.3) % 1.0  # noqa: PLW2901
             values[name] = value
         try:

@@ -87,10 +87,18 @@ def marched(model: xd.Model, until: str = "3 s", **how: Any) -> xr.Dataset:
 
 @pytest.mark.parametrize(("method", "how"), MARCHES)
 def test_regimes_that_push_back_to_their_border_slide(method: str, how: dict[str, Any]) -> None:
-    """Assert that the run ends where the block is at rest, after 0.25 m, and that both events and the remedy are named."""
+    """Assert that the block stays where it is at rest, after 0.25 m, and that its event says so."""
     run = xd.simulate(braked(), method=method, until="3 s", **how)
-    assert run.attrs["run_outcome"] == "sliding_mode"
+    assert run.attrs["run_outcome"] == "completed"
     assert float(run.y[-1]) == pytest.approx(0.25, abs=1e-9)
+    assert run.event_time.values == pytest.approx([0.5], abs=1e-9)
+    assert run.switch_share_stops.values[-1] == pytest.approx(0.5)
+
+
+def test_regimes_that_may_not_slide_end_there() -> None:
+    """Assert the former rule, and that both events and the remedy are named."""
+    run = marched(braked(), sliding="ends")
+    assert run.attrs["run_outcome"] == "sliding_mode"
     assert run.event_time.values == pytest.approx([0.5, 0.5], abs=1e-9)
     for word in ("'stops'", "'starts'", "[frictions]", "hysteresis"):
         assert word in run.attrs["run_outcome_text"]
