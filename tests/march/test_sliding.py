@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
+from xdynamics.evidence.audit import audit
 
 METHODS = ["bogacki_shampine", "dormand_prince", "dop853", "rk4", "midpoint", "radau_iia", "taylor"]
 
@@ -377,7 +378,12 @@ def test_a_stop_where_a_sign_would_hold_ends_the_run(stop: str) -> None:
     forces = {"brake": {"x": "-2*newton*sign(v_x)"}}
     start = {"x": "0 m", "v_x": "20 m s-1"}
     model = xd.Model(
-        name="car", coordinates={"x": "m"}, mass={"x": "1*kilogram"}, forces=forces, initial=start, events={"halt": halt}
+        name="car",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        forces=forces,
+        initial=start,
+        events={"halt": halt},
     )
     run = march(model, until="20 s")
     assert run.attrs["run_outcome"] == "stopped_by_event"
@@ -404,3 +410,59 @@ def test_small_changes_along_a_switch_are_differences() -> None:
         warnings.simplefilter("error")
         budget = xd.error_budget(model, "y", at="3 s", method="dormand_prince", until="3 s", rtol=1e-9)
     assert budget.sensitivity.values[budget.term_name.values == "a"] == pytest.approx(5.0, abs=1e-6)
+
+
+def test_records_that_slide_contradict_nothing() -> None:
+    """Assert the gates of a motion that slides between regimes and leaves, and those of a record whose share is false."""
+    run = march(two_regimes(SWUNG, v_x="-0.3 m s-1"), until="9 s")
+    assert [(gate.name, gate.verdict) for gate in audit(run)] == [
+        ("events_met", "passed"),
+        ("slides_on_switch", "passed"),
+    ]
+    share = run.switch_share_halt.values.copy()
+    share[~np.isnan(share)] = 1.25
+    (_, gate) = audit(run.assign(switch_share_halt=run.switch_share_halt.copy(data=share)))
+    assert (gate.verdict, gate.reason) == ("failed", "the share of switch 'halt' is not between 0 and 1")
+    moved = run.v_x.copy(data=np.where(np.isnan(share), run.v_x.values, 0.02))
+    (_, gate) = audit(run.assign(v_x=moved))
+    assert "is off it: by the forces of one side it would come back in 0.01 s" in gate.reason
+
+
+@pytest.mark.parametrize(("method", "off"), [("dormand_prince", 1e-5), ("taylor", 1e-6), ("midpoint", 1e-3)])
+def test_a_motion_slides_along_a_circle(method: str, off: float) -> None:
+    """Assert that a motion driven to the unit circle from both sides goes round it: x = cos(t - 1), off it by the method."""
+    pull = "sign(x*x + y*y - 1*metre**2)/(1*second)"
+    run = march(
+        flows(
+            {
+                "x": ("1 m", f"-y/(1*second) - x*{pull}"),
+                "y": ("0 m", f"x/(1*second) - y*{pull}"),
+            }
+        ),
+        method,
+        "6 s",
+    )
+    assert run.attrs["run_outcome"] == "completed"
+    assert np.abs(run.x.values**2 + run.y.values**2 - 1.0).max() < off
+    assert run.x.values[-1] == pytest.approx(np.cos(6.0), abs=3 * off)
+    assert [gate.verdict for gate in audit(run)] == ["passed"]
+
+
+def test_forces_between_rows_are_those_along_the_switch() -> None:
+    """Assert the largest friction that holds a mass, which no accepted row has, of a run and of members."""
+    drive = {"drive": "F*sin(t/(1*second))", "dry": DRY}
+    model = xd.Model(
+        name="held",
+        coordinates={"x": "m"},
+        mass={"x": "1*kilogram"},
+        parameters={"F": "0.8 N"},
+        forces={name: {"x": tree} for name, tree in drive.items()},
+        initial={"x": "0 m", "v_x": "-0.3 m s-1"},
+    )
+    run = march(model, until="6 s")
+    diagnosis = xd.diagnose(run)
+    assert run.force_dry_x.values.min() > -0.7
+    assert float(diagnosis.minimum_force_dry_x) == pytest.approx(-0.8, abs=1e-9)
+    assert float(diagnosis.minimum_force_dry_x_time) == pytest.approx(pi / 2, abs=1e-6)
+    sweep = xd.sweep(model, {"F": "0.7:0.9:3 N"}, method="dormand_prince", until="6 s", keep=["minimum_force_dry_x"])
+    assert sweep.minimum_force_dry_x.values == pytest.approx([-0.7, -0.8, -0.9], abs=1e-9)

@@ -2,7 +2,7 @@
 
 A second march has the faults of the first, since it marches in the same way. The contradictions are: an acting event
 that stands at zero, leaves it in its own direction and is not met; events of one detector that crowd together in time;
-contacts that pull, are penetrated, or hold more than friction can. Method and date of the march do not matter.
+contacts that pull, are penetrated, or hold more than friction can; a motion along a switch that is off it. Method and date of the march do not matter.
 """
 
 from __future__ import annotations
@@ -17,19 +17,24 @@ from xdynamics import schema
 from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.elementary import kept_set
 from xdynamics.evidence.evidence_dataset import FAILED, GATES, NOT_CHECKED, PASSED, Gate
+from xdynamics.evidence.observables import share_columns, sided_model
 from xdynamics.expressions import Node
 from xdynamics.faults import display_text
+from xdynamics.march.settings import FILIPPOV
 from xdynamics.methods.moreau import MOREAU_JEAN
 from xdynamics.model import Function, Model
 from xdynamics.model.delays import is_before
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, variables
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
+from xdynamics.model.regime_model import RegimeModel
+from xdynamics.model.sliding import arm_rates, surfaces
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
+from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.named_rows import rows_named
 from xdynamics.record.unfolding import column_in_si, event_words
 from xdynamics.shapes.naming import split_element_name
-from xdynamics.units import unit_suffix
+from xdynamics.units import parse_unit, unit_suffix
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,8 +42,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Functions = Mapping[str, Callable[..., float]] | None
 
-EVENTS, CONTACTS = "events_met", "contacts_admissible"
+EVENTS, CONTACTS, SWITCHES = "events_met", "contacts_admissible", "slides_on_switch"
 ZERO = 1e-9  # of the largest value of an event function: as good as zero
+OFF = 1e-3  # of a run's time, in which the forces of one side would bring back a motion that is off its switch
 CROWDED = 100.0  # time tolerances between two occurrences of an acting event, below which they are not apart
 SLACK = 1e-7  # of the largest force or gap of a contact: more than what its events are located within
 COLUMNS = (
@@ -67,7 +73,7 @@ def audit(run: xr.Dataset, functions: Functions = None) -> list[Gate]:
     -------
     list of Gate
         `events_met` of a model with events that stop, switch or reset; `contacts_admissible` of one with contacts or dry
-        friction. A record that does not hold what is needed is `not_checked`.
+        friction; `slides_on_switch` of one whose motion may slide along switches. A record that does not hold what is needed is `not_checked`.
     """
     model = model_of_record(run, functions)
     return [_gate(name, look, run, model, passed) for name, look, passed in _questions(model)]
@@ -84,7 +90,12 @@ def audited_columns(run: xr.Dataset, model: Model) -> xr.Dataset:
     audited_names = {
         column_name_of(owner) for owner in owners for column_name_of in (contact_force, contact_gap, friction_force)
     }
-    audited_names |= {*COLUMNS, *variables(model), *(split_element_name(name)[0] for name in variables(model))}
+    audited_names |= {
+        *COLUMNS,
+        *share_columns(model),
+        *variables(model),
+        *(split_element_name(name)[0] for name in variables(model)),
+    }
     return run[
         [
             name
@@ -100,6 +111,12 @@ def _questions(model: Model) -> Iterator[tuple[str, Look, str]]:
         yield EVENTS, _unmet_events, "every acting event at zero was met or left in time"
     if reactions(model) or model.assemblies:
         yield CONTACTS, _broken_contacts, "no contact pulls, overlaps or holds too much"
+    if share_columns(model):
+        yield (
+            SWITCHES,
+            _off_switches,
+            f"along switches shares are 0 to 1, and the motion is off them by {OFF:g} of its time at most",
+        )
 
 
 def has_acting(model: Model) -> bool:
@@ -146,10 +163,12 @@ def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
     second = unit_suffix(str(run["time"].attrs["units"]))
     rates = [elements.rate_of(tree) for tree in trees.values()]
     columns = _tree_columns(run, model, [*trees.values(), *rates])
+    left = _rows_behind_sliding(run)
     # the columns of rates stand behind those of values: the zip ends with the trees
     for name, values, slopes in zip(trees, columns, columns[len(trees) :], strict=False):
         direction = _DIRECTIONS.get(elements.events[name].direction, 0.0)
-        row = next(_left_unmet(run, values, slopes, direction, met.get(name, np.zeros(0))), None)
+        rows = _left_unmet(run, values, slopes, direction, met.get(name, np.zeros(0)))
+        row = next((row for row in rows if row not in left), None)
         if row is not None:
             yield (
                 f"event '{name}' is at zero at t = {times[row]:.15g}{second} and leaves it {elements.events[name].direction},"
@@ -164,6 +183,39 @@ def _unmet_events(run: xr.Dataset, model: Model) -> Iterator[str]:
         if (close := pauses <= CROWDED * tolerance).any():
             when = met[name][int(np.argmax(close))]
             yield f"event '{name}' acts twice within {CROWDED:.0f} time tolerances, at t = {when:.15g}{second}"
+
+
+def _rows_behind_sliding(run: xr.Dataset) -> set[int]:
+    """Return the rows behind events at which a motion began or ended to slide: what it leaves there it has met before."""
+    if not run.sizes.get(schema.EVENTS, 0):
+        return set()
+    words = words_of_flag(run["event_kind"])
+    slid = [word in schema.KINDS_OF_SLIDING for word in words]
+    return {*rows_named(run, "event_row_after")[slid].tolist()}
+
+
+def _off_switches(run: xr.Dataset, model: Model) -> Iterator[str]:
+    """Yield switches that the motion slides along with a share beyond its bounds, or off the zero of the function."""
+    base = sided_model(model)
+    if not isinstance(base, RegimeModel) or str(run.attrs.get("solver_sliding", "")) != FILIPPOV:
+        return
+    along = surfaces(base)
+    rates = [tree for side in (0, 1) for one in along for tree in arm_rates(base, (one,), (one,)[:side])]
+    columns = _tree_columns(run, base, [*(one.function for one in along), *rates])
+    times, second = column_in_si(run, "time"), unit_suffix(str(run["time"].attrs["units"]))
+    for i, one in enumerate(along):
+        share = np.asarray(run[schema.share_of(one.name)].values, float)
+        slides = ~np.isnan(share)
+        if (np.abs(share[slides] - 0.5) > 0.5 + SLACK).any():
+            yield f"the share of switch '{one.name}' is not between 0 and 1"
+        off, *speeds = (np.abs(column[slides]).max(initial=0.0) for column in columns[i :: len(along)])
+        speed = max(speeds)
+        if off > OFF * speed * (times[-1] - times[0]):
+            time = off / speed / float(parse_unit(str(run["time"].attrs["units"])).factor)
+            yield (
+                f"the motion slides along switch '{one.name}' and is off it: by the forces of one side it would come back"
+                f" in {time:.2g}{second}"
+            )
 
 
 def _left_unmet(run: xr.Dataset, values: Floats, rates: Floats, direction: float, met: Floats) -> Iterator[int]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from xdynamics.model import Function, Model
 from xdynamics.model.constraints import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, motion, potentials
 from xdynamics.model.reactions import NORMAL, holding_flag, mode_number, reactions
+from xdynamics.model.regime_model import RegimeModel, regime_model
+from xdynamics.model.sliding import SlidingModel, sliding_model, surfaces
+from xdynamics.model.switches import LOCATED, switch_side
 from xdynamics.record.folding import quantity_names
 from xdynamics.record.run_columns import state_name
 from xdynamics.record.schemas import log_description
@@ -35,6 +39,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
+TreesOf = Callable[[Model], Sequence[Node]]
 
 
 def observables_of(model: Model) -> tuple[str, ...]:
@@ -230,7 +235,11 @@ def rate_on(
     if rates is not None:
         rate_values: Floats = rates[0]
         return rate_values
-    return evaluate_at_states(run, model, [model.elements.rate_of(tree_of(model, name))], states, times, rows)[0]
+
+    def trees_of(its: Model) -> list[Node]:
+        return [its.elements.rate_of(tree_of(its, name))]
+
+    return evaluate_at_states(run, model, trees_of(model), states, times, rows, trees_of=trees_of)[0]
 
 
 def state_rates(
@@ -302,6 +311,7 @@ def evaluate_at_states(
     rows: Rows,
     parts: Sequence[slice] | None = None,
     read: Sequence[Assignment] | None = None,
+    trees_of: TreesOf | None = None,
 ) -> list[Floats]:
     """Evaluate expressions on states inside steps: also of forces, accelerations and contact forces.
 
@@ -321,6 +331,8 @@ def evaluate_at_states(
         Of the states: those at which each expression is wanted. What several of them read is evaluated once.
     read : sequence of Assignment, optional
         Those of the motion that the expressions read, if they are known.
+    trees_of : callable, optional
+        Returns the expressions of a model that slides along switches: rates are others there.
 
     Returns
     -------
@@ -339,12 +351,11 @@ def evaluate_at_states(
             f" {log_description(run.attrs) or 'take the whole record'}"
         )
     columns = {name: get_column(run, name).values for name in names}
-    if "regime" in run.variables:
-        columns["regime"] = run.variables["regime"].values
+    columns |= {name: run.variables[name].values for name in ("regime", *share_columns(model)) if name in run.variables}
     following = np.minimum(rows + 1, run.sizes[schema.STEPS] - 1)
     functions = kept_set(run.attrs.get("math_functions"))
     return evaluate_inside_steps(
-        model, trees, states, times, (rows, following), columns, functions, read=read, parts=parts
+        model, trees, states, times, (rows, following), columns, functions, read=read, parts=parts, trees_of=trees_of
     )
 
 
@@ -359,6 +370,7 @@ def evaluate_inside_steps(
     parameters: Mapping[str, Floats] | None = None,
     read: Sequence[Assignment] | None = None,
     parts: Sequence[slice] | None = None,
+    trees_of: TreesOf | None = None,
 ) -> list[Floats]:
     """Evaluate expressions on states inside steps of one run, or of many in concatenated columns; see `evaluate_at_states`.
 
@@ -376,8 +388,53 @@ def evaluate_inside_steps(
     values = evaluate_over_states(
         model, trees, inputs, constants(model), drive_pieces(model), math_functions, read, parts
     )
-    shapes = [rows.shape if parts is None else rows[part].shape for part in parts or values]
-    return [np.array(np.broadcast_to(value, shape)) for value, shape in zip(values, shapes, strict=True)]
+    places = [slice(0, rows.size)] * len(values) if parts is None else parts
+    results = [np.array(np.broadcast_to(value, rows[part].shape)) for value, part in zip(values, places, strict=True)]
+    for slid, steps in _slid_groups(model, columns, rows):
+        part_inputs = {name: value[steps] for name, value in inputs.items()}
+        part_inputs |= _sides(slid, part_inputs)
+        slid_trees = trees if trees_of is None else trees_of(slid)
+        values = evaluate_over_states(
+            slid, slid_trees, part_inputs, constants(slid), drive_pieces(slid), math_functions
+        )
+        for result, value, part in zip(results, values, places, strict=True):
+            inside = (steps >= part.start) & (steps < part.stop)
+            result[steps[inside] - part.start] = np.broadcast_to(value, steps.shape)[inside]
+    return results
+
+
+def share_columns(model: Model) -> tuple[str, ...]:
+    """Name the shares of what a motion may slide along: where they are numbers, forces are those along it."""
+    return () if model.shapes.dims else tuple(schema.share_of(one.name) for one in surfaces(sided_model(model)))
+
+
+def sided_model(model: Model) -> Model:
+    """Return the model on the sides of its switches, of which it may slide along some."""
+    return regime_model(model, LOCATED, True)  # noqa: FBT003 - as `Settings.layout` asks
+
+
+def _slid_groups(model: Model, columns: Mapping[str, Any], rows: Rows) -> Iterator[tuple[SlidingModel, Rows]]:
+    """Yield each model that slides in some steps, and which of them."""
+    names = [name for name in share_columns(model) if name in columns]
+    if not names:
+        return
+    slides = ~np.isnan([columns[name][rows] for name in names])
+    base, ways = sided_model(model), np.unique(slides[:, slides.any(axis=0)], axis=1)
+    assert isinstance(base, RegimeModel)  # noqa: S101 - others have no shares
+    for way in ways.T:
+        along = [one for one in surfaces(base) if schema.share_of(one.name) in compress(names, way)]
+        yield sliding_model(base, along), np.flatnonzero((slides == way[:, np.newaxis]).all(axis=0))
+
+
+def _sides(model: RegimeModel, inputs: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return the sides of switches at states."""
+    plain, numbered = model.plain, [(i, one) for i, one in enumerate(model.switches) if not one.drive]
+    trees = [switch.function for _, switch in numbered]
+    values = evaluate_over_states(plain, trees, inputs, constants(plain), drive_pieces(plain))
+    return {
+        switch_side(i): np.where(np.asarray(value) == 0.0, switch.at_zero, np.sign(value))
+        for (i, switch), value in zip(numbered, values, strict=True)
+    }
 
 
 def reaction_columns(model: Model, *, by_element: bool = True) -> list[str]:

@@ -80,7 +80,9 @@ class Sliding:
         Its run is another one where it slides along other switches than before.
         """
         run = self.march.run
-        candidates = [surface for surface in surfaces(self._model) if self._is_slid_on(surface) or self._is_met(surface)]
+        candidates = [
+            surface for surface in surfaces(self._model) if self._is_slid_on(surface) or self._is_met(surface)
+        ]
         ways = [*self._ways(candidates)] if 0 < len(candidates) <= MOST_AT_ONCE else [{}] * (not candidates)
         stands = candidates or self.along
         if len(ways) != 1 or not stands or not self._adds_up(tuple(candidates)):
@@ -230,7 +232,10 @@ class Sliding:
         run = self.march.run
         last = int(run.now["events"][0] - run.base["events"][0]) - 1
         members = {
-            i: side for surface, side in way.items() for i, _ in surface.detectors(self._model) if surface not in self.along
+            i: side
+            for surface, side in way.items()
+            for i, _ in surface.detectors(self._model)
+            if surface not in self.along
         }
         row = run.log_events["row_before"][last] if last >= 0 else -1
         while last >= 0 and run.log_events["row_before"][last] == row:

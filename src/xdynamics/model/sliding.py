@@ -30,7 +30,11 @@ from xdynamics.runtime.lazy_imports import cached_property
 REFERENCE = "Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, chapter 2"
 TO_REGIME = ACTIONS[2]
 MOST_AT_ONCE = 3  # surfaces that a motion slides along at a time
-_PROBES = ((0.7310, 0.3176), (1.2391, 0.5143), (0.4127, 0.8869))  # first value, and ratio to the next: three odd states, with odd parameters
+_PROBES = (
+    (0.7310, 0.3176),
+    (1.2391, 0.5143),
+    (0.4127, 0.8869),
+)  # first value, and ratio to the next: three odd states, with odd parameters
 _EQUAL = 1e-12  # of ratios at these
 
 

@@ -424,7 +424,9 @@ def share_column(about: ColumnContext, surface: Surface) -> Column:
     if surface.regimes:
         negative, positive = ([*model.regimes][i] for i in surface.regimes)
         owner, along = f"regime {positive}", [f"the border of regimes {negative} and {positive}", *along]
-    long_name = f"share of the forces of {owner}, where the motion slides along {' and '.join(along)}; nan where it does not"
+    long_name = (
+        f"share of the forces of {owner}, where the motion slides along {' and '.join(along)}; nan where it does not"
+    )
     more = {"function": display_text(text_of(surface.function)), "reference": REFERENCE}
     return Column(Variable(name, (STEPS,), "f8", "1", long_name, "switch", more), take_share)
 

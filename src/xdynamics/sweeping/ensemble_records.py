@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from xdynamics import record
 from xdynamics.dynamics.recorded_steps import RowLinks, step_columns
 from xdynamics.elementary.arrays import flattened_rows
-from xdynamics.evidence.observables import evaluate_inside_steps, rate_tree, reaction_columns
+from xdynamics.evidence.observables import evaluate_inside_steps, rate_tree, reaction_columns, share_columns
 from xdynamics.expressions import Name, Node, free_names
 from xdynamics.kernels import Layout, law_of
 from xdynamics.kernels.layout import layout_of
@@ -227,7 +227,7 @@ class MemberRuns:
             links=links,
         )
 
-    def _slid(self, share: str, rows: Rows) -> Floats:
+    def _slid(self, share: str, rows: Rows | slice) -> Floats:
         """Return a number where the motion slides along a switch, else nan: its side is known where no share is kept."""
         flag, there = self.layout.sliding_flags[share]
         return np.where(self.runs.log_block.log.flags[flag, rows] == there, 0.5, np.nan)
@@ -343,10 +343,12 @@ class MemberRuns:
             {state: states[state] for state in plan.states},
             times,
             (rows, following),
-            {column: self[column] for column in ("regime", *reaction_columns(self.model))},
+            {column: self[column] for column in ("regime", *reaction_columns(self.model))}
+            | {share: self._slid(share, slice(None)) for share in self.layout.shares},
             self.settings.math_functions,
             self._member_parameters(members, plan.names),
             plan.read,
+            trees_of=lambda model: _evaluated_trees(model, name, kinds),
         )
         return [column_values / unit for column_values in columns]
 
@@ -377,12 +379,7 @@ def _parameter_indices(model: Model) -> dict[str, int]:
 @lru_cache(maxsize=64)
 def _evaluation_plan(model: Model, name: str, kinds: tuple[str, ...]) -> _EvaluationPlan:
     """Collect what evaluating a quantity, its known rate, or both takes."""
-    trees = []
-    for entry in kinds:
-        # as in `observe`: without forces that depend on the side of a switch
-        tree = layout_of(model).derived.get(name, Name(name)) if (entry,) == VALUE else rate_tree(model, name)
-        assert tree is not None  # noqa: S101 - callers have checked
-        trees.append(tree)
+    trees = _evaluated_trees(model, name, kinds)
     assignments = tuple(assignments_read(model, trees))
     values = [entry.value for entry in assignments]
     names = [set(entry.arguments) if isinstance(entry, Function) else free_names(entry) for entry in (*trees, *values)]
@@ -390,8 +387,21 @@ def _evaluation_plan(model: Model, name: str, kinds: tuple[str, ...]) -> _Evalua
         *names, *map(free_names, model.elements.looked_up_at.values())
     )  # tables are looked up all at once
     used = layout_of(model).used
+    if share_columns(model):  # shares read what forces of either side do
+        needed_names |= {*used, *model.elements.statement.parameters}
     states = sorted((name for name in needed_names if name in used), key=used.index)
     return _EvaluationPlan(tuple(trees), assignments, needed_names, tuple(states))
+
+
+def _evaluated_trees(model: Model, name: str, kinds: tuple[str, ...]) -> list[Node]:
+    """Return the expressions of a quantity, its known rate, or both."""
+    trees = []
+    for entry in kinds:
+        # as in `observe`: without forces that depend on the side of a switch
+        tree = layout_of(model).derived.get(name, Name(name)) if (entry,) == VALUE else rate_tree(model, name)
+        assert tree is not None  # noqa: S101 - callers have checked
+        trees.append(tree)
+    return trees
 
 
 def parallel_parts(model: Model, settings: Settings) -> PartsAbreast | None:

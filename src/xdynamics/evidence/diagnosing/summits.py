@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from xdynamics import schema
 from xdynamics.elementary.bounds import EPS
 from xdynamics.evidence.chunks import RowRange
-from xdynamics.evidence.observables import evaluate_at_states, rate_tree, tree_of
+from xdynamics.evidence.observables import TreesOf, evaluate_at_states, rate_tree, tree_of
 from xdynamics.expressions import Node
+from xdynamics.expressions.calculus import ZERO
 from xdynamics.model import Model
 from xdynamics.model.constraints import Assignment
 from xdynamics.model.motion import assignments_read
@@ -483,6 +484,10 @@ class QuantitiesInside:
     def _rate_trees(self) -> list[Node | None]:
         return [rate_tree(self.model, name) for name in self.names]
 
+    def _rate_trees_of(self, model: Model) -> list[Node]:
+        """Return the rates by the forces of a model that slides along switches; 0 where none is known."""
+        return [rate_tree(model, name) or ZERO for name in self.names]
+
     def values(self, states: StatesInside, variables: Mapping[str, Floats]) -> list[Floats]:
         """Return each quantity on its part of the states, for these variables."""
         tree_values = self._tree_values(self._value_trees, states, variables)
@@ -493,7 +498,7 @@ class QuantitiesInside:
 
     def rates(self, states: StatesInside, values: Sequence[Floats]) -> list[Floats]:
         """Return the rate of each; its own value where none is known."""
-        rate_values = self._tree_values(self._rate_trees, states, states.variables)
+        rate_values = self._tree_values(self._rate_trees, states, states.variables, self._rate_trees_of)
         return [value if rate is None else rate for value, rate in zip(values, rate_values, strict=True)]
 
     def errors(self, states: StatesInside, values: Sequence[Floats]) -> list[Floats]:
@@ -512,7 +517,11 @@ class QuantitiesInside:
         ]
 
     def _tree_values(
-        self, trees: list[Node | None], states: StatesInside, variables: Mapping[str, Floats]
+        self,
+        trees: list[Node | None],
+        states: StatesInside,
+        variables: Mapping[str, Floats],
+        trees_of: TreesOf | None = None,
     ) -> list[Floats | None]:
         """Evaluate each expression on its part, if it has any states; None where there is no expression."""
         results: list[Floats | None] = [None if tree is None else np.zeros(0) for tree in trees]
@@ -529,8 +538,9 @@ class QuantitiesInside:
         if key not in self._read:
             self._read[key] = assignments_read(self.model, selected_trees)
         read = self._read[key]
+        of_slid = None if trees_of is None else lambda model: [trees_of(model)[k] for k in places]
         tree_values = evaluate_at_states(
-            self.run, self.model, selected_trees, variables, states.times, states.rows, parts, read
+            self.run, self.model, selected_trees, variables, states.times, states.rows, parts, read, of_slid
         )
         for k, value in zip(places, tree_values, strict=True):
             results[k] = value / self.factors[k]
