@@ -92,7 +92,9 @@ def surfaces(model: Model) -> tuple[Surface, ...]:
         return ()
     groups: list[_Group] = []
     for i, (name, event) in enumerate(elements.events.items()):
-        if _switches_in_one_direction(event) and elements.reads(event.function) & {*variables(model)}:
+        if isinstance(event.function, Function) or not _switches_in_one_direction(event):
+            continue
+        if elements.reads(event.function) & {*variables(model)}:
             group, factor = _group_of(model, groups, elements.expanded(event.function), name)
             group.events.append((i, factor))
     groups = [group for group in groups if _regimes_beside(model, group)]
@@ -127,8 +129,8 @@ def _group_of(model: Model, groups: list[_Group], function: Node, name: str) -> 
 
 
 def _switches_in_one_direction(event: Event) -> bool:
-    written = not isinstance(event.function, Function) and event.every is None
-    return written and event.action == TO_REGIME and event.count == 1 and event.direction != "either"
+    acts = event.action == TO_REGIME and event.every is None and event.count == 1
+    return acts and event.direction != "either"
 
 
 def _may_be_slid_along(model: Model, switch: Switch) -> bool:

@@ -22,8 +22,8 @@ from xdynamics import schema
 from xdynamics.elementary.double_double import DoubleDouble, nearest
 from xdynamics.elementary.double_double.sums import add, multiply
 from xdynamics.expressions import Binary, Compare, Node, dimension_of, text_of
-from xdynamics.faults import display_text
 from xdynamics.expressions.evaluation import evaluate
+from xdynamics.faults import display_text
 from xdynamics.kernels import Layout
 from xdynamics.kernels.layout import NO_SHARE
 from xdynamics.march import LogBlock, March, Tolerances
