@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,20 +87,24 @@ class Relays:
                 found.append(way)
         return found
 
+    def end_of(self, k: int, sides: tuple[int, ...]) -> Any:
+        """Return the function that falls through zero where a relay leaves its side, or what it slides along."""
+
+        def slid(_: float, x: Floats) -> float:
+            return float(1.0 - abs(self.inputs(x, sides)[k]))
+
+        def beside(_: float, x: Floats) -> float:
+            return float(sides[k] * (self.c[k] @ x))
+
+        function: Any = slid if sides[k] == SLIDES else beside
+        function.terminal, function.direction = True, -1
+        return function
+
     def solve(self) -> Solution:
         """Return the motion from its start."""
         found, t, x = Solution(), 0.0, self.start.copy()
         sides = tuple(int(side) for side in np.sign(self.c @ x))
         while t < self.until and len(found.times) < MOST_EVENTS:
-
-            def reaches(k: int, sides: tuple[int, ...] = sides) -> object:
-                if sides[k] == SLIDES:
-                    function = lambda _, x: 1.0 - abs(self.inputs(x, sides)[k])  # noqa: E731
-                else:
-                    function = lambda _, x: sides[k] * (self.c[k] @ x)  # noqa: E731
-                function.terminal, function.direction = True, -1  # type: ignore[attr-defined]
-                return function
-
             march = solve_ivp(
                 lambda _, x, sides=sides: self.rate(x, sides),
                 (t, self.until),
@@ -107,7 +112,7 @@ class Relays:
                 "DOP853",
                 rtol=1e-12,
                 atol=1e-13,
-                events=[reaches(k) for k in range(self.m)],
+                events=[self.end_of(k, sides) for k in range(self.m)],
                 max_step=2e-3,
             )
             t, x = float(march.t[-1]), march.y[:, -1]

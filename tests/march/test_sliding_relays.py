@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cases.sliding_relays import Relays
 
 import xdynamics as xd
+from cases.sliding_relays import Relays
 from xdynamics.evidence.audit import audit
 
 

@@ -199,21 +199,21 @@ def _off_switches(run: xr.Dataset, model: Model) -> Iterator[str]:
     base = sided_model(model)
     if not isinstance(base, RegimeModel) or str(run.attrs.get("solver_sliding", "")) != FILIPPOV:
         return
-    along = surfaces(base)
-    rates = [tree for side in (0, 1) for one in along for tree in arm_rates(base, (one,), (one,)[:side])]
-    columns = _tree_columns(run, base, [*(one.function for one in along), *rates])
+    slid = surfaces(base)
+    rates = [tree for side in (0, 1) for surface in slid for tree in arm_rates(base, (surface,), (surface,)[:side])]
+    columns = _tree_columns(run, base, [*(surface.function for surface in slid), *rates])
     times, second = column_in_si(run, "time"), unit_suffix(str(run["time"].attrs["units"]))
-    for i, one in enumerate(along):
-        share = np.asarray(run[schema.share_of(one.name)].values, float)
+    for i, surface in enumerate(slid):
+        share = np.asarray(run[schema.share_of(surface.name)].values, float)
         slides = ~np.isnan(share)
         if (np.abs(share[slides] - 0.5) > 0.5 + SLACK).any():
-            yield f"the share of switch '{one.name}' is not between 0 and 1"
-        off, *speeds = (np.abs(column[slides]).max(initial=0.0) for column in columns[i :: len(along)])
+            yield f"the share of switch '{surface.name}' is not between 0 and 1"
+        off, *speeds = (np.abs(column[slides]).max(initial=0.0) for column in columns[i :: len(slid)])
         speed = max(speeds)
         if off > OFF * speed * (times[-1] - times[0]):
             time = off / speed / float(parse_unit(str(run["time"].attrs["units"])).factor)
             yield (
-                f"the motion slides along switch '{one.name}' and is off it: by the forces of one side it would come back"
+                f"the motion slides along switch '{surface.name}' and is off it: by the forces of one side it would come back"
                 f" in {time:.2g}{second}"
             )
 

@@ -236,8 +236,8 @@ def rate_on(
         rate_values: Floats = rates[0]
         return rate_values
 
-    def trees_of(its: Model) -> list[Node]:
-        return [its.elements.rate_of(tree_of(its, name))]
+    def trees_of(marched: Model) -> list[Node]:
+        return [marched.elements.rate_of(tree_of(marched, name))]
 
     return evaluate_at_states(run, model, trees_of(model), states, times, rows, trees_of=trees_of)[0]
 
@@ -405,7 +405,7 @@ def evaluate_inside_steps(
 
 def share_columns(model: Model) -> tuple[str, ...]:
     """Name the shares of what a motion may slide along: where they are numbers, forces are those along it."""
-    return () if model.shapes.dims else tuple(schema.share_of(one.name) for one in surfaces(sided_model(model)))
+    return () if model.shapes.dims else tuple(schema.share_of(surface.name) for surface in surfaces(sided_model(model)))
 
 
 def sided_model(model: Model) -> Model:
@@ -419,16 +419,16 @@ def _slid_groups(model: Model, columns: Mapping[str, Any], rows: Rows) -> Iterat
     if not names:
         return
     slides = ~np.isnan([columns[name][rows] for name in names])
-    base, ways = sided_model(model), np.unique(slides[:, slides.any(axis=0)], axis=1)
+    base, groups = sided_model(model), np.unique(slides[:, slides.any(axis=0)], axis=1)
     assert isinstance(base, RegimeModel)  # noqa: S101 - others have no shares
-    for way in ways.T:
-        along = [one for one in surfaces(base) if schema.share_of(one.name) in compress(names, way)]
-        yield sliding_model(base, along), np.flatnonzero((slides == way[:, np.newaxis]).all(axis=0))
+    for group in groups.T:
+        slid = [surface for surface in surfaces(base) if schema.share_of(surface.name) in compress(names, group)]
+        yield sliding_model(base, slid), np.flatnonzero((slides == group[:, np.newaxis]).all(axis=0))
 
 
 def _sides(model: RegimeModel, inputs: Mapping[str, Floats]) -> dict[str, Floats]:
     """Return the sides of switches at states."""
-    plain, numbered = model.plain, [(i, one) for i, one in enumerate(model.switches) if not one.drive]
+    plain, numbered = model.plain, [(i, switch) for i, switch in enumerate(model.switches) if not switch.drive]
     trees = [switch.function for _, switch in numbered]
     values = evaluate_over_states(plain, trees, inputs, constants(plain), drive_pieces(plain))
     return {

@@ -100,7 +100,7 @@ class Sliding:
 
     def recall(self, modes: Floats, regime: int) -> None:
         """March on along the switches that a march of these modes and this regime slid along."""
-        self.enter(tuple(one for one in surfaces(self._model) if self._is_slid_along(one, modes, regime)))
+        self.enter(tuple(surface for surface in surfaces(self._model) if self._is_slid_along(surface, modes, regime)))
 
     def _is_slid_along(self, surface: Surface, modes: Floats, regime: int) -> bool:
         if surface.regimes:
@@ -210,15 +210,15 @@ class Sliding:
         rates, beyond, functions = np.split(values, [n, n + n * n])
         return rates, (beyond.reshape(n, n) - rates).T, functions
 
-    def _adds_up(self, along: tuple[Surface, ...]) -> bool:
+    def _adds_up(self, candidates: tuple[Surface, ...]) -> bool:
         """Whether what several switches change adds up: of a product of two, shares do not follow from rates alone."""
-        several = [positive for n in range(2, len(along) + 1) for positive in combinations(along, n)]
+        several = [positive for n in range(2, len(candidates) + 1) for positive in combinations(candidates, n)]
         if not several:
             return True
-        rates, matrix, _ = self._rates(along)
+        rates, matrix, _ = self._rates(candidates)
         sizes = np.abs(rates) + np.abs(matrix).sum(axis=1)
-        together = self._values([tree for positive in several for tree in arm_rates(self._model, along, positive)])
-        sums = [rates + matrix @ [float(surface in positive) for surface in along] for positive in several]
+        together = self._values([tree for positive in several for tree in arm_rates(self._model, candidates, positive)])
+        sums = [rates + matrix @ [float(surface in positive) for surface in candidates] for positive in several]
         return bool((np.abs(together.reshape(len(several), -1) - sums) <= ADDS_UP * sizes).all())
 
     def _values(self, trees: Sequence[Node]) -> Floats:

@@ -420,12 +420,12 @@ def share_column(about: ColumnContext, surface: Surface) -> Column:
         share = take(block)
         return np.where(share == NO_SHARE, np.nan, share)
 
-    owner, along = "the positive side", [f"switch {watched_by(model)[i].name}" for i, _ in surface.switches]
+    owner, borders = "the positive side", [f"switch {watched_by(model)[i].name}" for i, _ in surface.switches]
     if surface.regimes:
         negative, positive = ([*model.regimes][i] for i in surface.regimes)
-        owner, along = f"regime {positive}", [f"the border of regimes {negative} and {positive}", *along]
+        owner, borders = f"regime {positive}", [f"the border of regimes {negative} and {positive}", *borders]
     long_name = (
-        f"share of the forces of {owner}, where the motion slides along {' and '.join(along)}; nan where it does not"
+        f"share of the forces of {owner}, where the motion slides along {' and '.join(borders)}; nan where it does not"
     )
     more = {"function": display_text(text_of(surface.function)), "reference": REFERENCE}
     return Column(Variable(name, (STEPS,), "f8", "1", long_name, "switch", more), take_share)

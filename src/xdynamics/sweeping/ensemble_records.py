@@ -229,8 +229,8 @@ class MemberRuns:
 
     def _slid(self, share: str, rows: Rows | slice) -> Floats:
         """Return a number where the motion slides along a switch, else nan: its side is known where no share is kept."""
-        flag, there = self.layout.sliding_flags[share]
-        return np.where(self.runs.log_block.log.flags[flag, rows] == there, 0.5, np.nan)
+        flag, slides = self.layout.sliding_flags[share]
+        return np.where(self.runs.log_block.log.flags[flag, rows] == slides, 0.5, np.nan)
 
     def _repeat_with_past(self, members: Rows, step_times: Floats, columns: Floats, *, with_error: bool) -> Floats:
         """Repeat steps of one member after the other, each with the past that its own rows leave."""
