@@ -151,17 +151,18 @@ def add_product(run: Run, row: int, left: float, left_slip: float, right: float,
 @jit_separate
 def factor_band(run: Run, n: int) -> None:
     """Factor the matrix as L U in place, without pivoting; `swing` has a row of U."""
-    middle = middle_of(run)
+    # as names of their own: else each access would read anew where an array stands
+    middle, stiffened, swing, ordering = middle_of(run), run.stiffened, run.swing, run.ordering
     for k in range(n):
-        pivot, end = run.stiffened[k, middle], run.ordering[HIGHEST, k] + 1
+        pivot, end = stiffened[k, middle], ordering[HIGHEST, k] + 1
         for j in range(k + 1, end):
-            run.swing[j] = run.stiffened[k, middle - k + j]
+            swing[j] = stiffened[k, middle - k + j]
         for i in range(k + 1, end):
-            share = run.stiffened[i, middle - i + k] / pivot if run.ordering[LOWEST, i] <= k else 0.0
+            share = stiffened[i, middle - i + k] / pivot if ordering[LOWEST, i] <= k else 0.0
             if share != 0.0:
                 for j in range(k + 1, end):
-                    run.stiffened[i, middle - i + j] -= share * run.swing[j]
-                run.stiffened[i, middle - i + k] = share
+                    stiffened[i, middle - i + j] -= share * swing[j]
+                stiffened[i, middle - i + k] = share
 
 
 @jit_separate
@@ -201,20 +202,20 @@ def along_change(run: Run, change: int) -> float:
 @jit_separate
 def solve_factors(run: Run, n: int, changes: int) -> None:
     """Solve for changes of rates by the momenta in `swing`; the result is there and in `solution`."""
-    middle = middle_of(run)
+    middle, stiffened, solution, ordering = middle_of(run), run.stiffened, run.solution, run.ordering
     for k in range(n):
-        total = run.swing[run.ordering[COORDINATE, k]]
-        for j in range(run.ordering[LOWEST, k], k):
-            total -= run.stiffened[k, middle - k + j] * run.solution[j]
-        run.solution[k] = total
+        total = run.swing[ordering[COORDINATE, k]]
+        for j in range(ordering[LOWEST, k], k):
+            total -= stiffened[k, middle - k + j] * solution[j]
+        solution[k] = total
     for k in range(n - 1, -1, -1):
-        total = run.solution[k]
-        for j in range(k + 1, run.ordering[HIGHEST, k] + 1):
-            total -= run.stiffened[k, middle - k + j] * run.solution[j]
-        run.solution[k] = total / run.stiffened[k, middle]
+        total = solution[k]
+        for j in range(k + 1, ordering[HIGHEST, k] + 1):
+            total -= stiffened[k, middle - k + j] * solution[j]
+        solution[k] = total / stiffened[k, middle]
     for change in range(changes):
-        share = along_change(run, change) * run.changes[change, SHARE]
+        share, products = along_change(run, change) * run.changes[change, SHARE], run.changes
         for k in range(n):
-            run.solution[k] -= share * run.changes[change, CHANGE + k]
+            solution[k] -= share * products[change, CHANGE + k]
     for k in range(n):
-        run.swing[run.ordering[COORDINATE, k]] = run.solution[k]
+        run.swing[ordering[COORDINATE, k]] = solution[k]

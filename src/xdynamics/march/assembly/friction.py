@@ -72,16 +72,29 @@ def sweep_links(run: Run, first: int, rows: int, relaxation: float, backward: bo
     """
     largest_change = 0.0
     add_up(run, first, rows)
+    # as names of their own: else each access would read anew where an array stands
+    vectors, swing, indices = run.vectors, run.swing, run.coordinate_indices
+    normals, responses, width = run.normals, run.unit_responses, run.coordinate_indices.shape[1]
     for row_offset in range(0, rows, 2):
         row = first + (rows - 2 - row_offset if backward else row_offset)
-        if run.vectors[SCALE, row] > 0.0 or run.vectors[SCALE, row + 1] > 0.0:
-            old, drag = run.vectors[X, row], run.vectors[X, row + 1]
-            solve_alone(run, row, gradient_along(run, row), gradient_along(run, row + 1))
+        scale, slip_scale = vectors[SCALE, row], vectors[SCALE, row + 1]
+        if scale > 0.0 or slip_scale > 0.0:
+            opening, slipping, across = 0.0, 0.0, 0.0
+            for i in range(width):
+                opening += normals[row, i] * swing[indices[row, i]]
+                slipping += normals[row + 1, i] * swing[indices[row + 1, i]]
+                across += normals[row + 1, i] * responses[row, i]
+            opening, slipping = opening * scale - vectors[RIGHT, row], slipping * slip_scale - vectors[RIGHT, row + 1]
+            old, drag = vectors[X, row], vectors[X, row + 1]
+            solve_alone(run, row, opening, slipping, across * scale * slip_scale)
             if relaxation != 1.0:
                 go_beyond(run, row, old, drag, relaxation)
-            change, drag_change = run.vectors[X, row] - old, run.vectors[X, row + 1] - drag
-            add_unknown_change(run, row, change)
-            add_unknown_change(run, row + 1, drag_change)
+            change, drag_change = vectors[X, row] - old, vectors[X, row + 1] - drag
+            amount, slip_amount = change * scale, drag_change * slip_scale
+            for i in range(width):
+                swing[indices[row, i]] += responses[row, i] * amount
+            for i in range(width):
+                swing[indices[row + 1, i]] += responses[row + 1, i] * slip_amount
             largest_change = max(largest_change, abs(change), abs(drag_change))
     return largest_change / largest_entry(run, X, first, rows) if largest_change > 0.0 else 0.0
 
@@ -101,20 +114,14 @@ def add_unknown_change(run: Run, row: int, change: float) -> None:
 
 
 @jit_separate
-def gradient_along(run: Run, row: int) -> float:
-    """The gradient W x - b along one unknown."""
-    return float(response_along(run, row) * run.vectors[SCALE, row] - run.vectors[RIGHT, row])
-
-
-@jit_separate
-def solve_alone(run: Run, row: int, opening: float, slipping: float) -> None:
+def solve_alone(run: Run, row: int, opening: float, slipping: float, across: float) -> None:
     """Solve for a link's normal force and friction from their gradients; both stay if there is no solution.
 
     Scaled, each answers itself with one: opening + x + across*t is zero, or positive where x is zero, and the friction t
     is -slipping - across*x, or at a bound, which is `ratio` times what the link presses with.
     """
     scale, slip_scale = run.vectors[SCALE, row], run.vectors[SCALE, row + 1]
-    across, x, t = across_of(run, row), run.vectors[X, row], run.vectors[X, row + 1]
+    x, t = run.vectors[X, row], run.vectors[X, row + 1]
     opening, slipping = opening - (x + across * t), slipping - (across * x + t)
     low, high = run.vectors[DRAG, row + 1] - run.vectors[GRIP, row + 1], run.vectors[DRAG, row + 1]
     high += run.vectors[GRIP, row + 1]
@@ -152,15 +159,6 @@ def go_beyond(run: Run, row: int, old: float, drag: float, relaxation: float) ->
         middle, far = run.vectors[DRAG, row + 1] * load, run.vectors[GRIP, row + 1] * load
         t = min(max(middle - far, t), middle + far)
     run.vectors[X, row], run.vectors[X, row + 1] = x, t
-
-
-@jit_separate
-def across_of(run: Run, row: int) -> float:
-    """The response of a link's slip to its own normal force, scaled."""
-    total = 0.0
-    for i in range(run.coordinate_indices.shape[1]):
-        total += run.normals[row + 1, i] * run.unit_responses[row, i]
-    return float(total * run.vectors[SCALE, row] * run.vectors[SCALE, row + 1])
 
 
 @jit_separate
