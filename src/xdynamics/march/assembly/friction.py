@@ -261,7 +261,9 @@ SWEEPS_BEFORE_PIVOTS = 256  # of them, after which all links are solved for at o
 # of sweeps for impulses over a step: how far beyond, by how much less in each stage, the change at which they may end
 RELAXATION, RELAXED_LESS, SETTLED = 1.6, 0.3, 1e-12
 PASSABLE = 1e-6  # residual of impulses over a step with which they are taken
-MOST_STARTS, SWEEPS_BETWEEN = 4, 64  # of paths from where sweeps have come to
+# turns before a path, and between others: from farther off one has so many crossings that it costs more than these
+SWEEPS_BEFORE_PATH, SWEEPS_BETWEEN = 1024, 256
+MOST_STARTS = 4  # of paths from where sweeps have come to
 MOST_NEARER = 24  # turns of taking impulses for what they are nearly
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 
@@ -352,7 +354,7 @@ def relax_all(run: Run, first: int, rows: int) -> float:
         if change <= SETTLED and (change <= ENOUGH or friction_residual(run, first, rows) <= 8.0 * SETTLED):
             break
         if turn == attempt:
-            attempt, last = 2 * turn, turn == SWEEPS_BEFORE_PIVOTS
+            attempt, last = 2 * turn, turn == (SWEEPS_BEFORE_PATH if many else SWEEPS_BEFORE_PIVOTS)
             bound_all(run, first, rows)
             if many:
                 if last and path_settles(run, first, rows):
