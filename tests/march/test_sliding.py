@@ -430,7 +430,7 @@ def test_records_that_slide_contradict_nothing() -> None:
 
 @pytest.mark.parametrize(("method", "off"), [("dormand_prince", 1e-5), ("taylor", 1e-6), ("midpoint", 1e-3)])
 def test_a_motion_slides_along_a_circle(method: str, off: float) -> None:
-    """Assert that a motion driven to the unit circle from both sides goes round it: x = cos(t - 1), off it by the method."""
+    """Assert that a motion driven to the unit circle from both sides goes round it: x = cos(t), off it by the method."""
     pull = "sign(x*x + y*y - 1*metre**2)/(1*second)"
     run = march(
         flows(

@@ -2,7 +2,8 @@
 
 A second march has the faults of the first, since it marches in the same way. The contradictions are: an acting event
 that stands at zero, leaves it in its own direction and is not met; events of one detector that crowd together in time;
-contacts that pull, are penetrated, or hold more than friction can; a motion along a switch that is off it. Method and date of the march do not matter.
+contacts that pull, are penetrated, or hold more than friction can; a motion along a switch that is off it. Method and
+date of the march do not matter.
 """
 
 from __future__ import annotations
@@ -73,7 +74,8 @@ def audit(run: xr.Dataset, functions: Functions = None) -> list[Gate]:
     -------
     list of Gate
         `events_met` of a model with events that stop, switch or reset; `contacts_admissible` of one with contacts or dry
-        friction; `slides_on_switch` of one whose motion may slide along switches. A record that does not hold what is needed is `not_checked`.
+        friction; `slides_on_switch` of one whose motion may slide along switches. A record that does not hold what is
+        needed is `not_checked`.
     """
     model = model_of_record(run, functions)
     return [_gate(name, look, run, model, passed) for name, look, passed in _questions(model)]
