@@ -262,6 +262,9 @@ def test_functions_that_numbers_make_equal_are_two_switches() -> None:
     rate = "(where(x > h, -1, 0) + where(x < -h, 1, 0) + 0.25)*metre/second"
     model = flows({"x": ("-1 m", rate)}, {"h": "0.1 m"})
     sweep = xd.sweep(model, {"h": "0:0.2:3 m"}, method="dormand_prince", until="5 s")
+    for h in ("0 m", "0.1 m"):
+        alone = march(model.replace(parameters={"h": h}), until="0.1 s")
+        assert sum(str(name).startswith("switch_share") for name in alone.data_vars) == 2
     assert sweep.run_outcome.values.tolist() == ["sliding_mode", "completed", "completed"]
     assert sweep.end_x.values[1:] == pytest.approx([0.1, 0.2], abs=1e-10)
 
