@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from cases.plain import made_by_hand, plain
 from xdynamics.march.assembly import banded_factors, friction, lemke_path
-from xdynamics.march.assembly.banded_factors import CHANGE, COORDINATE, MOST_CHANGES, ORDERS
-from xdynamics.march.assembly.closed_links import FORCE, GRIP, PIECE, RIGHT, SCALE, VECTORS, X
+from xdynamics.march.assembly.banded_factors import AT_ZERO, BY_T, CHANGE, COORDINATE, ORDERS
+from xdynamics.march.assembly.closed_links import FORCE, FREE, GRIP, PIECE, RIGHT, SCALE, TOWARD, VECTORS, X
 from xdynamics.march.assembly.lemke_path import GIVES, HOLDS, OPENS, SLIDES_BACK, SLIDES_FORTH
 from xdynamics.march.run import Run
 
@@ -58,7 +58,7 @@ class Pushed:
             problem=np.zeros((0, 2)),  # none are solved for by pivots
             solution=np.zeros(n),
             stiffened=np.zeros((n, 2 * n - 1)),
-            changes=np.zeros((MOST_CHANGES, CHANGE + n)),
+            changes=np.zeros((BY_T + 1, CHANGE + n)),
             ordering=np.zeros((ORDERS, n), np.int64),
         )
         for k in range(count):
@@ -107,17 +107,39 @@ def test_factors_and_their_changes_solve(seed: int) -> None:
     used = run.ordering[COORDINATE, :n]
     assert sorted(used) == np.flatnonzero(np.abs(pushed.rows).sum(0)).tolist()
     run.vectors[PIECE, :count:2] = pieces
-    plain(lemke_path.pose_pieces)(run, 0, count, n)
+    plain(lemke_path.pose_pieces)(run, 0, count, n, GIVES)
     changes = 0
     steps = [(0, SLIDES_FORTH), (1, SLIDES_BACK), (2, OPENS), (0, OPENS), (3, HOLDS), (4, SLIDES_BACK), (1, HOLDS)]
     for link, piece in [(-1, OPENS), *steps]:
         if link >= 0:
-            changes, pieces[link] = plain(lemke_path.take_up)(run, 2 * link, n, changes, piece), piece
+            changes, pieces[link] = plain(lemke_path.take_up)(run, 2 * link, n, changes, piece, GIVES), piece
         run.swing[:] = right = random.normal(size=run.swing.size)
         plain(banded_factors.solve_factors)(run, n, changes)
         expected = np.linalg.solve(stiffened(pushed, pieces)[np.ix_(used, used)], right[used])
         assert run.swing[used] == pytest.approx(expected, rel=1e-5, abs=1e-7)
     assert changes == len(steps)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_solutions_follow_pieces(seed: int) -> None:
+    """Assert that a solution that is changed with its factors is the one that is made anew."""
+    pushed, random = Pushed.at_random(seed, 9, 8, 0.4), np.random.default_rng(seed)
+    run, count = pushed.run(), 16
+    n = plain(banded_factors.order_coordinates)(run, 0, count)
+    run.vectors[PIECE, :count:2] = [HOLDS, OPENS, SLIDES_FORTH, SLIDES_BACK] * 2
+    run.vectors[FREE, :count], run.vectors[TOWARD, :count] = random.normal(size=(2, count))
+    gives, changes = 1e-2, 0
+    plain(lemke_path.pose_pieces)(run, 0, count, n, gives)
+    for solved in (AT_ZERO, BY_T):
+        plain(lemke_path.solve_pieces)(run, 0, count, n, solved, gives)
+    for link, piece in [(0, SLIDES_FORTH), (1, SLIDES_BACK), (2, OPENS), (0, OPENS), (3, HOLDS), (4, SLIDES_BACK)]:
+        changes = plain(lemke_path.take_up)(run, 2 * link, n, changes, piece, gives)
+    changed = run.changes[AT_ZERO:, CHANGE:].copy()
+    plain(lemke_path.pose_pieces)(run, 0, count, n, gives)
+    for solved in (AT_ZERO, BY_T):
+        plain(lemke_path.solve_pieces)(run, 0, count, n, solved, gives)
+    assert changes == 6
+    assert changed == pytest.approx(run.changes[AT_ZERO:, CHANGE:], rel=1e-9, abs=1e-11)
 
 
 def follow(pushed: Pushed, near: float) -> tuple[bool, float, float]:
@@ -131,8 +153,8 @@ def follow(pushed: Pushed, near: float) -> tuple[bool, float, float]:
         assert plain(friction.path_settles)(run, 0, count)
         random, start = np.random.default_rng(1), 1.0
         run.vectors[X, :count] *= 1.0 + near * random.normal(size=count)
-        plain(lemke_path.begin_near)(run, 0, count)
-    led = plain(lemke_path.follow_crossings)(run, 0, count, n, start, 500, np.inf)
+        plain(lemke_path.begin_near)(run, 0, count, GIVES)
+    led = plain(lemke_path.follow_crossings)(run, 0, count, n, start, 500, np.inf, GIVES, False)
     scale, scaled = run.vectors[SCALE, :count], run.vectors[FORCE, :count]
     gives = GIVES * np.abs(scaled / scale).max() / np.abs(pushed.rates).max()
     return led, pushed.residual(scaled * scale), gives

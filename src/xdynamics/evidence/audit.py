@@ -18,7 +18,7 @@ from xdynamics import schema
 from xdynamics.dynamics.recorded_steps import model_of_record
 from xdynamics.elementary import kept_set
 from xdynamics.evidence.evidence_dataset import FAILED, GATES, NOT_CHECKED, PASSED, Gate
-from xdynamics.evidence.observables import share_columns, sided_model
+from xdynamics.evidence.observables import share_columns
 from xdynamics.expressions import Node
 from xdynamics.faults import display_text
 from xdynamics.march.settings import FILIPPOV
@@ -29,7 +29,7 @@ from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evalu
 from xdynamics.model.parts import RECORD
 from xdynamics.model.reactions import NORMAL, TANGENT, Reaction, reactions
 from xdynamics.model.regime_model import RegimeModel
-from xdynamics.model.sliding import arm_rates, surfaces
+from xdynamics.model.sliding import arm_rates, sided_model, surfaces
 from xdynamics.reaction_names import contact_force, contact_gap, friction_force
 from xdynamics.record.flag_words import words_of_flag
 from xdynamics.record.named_rows import rows_named

@@ -23,9 +23,9 @@ from xdynamics.model import Function, Model
 from xdynamics.model.constraints import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, motion, potentials
 from xdynamics.model.reactions import NORMAL, holding_flag, mode_number, reactions
-from xdynamics.model.regime_model import RegimeModel, regime_model
-from xdynamics.model.sliding import SlidingModel, sliding_model, surfaces
-from xdynamics.model.switches import LOCATED, switch_side
+from xdynamics.model.regime_model import RegimeModel
+from xdynamics.model.sliding import SlidingModel, sided_model, sliding_model, surfaces
+from xdynamics.model.switches import switch_side
 from xdynamics.record.folding import quantity_names
 from xdynamics.record.run_columns import state_name
 from xdynamics.record.schemas import log_description
@@ -406,11 +406,6 @@ def evaluate_inside_steps(
 def share_columns(model: Model) -> tuple[str, ...]:
     """Name the shares of what a motion may slide along: where they are numbers, forces are those along it."""
     return () if model.shapes.dims else tuple(schema.share_of(surface.name) for surface in surfaces(sided_model(model)))
-
-
-def sided_model(model: Model) -> Model:
-    """Return the model on the sides of its switches, of which it may slide along some."""
-    return regime_model(model, LOCATED, True)  # noqa: FBT003 - as `Settings.layout` asks
 
 
 def _slid_groups(model: Model, columns: Mapping[str, Any], rows: Rows) -> Iterator[tuple[SlidingModel, Rows]]:

@@ -83,7 +83,7 @@ class Sliding:
         candidates = [
             surface for surface in surfaces(self._model) if self._is_slid_on(surface) or self._is_met(surface)
         ]
-        ways = [*self._ways(candidates)] if 0 < len(candidates) <= MOST_AT_ONCE else [{}] * (not candidates)
+        ways = [*self._ways(candidates)] if len(candidates) <= MOST_AT_ONCE else []
         stands = candidates or self.along
         if len(ways) != 1 or not stands or not self._adds_up(tuple(candidates)):
             self.fault = _fault(candidates, len(ways)) if candidates else ""
@@ -160,6 +160,9 @@ class Sliding:
 
     def _ways(self, candidates: Sequence[Surface]) -> Iterator[dict[Surface, int]]:
         """Yield the ways in which the motion may go on: the side of each switch, or 0 where it slides."""
+        if not candidates:
+            yield {}
+            return
         along = tuple(candidates)
         rates, matrix, values = self._rates(along)
         sizes = np.abs(rates) + np.abs(matrix).sum(axis=1)

@@ -174,11 +174,16 @@ def _sign_of_factor(model: Model, first: Node, second: Node) -> int:
     return 1 if most > 0.0 else -1
 
 
+def sided_model(model: Model, located: str = LOCATED) -> Model:
+    """Return the model on the sides of its switches and regimes, of which its motion may slide along some."""
+    # by position, as `Settings.layout` asks: what is cached is one model
+    return regime_model(model, located, True)  # noqa: FBT003
+
+
 @lru_cache(maxsize=64)
 def may_slide_along_switches(model: Model, located: str = LOCATED) -> bool:
     """Whether a model has switches or regimes that its motion may slide along, where switches are treated so."""
-    # by position, as `Settings.layout` asks: what is cached is one model
-    return not model.shapes.dims and bool(surfaces(regime_model(model, located, True)))  # noqa: FBT003
+    return not model.shapes.dims and bool(surfaces(sided_model(model, located)))
 
 
 class SlidingModel(RegimeModel):

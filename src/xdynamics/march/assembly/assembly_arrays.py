@@ -13,7 +13,7 @@ from xdynamics.faults import InputError
 from xdynamics.kernels import Law, law_of
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.interval_program import VARIABLE, enclosing_rows
-from xdynamics.march.assembly.banded_factors import CHANGE, MOST_CHANGES, ORDERS, WIDEST
+from xdynamics.march.assembly.banded_factors import BY_T, CHANGE, ORDERS, WIDEST
 from xdynamics.march.assembly.broad_phase import GROUP, ROWS, SLOTS, TALLIES
 from xdynamics.march.assembly.closed_links import PATHS, VECTORS
 from xdynamics.march.assembly.impact import MOST_LEMKE, NUMBERS
@@ -142,7 +142,7 @@ def _system_arrays(n: int, max_touching: int, rows_each: int, steps: bool) -> di
     return _problem_arrays(unknowns) | {
         "solution": np.zeros(max(band, unknowns)),
         "stiffened": np.zeros((band, max(0, 2 * min(band, WIDEST) - 1))),
-        "changes": np.zeros((MOST_CHANGES, CHANGE + band)),
+        "changes": np.zeros((BY_T + 1, CHANGE + band)),
         "ordering": np.zeros((ORDERS, band), np.int64),
     }
 

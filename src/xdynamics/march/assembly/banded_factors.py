@@ -19,6 +19,10 @@ PLACE, COORDINATE, LOWEST, HIGHEST = range(4)
 ORDERS = 4
 MET, UNMET = -2, -1
 MOST_CHANGES = 24  # products that are added to factors, before these are made anew
+AT_ZERO, BY_T = (
+    MOST_CHANGES,
+    MOST_CHANGES + 1,
+)  # rows of `changes` after them: solutions that are kept as factors change
 CHANGED_LINK, ALONG_NORMAL, ALONG_SLIP, SHARE = range(4)  # columns of `changes`, before those of coordinates
 CHANGE = 4
 LEAST_SHARE = 1e-10  # of a pivot that is left by a product: below, too few digits are
@@ -185,6 +189,30 @@ def change_factors(
     for k in range(n):
         run.changes[changes, CHANGE + k] = run.solution[k]
     return changes + 1
+
+
+@jit_separate
+def keep_solution(run: Run, n: int, solved: int) -> None:
+    """Store the last solution among `changes`."""
+    for k in range(n):
+        run.changes[solved, CHANGE + k] = run.solution[k]
+
+
+@jit_separate
+def recall_solution(run: Run, n: int, solved: int) -> None:
+    """Put a stored solution in `solution`, and in `swing` by coordinates."""
+    for k in range(n):
+        run.solution[k] = run.changes[solved, CHANGE + k]
+        run.swing[run.ordering[COORDINATE, k]] = run.solution[k]
+
+
+@jit_separate
+def change_solution(run: Run, n: int, change: int, solved: int, right: float) -> None:
+    """Change a stored solution as the last product a b^T changes factors, and its right side by -`right` times a."""
+    recall_solution(run, n, solved)
+    share, changes = (along_change(run, change) + right) * run.changes[change, SHARE], run.changes
+    for k in range(n):
+        changes[solved, CHANGE + k] -= share * changes[change, CHANGE + k]
 
 
 @jit_separate

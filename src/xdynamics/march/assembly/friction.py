@@ -45,7 +45,15 @@ from xdynamics.march.assembly.closed_links import (
     response_along,
     rows_of_closed,
 )
-from xdynamics.march.assembly.lemke_path import come_nearer, follow_from_far, follow_from_near, solve_by_pivots
+from xdynamics.march.assembly.lemke_path import (
+    GIVES,
+    GIVES_AT_FIRST,
+    GIVES_LESS,
+    GIVES_MORE,
+    follow_from_far,
+    follow_from_near,
+    solve_by_pivots,
+)
 from xdynamics.march.assembly.normal_forces import (
     ALLOWED,
     ENOUGH,
@@ -261,10 +269,9 @@ SWEEPS_BEFORE_PIVOTS = 256  # of them, after which all links are solved for at o
 # of sweeps for impulses over a step: how far beyond, by how much less in each stage, the change at which they may end
 RELAXATION, RELAXED_LESS, SETTLED = 1.6, 0.3, 1e-12
 PASSABLE = 1e-6  # residual of impulses over a step with which they are taken
-# turns before a path, and between others: from farther off one has so many crossings that it costs more than these
-SWEEPS_BEFORE_PATH, SWEEPS_BETWEEN = 1024, 256
-MOST_STARTS = 4  # of paths from where sweeps have come to
-MOST_NEARER = 24  # turns of taking impulses for what they are nearly
+# rows of links that are solved for along a path, in a band; and turns before it: from farther off it crosses far more often
+FEWEST_ON_PATH, SWEEPS_BEFORE_PATH = 64, 128
+MOST_NEARER = 40  # turns of taking impulses for what they are nearly
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 
 
@@ -342,10 +349,10 @@ def sweep_all(run: Run, first: int, rows: int) -> float:
 def relax_all(run: Run, first: int, rows: int) -> float:
     """Solve by over-relaxation, for impulses of steps, whose own error is far larger.
 
-    Where such changes go round in a circle, smaller ones, or one turn up the list of links and one down, often do not. More
-    links than pivots are for are solved for along Lemke's path, and fewer of them where nothing else did.
+    Where such changes go round in a circle, smaller ones, or one turn up the list of links and one down, often do not. Many
+    links are solved for along Lemke's path, and fewer of them where nothing else did.
     """
-    attempt, many = 8, 2 * rows > run.problem.shape[0] and order_coordinates(run, first, rows) > 0
+    attempt, on_path = 8, rows > FEWEST_ON_PATH and order_coordinates(run, first, rows) > 0
     for turn in range(1, 4 * MOST_SWEEPS + 1):
         stage = (turn - 1) // MOST_SWEEPS
         relaxation = RELAXATION - RELAXED_LESS * stage
@@ -354,12 +361,14 @@ def relax_all(run: Run, first: int, rows: int) -> float:
         if change <= SETTLED and (change <= ENOUGH or friction_residual(run, first, rows) <= 8.0 * SETTLED):
             break
         if turn == attempt:
-            attempt, last = 2 * turn, turn == (SWEEPS_BEFORE_PATH if many else SWEEPS_BEFORE_PIVOTS)
+            attempt = 2 * turn
             bound_all(run, first, rows)
-            if many:
-                if last and path_settles(run, first, rows):
+            if on_path:
+                if turn == SWEEPS_BEFORE_PATH and path_settles(run, first, rows):
                     break
-            elif try_contact_sets(run, first, rows) or (last and pivots_settle(run, first, rows)):
+            elif try_contact_sets(run, first, rows):
+                break
+            if turn == SWEEPS_BEFORE_PIVOTS and pivots_settle(run, first, rows):
                 break
     left = friction_residual(run, first, rows)
     return friction_residual(run, first, rows) if left > PASSABLE and path_settles(run, first, rows) else left
@@ -367,25 +376,43 @@ def relax_all(run: Run, first: int, rows: int) -> float:
 
 @jit_separate
 def path_settles(run: Run, first: int, rows: int) -> bool:
-    """Solve along Lemke's path, then nearer and nearer; whether the result is a solution."""
-    n, has_solution = order_coordinates(run, first, rows), False
-    for start in range(MOST_STARTS if n > 0 else 0):
-        for _ in range(SWEEPS_BETWEEN if start > 0 and not has_solution else 0):
-            sweep_links(run, first, rows, RELAXATION, False)
-        has_solution = has_solution or follow_from_near(run, first, rows, n)
-    if n == 0 or not (has_solution or follow_from_far(run, first, rows, n)):
+    """Solve along Lemke's path, from impulses that are there or else from none; whether the result is a solution."""
+    n = order_coordinates(run, first, rows)
+    if n == 0:
         return False
-    best = friction_residual(run, first, rows)
+    left = approach_solution(run, first, rows, n)
+    if left > PASSABLE and follow_from_far(run, first, rows, n):
+        left = approach_solution(run, first, rows, n)
+    return left <= PASSABLE
+
+
+@jit_separate
+def approach_solution(run: Run, first: int, rows: int, n: int) -> float:
+    """Solve near the present impulses again and again, with links that give way less and less; return the least residual.
+
+    Where links that give way a little lead astray, ones that give way more do not, only more slowly (the proximal point
+    method, R. T. Rockafellar, SIAM J. Control Optim. 14, 1976, 877).
+    """
+    best, gives, factored_with = friction_residual(run, first, rows), GIVES_AT_FIRST, 0.0
+    for row in range(first, first + rows):
+        run.vectors[TRIED, row] = run.vectors[X, row]
     for _ in range(MOST_NEARER):
-        if best <= 8.0 * SETTLED or not come_nearer(run, first, rows, n):
-            break
+        if not follow_from_near(run, first, rows, n, gives, gives == factored_with):
+            gives, factored_with = min(1.0, GIVES_MORE * gives), 0.0
+            continue
+        factored_with = gives
         left = friction_residual(run, first, rows)
-        if not left < best:
+        stalls = best <= PASSABLE and not left < best / 2.0
+        if left < best:
+            best = left
             for row in range(first, first + rows):
-                run.vectors[X, row] = run.vectors[TRIED, row]
+                run.vectors[TRIED, row] = run.vectors[X, row]
+        if stalls or best <= 8.0 * SETTLED:
             break
-        best = left
-    return best <= PASSABLE
+        gives = max(GIVES, gives / GIVES_LESS)
+    for row in range(first, first + rows):
+        run.vectors[X, row] = run.vectors[TRIED, row]
+    return best
 
 
 @jit_separate

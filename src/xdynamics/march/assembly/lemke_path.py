@@ -5,13 +5,13 @@ times others are added to these. As t falls links cross from piece to piece of t
 presses what it slides on, t rises for a while. Where all links open at first, and each gives way a little, the path
 cannot end but at t = 0 (Cottle, Pang, Stone, The Linear Complementarity Problem, 1992, section 4.4; of friction
 Stewart, Trinkle, Int. J. Numer. Methods Eng. 39, 1996, 2673). From impulses that are nearly right it is far shorter,
-and may lead away; then it is begun anew.
+and may lead away, the less links give way the sooner: such paths are followed one after the other, with less each time.
 
 What a link with friction may do are pieces of one surface: it opens, holds, or slides one way or the other. Impulse x
 and rate w of a link are together two numbers that may be given: of one that opens its rates, of one that holds its
 impulses, of one that slides its normal impulse and its slip. Where a piece ends another begins. Each link gives way by
-a small part of its impulses, w = W x - b + `GIVES` (x - y), so that impulses are one value of rates, also of links that
-hold more than needs holding; y, from before, is what they are nearly.
+a small part of its impulses, w = W x - b + g (x - y), so that impulses are one value of rates, also of links that
+hold more than needs holding; the compliance g is `GIVES` at last, and y, from before, what they are nearly.
 
 Friction along a known line is one complementarity problem (Stewart, Trinkle, Int. J. Numer. Methods Eng. 39, 1996,
 2673): of each link its normal force; of one that grips also its friction either way, and a slip rate that is positive
@@ -25,11 +25,16 @@ from math import inf
 
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.march.assembly.banded_factors import (
+    AT_ZERO,
+    BY_T,
     MOST_CHANGES,
     add_product,
     change_factors,
+    change_solution,
     factor_band,
+    keep_solution,
     pose_masses,
+    recall_solution,
     solve_factors,
 )
 from xdynamics.march.assembly.closed_links import (
@@ -46,7 +51,6 @@ from xdynamics.march.assembly.closed_links import (
     RIGHT,
     SCALE,
     TOWARD,
-    TRIED,
     X,
     clear_responses,
     respond,
@@ -57,7 +61,9 @@ from xdynamics.march.contacts.delassus import clear_tableau, solve_complementari
 from xdynamics.march.run import Run
 
 OPENS, HOLDS, SLIDES_FORTH, SLIDES_BACK = range(4)
-GIVES = 1e-5  # of an impulse, over what it answers itself with: less of it leaves fewer digits of changed factors
+# compliance, a rate over an impulse: the least, as less of it leaves fewer digits of changed factors; where paths from near
+# begin, as one with the least crosses far more often; and by which it falls after a path that ends, and grows after another
+GIVES, GIVES_AT_FIRST, GIVES_LESS, GIVES_MORE = 1e-5, 1e-2, 4.0, 16.0
 
 
 @jit_separate
@@ -75,62 +81,78 @@ def slip_sign(run: Run, row: int) -> float:
 
 
 @jit_separate
-def pose_pieces(run: Run, first: int, rows: int, n: int) -> None:
+def pose_pieces(run: Run, first: int, rows: int, n: int, gives: float) -> None:
     """Factor the matrix of coordinates with the contributions of all links' pieces."""
     pose_masses(run, first, rows, n)
     for row in range(first, first + rows, 2):
         if run.vectors[PIECE, row] != OPENS:
             scale, slip_scale = run.vectors[SCALE, row], run.vectors[SCALE, row + 1]
             drag = -slip_sign(run, row) * ratio_of(run, row) * slip_scale
-            add_product(run, row, scale / GIVES, drag / GIVES, scale, 0.0)
+            add_product(run, row, scale / gives, drag / gives, scale, 0.0)
             if run.vectors[PIECE, row] == HOLDS:
-                add_product(run, row, 0.0, slip_scale / GIVES, 0.0, slip_scale)
+                add_product(run, row, 0.0, slip_scale / gives, 0.0, slip_scale)
     factor_band(run, n)
 
 
 @jit_separate
-def take_up(run: Run, row: int, n: int, changes: int, piece: int) -> int:
-    """Move a link to a neighbouring piece; return the number of products beside the factors."""
+def take_up(run: Run, row: int, n: int, changes: int, piece: int, gives: float) -> int:
+    """Move a link to a neighbouring piece, with the solutions; return the number of products beside the factors."""
     scale, slip_scale = run.vectors[SCALE, row], run.vectors[SCALE, row + 1]
     piece_before, holds = int(run.vectors[PIECE, row]), HOLDS in (int(run.vectors[PIECE, row]), piece)
     # of the two pieces the one that may slide, for `slip_sign`
     run.vectors[PIECE, row] = piece_before if piece in (OPENS, HOLDS) else piece
     drag = slip_sign(run, row) * ratio_of(run, row)
     run.vectors[PIECE, row] = piece
-    stiffness = (-1.0 if piece_before == HOLDS or piece == OPENS else 1.0) / GIVES
+    stiffness = (-1.0 if piece_before == HOLDS or piece == OPENS else 1.0) / gives
     if holds:
-        return int(change_factors(run, row, n, changes, 0.0, stiffness * slip_scale, drag * scale, slip_scale))
-    return int(change_factors(run, row, n, changes, stiffness * scale, -stiffness * drag * slip_scale, scale, 0.0))
+        changes = change_factors(run, row, n, changes, 0.0, stiffness * slip_scale, drag * scale, slip_scale)
+    else:
+        changes = change_factors(run, row, n, changes, stiffness * scale, -stiffness * drag * slip_scale, scale, 0.0)
+    if changes < MOST_CHANGES:
+        normal_share, slip_share = (drag, 1.0) if holds else (1.0, 0.0)
+        for solved, free_rates in ((AT_ZERO, FREE), (BY_T, TOWARD)):
+            # a changed product a b^T takes away as much of the right side, times what b is along the free rates
+            free = normal_share * run.vectors[free_rates, row] + slip_share * run.vectors[free_rates, row + 1]
+            change_solution(run, n, changes - 1, solved, free)
+    return int(changes)
 
 
 @jit_separate
-def follow_pieces(
-    run: Run, first: int, rows: int, n: int, changes: int, free_rates: int, force: int, rate: int
-) -> None:
-    """Find impulses and rates of all links, in vectors, as their pieces are, of rates without impulses that are given."""
+def solve_pieces(run: Run, first: int, rows: int, n: int, solved: int, gives: float) -> None:
+    """Solve for changes of rates of coordinates, as links' pieces are: at t = 0, or by t."""
+    free_rates = FREE if solved == AT_ZERO else TOWARD
     clear_responses(run, first, rows)
     for row in range(first, first + rows, 2):
         if run.vectors[PIECE, row] != OPENS:
-            load = -run.vectors[free_rates, row] / GIVES
+            load = -run.vectors[free_rates, row] / gives
             drag = -slip_sign(run, row) * ratio_of(run, row) * load
-            drag = -run.vectors[free_rates, row + 1] / GIVES if run.vectors[PIECE, row] == HOLDS else drag
+            drag = -run.vectors[free_rates, row + 1] / gives if run.vectors[PIECE, row] == HOLDS else drag
             load, drag = load * run.vectors[SCALE, row], drag * run.vectors[SCALE, row + 1]
             for i in range(run.coordinate_indices.shape[1]):
                 run.swing[run.coordinate_indices[row, i]] += load * run.normals[row, i] + drag * run.normals[row + 1, i]
-    solve_factors(run, n, changes)
+    solve_factors(run, n, 0)
+    keep_solution(run, n, solved)
+
+
+@jit_separate
+def follow_pieces(run: Run, first: int, rows: int, n: int, solved: int, gives: float) -> None:
+    """Find impulses and rates of all links from a solution."""
+    free_rates, force, rate = (FREE, FORCE, RATE) if solved == AT_ZERO else (TOWARD, FORCE_SLOPE, RATE_SLOPE)
+    recall_solution(run, n, solved)
+    vectors = run.vectors  # as a name of its own: else each access would read anew where the array stands
     for row in range(first, first + rows, 2):
-        opening = response_along(run, row) * run.vectors[SCALE, row] + run.vectors[free_rates, row]
-        slipping = response_along(run, row + 1) * run.vectors[SCALE, row + 1] + run.vectors[free_rates, row + 1]
-        if run.vectors[PIECE, row] == OPENS:
-            run.vectors[force, row], run.vectors[force, row + 1] = 0.0, 0.0
-            run.vectors[rate, row], run.vectors[rate, row + 1] = opening, slipping
-        elif run.vectors[PIECE, row] == HOLDS:
-            run.vectors[force, row], run.vectors[force, row + 1] = -opening / GIVES, -slipping / GIVES
-            run.vectors[rate, row], run.vectors[rate, row + 1] = 0.0, 0.0
+        opening = response_along(run, row) * vectors[SCALE, row] + vectors[free_rates, row]
+        slipping = response_along(run, row + 1) * vectors[SCALE, row + 1] + vectors[free_rates, row + 1]
+        if vectors[PIECE, row] == OPENS:
+            vectors[force, row], vectors[force, row + 1] = 0.0, 0.0
+            vectors[rate, row], vectors[rate, row + 1] = opening, slipping
+        elif vectors[PIECE, row] == HOLDS:
+            vectors[force, row], vectors[force, row + 1] = -opening / gives, -slipping / gives
+            vectors[rate, row], vectors[rate, row + 1] = 0.0, 0.0
         else:
-            drag = slip_sign(run, row) * ratio_of(run, row) * opening / GIVES
-            run.vectors[force, row], run.vectors[force, row + 1] = -opening / GIVES, drag
-            run.vectors[rate, row], run.vectors[rate, row + 1] = 0.0, slipping + GIVES * drag
+            drag = slip_sign(run, row) * ratio_of(run, row) * opening / gives
+            vectors[force, row], vectors[force, row + 1] = -opening / gives, drag
+            vectors[rate, row], vectors[rate, row + 1] = 0.0, slipping + gives * drag
 
 
 @jit_separate
@@ -279,42 +301,37 @@ def take_forces(run: Run, first: int, rows: int, links: int, grips: int) -> None
             run.vectors[X, row + 1] = 0.0
 
 
-# crossings at most, over the number of rows: from impulses that are there, and from none
-FROM_NEAR, FROM_FAR = 0.25, 16.0
+# crossings at most, over the number of rows: from impulses that are there, of few rows too, and from none
+FROM_NEAR, FEWEST_FROM_NEAR, FROM_FAR = 0.125, 32, 16.0
 ASTRAY = 100.0  # t at which a path from impulses that are there is given up
 FLOOR = 1e-9  # of the largest rate: the least room of a link in its piece at the beginning
 UNEVEN = 0.6180339887498949  # by which rooms differ, so that no two links cross at once
 
 
 @jit_separate
-def follow_from_near(run: Run, first: int, rows: int, n: int) -> bool:
-    """Solve for impulses from the present ones; whether that succeeds, else these stay."""
-    begin_near(run, first, rows)
-    return take_end_of_path(run, first, rows, n, 1.0, int(FROM_NEAR * rows), ASTRAY)
+def follow_from_near(run: Run, first: int, rows: int, n: int, gives: float, factored: bool) -> bool:
+    """Solve for impulses from the present ones, about which links give way; whether that succeeds, else these stay.
+
+    `factored` says that factors are those of the links' pieces as they are, with this compliance.
+    """
+    factored = begin_near(run, first, rows, gives) and factored
+    max_crossings = max(FEWEST_FROM_NEAR, int(FROM_NEAR * rows))
+    return take_end_of_path(run, first, rows, n, 1.0, max_crossings, ASTRAY, gives, factored)
 
 
 @jit_separate
 def follow_from_far(run: Run, first: int, rows: int, n: int) -> bool:
     """Find impulses from none; whether that was done, else those stay that are there."""
     start = begin_far(run, first, rows)
-    return take_end_of_path(run, first, rows, n, start, int(FROM_FAR * rows), inf)
+    return take_end_of_path(run, first, rows, n, start, int(FROM_FAR * rows), inf, GIVES, False)
 
 
 @jit_separate
-def come_nearer(run: Run, first: int, rows: int, n: int) -> bool:
-    """Solve again near the present impulses, so that links give way less; whether that succeeds."""
-    for row in range(first, first + rows):
-        run.vectors[TRIED, row] = run.vectors[X, row]
-        free_before = run.vectors[FREE, row]
-        run.vectors[FREE, row] = -run.vectors[RIGHT, row] - GIVES * run.vectors[X, row]
-        run.vectors[TOWARD, row] = free_before - run.vectors[FREE, row]
-    return take_end_of_path(run, first, rows, n, 1.0, rows, ASTRAY)
-
-
-@jit_separate
-def take_end_of_path(run: Run, first: int, rows: int, n: int, t: float, max_crossings: int, astray: float) -> bool:
+def take_end_of_path(
+    run: Run, first: int, rows: int, n: int, t: float, max_crossings: int, astray: float, gives: float, factored: bool
+) -> bool:
     """Set the impulses at the end of a path; whether the path has an end."""
-    if not follow_crossings(run, first, rows, n, t, max_crossings, astray):
+    if not follow_crossings(run, first, rows, n, t, max_crossings, astray, gives, factored):
         return False
     for row in range(first, first + rows):
         run.vectors[X, row] = run.vectors[FORCE, row]
@@ -336,20 +353,24 @@ def begin_far(run: Run, first: int, rows: int) -> float:
 
 
 @jit_separate
-def begin_near(run: Run, first: int, rows: int) -> None:
-    """Set each link to the piece that a step of its impulses against its rates gives, with consistent rates."""
+def begin_near(run: Run, first: int, rows: int, gives: float) -> bool:
+    """Set each link to the piece that a step of its impulses against its rates gives; whether it was there before."""
     apply_link_effects(run, X, RATE, first, rows)
     for row in range(first, first + rows):
         run.vectors[RATE, row] -= run.vectors[RIGHT, row]
-        run.vectors[FREE, row], run.vectors[FORCE, row] = -run.vectors[RIGHT, row], run.vectors[X, row]
-    smallest_room, share = FLOOR * largest_entry(run, RIGHT, first, rows), 0.0
+        run.vectors[FREE, row] = -run.vectors[RIGHT, row] - gives * run.vectors[X, row]
+        run.vectors[FORCE, row] = run.vectors[X, row]
+    smallest_room, share, as_before = FLOOR * largest_entry(run, RIGHT, first, rows), 0.0, True
     for row in range(first, first + rows, 2):
+        piece_before = run.vectors[PIECE, row]
         share += UNEVEN - (1.0 if share + UNEVEN >= 1.0 else 0.0)
         place_within(run, row, smallest_room * (1.0 + share))
+        as_before = as_before and run.vectors[PIECE, row] == piece_before
     apply_link_effects(run, FORCE, TOWARD, first, rows)
     for row in range(first, first + rows):
-        toward = run.vectors[TOWARD, row] - run.vectors[RIGHT, row] + GIVES * run.vectors[FORCE, row]
-        run.vectors[TOWARD, row] = run.vectors[RATE, row] - toward if run.vectors[SCALE, row] > 0.0 else 0.0
+        rate = run.vectors[TOWARD, row] + run.vectors[FREE, row] + gives * run.vectors[FORCE, row]
+        run.vectors[TOWARD, row] = run.vectors[RATE, row] - rate if run.vectors[SCALE, row] > 0.0 else 0.0
+    return as_before
 
 
 @jit_separate
@@ -377,16 +398,22 @@ def place_within(run: Run, row: int, room: float) -> None:
 
 
 @jit_separate
-def follow_crossings(run: Run, first: int, rows: int, n: int, t: float, max_crossings: int, astray: float) -> bool:
+def follow_crossings(
+    run: Run, first: int, rows: int, n: int, t: float, max_crossings: int, astray: float, gives: float, factored: bool
+) -> bool:
     """Follow the path from a t on to zero; whether it leads there. `FORCE` has its impulses."""
-    # changes begin as if used up, so that the first turn factors
+    # changes begin as if used up, so that the first turn solves
     t_direction, changes, crossed_row, crossed_end = -1.0, MOST_CHANGES, -1, 0
     for _ in range(max_crossings):
         if changes >= MOST_CHANGES:
-            pose_pieces(run, first, rows, n)
             changes = 0
-        follow_pieces(run, first, rows, n, changes, FREE, FORCE, RATE)
-        follow_pieces(run, first, rows, n, changes, TOWARD, FORCE_SLOPE, RATE_SLOPE)
+            if not factored:
+                pose_pieces(run, first, rows, n, gives)
+            factored = False
+            solve_pieces(run, first, rows, n, AT_ZERO, gives)
+            solve_pieces(run, first, rows, n, BY_T, gives)
+        follow_pieces(run, first, rows, n, AT_ZERO, gives)
+        follow_pieces(run, first, rows, n, BY_T, gives)
         if crossed_row >= 0:  # on, away from the end that was crossed
             t_direction = (
                 1.0 if room_to_piece_end(run, crossed_row, crossed_end, FORCE_SLOPE, RATE_SLOPE) > 0.0 else -1.0
@@ -402,7 +429,7 @@ def follow_crossings(run: Run, first: int, rows: int, n: int, t: float, max_cros
         t += t_direction * length
         slip = run.vectors[RATE, row + 1] + t * run.vectors[RATE_SLOPE, row + 1]
         piece, crossed_end = piece_beyond_end(run, row, end, slip)
-        crossed_row, changes = row, take_up(run, row, n, changes, piece)
+        crossed_row, changes = row, take_up(run, row, n, changes, piece, gives)
     return False
 
 
