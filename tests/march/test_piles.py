@@ -267,7 +267,7 @@ def test_rows_of_closed_links_survive(tmp_path: Any) -> None:
     half = xd.simulate(model, until="300 ms", log="full", time_tolerance="1e-12 s")
     longer = xd.extend(half, until="320 ms")
     names = [str(name) for name in whole.variables if str(name).startswith("closed_")]
-    assert len(names) == 10
+    assert len(names) == 11
     assert whole.sizes["closed"] > 20
     for name in names:
         assert np.array_equal(longer[name].values, whole[name].values), name

@@ -1,6 +1,8 @@
-"""Heaps of rough discs at random: momentum, energy, Coulomb's law, and what a mirror and another order leave alone."""
+"""Heaps of rough discs at random: momentum, energy, Coulomb's law, and of smooth ones what a mirror leaves."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,16 +37,15 @@ def test_every_step_of_a_heap_obeys_the_laws_of_impulses(seed: int) -> None:
     assert np.diff(run.total_energy.values).max() < 1e-5 * float(run.total_energy[0])
 
 
-@pytest.mark.parametrize("seed", CASES)
-def test_a_heap_moves_as_its_mirror_shows(seed: int) -> None:
-    """Assert positions of the mirrored heap; and of one with its discs in another order, where it has no friction.
+@pytest.mark.parametrize("seed", CASES[4:24:4])
+def test_a_smooth_heap_moves_as_its_mirror_shows_and_in_any_order(seed: int) -> None:
+    """Assert positions of the mirrored heap and of one with its discs in another order.
 
-    With friction the impulses of a step may be one of several solutions (Stewart, SIAM Rev. 42, 2000, 3): which, depends on
-    the order in which links are solved for.
+    Without friction: with it, impulses of a step may be one of several solutions (Stewart, SIAM Rev. 42, 2000, 3,
+    doi:10.1137/S0036144599360110), and which depends on the order in which links are solved for.
     """
-    heap, early = Heap.at_random(seed), slice(0, 400)
+    heap = replace(Heap.at_random(seed), mu=0.0)
+    order = np.random.default_rng(seed).permutation(len(heap.radius))
     run = heap.run()
-    assert heap.width - heap.mirrored().run().x.values[early] == pytest.approx(run.x.values[early], abs=1e-6)
-    if heap.mu == 0.0:
-        order = np.random.default_rng(seed).permutation(len(heap.radius))
-        assert heap.permuted(order).run().x.values == pytest.approx(run.x.values[:, order], abs=1e-6)
+    assert heap.width - heap.mirrored().run().x.values == pytest.approx(run.x.values, abs=1e-6)
+    assert heap.permuted(order).run().x.values == pytest.approx(run.x.values[:, order], abs=1e-6)

@@ -352,7 +352,8 @@ def relax_all(run: Run, first: int, rows: int) -> float:
     Where such changes go round in a circle, smaller ones, or one turn up the list of links and one down, often do not. Many
     links are solved for along Lemke's path, and fewer of them where nothing else did.
     """
-    attempt, on_path = 8, rows > FEWEST_ON_PATH and order_coordinates(run, first, rows) > 0
+    many = rows > FEWEST_ON_PATH or 2 * rows > run.problem.shape[0]  # for pivots
+    attempt, on_path = 8, many and order_coordinates(run, first, rows) > 0
     for turn in range(1, 4 * MOST_SWEEPS + 1):
         stage = (turn - 1) // MOST_SWEEPS
         relaxation = RELAXATION - RELAXED_LESS * stage

@@ -301,8 +301,8 @@ def take_forces(run: Run, first: int, rows: int, links: int, grips: int) -> None
             run.vectors[X, row + 1] = 0.0
 
 
-# crossings at most, over the number of rows: from impulses that are there, of few rows too, and from none
-FROM_NEAR, FEWEST_FROM_NEAR, FROM_FAR = 0.125, 32, 16.0
+# crossings at most, over the number of rows: from impulses that are there, beside some for any number, and from none
+FROM_NEAR, ANY_FROM_NEAR, FROM_FAR = 0.02, 64, 16.0
 ASTRAY = 100.0  # t at which a path from impulses that are there is given up
 FLOOR = 1e-9  # of the largest rate: the least room of a link in its piece at the beginning
 UNEVEN = 0.6180339887498949  # by which rooms differ, so that no two links cross at once
@@ -315,7 +315,7 @@ def follow_from_near(run: Run, first: int, rows: int, n: int, gives: float, fact
     `factored` says that factors are those of the links' pieces as they are, with this compliance.
     """
     factored = begin_near(run, first, rows, gives) and factored
-    max_crossings = max(FEWEST_FROM_NEAR, int(FROM_NEAR * rows))
+    max_crossings = ANY_FROM_NEAR + int(FROM_NEAR * rows)
     return take_end_of_path(run, first, rows, n, 1.0, max_crossings, ASTRAY, gives, factored)
 
 
