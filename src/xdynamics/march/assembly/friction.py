@@ -271,6 +271,7 @@ RELAXATION, RELAXED_LESS, SETTLED = 1.6, 0.3, 1e-12
 PASSABLE = 1e-6  # residual of impulses over a step with which they are taken
 # rows of links that are solved for along a path, in a band; and turns before it: from farther off it crosses far more often
 FEWEST_ON_PATH, SWEEPS_BEFORE_PATH = 64, 128
+MOST_STARTS, SWEEPS_BETWEEN = 4, 128  # of such paths, from where further turns have come to
 MOST_NEARER = 40  # turns of taking impulses for what they are nearly
 RESTLESS = 1e3 * ENOUGH  # change of bounds that may be due to rounding
 
@@ -378,11 +379,14 @@ def relax_all(run: Run, first: int, rows: int) -> float:
 @jit_separate
 def path_settles(run: Run, first: int, rows: int) -> bool:
     """Solve along Lemke's path, from impulses that are there or else from none; whether the result is a solution."""
-    n = order_coordinates(run, first, rows)
-    if n == 0:
-        return False
-    left = approach_solution(run, first, rows, n)
-    if left > PASSABLE and follow_from_far(run, first, rows, n):
+    n, left = order_coordinates(run, first, rows), inf
+    for start in range(MOST_STARTS if n > 0 else 0):
+        for _ in range(SWEEPS_BETWEEN if start > 0 else 0):
+            sweep_links(run, first, rows, RELAXATION, False)
+        left = approach_solution(run, first, rows, n)
+        if left <= PASSABLE:
+            return True
+    if n > 0 and follow_from_far(run, first, rows, n):
         left = approach_solution(run, first, rows, n)
     return left <= PASSABLE
 

@@ -302,7 +302,7 @@ def take_forces(run: Run, first: int, rows: int, links: int, grips: int) -> None
 
 
 # crossings at most, over the number of rows: from impulses that are there, beside some for any number, and from none
-FROM_NEAR, ANY_FROM_NEAR, FROM_FAR = 0.02, 64, 16.0
+FROM_NEAR, ANY_FROM_NEAR, FROM_FAR = 0.02, 64, 4.0
 ASTRAY = 100.0  # t at which a path from impulses that are there is given up
 FLOOR = 1e-9  # of the largest rate: the least room of a link in its piece at the beginning
 UNEVEN = 0.6180339887498949  # by which rooms differ, so that no two links cross at once
