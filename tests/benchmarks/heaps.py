@@ -115,7 +115,7 @@ def by_springs(across: int, count: int) -> Rest | None:
     settings = exu.SimulationSettings()
     stepping, steps = settings.timeIntegration, round(UNTIL / PENALTY_STEP)
     stepping.numberOfSteps, stepping.endTime = steps, UNTIL
-    settings.solutionSettings.writeSolutionToFile, settings.parallel.numberOfThreads = False, 1
+    settings.solution.file.write, settings.parallel.numberOfThreads = False, 1
     stepping.explicit.computeMassMatrixInversePerBody = True
     stepping.explicit.computeEndOfStepAccelerations = stepping.explicit.useLieGroupIntegration = False
     start = process_time()
