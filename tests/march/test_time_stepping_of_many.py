@@ -10,6 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import xdynamics as xd
+from xdynamics.evidence.comparing.bits import compare_reproduction
+from xdynamics.schema import CONTACT_ARITHMETIC
 
 Floats = NDArray[np.float64]
 G, MU, E, H = 9.81, 0.3, 0.5, 1e-3
@@ -183,6 +185,21 @@ def test_a_heap_is_marched_again_from_its_record(pile: xd.Model, heap: Any, tmp_
     assert xd.reproduce(tmp_path / "part.nc").attrs["identical"] == 1
     samples = xd.sample(part, part.time.values[[40, 90, 150]])
     assert samples.y.values == pytest.approx(part.y.values[[40, 90, 150]], abs=1e-12)
+
+
+def test_a_record_names_how_its_impulses_were_solved_for(heap: Any) -> None:
+    """Assert that an archive of another way to solve for them is compared by its numbers, and that the reason is told."""
+    assert "paths" in heap.attrs[CONTACT_ARITHMETIC]
+    former = heap.copy()
+    del former.attrs[CONTACT_ARITHMETIC]
+    told = compare_reproduction(former, heap)
+    assert told.attrs["identical"] == 1
+    assert told.attrs["arithmetic"].startswith(
+        "the archive has impulses of steps by 'one link after the other, then by pivots'"
+    )
+    assert compare_reproduction(heap, heap).attrs["arithmetic"] == ""
+    smooth = balls(np.array([0.0, 1.0]), {"floor": {"gap": "y", "restitution": E}})
+    assert CONTACT_ARITHMETIC not in xd.simulate(smooth, until="2 ms", **STEPPED).attrs
 
 
 def test_laws_of_located_impacts_are_refused() -> None:

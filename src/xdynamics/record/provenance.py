@@ -411,6 +411,10 @@ def _longest(march: March) -> dict[str, Any]:
     return {"solver_max_step": longest, "solver_max_step_units": second, "solver_max_step_choice": choice}
 
 
+# impulses of steps over impacts; archives without these words had no paths but with the least compliance
+BY_PATHS = "one link after the other, then by Lemke's paths with less and less compliance"
+
+
 def _error_attributes(march: March) -> dict[str, Any]:
     """Describe how local errors were estimated and scaled, and how equations were solved."""
     settings = march.settings
@@ -431,7 +435,14 @@ def _error_attributes(march: March) -> dict[str, Any]:
             reported["solver_atol_rule"] = ATOL_RULE
             if march.run.plan[0].rounding > 0.0:
                 reported[schema.ATOL_FLOOR_RULE] = ATOL_FLOORS[settings.atol_floor]
-    return reported | solver_of(settings.method).reported(settings, march.law)
+    return reported | _contact_arithmetic(march) | solver_of(settings.method).reported(settings, march.law)
+
+
+def _contact_arithmetic(march: March) -> dict[str, Any]:
+    """Say how impulses over steps are solved for, of links whose friction makes that more than one problem of forces."""
+    rubs = any(contact.slip is not None for contact in march.model.assemblies.values())
+    stepped = rubs and not march.settings.method.stepper.locates
+    return {schema.CONTACT_ARITHMETIC: BY_PATHS} if stepped else {}
 
 
 def _constraint_attributes(march: March) -> dict[str, Any]:

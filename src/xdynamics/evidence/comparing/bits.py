@@ -38,7 +38,13 @@ FOLLOWING = (
     "run_h_omega_largest",
     "run_h_omega_rule",
     schema.ATOL_EFFECT,
+    schema.CONTACT_ARITHMETIC,
 )
+# arithmetic that records name: what it is of, and the words of one that was not named yet
+NAMED_ARITHMETIC = {
+    schema.SERIES_ARITHMETIC: ("Taylor series", "products and sums rounded one by one"),
+    schema.CONTACT_ARITHMETIC: ("impulses of steps", "one link after the other, then by pivots"),
+}
 
 
 def compare_bits(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -81,12 +87,10 @@ def compare_reproduction(archived_run: xr.Dataset, repeated_run: xr.Dataset) -> 
         reasons.append(f"records of schema {schemas[0]} had the law in other words than those of schema {schemas[1]}")
     if sets[0] != sets[1]:
         reasons.append(f"the archive was made with the elementary functions '{sets[0]}', here they are '{sets[1]}'")
-    series = [
-        str(run.attrs.get(schema.SERIES_ARITHMETIC, "products and sums rounded one by one"))
-        for run in (archived_run, repeated_run)
-    ]
-    if schema.SERIES_ARITHMETIC in repeated_run.attrs and series[0] != series[1]:
-        reasons.append(f"the archive has Taylor series by '{series[0]}', here they are by '{series[1]}'")
+    for name, (what, unnamed) in NAMED_ARITHMETIC.items():
+        archived, repeated = (str(run.attrs.get(name, unnamed)) for run in (archived_run, repeated_run))
+        if name in repeated_run.attrs and archived != repeated:
+            reasons.append(f"the archive has {what} by '{archived}', here they are by '{repeated}'")
     if not table.attrs["identical"]:
         return table.assign_attrs(arithmetic="; ".join([*reasons, _largest_difference(archived_run, repeated_run)]))
     return table.assign_attrs(arithmetic="; ".join([*reasons, "every number has the same bits"]) if reasons else "")
