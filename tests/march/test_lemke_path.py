@@ -170,6 +170,23 @@ def test_the_path_ends_at_impulses(seed: int, near: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("off", [1e-3, 0.3])
+def test_factors_are_kept_where_no_piece_has_changed(seed: int, off: float) -> None:
+    """Assert that a path from factors that are there ends as one that makes them, whether its links begin as they were or not."""
+    pushed, ends = Pushed.at_random(seed, 4, 9, 0.6), []
+    for kept in (True, False):
+        run, count, gives = pushed.run(), len(pushed.rows), 1e-2
+        plain(friction.pose_press_bounds)(run, 0, count)
+        n = plain(banded_factors.order_coordinates)(run, 0, count)
+        assert plain(lemke_path.follow_from_near)(run, 0, count, n, gives, False)
+        run.vectors[RIGHT, :count] *= 1.0 + off * np.random.default_rng(seed).normal(size=count)
+        led = plain(lemke_path.follow_from_near)(run, 0, count, n, gives, kept)
+        ends.append((led, run.vectors[X, :count].copy()))
+    assert ends[0][0] == ends[1][0]
+    assert ends[0][1] == pytest.approx(ends[1][1], rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(8))
 def test_impulses_obey_coulombs_law(seed: int) -> None:
     """Assert Coulomb's law after a step, to digits that are far beyond what links give way by on the path."""
     pushed = Pushed.at_random(seed, 5, 11, (0.2, 0.8, 1.5)[seed % 3])

@@ -411,7 +411,7 @@ def _longest(march: March) -> dict[str, Any]:
     return {"solver_max_step": longest, "solver_max_step_units": second, "solver_max_step_choice": choice}
 
 
-# impulses of steps over impacts; archives without these words had no paths but with the least compliance
+# impulses of steps over impacts; for archives without these words see `NAMED_ARITHMETIC` of `evidence.comparing.bits`
 BY_PATHS = "one link after the other, then by Lemke's paths with less and less compliance"
 
 
