@@ -22,7 +22,17 @@ from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Function, Model
 from xdynamics.model.constraints import Assignment
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evaluate_over_states, motion, potentials
-from xdynamics.model.reactions import NORMAL, holding_flag, mode_number, reactions
+from xdynamics.model.reactions import (
+    ALIKE,
+    NORMAL,
+    gram_trees,
+    holding_flag,
+    may_be_indeterminate,
+    mode_number,
+    reactions,
+    share_number,
+    sharing_pairs,
+)
 from xdynamics.model.regime_model import RegimeModel
 from xdynamics.model.sliding import SlidingModel, sided_model, sliding_model, surfaces
 from xdynamics.model.switches import switch_side
@@ -384,7 +394,13 @@ def evaluate_inside_steps(
     }
     inputs |= {"t": times, REGIME_NUMBER: regimes} | dict(parameters or {})
     if reactions(model):
-        inputs |= modes_behind(model, columns, rows, following)
+        modes = modes_behind(model, columns, rows, following)
+        if may_be_indeterminate(model):
+            grams = evaluate_over_states(
+                model, gram_trees(model), inputs | modes, constants(model), drive_pieces(model), math_functions
+            )
+            modes |= shares_of_forces(modes, grams, [holding_flag(reaction) for reaction in reactions(model)])
+        inputs |= modes
     values = evaluate_over_states(
         model, trees, inputs, constants(model), drive_pieces(model), math_functions, read, parts
     )
@@ -449,7 +465,7 @@ def modes_behind(model: Model, columns: Mapping[str, Any], rows: Rows, led_to: R
     rows, led_to : ndarray of int, shape (k,)
         Rows of the columns from which each step starts, and at which it ends.
     """
-    modes: dict[str, Floats] = {}
+    modes = {share_number(k, j): np.zeros(rows.size) for k, j in sharing_pairs(model)}
     for reaction in reactions(model):
         state, force = columns[state_name(reaction)][rows], columns[reaction.name]
         if reaction.sort == NORMAL:
@@ -460,6 +476,39 @@ def modes_behind(model: Model, columns: Mapping[str, Any], rows: Rows, led_to: R
         else:
             modes[holding_flag(reaction)] = (state == schema.STICKING).astype(float)
             modes[mode_number(reaction)] = (state == schema.FORWARD).astype(float) - (state == schema.BACKWARD)
-        # where two corners hold the same motion the first takes all: a march releases the other, so its force is 0
+        # one that the law of forces cannot have share is released, so its force is 0
         modes[holding_flag(reaction)] *= (force[rows] != 0.0) | (force[led_to] != 0.0)
     return modes
+
+
+def shares_of_forces(modes: Mapping[str, Floats], grams: Sequence[Floats], flags: Sequence[str]) -> dict[str, Floats]:
+    """Return the flags of reactions that hold, and the shares of those whose rows follow from rows before them.
+
+    A march finds them at events by `march.contacts.active_set.find_spare`, from the same factors L D L^T.
+
+    Parameters
+    ----------
+    modes : mapping of str to ndarray
+        Those of `modes_behind`, in which a flag may stand for a reaction that needs not hold.
+    grams : sequence of ndarray
+        Effect of a unit of each reaction on the row of each, row by row, at each state.
+    flags : sequence of str
+        Names of the flags, in the order of reactions.
+    """
+    n, factors, pivots, shares = len(flags), dict[tuple[int, int], Floats](), list[Floats](), dict[str, Floats]()
+    for i, flag in enumerate(flags):
+        for j in range(i):
+            left = grams[i * n + j] - sum(factors[i, k] * factors[j, k] * pivots[k] for k in range(j))
+            factors[i, j] = np.divide(left, pivots[j], out=np.zeros_like(pivots[j]), where=pivots[j] > 0.0)
+        diagonal = grams[i * n + i]
+        pivot = diagonal - sum(factors[i, k] ** 2 * pivots[k] for k in range(i))
+        holds = modes[flag] == 1.0
+        needed = holds & (pivot > ALIKE * diagonal)
+        pivots.append(np.where(needed, pivot, 0.0))
+        shares[flag] = needed.astype(float)
+        along: dict[int, Floats] = {}
+        for j in reversed(range(i)):
+            along[j] = np.where(pivots[j] > 0.0, factors[i, j] - sum(factors[k, j] * along[k] for k in along), 0.0)
+            share = along[j] * grams[j * n + j] / diagonal
+            shares[share_number(i, j)] = np.where(holds & ~needed, share, 0.0)
+    return shares

@@ -47,7 +47,7 @@ from xdynamics.model.motion import (
     forces_by_coordinate,
     has_diagonal_mass,
 )
-from xdynamics.model.reactions import mode_names
+from xdynamics.model.reactions import may_be_indeterminate, mode_names
 from xdynamics.model.regime_model import switch_inputs
 from xdynamics.model.sliding import slid_along, surfaces
 from xdynamics.model.switches import LANDED_ON
@@ -219,6 +219,7 @@ def march_plan(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "regime": first_regime(model),
         "evaluated": layout.evaluation.size,
         "reactions": layout.reactions.size,
+        "indeterminate": may_be_indeterminate(model),
         **_switch_plan(layout, settings),
         "apart": settings.locates_one_by_one,
         "margin": LEAST_OF_0_2 if settings.locates_one_by_one else LEAST,

@@ -103,13 +103,14 @@ BOOK = record_type("", "pieces breaks stretch crossing aimed first width slot mo
 # the law's number of the program that puts a state where constraints hold, 0 without any, `moved` the place in a state of
 # how far it did, and `consistent` is 1 where the start may be moved, too; `passing` is 1 where kinks at points of tables
 # are landed on without a row of events each; `slides` is 1 where the motion may slide along switches, `along` the number of
-# those that it does; `resumes` is 1 where it goes on from an event at which that changed, 2 where it begins, 3 where no motion goes on.
+# those that it does; `resumes` is 1 where it goes on from an event at which that changed, 2 where it begins, 3 where no motion goes on;
+# `indeterminate` is 1 where more reactions may hold than the motion needs.
 PLAN = record_type(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin start_rest step_rest rounding",
     "adaptive differences estimates steps extrapolated limited stages samples"
     " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies links together"
-    " degree curve polynomial series doubled held moved consistent passing slides along resumes",
+    " degree curve polynomial series doubled held moved consistent passing slides along resumes indeterminate",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
 # the step last tried, `rest` what is left of the time beside `t`; `node` counts the nodes landed on, `crossed` those after which forces were evaluated.
@@ -191,7 +192,7 @@ LINK = record_type("gap rate free coefficient most", "")
 TOUCH = record_type(
     "largest fastest steepest limit doubt speed since lost bounce origin known coefficient bound scale found after"
     " slack rate total",
-    "state part place way hit near held",
+    "state part place way hit near held spare",
 )
 # A contact of many links: how many there are, or elements where they are all pairs of these; the leaves of its pattern, of
 # which `coordinates` move, and of the first of them with an interval its number and row; its detector and law of impacts;

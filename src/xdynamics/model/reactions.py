@@ -5,6 +5,11 @@ or the first of the slip, is zero. Their forces u are such that R a + bias = 0 w
 R M^-1 R^T u = -(R a_free + bias) (Pfeiffer and Glocker, Multibody Dynamics with Unilateral Contacts, 1996, chapter 5).
 A slipping element has a known force, a number or a fraction of the normal force. Whether each holds, slips or is open
 is a number after the parameters, so the same assignments serve all cases.
+
+Where more reactions hold than the motion needs, as the four legs of a table, it does not determine their forces. These
+are then what they would be on supports that all give way alike: the solution of least norm, in the scale of what each
+answers to itself (Golub, Van Loan, Matrix Computations, 4th ed., 2013, section 5.5). In place of the row of one that
+follows from rows before it, its force is a sum of shares of their forces, which are numbers after the parameters, too.
 """
 
 from __future__ import annotations
@@ -31,6 +36,7 @@ from xdynamics.schema import acceleration, velocity
 from xdynamics.units import Dimension
 
 NORMAL, TANGENT, DRY = range(3)  # of a contact, along its surface, of a friction element
+ALIKE = 1e-10  # of the effect of a reaction on its own row: what is left of it where others do the same
 MODES = 2  # numbers of each reaction: whether it holds; the direction of slip, or when a contact has settled
 
 
@@ -114,6 +120,28 @@ def _tangent_reaction(model: Model, owner: str, sort: int, normal: int, trees: t
     )
 
 
+@lru_cache(maxsize=64)
+def may_be_indeterminate(model: Model) -> bool:
+    """Whether so many reactions may hold, beside constraints, that the motion does not determine their forces.
+
+    It may not where each has a coordinate of its own: a maximum matching of rows and coordinates (Kuhn, Naval Research
+    Logistics 2, 1955, 83).
+    """
+    owners: dict[str, int] = {}
+    rows = [entry.row for entry in (*reactions(model), *conditions(model))] if reactions(model) else []
+
+    def finds_own(k: int, seen: set[str]) -> bool:
+        for name in rows[k]:
+            if name not in seen:
+                seen.add(name)
+                if name not in owners or finds_own(owners[name], seen):
+                    owners[name] = k
+                    return True
+        return False
+
+    return not all(finds_own(k, set()) for k in range(len(rows)))
+
+
 def holding_flag(reaction: Reaction) -> str:
     """Name the number that is 1 where a reaction holds its row."""
     return f"_holds_{reaction.name}"
@@ -125,8 +153,20 @@ def mode_number(reaction: Reaction) -> str:
 
 
 def mode_names(model: Model) -> tuple[str, ...]:
-    """Name the numbers that describe the modes of contacts and friction elements."""
-    return tuple(name for reaction in reactions(model) for name in (holding_flag(reaction), mode_number(reaction)))
+    """Name the numbers that describe the modes of contacts and friction elements, and then the shares of their forces."""
+    flags = [name for reaction in reactions(model) for name in (holding_flag(reaction), mode_number(reaction))]
+    return (*flags, *(share_number(k, j) for k, j in sharing_pairs(model)))
+
+
+def sharing_pairs(model: Model) -> list[tuple[int, int]]:
+    """List the pairs of reactions of which the first may bear a share of what the second does."""
+    count = len(reactions(model)) if may_be_indeterminate(model) else 0
+    return [(k, j) for k in range(count) for j in range(k)]
+
+
+def share_number(k: int, j: int) -> str:
+    """Name the number that is the force of one reaction over that of another, where it shares in what this bears."""
+    return f"_share{k}_{j}"
 
 
 def free_acceleration(name: str) -> str:
@@ -173,12 +213,15 @@ def reaction_assignments(model: Model) -> Iterator[Assignment]:
     if not acting:
         return
     yield from delassus_assignments(model)
+    sharing = set(sharing_pairs(model))
     entries: dict[tuple[int, int], Node] = {}
     right: list[Node] = []
     for k, reaction in enumerate(acting):
         is_holding = Compare("==", Name(holding_flag(reaction)), ONE)
         for j in range(len(acting)):
             otherwise = _let_go(reaction, k, j)
+            if (k, j) in sharing:
+                otherwise = subtract_terms(otherwise, [Name(share_number(k, j))])
             if _shared_coordinates(model, reaction, acting[j]) or otherwise != ZERO:
                 gram = Name(_gram(k, j)) if _shared_coordinates(model, reaction, acting[j]) else ZERO
                 entries[k, j] = Name(f"_entry{k}_{j}")
@@ -239,21 +282,27 @@ def reaction_table(model: Model) -> tuple[list[Node], ...]:
     acting = reactions(model)
     coordinates = list(model.elements.statement.coordinates) if acting else []  # the names of a million are 0.1 GB
     numbers: list[Node] = []
-    grams: list[Node] = []
+    grams = gram_trees(model)
     rows: list[Node] = []
     reach: list[Node] = []
     for k, reaction in enumerate(acting):
         numbers += [reaction.gap, reaction.rate, Name(_free_row_rate(k)), reaction.size, reaction.sticking_limit]
-        grams += [
-            Name(_gram(k, j)) if _shared_coordinates(model, reaction, second_reaction) else ZERO
-            for j, second_reaction in enumerate(acting)
-        ]
         rows += [Name(_reaction_row(k, name)) if name in reaction.row else ZERO for name in coordinates]
         reach += [
             Name(_reaction_reach(k, name)) if name in _accelerated_coordinates(model, reaction) else ZERO
             for name in coordinates
         ]
     return numbers, grams, rows, reach
+
+
+def gram_trees(model: Model) -> list[Node]:
+    """Return the effect of a unit of each reaction on the row of each, row by row."""
+    acting = reactions(model)
+    return [
+        Name(_gram(k, j)) if _shared_coordinates(model, first, second) else ZERO
+        for k, first in enumerate(acting)
+        for j, second in enumerate(acting)
+    ]
 
 
 def _let_go(reaction: Reaction, k: int, j: int) -> Node:

@@ -22,6 +22,7 @@ from xdynamics.march.contacts.delassus import (
     PRESSING,
     SLIDING,
     SUM_NOISE,
+    gap_width,
     had_impact,
     impact_spread,
     list_holding,
@@ -33,10 +34,10 @@ from xdynamics.march.contacts.delassus import (
 from xdynamics.march.run import HOLD, STEP_IN_TIME, Run
 from xdynamics.march.trial_step import usual_step
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
-from xdynamics.model.reactions import MODES, NORMAL, TANGENT
+from xdynamics.model.reactions import ALIKE, MODES, NORMAL, TANGENT
 
+COMPLIANCE = 2.0**-22  # of what reactions answer to themselves, by which they give way where their forces are shared
 FLAT = 1e-9  # of the largest effect of a reaction on its own row so far: below it, a gap has no gradient
-ALIKE = 1e-10  # of the effect of a reaction on its own row: what is left of it where others do the same
 
 
 @jit_separate
@@ -48,8 +49,35 @@ def solve_active_set(run: Run) -> bool:
     if solved:
         for k in range(run.touches.shape[0]):
             set_contact_mode(run, k)
-    inform(run)
+    if inform(run) and solved and run.plan[0].indeterminate:
+        solved = share_forces(run)
+        inform(run)
     return solved
+
+
+@jit_separate
+def share_forces(run: Run) -> bool:
+    """Determine the modes of reactions that hold more than needs holding, as if all gave way alike; whether they exist."""
+    for k in range(run.touches.shape[0]):
+        if run.touches[k].part in (SLIDING, KNOWN) and run.touches[k].spare == 1:
+            grip_to_the_most(run, k)
+        run.delassus[k, k] *= 1.0 + COMPLIANCE
+    solved = solvable(run) and solve_reactions(run)
+    for k in range(run.touches.shape[0]):
+        run.delassus[k, k] /= 1.0 + COMPLIANCE
+        if solved:
+            set_contact_mode(run, k)
+    return solved
+
+
+@jit_separate
+def grip_to_the_most(run: Run, k: int) -> None:
+    """Give a grip that others keep from slipping the most friction that it can have."""
+    touch = run.touches[k]
+    if touch.part == SLIDING:
+        touch.coefficient = run.links[k].most
+    else:
+        touch.known = -touch.way * run.links[k].most
 
 
 @jit_separate
@@ -143,8 +171,14 @@ def contact_opens(run: Run, k: int) -> bool:
 
 
 @jit_separate
-def inform(run: Run) -> None:
-    """Store the modes of contacts after the parameters, and wake the detectors of possible next events."""
+def inform(run: Run) -> bool:
+    """Store the modes of contacts after the parameters, and wake the detectors of possible next events.
+
+    Returns
+    -------
+    bool
+        Whether more reactions hold than needs holding.
+    """
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
         if run.plan[0].contacts == STEP_IN_TIME:
@@ -157,32 +191,78 @@ def inform(run: Run) -> None:
             run.modes[MODES * k + 1] = (
                 1.0 if touch.state == schema.FORWARD else (-1.0 if touch.state == schema.BACKWARD else 0.0)
             )
-    release_redundant(run)
+    if run.plan[0].indeterminate:
+        for i in range(run.touches.shape[0] * (run.touches.shape[0] - 1) // 2):
+            run.modes[MODES * run.touches.shape[0] + i] = 0.0
+    indeterminate = find_spare(run)
     for i in range(run.detectors.shape[0]):
         update_detector(run, i)
+    return indeterminate
 
 
 @jit_separate
-def release_redundant(run: Run) -> None:
-    """Release reactions whose constraints follow from those of others.
+def find_spare(run: Run) -> bool:
+    """Find reactions whose rows follow from those of others before them, by L D L^T of those that hold; whether there is any.
 
-    Two corners of a block on a floor both keep it from sliding, and rigid bodies do not determine how they share the
-    force: the motion is unique, and the first of them take all of it. Found by L D L^T of the reactions that hold.
+    Two corners of a block on a floor both keep it from sliding, and the second is spare. So is one that is at the limit
+    of its friction while the first holds: it does not slip.
     """
-    count = list_holding(run, True)
+    for k in range(run.touches.shape[0]):
+        run.touches[k].spare = 0
+    holding, indeterminate = list_holding(run, True), False
+    count = list_limited(run, holding)
     for i in range(count):
         for j in range(i + 1):
             total = run.delassus[run.chosen[i], run.chosen[j]]
             for k in range(j):
                 total -= run.square[i * count + k] * run.square[j * count + k] * run.column[k]
             if i != j:
-                # a pivot of zero marks a released reaction, which takes no part in later rows
+                # a pivot of zero marks a spare reaction, which takes no part in later rows
                 run.square[i * count + j] = total / run.column[j] if run.column[j] > 0.0 else 0.0
             elif total > ALIKE * run.delassus[run.chosen[i], run.chosen[i]]:
-                run.column[i] = total
+                run.column[i] = total if i < holding else 0.0
             else:
-                run.column[i] = 0.0
-                run.modes[MODES * run.chosen[i]] = 0.0
+                run.column[i], run.touches[run.chosen[i]].spare, indeterminate = 0.0, 1, True
+    for i in range(count if indeterminate else 0):
+        if run.touches[run.chosen[i]].spare == 1:
+            bear_spare(run, i, count)
+    return indeterminate
+
+
+@jit_separate
+def list_limited(run: Run, count: int) -> int:
+    """List, behind reactions that hold, those at their limit that do not move, which press with nothing or are about to slip."""
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        touches = touch.near == 1 if run.reactions[k].role == NORMAL else touch.state != schema.LOOSE
+        if touches and run.modes[MODES * k] == 0.0 and abs(run.links[k].rate) <= touch.slack:
+            run.chosen[count] = k
+            count += 1
+    return count
+
+
+@jit_separate
+def bear_spare(run: Run, i: int, count: int) -> None:
+    """Have a spare reaction that is listed share in what those bear that it follows from, or have all the friction it can."""
+    k = run.chosen[i]
+    if run.modes[MODES * k] == 0.0:
+        if run.links[k].coefficient > 0.0:
+            run.modes[MODES * k + 1] *= run.links[k].most / run.links[k].coefficient
+        return
+    run.modes[MODES * k] = 0.0
+    if not run.plan[0].indeterminate:
+        return
+    first = MODES * run.touches.shape[0] + k * (k - 1) // 2
+    # by how much of each row before it is its row, from L^T x = l; its force is these times their forces, scaled
+    for j in range(i - 1, -1, -1):
+        total = run.square[i * count + j]
+        for m in range(j + 1, i):
+            if run.column[m] > 0.0:
+                total -= run.square[m * count + j] * run.modes[first + run.chosen[m]]
+        run.modes[first + run.chosen[j]] = total if run.column[j] > 0.0 else 0.0
+    for j in range(i):
+        b = run.chosen[j]
+        run.modes[first + b] *= run.delassus[b, b] / run.delassus[k, k]
 
 
 @jit_separate
@@ -200,6 +280,14 @@ def stays_closed(run: Run, k: int) -> bool:
 
 
 @jit_separate
+def gap_that_stays(run: Run, k: int) -> float:
+    """How wide a gap may be that is as good as closed, or that others keep from opening and from closing; else zero."""
+    if run.touches[k].spare == 1:
+        return max(impact_spread(run, k), gap_width(run, k))
+    return impact_spread(run, k) if stays_closed(run, k) else 0.0
+
+
+@jit_separate
 def update_detector(run: Run, i: int) -> None:
     """Wake or suspend a detector; gaps, pressing forces and grips must stay non-negative."""
     detector, watch = run.detectors[i], run.watches[i]
@@ -209,9 +297,7 @@ def update_detector(run: Run, i: int) -> None:
     watch.guard, watch.floor, awake = 1, 0.0, False
     if detector.role == GAP:
         awake = state == schema.OPEN
-        run.lingering[detector.reaction] = (
-            impact_spread(run, detector.reaction) if stays_closed(run, detector.reaction) else 0.0
-        )
+        run.lingering[detector.reaction] = gap_that_stays(run, detector.reaction)
         watch.floor = 4.0 * EPS * size_of_gap(run, detector.reaction)
         if run.touches[detector.reaction].near:  # it opens from what is left of it, and that is its zero
             watch.floor = max(watch.floor, 2.0 * abs(run.links[detector.reaction].gap))
@@ -223,6 +309,7 @@ def update_detector(run: Run, i: int) -> None:
         awake = state == schema.STICKING
     else:
         watch.guard, awake = 1 if state == schema.FORWARD else -1, state in (schema.FORWARD, schema.BACKWARD)
+        awake = awake and run.touches[detector.reaction].spare == 0
     if watch.asleep and awake:
         watch.greatest = 0.0
     watch.asleep = 0 if awake and run.plan[0].contacts == HOLD else 1
