@@ -45,39 +45,79 @@ def solve_active_set(run: Run) -> bool:
     """Determine the modes of contacts and friction at the state, and inform the forces; whether they exist."""
     for k in range(run.touches.shape[0]):
         assign_part(run, k)
-    solved = run.at[UNSOUND] == 0.0 and has_valid_friction(run) and solvable(run) and solve_reactions(run)
+    sound = run.at[UNSOUND] == 0.0 and has_valid_friction(run) and solvable(run)
+    solved = sound and solve_reactions(run)
     if solved:
         for k in range(run.touches.shape[0]):
             set_contact_mode(run, k)
-    if inform(run) and solved and run.plan[0].indeterminate:
-        solved = share_forces(run)
-        inform(run)
+    indeterminate = inform(run) or not solved
+    if indeterminate and sound and run.plan[0].indeterminate:
+        return share_forces(run)
     return solved
 
 
 @jit_separate
 def share_forces(run: Run) -> bool:
-    """Determine the modes of reactions that hold more than needs holding, as if all gave way alike; whether they exist."""
+    """Determine the modes where more reactions hold than need to, as if all gave way alike, and inform the forces.
+
+    Returns
+    -------
+    bool
+        Whether these modes exist.
+    """
+    limit_friction(run)
+    for _ in range(run.touches.shape[0] + 1):
+        if not solve_compliantly(run):
+            return False
+        slipped = let_slip(run)
+        for k in range(run.touches.shape[0]):
+            set_contact_mode(run, k)
+        inform(run)
+        limited = limit_friction(run)  # a call of its own: an `or` would leave it out
+        if not (slipped or limited):
+            break
+    return True
+
+
+@jit_separate
+def solve_compliantly(run: Run) -> bool:
+    """Find the forces of reactions that give way by `COMPLIANCE`; whether they exist."""
     for k in range(run.touches.shape[0]):
-        if run.touches[k].part in (SLIDING, KNOWN) and run.touches[k].spare == 1:
-            grip_to_the_most(run, k)
+        run.column[k] = run.delassus[k, k]
         run.delassus[k, k] *= 1.0 + COMPLIANCE
     solved = solvable(run) and solve_reactions(run)
     for k in range(run.touches.shape[0]):
-        run.delassus[k, k] /= 1.0 + COMPLIANCE
-        if solved:
-            set_contact_mode(run, k)
+        run.delassus[k, k] = run.column[k]
     return solved
 
 
 @jit_separate
-def grip_to_the_most(run: Run, k: int) -> None:
-    """Give a grip that others keep from slipping the most friction that it can have."""
-    touch = run.touches[k]
-    if touch.part == SLIDING:
-        touch.coefficient = run.links[k].most
-    else:
-        touch.known = -touch.way * run.links[k].most
+def let_slip(run: Run) -> bool:
+    """Have grips slide that slip by the last solution; whether any has less friction then."""
+    lessens = False
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        if touch.part == GRIPPING and slips(run, k):
+            touch.way = 1 if touch.after > 0.0 else -1
+            take_sliding_part(run, k)
+            lessens = lessens or run.links[k].most != run.links[k].coefficient
+    return lessens
+
+
+@jit_separate
+def limit_friction(run: Run) -> bool:
+    """Give friction of grips that others keep from slipping its greatest value, else that of a slip; whether any changes."""
+    changes = False
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        size = run.links[k].most if touch.spare == 1 else run.links[k].coefficient
+        if touch.part == SLIDING:
+            changes = changes or touch.coefficient != size
+            touch.coefficient = size
+        elif touch.part == KNOWN:
+            changes = changes or touch.known != -touch.way * size
+            touch.known = -touch.way * size
+    return changes
 
 
 @jit_separate
@@ -105,7 +145,15 @@ def assign_part(run: Run, k: int) -> None:
     if still:
         touch.part, touch.coefficient = GRIPPING, run.links[k].most
         touch.bound = 0.0 if reaction.role == TANGENT else run.links[k].most
-    elif reaction.role == TANGENT:
+    else:
+        take_sliding_part(run, k)
+
+
+@jit_separate
+def take_sliding_part(run: Run, k: int) -> None:
+    """Give friction the part of one that slips."""
+    touch = run.touches[k]
+    if run.reactions[k].role == TANGENT:
         touch.part, touch.coefficient = SLIDING, run.links[k].coefficient
     else:
         touch.part, touch.known = KNOWN, -touch.way * run.links[k].coefficient
