@@ -15,6 +15,7 @@ from xdynamics.march.log import unwritten
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past import fit_past_room, trim_past
 from xdynamics.march.run import ARRAYS, CHANGING, Lifetime, Run
+from xdynamics.model.reactions import MODES
 
 Array = NDArray[Any]
 Floats = NDArray[np.float64]
@@ -61,9 +62,16 @@ def put_back(run: Run, arrays: Mapping[str, Array]) -> None:
 
 
 def final_numbers(run: Run) -> tuple[str, Floats]:
-    """Return the numbers that a march needs to go on after its end, and the names of their arrays and fields."""
+    """Return the numbers that a march needs to go on after its end, and the names of their arrays and fields.
+
+    Shares of contacts' forces in what others bear are among them where there are any.
+    """
     trim_past(run)
-    return _named_final_numbers(run)
+    names, numbers = _named_final_numbers(run)
+    shares, modes, others = _shares(run)
+    if shares.start == shares.stop or numbers[shares].any():
+        return names, numbers
+    return names.replace(modes, others), np.delete(numbers, shares)
 
 
 def _named_final_numbers(run: Run) -> tuple[str, Floats]:
@@ -121,6 +129,12 @@ def go_on_from_end(run: Run, names: str, numbers: Floats) -> None:
         sizes = {name: int(size) for name, size in re.findall(r"(past_steps|breaks)\[(\d+)\]", names)}
         fit_past_room(run, sizes.get("past_steps", 0), sizes.get("breaks", 0) // 2)
     expected, current_numbers = _named_final_numbers(run)
+    shares, modes, others = _shares(run)
+    if modes not in names and others in names:
+        names, numbers = (
+            names.replace(others, modes),
+            np.insert(numbers, shares.start, np.zeros(shares.stop - shares.start)),
+        )
     short = sum(getattr(run, name).size for name in LATER)
     if names == expected.rsplit(maxsplit=len(LATER))[0] and numbers.size == current_numbers.size - short:
         names, numbers = expected, np.append(numbers, np.zeros(short))
@@ -136,6 +150,15 @@ def go_on_from_end(run: Run, names: str, numbers: Floats) -> None:
     now = run.now[0]
     now.status, now.crossed = RUNNING, now.node - 1
     run.at[REGIME] = now.regime
+
+
+def _shares(run: Run) -> tuple[slice, str, str]:
+    """Return where the final numbers have shares of contacts' forces, and the name of the modes with them and without."""
+    m, size, kept = run.touches.size, run.modes.size, _final_array_names(run)
+    count = m * (m - 1) // 2 if run.plan[0].indeterminate else 0
+    earlier = kept[: kept.index("modes")] if count else []
+    first = MODES * m + sum(getattr(run, name).size * max(1, len(_kept_field_names(run, name))) for name in earlier)
+    return slice(first, first + count), f"modes[{size}]", f"modes[{size - count}]"
 
 
 def _kept_field_names(run: Run, name: str) -> tuple[str, ...]:

@@ -192,7 +192,7 @@ LINK = record_type("gap rate free coefficient most", "")
 TOUCH = record_type(
     "largest fastest steepest limit doubt speed since lost bounce origin known coefficient bound scale found after"
     " slack rate total",
-    "state part place way hit near held spare",
+    "state part place way hit near held",
 )
 # A contact of many links: how many there are, or elements where they are all pairs of these; the leaves of its pattern, of
 # which `coordinates` move, and of the first of them with an interval its number and row; its detector and law of impacts;
@@ -338,7 +338,8 @@ class Run:
     pulled: Passing[Floats]  # the impulse that did so
     balance: Passing[Floats]  # their effect as the guards see it; see `march.contacts.balance`
     lingering: Floats  # gap up to which an open contact counts as closed
-    # the end of `p`: two numbers of each reaction, see `model.reactions`, then the side of each switch
+    spare: Passing[IntArray]  # 1 of a reaction whose row follows from those of others that hold
+    # the end of `p`: two numbers of each reaction and shares of forces, see `model.reactions`, then the side of each switch
     modes: Annotated[Floats, Within("p")]
     contact_tables: Passing[
         Floats

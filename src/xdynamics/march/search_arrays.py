@@ -132,7 +132,7 @@ def _contact_arrays(model: Model, settings: Settings) -> dict[str, NDArray[Any]]
         "effects": np.zeros((m, unknowns)),
         "square": np.zeros(m * m),
         "column": np.zeros(m),
-        "chosen": np.zeros(m, np.int64),
+        **{name: np.zeros(m, np.int64) for name in ("chosen", "spare")},
     }
 
 

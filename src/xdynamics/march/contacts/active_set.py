@@ -110,7 +110,7 @@ def limit_friction(run: Run) -> bool:
     changes = False
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
-        size = run.links[k].most if touch.spare == 1 else run.links[k].coefficient
+        size = run.links[k].most if run.spare[k] == 1 else run.links[k].coefficient
         if touch.part == SLIDING:
             changes = changes or touch.coefficient != size
             touch.coefficient = size
@@ -256,9 +256,9 @@ def find_spare(run: Run) -> bool:
     of its friction while the first holds: it does not slip.
     """
     for k in range(run.touches.shape[0]):
-        run.touches[k].spare = 0
+        run.spare[k] = 0
     holding, indeterminate = list_holding(run, True), False
-    count = list_limited(run, holding)
+    count = list_limited(run, holding) if run.plan[0].indeterminate else holding
     for i in range(count):
         for j in range(i + 1):
             total = run.delassus[run.chosen[i], run.chosen[j]]
@@ -270,9 +270,9 @@ def find_spare(run: Run) -> bool:
             elif total > ALIKE * run.delassus[run.chosen[i], run.chosen[i]]:
                 run.column[i] = total if i < holding else 0.0
             else:
-                run.column[i], run.touches[run.chosen[i]].spare, indeterminate = 0.0, 1, True
+                run.column[i], run.spare[run.chosen[i]], indeterminate = 0.0, 1, True
     for i in range(count if indeterminate else 0):
-        if run.touches[run.chosen[i]].spare == 1:
+        if run.spare[run.chosen[i]] == 1:
             bear_spare(run, i, count)
     return indeterminate
 
@@ -330,7 +330,7 @@ def stays_closed(run: Run, k: int) -> bool:
 @jit_separate
 def gap_that_stays(run: Run, k: int) -> float:
     """How wide a gap may be that is as good as closed, or that others keep from opening and from closing; else zero."""
-    if run.touches[k].spare == 1:
+    if run.spare[k] == 1:
         return max(impact_spread(run, k), gap_width(run, k))
     return impact_spread(run, k) if stays_closed(run, k) else 0.0
 
@@ -357,7 +357,7 @@ def update_detector(run: Run, i: int) -> None:
         awake = state == schema.STICKING
     else:
         watch.guard, awake = 1 if state == schema.FORWARD else -1, state in (schema.FORWARD, schema.BACKWARD)
-        awake = awake and run.touches[detector.reaction].spare == 0
+        awake = awake and run.spare[detector.reaction] == 0
     if watch.asleep and awake:
         watch.greatest = 0.0
     watch.asleep = 0 if awake and run.plan[0].contacts == HOLD else 1

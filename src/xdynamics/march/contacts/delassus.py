@@ -417,11 +417,11 @@ def hold_closed_contacts(run: Run, t: float, settling: bool) -> None:
 
 @jit_separate
 def list_holding(run: Run, settling: bool) -> int:
-    """List the reactions that hold and are not spare, those of settling contacts only where `settling` asks for them."""
+    """List the reactions that hold, those of settling contacts only where `settling` asks for them."""
     count = 0
     for k in range(run.touches.shape[0]):
         waits = run.reactions[k].role == NORMAL and run.touches[k].state == SETTLING and not settling
-        if run.modes[MODES * k] > 0.0 and run.touches[k].spare == 0 and not waits:
+        if run.modes[MODES * k] == 1.0 and not waits:
             run.chosen[count] = k
             count += 1
     return count
