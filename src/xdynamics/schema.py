@@ -172,9 +172,7 @@ LOG, LOGGED, CHOSEN = "solver_log", "solver_log_variables", "chosen"
 SCHEMA_OF_LAW = "force_schema_version"  # of a part of an older record: in the words of which schema its law is
 ORDER_CHOICE = "solver_order_choice"  # of a method that has many orders: given, or by which rule
 SERIES_ARITHMETIC = "solver_series_arithmetic"  # of Taylor series: how their coefficients are rounded
-CONTACT_ARITHMETIC = (
-    "solver_contact_arithmetic"  # of steps over impacts of rough bodies: how their impulses are solved for
-)
+CONTACT_ARITHMETIC = "solver_contact_arithmetic"  # of contacts: how forces or impulses are chosen that are not unique
 KEEP_EVERY = "solver_keep_every"  # of a record whose rows are not all that were marched
 NUMBERS = (
     "solver_order", "solver_until", "solver_step", "solver_rtol", "solver_first_step", "solver_safety",

@@ -195,7 +195,7 @@ def test_a_record_names_how_its_impulses_were_solved_for(heap: Any) -> None:
     told = compare_reproduction(former, heap)
     assert told.attrs["identical"] == 1
     assert told.attrs["arithmetic"].startswith(
-        "the archive has impulses of steps by 'one link after the other, then by pivots'"
+        "the archive has forces of contacts by 'one after the other, in the order of their declaration'"
     )
     assert compare_reproduction(heap, heap).attrs["arithmetic"] == ""
     smooth = balls(np.array([0.0, 1.0]), {"floor": {"gap": "y", "restitution": E}})

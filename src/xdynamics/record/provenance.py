@@ -43,6 +43,7 @@ from xdynamics.methods.scheme import DOUBLE_DOUBLE, ESTIMATE_WORDS, FLOAT64, INT
 from xdynamics.methods.taylor import ORDER_RULE
 from xdynamics.model import Model
 from xdynamics.model.motion import delayed_quantities, variables
+from xdynamics.model.reactions import may_be_indeterminate
 from xdynamics.model.sliding import surfaces
 from xdynamics.model.switches import LANDED_ON, LOCATED, LOCATED_EVERYWHERE, STEPPED_OVER, landed_on, watched_switches
 from xdynamics.record.arguments import EVERYWHERE, SCALES, recorded_arguments
@@ -412,6 +413,7 @@ def _longest(march: March) -> dict[str, Any]:
 
 
 # impulses of steps over impacts; for archives without these words see `NAMED_ARITHMETIC` of `evidence.comparing.bits`
+SHARED = "least norm where the motion does not determine them, as of supports that give way alike"
 BY_PATHS = "one link after the other, then by Lemke's paths with less and less compliance"
 
 
@@ -439,10 +441,12 @@ def _error_attributes(march: March) -> dict[str, Any]:
 
 
 def _contact_arithmetic(march: March) -> dict[str, Any]:
-    """Say how impulses over steps are solved for, of links whose friction makes that more than one problem of forces."""
+    """Say how forces and impulses of contacts are solved for where these are not the only solution."""
     rubs = any(contact.slip is not None for contact in march.model.assemblies.values())
-    stepped = rubs and not march.settings.method.stepper.locates
-    return {schema.CONTACT_ARITHMETIC: BY_PATHS} if stepped else {}
+    locates = march.settings.method.stepper.locates
+    if rubs and not locates:
+        return {schema.CONTACT_ARITHMETIC: BY_PATHS}
+    return {schema.CONTACT_ARITHMETIC: SHARED} if locates and may_be_indeterminate(march.model) else {}
 
 
 def _constraint_attributes(march: March) -> dict[str, Any]:

@@ -55,6 +55,7 @@ def test_each_of_four_feet_bears_a_quarter(method: str, settings: dict[str, Any]
     assert run.attrs["run_outcome"] == "completed" and run.sizes["event"] == 0
     assert_allclose(forces(run, 4), MASS * G / 4, rtol=1e-14)
     assert not run["z"].any()
+    assert "least norm" in run.attrs["solver_contact_arithmetic"]
 
 
 def test_shares_are_of_least_norm_in_any_order_in_rows_and_between() -> None:

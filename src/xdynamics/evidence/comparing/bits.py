@@ -43,7 +43,7 @@ FOLLOWING = (
 # arithmetic that records name: what it is of, and the words of one that was not named yet
 NAMED_ARITHMETIC = {
     schema.SERIES_ARITHMETIC: ("Taylor series", "products and sums rounded one by one"),
-    schema.CONTACT_ARITHMETIC: ("impulses of steps", "one link after the other, then by pivots"),
+    schema.CONTACT_ARITHMETIC: ("forces of contacts", "one after the other, in the order of their declaration"),
 }
 
 
