@@ -10,7 +10,7 @@ from xdynamics.methods.method import Method
 from xdynamics.model import Trait
 
 REFUSES = (Trait.VELOCITY_DEPENDENT, Trait.COUPLED_MASS, Trait.COUPLED_STATES, Trait.NO_COORDINATES)
-OF_HIGHER_ORDER = (*REFUSES, Trait.HELD_LINKS)  # of which order 2 would be left
+OF_HIGHER_ORDER = (*REFUSES, Trait.PRESSED, Trait.HELD_LINKS)  # of which order 2 would be left
 
 _HLW = "Hairer, Lubich, Wanner, Geometric Numerical Integration, 2nd ed., section V.3.2"
 _WORDS = (

@@ -118,6 +118,7 @@ DPRKN6 = Method(
         Trait.COUPLED_MASS,
         Trait.COUPLED_STATES,
         Trait.NO_COORDINATES,
+        Trait.PRESSED,
         Trait.HELD_LINKS,
     ),
     estimate=_estimate_lines(_read_weight_rows(_ROWS)),

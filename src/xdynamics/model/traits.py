@@ -32,6 +32,7 @@ class Trait(StrEnum):
     PYTHON_FORCES = "forces written in Python, which have no derivatives"
     CONSTRAINTS = "constraints, which its order does not survive"
     CONTACTS = "contacts and dry friction, whose forces it has no derivatives of"
+    PRESSED = "contacts along curved gaps, and friction, whose forces depend on velocities"
     HELD_LINKS = "contacts of many links along curved gaps, whose forces depend on velocities"
 
 
@@ -63,6 +64,8 @@ def traits_of(model: Model) -> dict[Trait, str]:
             traits.setdefault(Trait.VELOCITY_DEPENDENT, f"{label} depends on {_list_names(fault)}")
         if fault := _among(names_read, states):
             traits.setdefault(Trait.COUPLED_STATES, f"{label} depends on the state {_list_names(fault)}")
+    if pressed := _pressed_by_velocities(model, velocities):
+        traits[Trait.PRESSED] = first_names(pressed)
     if elements.mass_is_full:
         for (i, j), entry in elements.statement.mass_entries.items():
             if fault := elements.reads(entry) & set(elements.statement.coordinates):
@@ -77,9 +80,9 @@ def traits_of(model: Model) -> dict[Trait, str]:
 
 
 def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
-    """Return every force component, mass entry and reaction, with the names that it reads.
+    """Return every force component and mass entry, with the names that it reads.
 
-    Of what has dimensions these are the names of quantities, of reactions and full masses those of elements.
+    Of what has dimensions these are the names of quantities, of full masses those of elements.
     """
     forces = [
         (f"force '{term}' of '{coordinate}'", _names_read(model, part))
@@ -88,15 +91,18 @@ def _right_hand_side(model: Model) -> list[tuple[str, set[str]]]:
     ]
     entries = (model if has_diagonal_mass(model) else model.elements).statement.mass_entries.values()
     masses = [("the mass", _names_read(model, entry)) for entry in entries]
-    pressed = [
-        (
-            f"'{reaction.name}'{' along a curved gap' * (reaction.sort == NORMAL and reaction.owner in model.elements.contacts)}",
-            set().union(*(model.elements.reads(tree) for tree in (*reaction.row.values(), reaction.bias, *sizes))),
-        )
-        for reaction in reactions(model)
-        for sizes in [() if reaction.sort == NORMAL else (reaction.size, reaction.sticking_limit)]
-    ]
-    return forces + masses + pressed
+    return forces + masses
+
+
+def _pressed_by_velocities(model: Model, velocities: Blocks) -> list[str]:
+    """Return the forces of contacts and friction that depend on velocities, each with one."""
+    found = []
+    for reaction in reactions(model):
+        sizes = () if reaction.sort == NORMAL else (reaction.size, reaction.sticking_limit)
+        reads = set[str]().union(*map(model.elements.reads, (*reaction.row.values(), reaction.bias, *sizes)))
+        if fault := _among(reads, velocities):
+            found.append(f"'{reaction.name}' depends on {_list_names(fault)}")
+    return found
 
 
 def curved_contacts(model: Model) -> list[str]:
