@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -249,7 +250,7 @@ def test_what_a_method_refuses_is_named_with_what_fits(file: str, method: str, s
         xd.simulate(xd.Model.from_toml(MODELS / f"{file}.toml"), method=method)
 
 
-def test_verlet_refuses_a_curved_gap_and_says_so() -> None:
+def test_higher_orders_refuse_a_curved_gap_and_say_so() -> None:
     """Assert that the force of a contact on a round surface, which grows with the speed along it, is named with its reason."""
     round_floor = xd.Model(
         name="on a cylinder",
@@ -262,7 +263,70 @@ def test_verlet_refuses_a_curved_gap_and_says_so() -> None:
     with pytest.raises(
         xd.InputError, match=r"\('contact_force_cylinder' along a curved gap depends on v_x, v_y\); these"
     ):
-        xd.simulate(round_floor, method="velocity_verlet", step=0.01, until=0.1)
+        xd.simulate(round_floor, method="forest_ruth", step=0.01, until=0.1)
+
+
+def _errors(model: xd.Model, method: str, name: str, steps: list[float]) -> list[float]:
+    """Return how far a state is after a second from that of tight tolerances."""
+    exact = xd.simulate(model, method="dop853", rtol=1e-12, until=1)[name].values[-1]
+    return [abs(xd.simulate(model, method=method, step=h, until=1)[name].values[-1] - exact) for h in steps]
+
+
+def test_verlet_keeps_its_order_along_a_curved_gap() -> None:
+    """Assert second order for a bead that slides down in a bowl."""
+    bowl = xd.Model(
+        name="bowl",
+        coordinates={"x": "m", "y": "m"},
+        mass=dict.fromkeys("xy", "1*kilogram"),
+        forces={"weight": {"y": "-9.81*newton"}},
+        contacts={"bowl": {"gap": "1*metre - hypot(x, y)", "restitution": 0}},
+        initial={"x": "0.6 m", "y": "-0.8 m", "v_x": "0 m s-1", "v_y": "0 m s-1"},
+    )
+    coarse, fine = _errors(bowl, "velocity_verlet", "x", [0.01, 0.0025])
+    assert 12 < coarse / fine < 18
+    coarse, fine = _errors(bowl, "moreau_jean", "x", [0.01, 0.0025])
+    assert 3.5 < coarse / fine < 4.5
+
+
+def test_moreau_jean_takes_forces_of_velocities_and_of_states() -> None:
+    """Assert second order where nothing touches, with drag, with a full mass, with a state; first on a floor and at a wall."""
+    sled: dict[str, Any] = {
+        "name": "sled",
+        "coordinates": {"x": "m", "y": "m"},
+        "mass": dict.fromkeys("xy", "1*kilogram"),
+        "forces": {
+            "weight": {"y": "-9.81*newton"},
+            "drag": {"x": "-0.5*kilogram/second*v_x", "y": "-abs(v_y)*v_y*0.3*kilogram/metre"},
+        },
+        "contacts": {
+            "floor": {"gap": "y", "restitution": 0.5, "tangential": "coulomb", "slip": "v_x", "friction": 0.2}
+        },
+        "initial": {"x": "0 m", "y": "0 m", "v_x": "3 m s-1", "v_y": "0 m s-1"},
+    }
+    thrown = sled | {"initial": {"x": "0 m", "y": "9 m", "v_x": "3 m s-1", "v_y": "1 m s-1"}}
+    arms = {
+        "name": "double pendulum",
+        "coordinates": {"a": "rad", "b": "rad"},
+        "lagrangian": {
+            "kinetic": "1*kilogram*metre**2*(2*v_a**2 + v_b**2 + 2*v_a*v_b*cos(a - b))/2/radian**2",
+            "potential": "-9.81*joule*(2*cos(a) + cos(b))",
+        },
+        "contacts": {"wall": {"gap": "(sin(a) + sin(b) + 5)*metre", "restitution": 0.6}},
+        "initial": {"a": "1 rad", "b": "1.5 rad", "v_a": "0 rad s-1", "v_b": "0 rad s-1"},
+    }
+    warm = {
+        "name": "spring that softens",
+        "coordinates": {"x": "m"},
+        "states": {"T": {"unit": "K", "rate": "-(T - 300*kelvin)/second + 3*kelvin/metre*v_x"}},
+        "mass": {"x": "1*kilogram"},
+        "forces": {"spring": {"x": "-40*newton/metre*x*T/(300*kelvin)"}},
+        "initial": {"x": "1 m", "v_x": "0 m s-1", "T": "310 K"},
+    }
+    for statement, name, order in ((sled, "x", 1), (thrown, "y", 2), (arms, "b", 2), (warm, "T", 2)):
+        coarse, fine = _errors(xd.Model(**statement), "moreau_jean", name, [0.008, 0.002])
+        assert abs(np.log2(coarse / fine) / 2 - order) < 0.1, name
+    arms["contacts"] = {"wall": {"gap": "(sin(a) + sin(b) + 0.5)*metre", "restitution": 0.6}}
+    assert max(_errors(xd.Model(**arms), "moreau_jean", "a", [0.0005])) < 2e-3
 
 
 def test_unknown_method_names_those_that_fit() -> None:

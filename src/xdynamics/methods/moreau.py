@@ -24,7 +24,7 @@ MOREAU_JEAN = Method(
     words=(
         "half a drift, a kick by the forces there and by the impulses of every contact whose gap is closed there, half"
         " a drift with the new velocity; forces that depend on velocities have those of half a step before the kick; of"
-        " first order where there are impacts, which are in no bracket"
+        " first order where contacts act, whose impacts are in no bracket"
     ),
     reference=(
         "Moreau 1999, Comput. Methods Appl. Mech. Eng. 177, 329, doi:10.1016/S0045-7825(98)00387-9;"

@@ -101,7 +101,8 @@ def _pressed_by_velocities(model: Model, velocities: Blocks) -> list[str]:
         sizes = () if reaction.sort == NORMAL else (reaction.size, reaction.sticking_limit)
         reads = set[str]().union(*map(model.elements.reads, (*reaction.row.values(), reaction.bias, *sizes)))
         if fault := _among(reads, velocities):
-            found.append(f"'{reaction.name}' depends on {_list_names(fault)}")
+            curved = " along a curved gap" * (reaction.sort == NORMAL)
+            found.append(f"'{reaction.name}'{curved} depends on {_list_names(fault)}")
     return found
 
 
