@@ -8,7 +8,7 @@ Of contacts whose bounces shrink, the end of the bounces and the bounce from whi
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
 
 from xdynamics import schema
 from xdynamics.elementary.bounds import EPS
@@ -21,6 +21,7 @@ from xdynamics.march.contacts.delassus import (
     KNOWN,
     PRESSING,
     SLIDING,
+    SMALL,
     SUM_NOISE,
     gap_width,
     had_impact,
@@ -128,7 +129,10 @@ def assign_part(run: Run, k: int) -> None:
     still = abs(rate) <= touch.slack
     touch.origin, touch.known, touch.part = run.links[k].free, 0.0, ABSENT
     if reaction.role == NORMAL:
+        # it was skipping bounces no faster than this; an impact of others may open it
+        skipped = max(touch.slack, (1.0 + SMALL) * sqrt(2.0 * run.delassus[k, k] * touch.lost))
         settles = touch.state == schema.SETTLING and touch.near and touch.hit != PULL
+        settles = settles and not (had_impact(run) and rate > skipped)
         # a method of low order may close a gap that, by its velocities, opens
         late = touch.hit == GAP and not had_impact(run) and rate <= abs(touch.origin) * run.trial[0].h
         if settles or (touch.near and (still or late) and touch.hit != PULL):

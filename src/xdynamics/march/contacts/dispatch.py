@@ -109,7 +109,7 @@ def note_contact(run: Run, k: int, first: int) -> None:
     touch, struck = run.touches[k], run.touches[k].total != 0.0
     if touch.hit == LIMIT and touch.state == CLOSED:
         note_rest(run, k, event_row_of(run, k, first))
-    elif touch.hit == PULL:
+    elif touch.hit == PULL or (touch.hit == LIMIT and touch.state == OPEN and not struck):
         run.log_events[event_row_of(run, k, first)].kind = TAKEOFF
     elif touch.state == CLOSED and touch.held == OPEN:
         note_rest(run, k, another_row(run, k, first) if struck or touch.hit == NONE else event_row_of(run, k, first))
