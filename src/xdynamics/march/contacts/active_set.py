@@ -47,14 +47,25 @@ def solve_active_set(run: Run) -> bool:
     for k in range(run.touches.shape[0]):
         assign_part(run, k)
     sound = run.at[UNSOUND] == 0.0 and has_valid_friction(run) and solvable(run)
+    if sound and run.plan[0].indeterminate and have_spare(run):
+        return share_forces(run)
     solved = sound and solve_reactions(run)
     if solved:
         for k in range(run.touches.shape[0]):
             set_contact_mode(run, k)
-    indeterminate = inform(run) or not solved
-    if indeterminate and sound and run.plan[0].indeterminate:
-        return share_forces(run)
-    return solved
+    limited = inform(run)
+    return share_forces(run) if limited and solved and run.plan[0].indeterminate else solved
+
+
+@jit_separate
+def have_spare(run: Run) -> bool:
+    """Whether more reactions may hold than need to, of those that press or grip."""
+    count = 0
+    for k in range(run.touches.shape[0]):
+        if run.touches[k].part in (PRESSING, GRIPPING):
+            run.chosen[count] = k
+            count += 1
+    return mark_spare(run, count, count)
 
 
 @jit_separate
@@ -259,10 +270,24 @@ def find_spare(run: Run) -> bool:
     Two corners of a block on a floor both keep it from sliding, and the second is spare. So is one that is at the limit
     of its friction while the first holds: it does not slip.
     """
+    holding = list_holding(run, True)
+    count = list_limited(run, holding) if run.plan[0].indeterminate else holding
+    indeterminate = mark_spare(run, count, holding)
+    for i in range(count if indeterminate else 0):
+        if run.spare[run.chosen[i]] == 1:
+            bear_spare(run, i, count)
+    return indeterminate
+
+
+@jit_separate
+def mark_spare(run: Run, count: int, holding: int) -> bool:
+    """Mark the listed reactions whose rows follow from rows before, of those that hold; whether there is any.
+
+    Their factors L are in `square`, the pivots D in `column`.
+    """
+    indeterminate = False
     for k in range(run.touches.shape[0]):
         run.spare[k] = 0
-    holding, indeterminate = list_holding(run, True), False
-    count = list_limited(run, holding) if run.plan[0].indeterminate else holding
     for i in range(count):
         for j in range(i + 1):
             total = run.delassus[run.chosen[i], run.chosen[j]]
@@ -275,9 +300,6 @@ def find_spare(run: Run) -> bool:
                 run.column[i] = total if i < holding else 0.0
             else:
                 run.column[i], run.spare[run.chosen[i]], indeterminate = 0.0, 1, True
-    for i in range(count if indeterminate else 0):
-        if run.spare[run.chosen[i]] == 1:
-            bear_spare(run, i, count)
     return indeterminate
 
 
