@@ -27,6 +27,8 @@ from xdynamics.march.contacts.delassus import (
     had_impact,
     impact_spread,
     list_holding,
+    look_at_links,
+    move_along_reactions,
     size_of_gap,
     size_of_terms,
     slips,
@@ -414,7 +416,7 @@ def bounce(run: Run, t: float) -> bool:
             touch.way = 1 if leaves else touch.way
         if not changed:
             break
-        if not solve_active_set(run):
+        if not (solve_at_rest(run, t) if has_friction(run) else solve_active_set(run)):
             return False
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
@@ -426,6 +428,34 @@ def bounce(run: Run, t: float) -> bool:
             touch.state = schema.CLOSED
     inform(run)
     return True
+
+
+@jit_separate
+def has_friction(run: Run) -> bool:
+    """Whether there is any friction."""
+    rubs = False
+    for k in range(run.touches.shape[0]):
+        rubs = rubs or run.reactions[k].role != NORMAL
+    return rubs
+
+
+@jit_separate
+def solve_at_rest(run: Run, t: float) -> bool:
+    """Solve for modes with the velocities that are left when bounces have been skipped, as slips change with their rates."""
+    n = run.plan[0].coordinates
+    for i in range(n, 2 * n):
+        run.half[i] = run.z[i]
+    inform(run)
+    count = list_holding(run, True)
+    for i in range(count):
+        run.column[i] = -run.links[run.chosen[i]].rate
+    solved = move_along_reactions(run, count, n)
+    look_at_links(run, t)
+    solved = solved and solve_active_set(run)
+    for i in range(n, 2 * n):
+        run.z[i] = run.half[i]
+    look_at_links(run, t)
+    return solved
 
 
 @jit_separate
