@@ -32,6 +32,7 @@ from xdynamics.march.contacts.delassus import (
     size_of_gap,
     size_of_terms,
     slips,
+    solve_compliantly,
     solve_reactions,
 )
 from xdynamics.march.run import HOLD, STEP_IN_TIME, Run
@@ -39,7 +40,6 @@ from xdynamics.march.trial_step import usual_step
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import ALIKE, MODES, NORMAL, TANGENT
 
-COMPLIANCE = 2.0**-22  # of what reactions answer to themselves, by which they give way where their forces are shared
 FLAT = 1e-9  # of the largest effect of a reaction on its own row so far: below it, a gap has no gradient
 
 
@@ -91,18 +91,6 @@ def share_forces(run: Run) -> bool:
         if not (slipped or limited):
             break
     return True
-
-
-@jit_separate
-def solve_compliantly(run: Run) -> bool:
-    """Find the forces of reactions that give way by `COMPLIANCE`; whether they exist."""
-    for k in range(run.touches.shape[0]):
-        run.column[k] = run.delassus[k, k]
-        run.delassus[k, k] *= 1.0 + COMPLIANCE
-    solved = solvable(run) and solve_reactions(run)
-    for k in range(run.touches.shape[0]):
-        run.delassus[k, k] = run.column[k]
-    return solved
 
 
 @jit_separate
@@ -442,19 +430,20 @@ def has_friction(run: Run) -> bool:
 @jit_separate
 def solve_at_rest(run: Run, t: float) -> bool:
     """Solve for modes with the velocities that are left when bounces have been skipped, as slips change with their rates."""
-    n = run.plan[0].coordinates
+    n, solved = run.plan[0].coordinates, True
     for i in range(n, 2 * n):
         run.half[i] = run.z[i]
     inform(run)
-    count = list_holding(run, True)
-    for i in range(count):
-        run.column[i] = -run.links[run.chosen[i]].rate
-    solved = move_along_reactions(run, count, n)
-    look_at_links(run, t)
-    solved = solved and solve_active_set(run)
-    for i in range(n, 2 * n):
-        run.z[i] = run.half[i]
-    look_at_links(run, t)
+    for _ in range(ROUNDS):  # as what holds may be less than was thought
+        count = list_holding(run, True)
+        for i in range(count):
+            run.column[i] = -run.links[run.chosen[i]].rate
+        solved = solved and move_along_reactions(run, count, n)
+        look_at_links(run, t)
+        solved = solved and solve_active_set(run)
+        for i in range(n, 2 * n):
+            run.z[i] = run.half[i]
+        look_at_links(run, t)
     return solved
 
 

@@ -35,6 +35,8 @@ from xdynamics.model.reactions import MODES, NORMAL, TANGENT
 from xdynamics.schema import SETTLING
 
 SMALL = 1e-12  # relative to the numbers compared: as good as zero
+# of what reactions answer to themselves, by which they give way where their forces are not unique; and for how many turns
+COMPLIANCE, TURNS = 2.0**-22, 3
 MOST_TURNS = 50  # exchanges for each unknown
 
 
@@ -182,6 +184,31 @@ def solve_reactions(run: Run) -> bool:
     for k in range(run.touches.shape[0]):
         run.touches[k].after = run.touches[k].origin + reaction_effect(run, k)
     return True
+
+
+@jit_separate
+def solve_compliantly(run: Run) -> bool:
+    """Find the forces or impulses of reactions that give way by `COMPLIANCE`, and then less and less; whether they exist.
+
+    They exist where others are not unique, and are nearest those of the last turn: each turn, reactions give way from
+    where these were (the proximal point method; Rockafellar, SIAM J. Control Optim. 14, 1976, 877).
+    """
+    m, solved = run.touches.shape[0], True
+    for k in range(m):
+        run.column[k], run.square[k] = run.delassus[k, k], run.touches[k].origin
+        run.delassus[k, k] *= 1.0 + COMPLIANCE
+    for _ in range(TURNS):
+        solved = solved and solve_reactions(run)
+        for k in range(m):
+            run.touches[k].origin = run.square[k] - COMPLIANCE * run.column[k] * run.touches[k].found
+    for k in range(m):
+        touch, role = run.touches[k], run.reactions[k].role
+        run.delassus[k, k], touch.origin = run.column[k], run.square[k]
+        if role == TANGENT and touch.part == GRIPPING:
+            # what rounding over the compliance leaves beyond the bound
+            bound = touch.coefficient * run.touches[run.reactions[k].normal].found
+            touch.found = min(max(touch.found, -bound), bound)
+    return solved
 
 
 @jit_separate

@@ -29,6 +29,7 @@ from xdynamics.march.contacts.delassus import (
     SUM_NOISE,
     add_impulses,
     reaction_effect,
+    solve_compliantly,
     solve_reactions,
 )
 from xdynamics.march.run import Run
@@ -281,7 +282,9 @@ def press_contacts(run: Run, only: int, share: float) -> bool:
             touch.origin += share * touch.bounce * min(touch.rate, 0.0)
         elif reaction.role == TANGENT and run.touches[reaction.normal].part == PRESSING:
             touch.part, touch.coefficient, touch.bound = GRIPPING, run.links[k].coefficient, 0.0
-    return solve_reactions(run) and add_impulses(run)
+    # friction of contacts along one line may leave Lemke's method on a ray
+    solved = solve_reactions(run) or (run.plan[0].indeterminate == 1 and solve_compliantly(run))
+    return solved and add_impulses(run)
 
 
 @jit_separate
