@@ -470,7 +470,8 @@ def test_bounces_end_in_a_corner(law: str, method: str) -> None:
     run = xd.simulate(wedge(0.5, law), until=4.0, **asked(method, step=0.05))
     assert (run.attrs["run_outcome"], words(run)[-1][1]) == ("completed", "rest")
     assert len(words(run)) < 400
-    assert float(run.event_time[-1]) == pytest.approx(2.85198, abs=2e-4)
+    # as with a rest_height of 1e-15 m, where nothing is skipped that rounding resolves
+    assert float(run.event_time[-1]) == pytest.approx(2.852638342, abs=1e-4)
     assert abs(float(run.y[-1])) < 1e-9
     lift = float(run.contact_force_right[-1]) * math.cos(0.6) + float(run.contact_force_left[-1]) * math.cos(0.4)
     assert lift == pytest.approx(G, rel=1e-12)

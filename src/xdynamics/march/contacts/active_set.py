@@ -40,6 +40,7 @@ from xdynamics.march.trial_step import usual_step
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import ALIKE, MODES, NORMAL, TANGENT
 
+AT_BOUND = 1e-9  # of the greatest friction: less below it cannot be told from it where forces are shared
 FLAT = 1e-9  # of the largest effect of a reaction on its own row so far: below it, a gap has no gradient
 
 
@@ -61,13 +62,17 @@ def solve_active_set(run: Run) -> bool:
 
 @jit_separate
 def have_spare(run: Run) -> bool:
-    """Whether more reactions may hold than need to, of those that press or grip."""
-    count = 0
-    for k in range(run.touches.shape[0]):
-        if run.touches[k].part in (PRESSING, GRIPPING):
-            run.chosen[count] = k
-            count += 1
-    return mark_spare(run, count, count)
+    """Whether more reactions may hold than need to, of those that press or grip, or are at their bound without a slip."""
+    count, holding = 0, 0
+    for holds in (True, False):
+        for k in range(run.touches.shape[0]):
+            touch = run.touches[k]
+            limited = touch.part in (SLIDING, KNOWN) and abs(run.links[k].rate) <= touch.slack
+            if touch.part in (PRESSING, GRIPPING) if holds else limited:
+                run.chosen[count] = k
+                count += 1
+        holding = count if holds else holding
+    return mark_spare(run, count, holding)
 
 
 @jit_separate
@@ -95,12 +100,17 @@ def share_forces(run: Run) -> bool:
 
 @jit_separate
 def let_slip(run: Run) -> bool:
-    """Have grips slide that slip by the last solution; whether any has less friction then."""
+    """Have grips slide that slip by the last solution, or are at their bound; whether any has less friction then."""
     lessens = False
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
-        if touch.part == GRIPPING and slips(run, k):
-            touch.way = 1 if touch.after > 0.0 else -1
+        if touch.part != GRIPPING:
+            continue
+        slipping, bound = slips(run, k), touch.bound
+        if run.reactions[k].role == TANGENT:
+            bound = touch.coefficient * run.touches[run.reactions[k].normal].found
+        if slipping or (touch.found != 0.0 and abs(touch.found) >= (1.0 - AT_BOUND) * bound):
+            touch.way = 1 if (touch.after > 0.0 if slipping else touch.found < 0.0) else -1
             take_sliding_part(run, k)
             lessens = lessens or run.links[k].most != run.links[k].coefficient
     return lessens

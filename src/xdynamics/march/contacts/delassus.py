@@ -36,7 +36,7 @@ from xdynamics.schema import SETTLING
 
 SMALL = 1e-12  # relative to the numbers compared: as good as zero
 # of what reactions answer to themselves, by which they give way where their forces are not unique; and for how many turns
-COMPLIANCE, TURNS = 2.0**-22, 3
+COMPLIANCE, TURNS = 2.0**-16, 3
 MOST_TURNS = 50  # exchanges for each unknown
 
 
