@@ -23,6 +23,7 @@ from xdynamics.march.contacts.delassus import (
     SLIDING,
     SMALL,
     SUM_NOISE,
+    TURNS,
     gap_width,
     had_impact,
     impact_spread,
@@ -40,7 +41,6 @@ from xdynamics.march.trial_step import usual_step
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import ALIKE, MODES, NORMAL, TANGENT
 
-AT_BOUND = 1e-9  # of the greatest friction: less below it cannot be told from it where forces are shared
 FLAT = 1e-9  # of the largest effect of a reaction on its own row so far: below it, a gap has no gradient
 
 
@@ -85,35 +85,30 @@ def share_forces(run: Run) -> bool:
         Whether these modes exist.
     """
     limit_friction(run)
-    for _ in range(run.touches.shape[0] + 1):
-        if not solve_compliantly(run):
+    for turn in range(run.touches.shape[0] + 2):
+        # first with what gives way, of which the shares are; then as it is, whether that can be held
+        if not solve_compliantly(run, 1 if turn == 0 else TURNS):
             return False
         slipped = let_slip(run)
         for k in range(run.touches.shape[0]):
             set_contact_mode(run, k)
         inform(run)
         limited = limit_friction(run)  # a call of its own: an `or` would leave it out
-        if not (slipped or limited):
+        if turn > 0 and not (slipped or limited):
             break
     return True
 
 
 @jit_separate
 def let_slip(run: Run) -> bool:
-    """Have grips slide that slip by the last solution, or are at their bound; whether any has less friction then."""
-    lessens = False
+    """Have grips slide that slip by the last solution, or give way at their bound; whether there is any."""
+    changes = False
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
-        if touch.part != GRIPPING:
-            continue
-        slipping, bound = slips(run, k), touch.bound
-        if run.reactions[k].role == TANGENT:
-            bound = touch.coefficient * run.touches[run.reactions[k].normal].found
-        if slipping or (touch.found != 0.0 and abs(touch.found) >= (1.0 - AT_BOUND) * bound):
-            touch.way = 1 if (touch.after > 0.0 if slipping else touch.found < 0.0) else -1
+        if touch.part == GRIPPING and slips(run, k):
+            touch.way, changes = (1 if touch.after > 0.0 else -1), True
             take_sliding_part(run, k)
-            lessens = lessens or run.links[k].most != run.links[k].coefficient
-    return lessens
+    return changes
 
 
 @jit_separate

@@ -187,7 +187,7 @@ def solve_reactions(run: Run) -> bool:
 
 
 @jit_separate
-def solve_compliantly(run: Run) -> bool:
+def solve_compliantly(run: Run, turns: int) -> bool:
     """Find the forces or impulses of reactions that give way by `COMPLIANCE`, and then less and less; whether they exist.
 
     They exist where others are not unique, and are nearest those of the last turn: each turn, reactions give way from
@@ -197,7 +197,7 @@ def solve_compliantly(run: Run) -> bool:
     for k in range(m):
         run.column[k], run.square[k] = run.delassus[k, k], run.touches[k].origin
         run.delassus[k, k] *= 1.0 + COMPLIANCE
-    for _ in range(TURNS):
+    for _ in range(turns):
         solved = solved and solve_reactions(run)
         for k in range(m):
             run.touches[k].origin = run.square[k] - COMPLIANCE * run.column[k] * run.touches[k].found

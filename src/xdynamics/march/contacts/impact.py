@@ -27,6 +27,7 @@ from xdynamics.march.contacts.delassus import (
     GRIPPING,
     PRESSING,
     SUM_NOISE,
+    TURNS,
     add_impulses,
     reaction_effect,
     solve_compliantly,
@@ -283,7 +284,7 @@ def press_contacts(run: Run, only: int, share: float) -> bool:
         elif reaction.role == TANGENT and run.touches[reaction.normal].part == PRESSING:
             touch.part, touch.coefficient, touch.bound = GRIPPING, run.links[k].coefficient, 0.0
     # friction of contacts along one line may leave Lemke's method on a ray
-    solved = solve_reactions(run) or (run.plan[0].indeterminate == 1 and solve_compliantly(run))
+    solved = solve_reactions(run) or (run.plan[0].indeterminate == 1 and solve_compliantly(run, TURNS))
     return solved and add_impulses(run)
 
 
