@@ -40,7 +40,7 @@ def replayed_evaluations(march: March) -> Iterator[Values]:
 
     def step(t: float, h: float, state: Values) -> _Retrace:
         retrace = _Retrace(march, forces, t, h, state)
-        retrace.walk(march.settings.method.statements)
+        retrace.walk(march.settings.method.lines(march.model))
         return retrace
 
     if h == 0.0:

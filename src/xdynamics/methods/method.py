@@ -17,6 +17,9 @@ from xdynamics.methods.steppers import DIFFERENCES, LINES, Stepper
 from xdynamics.model import Model, Trait, traits_of
 from xdynamics.runtime.lazy_imports import cached_property
 
+# of models whose accelerations depend on velocities or states
+MOVING = {Trait.VELOCITY_DEPENDENT, Trait.COUPLED_STATES, Trait.COUPLED_MASS}
+
 MOST = 3  # methods that a message names
 # what other programs call a method, or one that serves in its place
 ELSEWHERE = {
@@ -115,6 +118,8 @@ class Method:
     constrained_update : str
         The update for models with constraints, where it has impulses of constraints in it: by them a symplectic method
         stays symplectic. Otherwise the update itself, with accelerations that obey the constraints.
+    moving_update : str
+        The update for models whose accelerations depend on velocities or states, where these take lines of their own.
     """
 
     name: str
@@ -132,6 +137,7 @@ class Method:
     symmetric: bool = False
     stepper: Stepper = LINES
     constrained_update: str = ""
+    moving_update: str = ""
 
     @cached_property
     def statements(self) -> tuple[Line, ...]:
@@ -140,7 +146,13 @@ class Method:
 
     def lines(self, model: Model) -> tuple[Line, ...]:
         """Return the lines of a step of a model."""
-        return read_lines(self.constrained_update) if model.constraints and self.constrained_update else self.statements
+        update = self._update_of(model)
+        return self.statements if update == self.update else read_lines(update)
+
+    def _update_of(self, model: Model) -> str:
+        if model.constraints and self.constrained_update:
+            return self.constrained_update
+        return self.moving_update if self.moving_update and MOVING & traits_of(model).keys() else self.update
 
     @property
     def solves(self) -> tuple[Solve, ...]:
@@ -154,8 +166,7 @@ class Method:
 
     def equations(self, model: Model | None = None) -> str:
         """Return the update equations as one line, with the vectors that a model has."""
-        keeps = model is not None and bool(model.constraints) and bool(self.constrained_update)
-        return printed_lines(self.constrained_update if keeps else self.update, model)
+        return printed_lines(self.update if model is None else self._update_of(model), model)
 
     @property
     def has_orders(self) -> bool:

@@ -1,5 +1,6 @@
 """Moreau's time-stepping: contacts by impulses over complete steps, without events."""
 
+from xdynamics.methods.composition import POSITION_VERLET
 from xdynamics.methods.method import Method
 from xdynamics.methods.steppers import TimeStepping
 from xdynamics.model import Trait
@@ -11,7 +12,8 @@ MOREAU_JEAN = Method(
     symplectic=True,
     symmetric=True,
     evaluations=2,
-    update="""
+    update=POSITION_VERLET.update,
+    moving_update="""
         q2 = q + 1/2*h*v
         v2 = v + 1/2*h*a
         x2 = x + 1/2*h*r
@@ -23,8 +25,7 @@ MOREAU_JEAN = Method(
     """,
     words=(
         "half a drift, a kick by the forces there and by the impulses of every contact whose gap is closed there, half"
-        " a drift with the new velocity; forces that depend on velocities have those of half a step before the kick; of"
-        " first order where contacts act, whose impacts are in no bracket"
+        " a drift with the new velocity; of first order where there are impacts, which are in no bracket"
     ),
     reference=(
         "Moreau 1999, Comput. Methods Appl. Mech. Eng. 177, 329, doi:10.1016/S0045-7825(98)00387-9;"

@@ -22,6 +22,7 @@ from xdynamics.methods.lines import (
     TaylorSeries,
     VectorStatement,
     Walker,
+    read_lines,
 )
 from xdynamics.methods.method import Method
 from xdynamics.runtime.lazy_imports import cached_property
@@ -197,7 +198,7 @@ def amplification(method: Method, system: LinearSystem, h: NDArray[Any]) -> NDAr
     state = {"q": start[:n], "v": start[n : 2 * n], "x": start[2 * n :]}
     step = h[:, None, None]
     vectors = state | {"a": system.acceleration, "r": system.rate, "h": step, "t": 0.0, "t1": step}
-    end = _run_matrix_lines(method.statements, vectors, system)
+    end = _run_matrix_lines(read_lines(method.moving_update or method.update), vectors, system)
     blocks = [np.broadcast_to(end[name], (len(h), rows, size)) for name, rows in (("q1", n), ("v1", n), ("x1", m))]
     return np.concatenate(blocks, axis=1)
 
