@@ -128,7 +128,8 @@ def may_be_indeterminate(model: Model) -> bool:
     Logistics 2, 1955, 83).
     """
     owners: dict[str, int] = {}
-    rows = [entry.row for entry in (*reactions(model), *conditions(model))] if reactions(model) else []
+    rows = [reaction.row for reaction in reactions(model)]
+    rows += [condition.row for condition in conditions(model)] if rows else []
 
     def finds_own(k: int, seen: set[str]) -> bool:
         for name in rows[k]:
