@@ -481,6 +481,9 @@ def modes_behind(model: Model, columns: Mapping[str, Any], rows: Rows, led_to: R
     return modes
 
 
+PIVOT_NOISE = 64 * np.finfo(float).eps  # of the terms of a pivot: what rounding may leave
+
+
 def shares_of_forces(modes: Mapping[str, Floats], grams: Sequence[Floats], flags: Sequence[str]) -> dict[str, Floats]:
     """Return the flags of reactions that hold, and the shares of those whose rows follow from rows before them.
 
@@ -503,7 +506,8 @@ def shares_of_forces(modes: Mapping[str, Floats], grams: Sequence[Floats], flags
         diagonal = grams[i * n + i]
         pivot = diagonal - sum(factors[i, k] ** 2 * pivots[k] for k in range(i))
         holds = modes[flag] == 1.0
-        needed = holds & (pivot > ALIKE * diagonal)
+        noise = sum(PIVOT_NOISE * factors[i, k] ** 2 * grams[k * n + k] for k in range(i))
+        needed = holds & (pivot > np.maximum(ALIKE * diagonal, noise))
         pivots.append(np.where(needed, pivot, 0.0))
         shares[flag] = needed.astype(float)
         along: dict[int, Floats] = {}

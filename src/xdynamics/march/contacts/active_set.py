@@ -93,10 +93,21 @@ def share_forces(run: Run) -> bool:
         for k in range(run.touches.shape[0]):
             set_contact_mode(run, k)
         inform(run)
+        if turn == 0:
+            leave_out_unloaded(run)
         limited = limit_friction(run)  # a call of its own: an `or` would leave it out
         if turn > 0 and not (slipped or limited):
             break
     return True
+
+
+@jit_separate
+def leave_out_unloaded(run: Run) -> None:
+    """Leave out contacts that have no share though they touch, and that others hold: what is nearer to none would have some."""
+    for k in range(run.touches.shape[0]):
+        touch = run.touches[k]
+        if run.reactions[k].role == NORMAL and touch.state == schema.OPEN and run.spare[k] == 1:
+            touch.part = ABSENT
 
 
 @jit_separate
@@ -284,6 +295,7 @@ def mark_spare(run: Run, count: int, holding: int) -> bool:
     for k in range(run.touches.shape[0]):
         run.spare[k] = 0
     for i in range(count):
+        noise = 0.0  # of the pivot, by what is left of those before
         for j in range(i + 1):
             total = run.delassus[run.chosen[i], run.chosen[j]]
             for k in range(j):
@@ -291,7 +303,8 @@ def mark_spare(run: Run, count: int, holding: int) -> bool:
             if i != j:
                 # a pivot of zero marks a spare reaction, which takes no part in later rows
                 run.square[i * count + j] = total / run.column[j] if run.column[j] > 0.0 else 0.0
-            elif total > ALIKE * run.delassus[run.chosen[i], run.chosen[i]]:
+                noise += SUM_NOISE * run.square[i * count + j] ** 2 * run.delassus[run.chosen[j], run.chosen[j]]
+            elif total > max(noise, ALIKE * run.delassus[run.chosen[i], run.chosen[i]]):
                 run.column[i] = total if i < holding else 0.0
             else:
                 run.column[i], run.spare[run.chosen[i]], indeterminate = 0.0, 1, True
