@@ -70,7 +70,7 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     (
         "contact_gap_<name>, contact_force_<name>, contact_state_<name>",
         "step",
-        "of every contact; over a relation, where up to 24 act",
+        "of every contact, up to 24 over a relation; forces of least norm where more hold than need to",
     ),
     ("friction_force_<name>, friction_state_<name>", "step", "of every friction"),
     ("constraint_force_<name>", "step", "multiplier of every constraint: the force is it times the derivative"),
