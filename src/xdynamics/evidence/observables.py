@@ -25,6 +25,7 @@ from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, evalu
 from xdynamics.model.reactions import (
     ALIKE,
     NORMAL,
+    PIVOT_NOISE,
     gram_trees,
     holding_flag,
     may_be_indeterminate,
@@ -479,9 +480,6 @@ def modes_behind(model: Model, columns: Mapping[str, Any], rows: Rows, led_to: R
         # one that the law of forces cannot have share is released, so its force is 0
         modes[holding_flag(reaction)] *= (force[rows] != 0.0) | (force[led_to] != 0.0)
     return modes
-
-
-PIVOT_NOISE = 64 * np.finfo(float).eps  # of the terms of a pivot: what rounding may leave
 
 
 def shares_of_forces(modes: Mapping[str, Floats], grams: Sequence[Floats], flags: Sequence[str]) -> dict[str, Floats]:

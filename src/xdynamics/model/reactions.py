@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
+from xdynamics.elementary.bounds import EPS
 from xdynamics.expressions import Binary, Call, Compare, Name, Negative, Node, dimension_of, expand
 from xdynamics.expressions.calculus import ONE, ZERO, multiply, sum_of_terms
 from xdynamics.model.constraints import (
@@ -37,6 +38,7 @@ from xdynamics.units import Dimension
 
 NORMAL, TANGENT, DRY = range(3)  # of a contact, along its surface, of a friction element
 ALIKE = 1e-10  # of the effect of a reaction on its own row: what is left of it where others do the same
+PIVOT_NOISE = 64.0 * EPS  # of the terms of such a rest: what rounding may leave
 MODES = 2  # numbers of each reaction: whether it holds; the direction of slip, or when a contact has settled
 
 

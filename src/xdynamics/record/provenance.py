@@ -412,7 +412,7 @@ def _longest(march: March) -> dict[str, Any]:
     return {"solver_max_step": longest, "solver_max_step_units": second, "solver_max_step_choice": choice}
 
 
-# impulses of steps over impacts; for archives without these words see `NAMED_ARITHMETIC` of `evidence.comparing.bits`
+# how forces and impulses of contacts are chosen; for archives without these words see `NAMED_ARITHMETIC` of `evidence.comparing.bits`
 SHARED = "least norm where the motion does not determine them, as of supports that give way alike"
 BY_PATHS = "one link after the other, then by Lemke's paths with less and less compliance"
 

@@ -39,7 +39,7 @@ from xdynamics.march.contacts.delassus import (
 from xdynamics.march.run import HOLD, STEP_IN_TIME, Run
 from xdynamics.march.trial_step import usual_step
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
-from xdynamics.model.reactions import ALIKE, MODES, NORMAL, TANGENT
+from xdynamics.model.reactions import ALIKE, MODES, NORMAL, PIVOT_NOISE, TANGENT
 
 FLAT = 1e-9  # of the largest effect of a reaction on its own row so far: below it, a gap has no gradient
 
@@ -303,7 +303,7 @@ def mark_spare(run: Run, count: int, holding: int) -> bool:
             if i != j:
                 # a pivot of zero marks a spare reaction, which takes no part in later rows
                 run.square[i * count + j] = total / run.column[j] if run.column[j] > 0.0 else 0.0
-                noise += SUM_NOISE * run.square[i * count + j] ** 2 * run.delassus[run.chosen[j], run.chosen[j]]
+                noise += PIVOT_NOISE * run.square[i * count + j] ** 2 * run.delassus[run.chosen[j], run.chosen[j]]
             elif total > max(noise, ALIKE * run.delassus[run.chosen[i], run.chosen[i]]):
                 run.column[i] = total if i < holding else 0.0
             else:
