@@ -14,25 +14,27 @@ from xdynamics.kernels.interval_program import RULES
 from xdynamics.kernels.law import CONTROL
 from xdynamics.kernels.program import AT, UNSOUND, H
 from xdynamics.march.calls import apply_plainly, call_law_plainly, write_row_plainly
-from xdynamics.march.run import ARRAYS, DETECTOR, EVENT_PHASE, EVENT_ROW, NOW, PLAN, SUBSTEP, WATCH, Run
+from xdynamics.march.phases import PHASES
+from xdynamics.march.run import ARRAYS, DETECTOR, EVENT_ROW, NOW, PLAN, WATCH, Run
 
 _KNOWN: dict[Any, Callable[..., Any]] = {}
 
 
 def plain(function: Any) -> Callable[..., Any]:
     """Return a compiled phase, and all that it calls, as the Python that is written there."""
-    python = getattr(function, "py_func", function)
+    name = getattr(function, "__name__", "")
+    python = PHASES[name].function if name in PHASES else getattr(function, "py_func", function)
     if python not in _KNOWN:
         scope: dict[str, Any] = {}
         _KNOWN[python] = FunctionType(python.__code__, scope, python.__name__, python.__defaults__)
-        for name, value in python.__globals__.items():
-            scope[name] = plain(value) if hasattr(value, "py_func") or is_declared(value) else value
+        for known, value in python.__globals__.items():
+            is_phase = known in PHASES or hasattr(value, "py_func") or is_declared(value)
+            scope[known] = plain(value) if is_phase else value
         scope |= {
             "call_law": call_law_plainly,
             "call_row_writer": write_row_plainly,
             "apply_function": apply_plainly,
             "run_at": lambda run: run,
-            "call_phase": lambda entry, *given: UNCOMPILED[int(entry)](*given),
             "row_by": lambda entry, *given: UNCOMPILED[int(entry)](*given),
         }
     return _KNOWN[python]
@@ -125,7 +127,6 @@ def watching(
         law=law_of(nothing, detect, rates, nothing, nothing, kept, nothing, uniform),
         detectors=detectors,
         watches=watches,
-        functions=entries(),
         log_events=np.zeros(5, EVENT_ROW),
         **arrays,
     )
@@ -164,23 +165,11 @@ def between_states(name: str, y: Any, z: Any, places: Any, width: float) -> Inte
     return enclosure
 
 
-def entries() -> Any:
-    """Put what is called by address behind the elementary functions, as plain Python."""
-    import numpy as np
-
-    from xdynamics.march import trial_step
-
-    found = np.zeros(EVENT_PHASE + 1, np.int64)
-    found[SUBSTEP] = keys_of([plain(trial_step.part_of_step)])[0]
-    return found
-
-
 __all__ = [
     "NOW",
     "PLAN",
     "Seen",
     "between_states",
-    "entries",
     "kept",
     "law_of",
     "made_by_hand",

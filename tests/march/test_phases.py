@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cases.plain import entries, kept, law_of, made_by_hand, plain
+from cases.plain import kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
 from xdynamics.march import control, loop, trial_step
 from xdynamics.march.events import departures, root_finding, transition, zero_tests
@@ -192,7 +192,6 @@ def dropped(stops: int = 0, seen: Callable[[float], float] = float, tolerance: f
         log_trials=np.zeros(500, made_by_hand().log_trials.dtype),
         log_events=np.zeros(5, EVENT_ROW),
         watches=watches,
-        functions=entries(),
         **{name: np.zeros(1) for name in arrays},
     )
     run.plan[0].step_size, run.plan[0].stages, run.plan[0].apart, run.g[0] = 0.75, 1, 1, seen(1.0)

@@ -26,7 +26,7 @@ from xdynamics.march.assembly.broad_phase import (
     UNDECIDED,
     WHOLE_STEP,
 )
-from xdynamics.march.assembly.dispatch import note_idleness
+from xdynamics.march.assembly.phases import note_idleness
 from xdynamics.march.configuration import settings_for
 from xdynamics.march.contact_failures import assembly_dispute
 

@@ -38,6 +38,12 @@ class ArrayElements(NamedTuple):
     dims: int
 
 
+class Handle(NamedTuple):
+    """An address that compiled code takes as a type of its own, which is returned where numba is at work."""
+
+    type_in_code: Callable[[], Any]
+
+
 class Fields(NamedTuple):
     """A named tuple, and the kinds of its fields."""
 
@@ -45,7 +51,7 @@ class Fields(NamedTuple):
     kinds: tuple[Any, ...]
 
 
-Kind = Scalar | ArrayElements | Fields
+Kind = Scalar | Handle | ArrayElements | Fields
 
 
 class Signature(NamedTuple):
@@ -57,7 +63,7 @@ class Signature(NamedTuple):
     @property
     def by_table(self) -> bool:
         """Whether the function is called with the address of a table."""
-        return not all(isinstance(kind, Scalar) for kind in self.arguments)
+        return not all(isinstance(kind, Scalar | Handle) for kind in self.arguments)
 
 
 def signature_of(result: Scalar, *arguments: Kind) -> Signature:
@@ -86,7 +92,11 @@ class Entry:
         self.code, self.address = code, code.addresses[name]
         self._kinds = signature.arguments
         result = None if signature.result is NOTHING else ctypes.c_int64
-        c_types = [ctypes.c_void_p] if signature.by_table else [_C_TYPES[kind] for kind in signature.arguments]
+        c_types = (
+            [ctypes.c_void_p]
+            if signature.by_table
+            else [_C_TYPES.get(kind, ctypes.c_void_p) for kind in signature.arguments]
+        )
         # the interpreter is free while the function runs
         self.call: Callable[..., Any] = ctypes.CFUNCTYPE(result, *c_types)(self.address)
 

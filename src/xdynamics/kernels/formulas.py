@@ -79,9 +79,11 @@ def compiled_function_of(
     return jit_inline(scope["lines"])
 
 
+STRETCH = 1.01  # of a step that would end just before a node
 LEAST_LOGARITHM = -9.210340371976182  # of 1e-4, the smallest norm that the next step remembers
 STEADY = -900.0  # the power of two of a term that stays zero
 CONSTANTS = {
+    "stretch": STRETCH,
     "least_logarithm": LEAST_LOGARITHM,
     "steady": STEADY,
     "smallest": implicit.SMALLEST,
@@ -92,6 +94,24 @@ CONSTANTS = {
     "least_work": 1.0 + 2.0 * implicit.MOST_TURNS,
 }
 
+# Where a step is to end, at a node or a time of the grid, or both (`lands`, `counts`), and how wide it is: of one that is
+# chosen the difference of the rounded ends, not the proposal that led to them; from a grid time the step of the grid, to the
+# bit. Grid times are products, never accumulated sums: runs refined on nested grids meet at times that are equal to the bit
+AIM_FREELY = """
+rest_of = node - t
+proposed = t + step
+lands = where(proposed >= node - snap, 1, where(rest_of <= stretch*step, where(rest_of <= max_step, 1, 0), 0))
+reach = where(lands > 0, node, proposed)
+width = where(lands > 0, rest_of, proposed - t)
+counts = 1 - lands
+"""
+GRID_TIME = "proposed = start + (grid + 1)*step_size\n"
+AIM_AT_GRID = """
+lands = where(node > proposed + snap, 0, 1)
+counts = where(lands > 0, where(node >= proposed - snap, 1, 0), 1)
+reach = where(lands > 0, node, proposed)
+width = where(on_grid > 0, where(counts > 0, step_size, reach - t), reach - t)
+"""
 # The tolerance of a variable that follows its size, and what is allowed to its error: at least that of the largest of
 # its kind, and where none of the kind has moved yet, that of its rate
 TOLERANCE = "atol = max(rtol*size, floor*top)"

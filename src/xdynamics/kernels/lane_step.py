@@ -88,16 +88,12 @@ def has_series(layout: Layout) -> bool:
     return layout.scheme is not None and layout.scheme.method.solver == SERIES
 
 
-STRETCH = 1.01  # of a step that would end just before a node
-
-
 class LaneWriter:
     """Writes lines of text, whose names are those of a lane or of earlier lines."""
 
     def __init__(self, layout: Layout, adaptive_atol: tuple[bool, ...], memory: int) -> None:
         self.body: list[Instruction] = []
         self.known: dict[str, Operand] = {
-            "stretch": STRETCH,
             "fits": 1.0,
             **formulas.CONSTANTS,
             **collocation.CONSTANTS,
@@ -229,23 +225,6 @@ class LaneWriter:
 
 STRIDE, DERIVED, WEIGH = "stride", "derived", "weigh"
 
-# the width is the difference of the rounded ends, not the step that led to them
-_AIM_FREELY = """
-rest_of = node - t
-proposed = t + step
-lands = where(proposed >= node - snap, 1, where(rest_of <= stretch*step, where(rest_of <= max_step, 1, 0), 0))
-reach = where(lands > 0, node, proposed)
-width = where(lands > 0, rest_of, proposed - t)
-counts = 1 - lands
-"""
-# products, never accumulated sums: runs refined on nested grids meet at times that are equal to the bit
-_AIM_AT_GRID = """
-proposed = start + (grid + 1)*step_size
-lands = where(node > proposed + snap, 0, 1)
-counts = where(lands > 0, where(node >= proposed - snap, 1, 0), 1)
-reach = where(lands > 0, node, proposed)
-width = where(on_grid > 0, where(counts > 0, step_size, reach - t), reach - t)
-"""
 _SIDE = (
     "silent{0} = silent*where(side > 1.5, 1, where(side > 0.5, where(under > 0, 1, 0), where(side < -0.5, where(over <"
     " 0, 1, 0), 0)))"
@@ -346,7 +325,7 @@ def stride_programs(
     weighing = () if sizes is None else (sizes, _StepWriter(layout, adaptive_atol, steps.memory).weighed())
     if foresees:
         write.expand(adaptive=adaptive)
-    write.lines(_AIM_FREELY if adaptive else _AIM_AT_GRID)
+    write.lines(formulas.AIM_FREELY if adaptive else formulas.GRID_TIME + formulas.AIM_AT_GRID)
     write.lines(_READY)
     write.store("at", {"t": "t", "t1": "reach", "h": "width"})
     inner = write.solve() if solves else write.propose(steps.programs)

@@ -25,7 +25,7 @@ from numba.np.numpy_support import as_dtype
 from xdynamics.elementary import numbers
 from xdynamics.kernels import machine
 from xdynamics.kernels.compiling import UNCOUNTED, install_numba_functions
-from xdynamics.kernels.entry_points import ArrayElements, Fields, Kind, Signature
+from xdynamics.kernels.entry_points import ArrayElements, Fields, Handle, Kind, Signature
 from xdynamics.runtime.fork_safety import waited_for
 
 _WORD = ir.IntType(64)
@@ -46,6 +46,8 @@ def _type_of(kind: Kind) -> Any:
         return types.Array(from_dtype(kind.dtype), kind.dims, "C")
     if isinstance(kind, Fields):
         return types.NamedTuple(tuple(map(_type_of, kind.kinds)), kind.tuple_type)
+    if isinstance(kind, Handle):
+        return kind.type_in_code()
     return getattr(types, kind.value)
 
 

@@ -52,7 +52,6 @@ floats_at: Any = in_code(_itself, "floats_at", _instruction_named)
 stepped_by: Any = in_code(_by_key, "stepped_by", _instruction_named)
 enclosed_by: Any = in_code(_by_key, "enclosed_by", _instruction_named)
 row_by: Any = in_code(_by_key, "row_by", _instruction_named)
-call_phase: Any = in_code(_by_key, "entered_by", _instruction_named)
 march_by: Any = in_code(_march_plainly, "march_by", _instruction_named)
 strode_by: Any = in_code(_by_key, "strode_by", _instruction_named)  # without a compiler there are no lanes
 apply_function: Any = in_code(apply_plainly, "applied", _instruction_named)

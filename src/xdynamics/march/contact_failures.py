@@ -13,7 +13,7 @@ from xdynamics.march.contacts.active_set import FLAT
 from xdynamics.march.contacts.delassus import ABSENT, SLIDING
 from xdynamics.march.energy_gains import impact_energy_dimension
 from xdynamics.march.outcomes import CONTACT_PENETRATED
-from xdynamics.march.run import APART, BOUND, FIGURE, GUARD, OWNER, SHIFTED, SLOWED, STEP_LINKS, WORK
+from xdynamics.march.run import APART, BOUND, FIGURE, GUARD, OWNER, SHIFTED, SLOWED, WORK
 from xdynamics.methods import METHODS
 from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
@@ -225,7 +225,7 @@ def assembly_dispute(march: March) -> str:
         case broad_phase.UNSOLVED:
             rate = gap / model.time_unit.dimension
             left = run.spans[broad_phase.RESIDUAL] * march.settings.scales.si_factor(rate)
-            if run.plan[0].links == STEP_LINKS:
+            if run.plan[0].steps_over > 0:
                 return (
                     f"no impulses were found for the {run.counters[broad_phase.TOGETHER]} links that are closed in one"
                     f" step: with the best of them bodies still move into or along each other by {left:.3g} {rate}, and"

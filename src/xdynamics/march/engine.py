@@ -6,18 +6,19 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from xdynamics.faults import InputError
 from xdynamics.kernels.compiling import PLAINLY, keys_of
 from xdynamics.kernels.engine_part import EnginePart
 from xdynamics.kernels.entry_points import FLAG, FLOAT, INTEGER, NOTHING, Kind, array_kind, signature_of
 from xdynamics.kernels.shared_storage import forget_refusal, was_refused
-from xdynamics.march import engine_entries, loop, step_parts, trial_step
-from xdynamics.march.assembly import dispatch as assembly_dispatch
+from xdynamics.march import engine_entries, loop, phases, step_parts
 from xdynamics.march.assembly import holding
-from xdynamics.march.contacts import dispatch as contact_dispatch
-from xdynamics.march.events import dispatch as event_dispatch
 from xdynamics.march.events import enclosures
 from xdynamics.march.lanes import gather_rows, march_lanes
+from xdynamics.march.phases import phase_numbers, phases_of
 from xdynamics.march.run import EVENT_ROW, NOW, PLAN
 from xdynamics.march.step_parts import parts_of_steps, retrace
 
@@ -63,19 +64,10 @@ class Solvers(NamedTuple):
     series: int  # `engine_entries.step_by_series`
 
 
-class Watchers(NamedTuple):
-    """Addresses of the code that finds events and lands on them."""
-
-    enclose: int  # `enclosures.enclose_between`
-    substep: int  # `trial_step.part_of_step`
-    watch: int  # `events.dispatch.run_event_command`
-
-
 _INT_ARRAY, _LISTS, _FLAGS = array_kind("i8", 1), array_kind("i8", 2), array_kind("i1", 2)
 _ROW, _BLOCK = array_kind("f8", 1), array_kind("f8", 2)
 _ROWS: tuple[Kind, ...] = (array_kind("f8", 3), array_kind("i1", 3), _LISTS)  # with their flags and owners
 _STEP = signature_of(NOTHING, INTEGER, *[FLOAT] * 3, *[INTEGER] * 3)
-_ENTERED = signature_of(NOTHING, INTEGER, FLOAT, INTEGER)
 _RUNS: tuple[Kind, ...] = (
     array_kind(PLAN, 1),
     *[_BLOCK] * 3,
@@ -145,21 +137,23 @@ PARTS = ENGINE, SOLVERS, WATCHERS, CONTACTS, ASSEMBLIES, LANES = (
         ),
     ),
     EnginePart(
-        "watchers",
+        phases.WATCHERS,
         "the search for events",
         22,
         (
             (enclosures.enclose_between, signature_of(NOTHING, *[INTEGER] * 6)),
-            (trial_step.part_of_step, _ENTERED),
-            (event_dispatch.run_event_command, _ENTERED),
+            *phases_of(phases.WATCHERS),
         ),
     ),
-    EnginePart("contacts", "contacts and friction", 12, ((contact_dispatch.run_contact_command, _ENTERED),)),
+    EnginePart(phases.CONTACTS, "contacts and friction", 12, phases_of(phases.CONTACTS)),
     EnginePart(
-        "assemblies",
+        phases.ASSEMBLIES,
         "contacts of many bodies",
         38,
-        ((assembly_dispatch.run_assembly_command, _ENTERED), (holding.add_closed_link_forces, _ENTERED)),
+        (
+            (holding.add_closed_link_forces, signature_of(NOTHING, INTEGER, FLOAT, INTEGER)),
+            *phases_of(phases.ASSEMBLIES),
+        ),
     ),
     EnginePart(
         "lanes",
@@ -221,27 +215,27 @@ def solvers() -> Solvers:
 
 
 @lru_cache(maxsize=1)
-def watchers() -> Watchers:
-    """Return the search for events, made or loaded at the first call."""
-    return Watchers(*_part_addresses(WATCHERS))
+def enclosing_address() -> int:
+    """Return the address of the code that encloses event functions, made or loaded at the first call."""
+    return _part_addresses(WATCHERS)[0]
 
 
 @lru_cache(maxsize=1)
-def contact_address() -> int:
-    """Return the address of the contact code, made or loaded at the first call."""
-    (address,) = _part_addresses(CONTACTS)
-    return address
-
-
-@lru_cache(maxsize=1)
-def assembly_address() -> int:
-    """Return the address of the code of contacts of many bodies, made or loaded at the first call."""
+def pressing_address() -> int:
+    """Return the address of the code that finds forces of closed links, made or loaded at the first call."""
     return _part_addresses(ASSEMBLIES)[0]
 
 
-def pressing_address() -> int:
-    """Return the address of the code that finds forces of closed links."""
-    return _part_addresses(ASSEMBLIES)[1]
+@lru_cache(maxsize=8)
+def phase_addresses(*parts: str) -> NDArray[np.int64]:
+    """Return the address of each phase that some parts of the engine have, made or loaded at the first call; else 0."""
+    numbers = phase_numbers()
+    addresses = np.zeros(len(numbers), np.int64)
+    for part in () if PLAINLY else (part for part in PARTS if part.name in parts):
+        for (function, _), entry in zip(part.functions, part.entries(), strict=True):
+            if function.__name__ in numbers:
+                addresses[numbers[function.__name__]] = entry.address
+    return addresses
 
 
 @lru_cache(maxsize=1)

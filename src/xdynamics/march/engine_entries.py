@@ -25,7 +25,10 @@ from xdynamics.kernels.law import INSIDE
 from xdynamics.kernels.program import REGIME, T1, H, S, T
 from xdynamics.march.assembly.broad_phase import FAULT, SPREAD, TOGETHER
 from xdynamics.march.assembly.closed_links import recall_closed
-from xdynamics.march.calls import call_law, call_phase, floats_at, march_by, run_at
+from xdynamics.march.assembly.phases import find_closed, go_on_with_links
+from xdynamics.march.calls import call_law, floats_at, march_by, run_at
+from xdynamics.march.contacts.phases import inform_forces, settle_contacts
+from xdynamics.march.events.switch_sides import take_sides
 from xdynamics.march.force_evaluation import evaluate_forces, state_slope
 from xdynamics.march.implicit.newton import newton_step
 from xdynamics.march.implicit.radau import radau_step
@@ -33,18 +36,9 @@ from xdynamics.march.log import events_fit, is_empty, overwrite_log
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past import enter_past
 from xdynamics.march.run import (
-    ASSEMBLY_PHASE,
     BEGUN,
-    CONTACT_PHASE,
-    EVENT_PHASE,
-    FIND_CLOSED,
-    GO_ON,
-    INFORM,
     KEPT,
     PIECE,
-    SETTLE,
-    STEP_LINKS,
-    TAKE_SIDES,
     TOUCH,
     TRIAL,
     WATCH,
@@ -81,7 +75,7 @@ def judge_inside(
 @jit_separate
 def steps_over_links(run: Run) -> bool:
     """Whether a march steps over the impacts of many links."""
-    return bool(run.plan[0].assemblies > 0 and run.plan[0].links == STEP_LINKS)
+    return bool(run.plan[0].assemblies > 0 and run.plan[0].steps_over > 0)
 
 
 @jit_separate
@@ -499,7 +493,7 @@ def set_slopes_at_state(run: Run, states: Floats, k: int) -> None:
         run.y[i] = states[1 + i, k] if 1 + i < states.shape[0] else 0.0
     set_sides_at_time(run, t)
     if run.plan[0].reactions > 0:
-        call_phase(run.functions[CONTACT_PHASE], run, t, INFORM)
+        inform_forces(run, t)
     for i in range(size if doubled else used):
         run.probe[i] = run.y[i]
     evaluate_forces(run, t, run.probe)
@@ -517,12 +511,12 @@ def enter_step(run: Run, t: float, states: Floats, k: int, behind: bool, links_k
     for i in range(run.y.shape[0]):  # no rounding is carried along
         run.y[i] = states[i, k] if i < states.shape[0] else 0.0
     if links_known:
-        call_phase(run.functions[ASSEMBLY_PHASE], run, t, GO_ON)
+        go_on_with_links(run)
     enter_here(run, t)
     if behind and run.plan[0].reactions > 0:
-        call_phase(run.functions[CONTACT_PHASE], run, t, SETTLE)
+        settle_contacts(run, t)
     if run.plan[0].assemblies > 0 and not links_known:
-        call_phase(run.functions[ASSEMBLY_PHASE], run, t, FIND_CLOSED)
+        find_closed(run)
         evaluate_forces(run, t, run.y)
 
 
@@ -534,7 +528,7 @@ def set_sides_at_time(run: Run, t: float) -> None:
     run.now[0].t = t
     enter_past(run, t)
     if run.plan[0].switches > 0:
-        call_phase(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
+        take_sides(run)
 
 
 @jit_separate
@@ -542,7 +536,7 @@ def enter_here(run: Run, t: float) -> None:
     """Set forces, sides and contacts to a time and the state in `y`."""
     set_sides_at_time(run, t)
     if run.plan[0].reactions > 0:
-        call_phase(run.functions[CONTACT_PHASE], run, t, INFORM)
+        inform_forces(run, t)
     evaluate_forces(run, t, run.y)
 
 

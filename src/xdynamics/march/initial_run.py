@@ -27,7 +27,7 @@ from xdynamics.march.force_evaluation import PARTS
 from xdynamics.march.log import Log, allocate, unwritten
 from xdynamics.march.outcomes import RUNNING
 from xdynamics.march.past import delay_times, jumps_at, past_arrays
-from xdynamics.march.run import HOLD, HOLD_LINKS, KEPT, NOW, PLAN, STEP_IN_TIME, STEP_LINKS, TRIAL, Run
+from xdynamics.march.run import KEPT, NOW, PLAN, TRIAL, Run
 from xdynamics.march.search_arrays import event_search_arrays
 from xdynamics.march.settings import Settings, given_times
 from xdynamics.march.tolerance_sizes import BEGINNING, FLOOR, ROUNDED
@@ -224,7 +224,7 @@ def march_plan(model: Model, settings: Settings, law: Law) -> NDArray[np.void]:
         "apart": settings.locates_one_by_one,
         "margin": LEAST_OF_0_2 if settings.locates_one_by_one else LEAST,
         "pressed": layout.state.size - layout.reactions.size,
-        **_contact_phases(model, law),
+        **_contact_plan(model, law),
         **_left_polynomial(law),
         **_rests_of_grid(model, layout, single),
         **_constraint_plan(model, law),
@@ -240,13 +240,12 @@ def _weighs(settings: Settings, law: Law) -> bool:
     return follows and settings.atol_floor == OF_TERMS and law.is_sized
 
 
-def _contact_phases(model: Model, law: Law) -> dict[str, int]:
-    """Return how many assemblies of bodies there are, and which phases hold or step their contacts."""
+def _contact_plan(model: Model, law: Law) -> dict[str, int]:
+    """Return how many assemblies of bodies there are, and whether their impacts are located or stepped over."""
     located = law.scheme.method.stepper.locates
     return {
-        "contacts": HOLD if located else STEP_IN_TIME,
         "assemblies": len(model.assemblies),
-        "links": HOLD_LINKS if located else STEP_LINKS,
+        "steps_over": int(not located),
         "together": max_simultaneous(model),
     }
 

@@ -13,13 +13,15 @@ from xdynamics.kernels.compiling import jit_inline, jit_separate
 from xdynamics.kernels.law import ROW
 from xdynamics.kernels.layout import Layout
 from xdynamics.kernels.program import DEVIATION, NORM, TURNS, UNSOUND, H, T
-from xdynamics.march.calls import call_phase, call_row_writer
+from xdynamics.march.calls import call_row_writer
 from xdynamics.march.force_evaluation import leaves_samples, set_time
 from xdynamics.march.past import has_room_for_past
-from xdynamics.march.run import ASSEMBLY_PHASE, BASE, EVENT_ROW, NOTE_LINKS, TRIAL_ROW, Run
+from xdynamics.march.phases import later
+from xdynamics.march.run import BASE, EVENT_ROW, TRIAL_ROW, Run
 from xdynamics.march.settings import Settings
 from xdynamics.model.assemblies import max_simultaneous, slots_of
 
+note_links = later("note_links")  # of assemblies
 _HUGE = 1 << 22  # bytes from which numpy asks for huge pages
 _WIDE = 100  # columns from which huge pages pay: a row then spans more pages than the processor's TLB holds
 _WIDEST = 1 << 17  # columns from which a row more is a megabyte
@@ -215,7 +217,7 @@ def append_row(run: Run, kind: int, t: float, h: float, state: NDArray[Any]) -> 
     finite = step_numbers[UNSOUND] == 0.0
     if finite:
         if run.plan[0].assemblies > 0:
-            call_phase(run.functions[ASSEMBLY_PHASE], run, t, NOTE_LINKS)
+            note_links(run, t)
         now.rows += 1
     return finite
 

@@ -1,7 +1,7 @@
-"""The time loop: aim, propose, judge, accept or reject; near an event `events.dispatch` takes over.
+"""The time loop: aim, propose, judge, look for events, accept or reject.
 
-Each phase is a procedure on a run and states only what changes. The loop is compiled once for all models: the code of a
-model and a method is called by the addresses in `run.law`.
+The loop is compiled once for all models: the code of a model and a method is called by the addresses in `run.law`, what
+few models need by those in `run.phases`.
 """
 
 from __future__ import annotations
@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 
 from xdynamics import schema
+from xdynamics.kernels import formulas
 from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
 from xdynamics.kernels.drive_tables import enter_pieces
-from xdynamics.kernels.lane_step import STRETCH
+from xdynamics.kernels.formulas import compiled_function_of
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import REGIME, UNSOUND, T
-from xdynamics.march.assembly.broad_phase import MEETS
-from xdynamics.march.calls import call_law, call_phase, run_at
+from xdynamics.march.assembly.phases import begin_links, find_meeting, land_on_meeting
+from xdynamics.march.calls import call_law, run_at
+from xdynamics.march.contacts.phases import begin_contacts
 from xdynamics.march.control import (
     AT_BOTH,
     AT_BREAK,
@@ -34,9 +36,10 @@ from xdynamics.march.control import (
     reduce_step,
     shortest_step,
 )
+from xdynamics.march.event_search import begin_events, find_event
 from xdynamics.march.events.enclosures import end_region
 from xdynamics.march.events.isolation import is_event_free
-from xdynamics.march.events.switch_sides import rings_at_end, tick_at_end, tick_at_start
+from xdynamics.march.events.switch_sides import rings_at_end, take_sides, tick_at_end, tick_at_start
 from xdynamics.march.events.zero_tests import enclose_constants
 from xdynamics.march.force_evaluation import (
     evaluate_forces,
@@ -46,6 +49,7 @@ from xdynamics.march.force_evaluation import (
     set_time,
     settle_constraints,
 )
+from xdynamics.march.landing import meet_here, resume, ring_alone
 from xdynamics.march.log import append_row, has_room, note_sample, note_samples, note_trial
 from xdynamics.march.outcomes import (
     CONSTRAINT_VIOLATED,
@@ -56,24 +60,7 @@ from xdynamics.march.outcomes import (
     STEP_TOO_SMALL,
 )
 from xdynamics.march.past import begin_past, enter_past, note_past, soonest
-from xdynamics.march.run import (
-    ASSEMBLY_PHASE,
-    BEGIN_CONTACTS,
-    BEGIN_EVENTS,
-    BEGIN_LINKS,
-    BEGINS,
-    BEGUN,
-    CONTACT_PHASE,
-    EVENT_PHASE,
-    FIND_EVENTS,
-    FIND_MEETING,
-    LAND_ON_MEETING,
-    MEET_HERE,
-    RESUME,
-    RING,
-    TAKE_SIDES,
-    Run,
-)
+from xdynamics.march.run import BEGINS, BEGUN, Run
 from xdynamics.march.series import choose_series_step
 from xdynamics.march.tolerance_sizes import begin_sizes, settle_tolerances
 from xdynamics.march.trial_step import copy_numbers, propose_step
@@ -82,6 +69,14 @@ from xdynamics.model.constraint_consistency import CONSISTENT
 ROUNDS = 4  # of attitudes and constraints at a start that is moved: what is left falls as the square
 _INITIAL = np.int64(schema.INITIAL)  # no literal: numba compiles a copy of a function for every literal argument
 append_row_apart = noinline(append_row)
+# the lines as functions of numbers
+_aim_freely = compiled_function_of(
+    formulas.AIM_FREELY, "t step node snap max_step", "lands reach width", formulas.CONSTANTS
+)
+_grid_time = compiled_function_of(formulas.GRID_TIME, "start grid step_size", "proposed")
+_aim_at_grid = compiled_function_of(
+    formulas.AIM_AT_GRID, "t node snap proposed step_size on_grid", "lands counts reach width"
+)
 
 
 def march(address: Any, rows: int) -> None:
@@ -102,7 +97,7 @@ def march(address: Any, rows: int) -> None:
     pause = now.rows + rows
     while now.status == RUNNING and 0 < now.rows < pause and has_room(run):
         if run.instant.shape[0] > 0 and run.instant[0].meets > 0:
-            call_phase(run.functions[EVENT_PHASE], run, 0.0, MEET_HERE)
+            meet_here(run)
             continue
         if now.crossed != now.node or has_crossed(run):
             cross_node(run)
@@ -113,17 +108,15 @@ def march(address: Any, rows: int) -> None:
         propose_step(run, run.trial[0].t, run.trial[0].h)
         reason = judge_trial(run)
         # before events, which are then looked for in the trial as shortened to where links meet
-        links_met = reason == SOUND and links_meet(run)
+        links_met = reason == SOUND and run.plan[0].assemblies > 0 and find_meeting(run)
         if run.detectors.shape[0] > 0 and (
             reason == schema.REASON_DOMAIN or (reason == SOUND and not is_event_free(run))
         ):
-            run.piece[0].verdict = reason
-            call_phase(run.functions[EVENT_PHASE], run, 0.0, FIND_EVENTS)
-            reason = run.piece[0].verdict
-        reason = verdict_on_landing(run, reason, links_met)
+            reason = find_event(run, reason)
+        if reason == SOUND and links_met:
+            reason = land_on_meeting(run)
         if reason == SOUND and rings_at_end(run):
-            call_phase(run.functions[EVENT_PHASE], run, 0.0, RING)
-            reason = run.piece[0].verdict
+            reason = ring_alone(run)
         if reason == SOUND:
             accept(run)
         elif reason != schema.REASON_EVENT:
@@ -140,25 +133,7 @@ def begin_or_go_on(run: Run) -> None:
     elif plan.follows:
         settle_tolerances(run)  # of a march that goes on
     if now.status == RUNNING and plan.resumes > 0:
-        call_phase(run.functions[EVENT_PHASE], run, 0.0, RESUME)
-
-
-@jit_inline
-def links_meet(run: Run) -> bool:
-    """Whether bodies of an assembly meet in the trial, which then ends there, or cannot be watched."""
-    if run.plan[0].assemblies == 0:
-        return False
-    call_phase(run.functions[ASSEMBLY_PHASE], run, 0.0, FIND_MEETING)
-    return bool(run.counters[MEETS] > 0)
-
-
-@jit_inline
-def verdict_on_landing(run: Run, reason: int, links_met: bool) -> int:
-    """Return the verdict on a trial: of one in which bodies meet, and nothing else came first, that after their impacts."""
-    if links_met and reason == SOUND:
-        call_phase(run.functions[ASSEMBLY_PHASE], run, 0.0, LAND_ON_MEETING)
-        return int(run.piece[0].verdict)
-    return reason
+        resume(run)
 
 
 @jit_inline
@@ -177,14 +152,14 @@ def begin_march(run: Run) -> None:
     begin_past(run)
     tick_at_start(run)
     if plan.switches > 0:
-        call_phase(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
+        take_sides(run)
     if plan.reactions > 0:  # closing and sticking depend on forces with their sides set
-        call_phase(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
+        begin_contacts(run, now.t)
     if plan.reactions > 0 and plan.switches > 0:  # sides at a zero depend on what closed, and what sticks on these
-        call_phase(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
-        call_phase(run.functions[CONTACT_PHASE], run, now.t, BEGIN_CONTACTS)
+        take_sides(run)
+        begin_contacts(run, now.t)
     if plan.assemblies > 0:
-        call_phase(run.functions[ASSEMBLY_PHASE], run, 0.0, BEGIN_LINKS)
+        begin_links(run)
     if plan.held > 0:
         begin_constraints(run)
     evaluate_forces(run, now.t, run.y)
@@ -194,7 +169,7 @@ def begin_march(run: Run) -> None:
     sound_events = run.at[UNSOUND] == 0.0
     copy_numbers(run.y, run.z)
     if run.detectors.shape[0] > 0:
-        call_phase(run.functions[EVENT_PHASE], run, 0.0, BEGIN_EVENTS)
+        begin_events(run)
     for i in range(run.largest.shape[0]):
         run.largest[i] = abs(run.y[i])
     row_is_finite = append_row_apart(run, _INITIAL, now.t, 0.0, run.y)
@@ -254,20 +229,13 @@ def aim_step(run: Run) -> None:
 def aim_at_grid(run: Run, node: float) -> None:
     """Aim at the next grid time or an earlier node; from a grid time the step is that of the grid, to the bit."""
     now, plan, trial, snap = run.now[0], run.plan[0], run.trial[0], run.snaps[run.now[0].node]
+    time, step = np.inf, np.inf
     if plan.step_size > 0.0:
-        # never an accumulated sum: grids of refined runs share their times to the bit
-        time, step = plan.start + (now.grid + 1) * plan.step_size, plan.step_size
+        time, step = _grid_time(plan.start, now.grid, plan.step_size), plan.step_size
     elif now.grid < run.grid.shape[0]:
         time, step = run.grid[now.grid], run.steps[now.grid]
-    else:
-        time, step = np.inf, np.inf
-    if node > time + snap:
-        trial.t, trial.landing = time, AT_GRID
-    elif node >= time - snap:
-        trial.t, trial.landing = node, AT_BOTH
-    else:
-        trial.t, trial.landing = node, AT_NODE
-    trial.h = step if now.on_grid and trial.landing != AT_NODE else trial.t - now.t
+    lands, counts, trial.t, trial.h = _aim_at_grid(now.t, node, snap, time, step, now.on_grid)
+    trial.landing = AT_GRID if lands == 0 else AT_BOTH if counts > 0 else AT_NODE
 
 
 @jit_inline
@@ -276,12 +244,8 @@ def aim_freely(run: Run, node: float) -> None:
     now, plan, trial = run.now[0], run.plan[0], run.trial[0]
     if plan.series > 0:
         choose_series_step(run)
-    remaining = node - now.t
-    trial.t = now.t + now.step
-    if trial.t >= node - run.snaps[now.node] or (remaining <= STRETCH * now.step and remaining <= plan.max_step):
-        trial.t, trial.h, trial.landing = node, remaining, AT_NODE
-    else:
-        trial.h, trial.landing = trial.t - now.t, AT_GRID  # so that t + h is the target to the bit
+    lands, trial.t, trial.h = _aim_freely(now.t, now.step, node, run.snaps[now.node], plan.max_step)
+    trial.landing = AT_NODE if lands > 0 else AT_GRID
 
 
 @jit_separate

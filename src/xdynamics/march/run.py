@@ -94,7 +94,7 @@ BOOK = record_type("", "pieces breaks stretch crossing aimed first width slot mo
 # largest of its kind, and `rest` a time over which the slope of a variable at rest counts; `rounding` is the share of
 # terms that cancel which is allowed to errors at least, 0 for none; `apart` is 1 where events
 # are located one by one, as in version 0.2; `assemblies` counts contacts of many links, of which at most `together` are
-# struck at one time; `steps` are those of a trial, three with step doubling; `contacts` is what they do after one;
+# struck at one time; `steps` are those of a trial, three with step doubling; `steps_over` is 1 where impacts are not located;
 # `margin` is added to the rounding by which an interval is widened; `order` is k of an error that falls as h**k;
 # `divisor` is 2**order - 1 of the method; `degree` is that of the polynomial in s that a step leaves, 0 if it leaves
 # none, `curve` where in `w` its coefficients begin, `polynomial` the law's number of their program; `series` is the degree
@@ -109,7 +109,7 @@ PLAN = record_type(
     "start end snap step_size rtol floor rest order safety least greatest min_step max_step first_step most_steps"
     " divisor margin start_rest step_rest rounding",
     "adaptive differences estimates steps extrapolated limited stages samples"
-    " coordinates kinetic used follows state regime evaluated reactions pressed switches contacts apart assemblies links together"
+    " coordinates kinetic used follows state regime evaluated reactions pressed switches apart assemblies steps_over together"
     " degree curve polynomial series doubled held moved consistent passing slides along resumes indeterminate",
 )
 # Where it stands: `step` is to be tried next, `step_log` the logarithm of the error norm of the last accepted step, `h`
@@ -159,7 +159,7 @@ AT_INSTANT = record_type("", "meets states resets changed")
 # of positions and so on; `part` is 1 where it is not the whole trial, `cut` where substeps were made in a trial that is
 # accepted nonetheless; `substeps` counts those made since its search began; `first` and `last` are its ends as shares of
 # the trial.
-PIECE = record_type("start end width wide full first last", "cut rough part verdict substeps")
+PIECE = record_type("start end width wide full first last", "cut rough part substeps")
 # What Newton's method solves: unknowns and entries of the matrix are in separate lists, given by first and number; the
 # rest as in `newton_matrix.NewtonSystem`.
 EQUATIONS = record_type(
@@ -201,15 +201,9 @@ ASSEMBLY = record_type(
     "tolerance rest_height",
     "links first_link elements paired rubs leaves coordinates row_leaf row detector law timed first_leaf first_order first_hull groups",
 )
-# Entries of the engine, after the operations on intervals in `functions`.
-ENCLOSE, SUBSTEP, EVENT_PHASE, CONTACT_PHASE, ASSEMBLY_PHASE = (2 * len(RULES) + i for i in range(5))
+ENCLOSE = 2 * len(RULES)  # the entry of the engine after the operations on intervals in `functions`
 AFTER_EVENT, BEGINS, ENDS_THERE = 1, 2, 3  # of `plan.resumes`
 ALL, ALIVE = -1, -2  # event functions to be enclosed; otherwise the number of one
-BEGIN_EVENTS, TAKE_SIDES, FIND_EVENTS, RING, MEET_HERE, RESUME = range(6)  # what `events.dispatch` is to do
-# what `contacts.dispatch` is to do
-BEGIN_CONTACTS, HOLD, SETTLE, RESOLVE, INFORM, STEP_IN_TIME, WEIGH, DERIVE, CHECK = range(9)
-BEGIN_LINKS, FIND_MEETING, LAND_ON_MEETING, HOLD_LINKS, STEP_LINKS, NOTE_LINKS, RELEASE_LINKS = range(7)
-FIND_CLOSED, GO_ON = 7, 8  # these nine: what `assembly.dispatch` is to do
 # numbers of `Run.balance`: which guard failed, for which contact or coordinate, a figure and its bound; kinetic
 # energy before contacts act and after; what impulses took by the rates of their contacts, with the size of the terms;
 # what skipped bounces take
@@ -433,7 +427,8 @@ class Run:
     law: Address[IntArray]  # of a step, 0 where nothing is solved
     functions: Address[
         IntArray
-    ]  # of operations on intervals, see `events.enclosures.operation_addresses`, and entries of the engine
+    ]  # of operations on intervals, see `events.enclosures.operation_addresses`, and of what encloses event functions
+    phases: Address[IntArray]  # of phases, see `march.phases`; 0 where a model needs none of their part
     base: Log[Bases]  # the counts of `now` at the log's first row
     log_flags: Log[Flags]  # kind, regime
     log_samples: Log[LogRows]  # `Layout.sample`: time, step, stage, state, results

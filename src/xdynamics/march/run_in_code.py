@@ -32,10 +32,11 @@ from numba.extending import (
     register_model,
 )
 
+from xdynamics.kernels.entry_points import FLAG, FLOAT, NOTHING, Signature
 from xdynamics.kernels.program import WORDS
 from xdynamics.march.run import ARRAYS, KINDS
 
-LAWS, NOTHING = "laws", "nothing"  # what a call reads or writes
+LAWS, NO_ARRAY = "laws", "nothing"  # what a call reads or writes
 SEEN_BY_LAWS = ("Floats", "Whole", "Columns", "LogRows", "Links")  # kinds that programs read or write
 CONSTANT = "Plans"  # the kind that nothing writes while code runs
 
@@ -252,6 +253,35 @@ def instruction_named(name: str) -> Any:
     return intrinsic(_DEFINED[name])
 
 
+def phase_instruction(name: str, number: int, phase: Signature) -> Any:
+    """Return the instruction that calls the phase of a name, whose address has a number in `run.phases`."""
+    further = [types.float64 if kind is FLOAT else types.int64 for kind in phase.arguments[1:]]  # besides the run
+    words = [ir.DoubleType() if kind == types.float64 else WORD for kind in further]
+    result_type: Any = getattr(types, phase.result.value)
+    result_word = ir.VoidType() if phase.result is NOTHING else WORD
+    called = ir.FunctionType(result_word, [POINTER, *words])
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        addresses = array_data(builder, cgutils.gep_inbounds(builder, arguments[0], WORDS * PLACES["phases"]))
+        address = builder.load(cgutils.gep_inbounds(builder, addresses, number))
+        address.set_metadata("invariant.load", builder.module.add_metadata([]))  # as the table's words
+        result = builder.call(builder.inttoptr(address, called.as_pointer()), arguments)
+        if phase.result is NOTHING:
+            return context.get_dummy_value()
+        return builder.trunc(result, ir.IntType(1)) if phase.result is FLAG else result
+
+    # numba wants to see how many there are
+    def of_run(_typing: Any, _run: Any) -> Any:
+        return result_type(RUN), generate
+
+    def of_run_and_number(_typing: Any, _run: Any, _number: Any) -> Any:
+        return result_type(RUN, *further), generate
+
+    instruction: Any = of_run_and_number if further else of_run
+    instruction.__name__ = name  # as numba's messages call it
+    return intrinsic(instruction)
+
+
 def _run_at(_typing: Any, address: Any) -> Any:
     """Return the run whose table stands at an address."""
 
@@ -309,18 +339,6 @@ def _row_by(_typing: Any, entry: Any, run: Any, y: Any, z: Any, row: Any) -> Any
         return context.get_dummy_value()
 
     return types.void(entry, run, y, z, row), generate
-
-
-def _call_phase(_typing: Any, entry: Any, run: Any, number: Any, count: Any) -> Any:
-    """Call an entry of the engine at an address, with a float and an integer."""
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        entry, run, number, count = arguments
-        kind = ir.FunctionType(ir.VoidType(), [WORD, ir.DoubleType(), WORD])
-        builder.call(builder.inttoptr(entry, kind.as_pointer()), [builder.ptrtoint(run, WORD), number, count])
-        return context.get_dummy_value()
-
-    return types.void(entry, run, number, count), generate
 
 
 def _march_by(_typing: Any, march: Any, address: Any, rows: Any) -> Any:
@@ -388,7 +406,7 @@ def _apply_function(_typing: Any, address: Any, _x: Any) -> Any:
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         function = builder.inttoptr(arguments[0], _FUNCTION.as_pointer())
-        return marked(builder, builder.call(function, arguments[1:]), NOTHING)
+        return marked(builder, builder.call(function, arguments[1:]), NO_ARRAY)
 
     return types.float64(address, types.float64), generate
 
@@ -399,7 +417,6 @@ _DEFINED = {
     "stepped_by": _stepped_by,
     "enclosed_by": _enclosed_by,
     "row_by": _row_by,
-    "entered_by": _call_phase,
     "march_by": _march_by,
     "strode_by": _strode_by,
     "applied": _apply_function,

@@ -12,9 +12,9 @@ from xdynamics.kernels import Law, Layout
 from xdynamics.kernels.interval_program import NUMBER, UNKNOWN, VARIABLE, Enclosing, enclosing_rows
 from xdynamics.kernels.interval_program import TIME as INSTANTS
 from xdynamics.kernels.layout import curve_degree
-from xdynamics.march.engine import assembly_address as meeting
-from xdynamics.march.engine import contact_address, watchers
+from xdynamics.march.engine import enclosing_address, phase_addresses
 from xdynamics.march.events.enclosures import BOX, INSTANT, OTHER, POSITION, operation_addresses
+from xdynamics.march.phases import ASSEMBLIES, CONTACTS, WATCHERS
 from xdynamics.march.run import AT_INSTANT, BALANCE, DEPARTURE, DETECTOR, LINK, PIECE, REACTION, TOUCH, WATCH
 from xdynamics.march.settings import JUDGED, Settings
 from xdynamics.model import Model
@@ -32,11 +32,11 @@ MOST_MET, LEAST_MET, NUMBERS_MET = 16, 4, 100_000  # states that are remembered 
 _DIRECTIONS = {"rising": 1, "falling": -1, "either": 0}
 
 
-def _contact_addresses(model: Model, layout: Layout) -> list[int]:
-    """Return the addresses of the code of contacts, and of those of many links, where a model has them."""
-    if model.assemblies:
-        return [0, meeting()]
-    return [contact_address()] if layout.reactions and PATTERN not in model.elements.contacts else []
+def _parts_with_phases(layout: Layout) -> list[str]:
+    """Return the parts of the engine whose phases a march of a model enters."""
+    model, elements = layout.model, layout.model.elements
+    has_few = layout.reactions and not model.assemblies and PATTERN not in elements.contacts
+    return [WATCHERS] * bool(layout.watched) + [CONTACTS] * bool(has_few) + [ASSEMBLIES] * bool(model.assemblies)
 
 
 def event_search_arrays(model: Model, law: Law, settings: Settings) -> dict[str, NDArray[Any]]:
@@ -50,7 +50,7 @@ def event_search_arrays(model: Model, law: Law, settings: Settings) -> dict[str,
         "needed_intervals": np.zeros(intervals.values, np.int64),
     }
     operations = operation_addresses(law.scheme.math_functions, curve_degree(law.layout)) if watched else ()
-    functions = [*operations, *watchers()] if watched else []
+    functions = [*operations, enclosing_address()] if watched else []
     return (
         places
         | _contact_arrays(model, settings)
@@ -66,7 +66,8 @@ def event_search_arrays(model: Model, law: Law, settings: Settings) -> dict[str,
             "numbers": intervals.numbers,
             "parts": np.array(intervals.parts, np.int64),
             "branches": np.zeros((depth, 1 + law.layout.record.size + events)),
-            "functions": np.array([*functions, *_contact_addresses(model, law.layout)], np.int64),
+            "functions": np.array(functions, np.int64),
+            "phases": phase_addresses(*_parts_with_phases(law.layout)),
         }
     )
 

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import jit_separate, jit_uncounted
 from xdynamics.kernels.drive_tables import enter_pieces
 from xdynamics.kernels.program import REGIME, T1, H, T
-from xdynamics.march.calls import call_phase, run_at, strode_by
+from xdynamics.march.calls import run_at, strode_by
+from xdynamics.march.contacts.phases import inform_forces, settle_contacts
 from xdynamics.march.engine_entries import set_sides_at_time
+from xdynamics.march.events.switch_sides import take_sides
 from xdynamics.march.force_evaluation import evaluate_forces
 from xdynamics.march.lanes import lend_to_lane
 from xdynamics.march.past import begin_past, enter_past, note_past
-from xdynamics.march.run import CONTACT_PHASE, EVENT_PHASE, INFORM, SETTLE, TAKE_SIDES, Run
+from xdynamics.march.run import Run
 from xdynamics.march.trial_step import copy_numbers
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, NODE, STEP
 
@@ -61,15 +63,15 @@ def stand_between(run: Run, steps: Floats, states: Floats, k: int) -> None:
     enter_pieces(t, run.tables, run.places, run.of_time)
     enter_past(run, t1)
     if run.plan[0].switches > 0:
-        call_phase(run.functions[EVENT_PHASE], run, 0.0, TAKE_SIDES)
+        take_sides(run)
     if run.plan[0].reactions > 0:
-        call_phase(run.functions[CONTACT_PHASE], run, t, INFORM)
+        inform_forces(run, t)
     if np.int64(steps[3, k]) == STEP and k > 0:  # forces are evaluated anew at nodes and events alone
         copy_numbers(run.whole, run.y)
     else:
         evaluate_forces(run, t, run.y)
     if np.int64(steps[3, k]) == EVENT_AFTER and run.plan[0].reactions > 0:
-        call_phase(run.functions[CONTACT_PHASE], run, t, SETTLE)
+        settle_contacts(run, t)
     for i in range(run.z.shape[0]):  # contacts have used it
         run.z[i] = states[i, k + 1] if i < states.shape[0] else 0.0
     evaluate_forces(run, t1, run.z)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from xdynamics.kernels.compiling import jit_inline, jit_separate, noinline
 from xdynamics.kernels.law import DETECT, PROPOSE
 from xdynamics.kernels.program import UNSOUND, T
-from xdynamics.march.calls import call_law, call_phase, run_at, stepped_by
+from xdynamics.march.calls import call_law, stepped_by
 from xdynamics.march.force_evaluation import (
     evaluate_forces,
     finite_state,
@@ -22,10 +22,12 @@ from xdynamics.march.force_evaluation import (
 )
 from xdynamics.march.log import note_trial
 from xdynamics.march.past import enter_past
-from xdynamics.march.run import ASSEMBLY_PHASE, CONTACT_PHASE, STEP_LINKS, SUBSTEP, Run
+from xdynamics.march.phases import WATCHERS, later, phase
+from xdynamics.march.run import Run
 from xdynamics.schema import REASON_EVENT
 
 State = NDArray[Any]
+act_on_trial, act_on_links = later("act_on_trial"), later("act_on_links")  # of contacts and of assemblies
 _FIRST = int64(0)  # no literal: numba compiles a copy of a function for every literal argument
 
 
@@ -43,9 +45,9 @@ def propose_step(run: Run, t1: float, h: float) -> None:
     if run.attitudes.shape[0] > 0 and run.at[UNSOUND] == 0.0:
         hold_attitudes(run, t1)
     if run.plan[0].reactions > 0 and run.at[UNSOUND] == 0.0:
-        call_phase(run.functions[CONTACT_PHASE], run, t1, run.plan[0].contacts)
+        act_on_trial(run, t1)
     if run.plan[0].assemblies > 0 and run.at[UNSOUND] == 0.0:
-        call_phase(run.functions[ASSEMBLY_PHASE], run, t1, run.plan[0].links)
+        act_on_links(run, t1)
     trial.unsound, trial.unsound_events = run.at[UNSOUND], 0.0
 
 
@@ -107,23 +109,9 @@ def evaluate_events(run: Run) -> None:
     run.trial[0].unsound_events = run.at[UNSOUND]
 
 
-@jit_separate
+@phase(WATCHERS)
 def substep(run: Run, s: float) -> None:
-    """Make a part of the step, and evaluate the event functions at its end."""
-    call_phase(run.functions[SUBSTEP], run, s, 0)
-
-
-def part_of_step(address: Any, s: float, _count: int) -> None:
-    """Make a part of the step as an entry; callers use its address, so that they need not compile it again.
-
-    Parameters
-    ----------
-    address : int
-        Of a `Run`.
-    s : float
-        The part, as a step from the current state.
-    """
-    run = run_at(address)
+    """Make a part of the step, as a step of size `s` from the current state, and evaluate the event functions at its end."""
     run.piece[0].substeps += 1
     if run.plan[0].apart:
         note_trial(run, s, nan, REASON_EVENT)
@@ -146,7 +134,7 @@ def store_trial(run: Run) -> None:
 def restore_trial(run: Run) -> None:
     """Restore the stored trial, so that it need not be made again, but for impulses of links over the step."""
     copy_trial(run.located, run.trial)
-    if run.plan[0].assemblies > 0 and run.plan[0].links == STEP_LINKS:
+    if run.plan[0].assemblies > 0 and run.plan[0].steps_over > 0:
         propose_step_apart(run, run.trial[0].t, run.trial[0].h)
     copy_numbers(run.located_z, run.z)
     copy_numbers(run.located_e, run.e)

@@ -76,7 +76,7 @@ BROKEN = {
         "work of the recorded",
     ),
     "an impulse that is not recorded": (
-        "dispatch",
+        "phases",
         "event_row_of",
         "lambda run, k, first: SCALED(run.directions, 0.999) and ROW_OF(run, k, first)",
         "work of the recorded",
@@ -104,7 +104,7 @@ sys.path.insert(0, 'tests')
 import xdynamics as xd
 from xdynamics.kernels.linear import solve_linear as SOLVE
 from xdynamics.march.contacts import {room} as room
-from xdynamics.march.contacts.dispatch import event_row_of as ROW_OF
+from xdynamics.march.contacts.phases import event_row_of as ROW_OF
 from xdynamics.march.contacts.impact import strike_in_turn as STRIKE
 def SCALED(a, factor):
     a *= factor

@@ -35,7 +35,7 @@ from xdynamics.march.assembly.broad_phase import (
     pattern_at,
 )
 from xdynamics.march.calls import enclosed_by
-from xdynamics.march.run import ALL, ENCLOSE, STEP_LINKS, Lists, Run
+from xdynamics.march.run import ALL, ENCLOSE, Lists, Run
 
 State = NDArray[Any]
 # rows of `vectors`: the factor by which a link is scaled, what its rate, or acceleration, is to change by, and the
@@ -92,7 +92,7 @@ def closed_index(run: Run, c: int, link: int) -> int:
 @jit_separate
 def recall_closed(run: Run, closed: Lists, first: int, count: int) -> bool:
     """List the closed links of a record's row, with their grips; whether the record lists any."""
-    if run.plan[0].assemblies == 0 or count < 0 or run.plan[0].links == STEP_LINKS:
+    if run.plan[0].assemblies == 0 or count < 0 or run.plan[0].steps_over > 0:
         return False
     run.closed[0] = count
     for a in range(count):

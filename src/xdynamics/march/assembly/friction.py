@@ -68,7 +68,7 @@ from xdynamics.march.assembly.normal_forces import (
     solve_unilateral,
 )
 from xdynamics.march.force_evaluation import nan_maximum
-from xdynamics.march.run import STEP_LINKS, Run
+from xdynamics.march.run import Run
 
 
 @jit_separate
@@ -292,7 +292,7 @@ def solve_from(run: Run, first: int, count: int) -> float:
     """Solve for forces of links with friction, from the present forces on."""
     rows = 2 * count
     pose_press_bounds(run, first, rows)
-    if run.plan[0].links == STEP_LINKS:
+    if run.plan[0].steps_over > 0:
         return relax_all(run, first, rows)
     left = sweep_all(run, first, rows)
     return left if left <= RESTLESS else follow_bounds(run, first, rows)

@@ -61,6 +61,7 @@ from xdynamics.march.assembly.friction import (
 from xdynamics.march.assembly.normal_forces import ALLOWED, largest_entry, solve_equations
 from xdynamics.march.calls import floats_at, run_at
 from xdynamics.march.force_evaluation import evaluate_forces, finite_state, nan_maximum
+from xdynamics.march.phases import ASSEMBLIES, phase
 from xdynamics.march.run import Run
 
 HELD = 1e-10  # of the largest term: an acceleration that is no motion
@@ -215,7 +216,7 @@ def project_on_links(run: Run, t: float) -> None:
     remove_closed_rates(run)
 
 
-@jit_separate
+@phase(ASSEMBLIES)
 def release_moved(run: Run, t: float) -> None:
     """Release closed links whose gaps, or rates, are not zero in a state that an event has set.
 

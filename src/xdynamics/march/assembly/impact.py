@@ -65,7 +65,7 @@ from xdynamics.march.contacts.impact import (
     is_held,
     phase_slopes,
 )
-from xdynamics.march.run import STEP_LINKS, Run
+from xdynamics.march.run import Run
 
 CANDIDATE, GAP, RATE, BOUNCE, SLACK, TARGET_RATE, IMPULSE, TOTAL, LOST, ACTS, BEFORE, OWN, EARLY, BIAS, ROUGH = range(
     15
@@ -552,7 +552,7 @@ def solve_link_impulses(run: Run) -> bool:
                 run.touching[a, LOST] -= pull * (run.touching[a, SLIP_AFTER] + slip_of(run, a)) / 2.0
     residual = impulse_residual(run)
     run.spans[RESIDUAL] = max(run.spans[RESIDUAL], residual)
-    allowed = largest_slack(run) * (ALLOWED_OVER_STEP / NOISE if run.plan[0].links == STEP_LINKS else 1.0)
+    allowed = largest_slack(run) * (ALLOWED_OVER_STEP / NOISE if run.plan[0].steps_over > 0 else 1.0)
     if not (solved and residual <= allowed):
         k = int(run.touching[0, CANDIDATE])
         blame(run, UNSOLVED, run.candidates[k, ASSEMBLY], run.candidates[k, LINK])

@@ -2,7 +2,7 @@
 
 A link acts whose gap is closed in the middle of the step, or as near to it as impulses are solved for. After the step
 its rate is not less than -e times the rate before, and its friction has stopped its slip or is at its bound (Moreau
-1999, doi:10.1016/S0045-7825(98)00387-9; Jean 1999, doi:10.1016/S0045-7825(98)00383-1). `march.contacts.dispatch` does
+1999, doi:10.1016/S0045-7825(98)00387-9; Jean 1999, doi:10.1016/S0045-7825(98)00383-1). `march.contacts.phases` does
 the same for contacts that are written out.
 """
 

@@ -36,7 +36,7 @@ from xdynamics.march.contacts.delassus import (
     solve_compliantly,
     solve_reactions,
 )
-from xdynamics.march.run import HOLD, STEP_IN_TIME, Run
+from xdynamics.march.run import Run
 from xdynamics.march.trial_step import usual_step
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import ALIKE, MODES, NORMAL, PIVOT_NOISE, TANGENT
@@ -250,7 +250,7 @@ def inform(run: Run) -> bool:
     """
     for k in range(run.touches.shape[0]):
         touch = run.touches[k]
-        if run.plan[0].contacts == STEP_IN_TIME:
+        if run.plan[0].steps_over > 0:
             run.modes[MODES * k], run.modes[MODES * k + 1] = 0.0, 0.0
         elif run.reactions[k].role == NORMAL:
             run.modes[MODES * k] = 0.0 if touch.state == schema.OPEN else 1.0
@@ -394,7 +394,7 @@ def update_detector(run: Run, i: int) -> None:
         awake = awake and run.spare[detector.reaction] == 0
     if watch.asleep and awake:
         watch.greatest = 0.0
-    watch.asleep = 0 if awake and run.plan[0].contacts == HOLD else 1
+    watch.asleep = 0 if awake and run.plan[0].steps_over == 0 else 1
 
 
 LOW = 1e-9  # of the largest gap so far: height of bounces that may be skipped, unless the model states one

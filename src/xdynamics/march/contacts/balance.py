@@ -24,6 +24,7 @@ from xdynamics.march.events.departures import LATE
 from xdynamics.march.events.zero_tests import NEAR, event_resolution, noise_floor
 from xdynamics.march.force_evaluation import set_time, settle_constraints
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT, CONTACT_VIOLATED, RUNNING
+from xdynamics.march.phases import CONTACTS, phase
 from xdynamics.march.run import (
     APART,
     BALANCE,
@@ -174,7 +175,7 @@ State = NDArray[Any]
 ALLOWED = 16.0  # times what rounding and the location of events leave of a force, slip or gap at its zero
 
 
-@jit_separate
+@phase(CONTACTS)
 def check_contact_law(run: Run, t: float) -> None:
     """End a run where a contact pulls, holds more than friction can, slips against its friction, or is penetrated.
 

@@ -22,6 +22,7 @@ from xdynamics.march.events.departures import moment, step_ahead
 from xdynamics.march.events.root_finding import event_kind, has_passed
 from xdynamics.march.events.zero_tests import CROSSED, FORCED, NONE, sign_of
 from xdynamics.march.force_evaluation import evaluate_forces, put_reset_value, set_time
+from xdynamics.march.phases import WATCHERS, phase
 from xdynamics.march.run import Run
 from xdynamics.model.detectors import KINK, PERIODIC, SWITCH
 from xdynamics.schema import JUMP
@@ -29,7 +30,7 @@ from xdynamics.schema import JUMP
 State = NDArray[Any]
 
 
-@jit_separate
+@phase(WATCHERS)
 def take_sides(run: Run) -> None:
     """Determine the side of each switch that the march is on or, where it starts on a switch, goes to."""
     zero = False

@@ -1,69 +1,34 @@
-"""The search for events in a march: at its start, on a trial near a zero, where a state is set.
-
-It is compiled apart from the loop, which calls it by address.
-"""
+"""The search for events in a march: at its start, and in a trial near a zero, which may end at the first of them."""
 
 from __future__ import annotations
-
-from typing import Any
 
 from xdynamics.elementary.bounds import EPS
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.law import DETECT
 from xdynamics.kernels.program import T
-from xdynamics.march.calls import call_law, run_at
+from xdynamics.march.calls import call_law
 from xdynamics.march.control import AT_BORDER, AT_BOTH, AT_NODE
 from xdynamics.march.events.departures import arm_event, begin_departures, judges_departures, rearm_rejected
 from xdynamics.march.events.enclosures import end_region
 from xdynamics.march.events.isolation import ends_near_event, is_event_free, isolate
-from xdynamics.march.events.switch_sides import take_sides
-from xdynamics.march.events.transition import check_contact_row, locate_and_land, meet_here, resume, ring_alone
 from xdynamics.march.events.zero_tests import event_resolution
 from xdynamics.march.force_evaluation import set_time
+from xdynamics.march.landing import check_contact_row, locate_and_land
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import SOUND
-from xdynamics.march.run import BEGIN_EVENTS, MEET_HERE, RESUME, RING, TAKE_SIDES, Run
+from xdynamics.march.phases import WATCHERS, phase
+from xdynamics.march.run import Run
 from xdynamics.march.trial_step import evaluate_events, restore_trial, store_trial, substep
 from xdynamics.model.detectors import OCCASION
 from xdynamics.schema import REASON_DOMAIN, REASON_EVENT, REASON_EVENT_FUNCTION
 
 
-def run_event_command(address: Any, _number: float, command: int) -> None:
-    """Run a command of events; an entry of the engine.
+@phase(WATCHERS)
+def find_event(run: Run, reason: int) -> int:
+    """Find the first event of a trial and go on after it; return the verdict on the trial, of which `reason` was the one so far.
 
-    Parameters
-    ----------
-    address : int
-        Of a `Run`.
-    command : int
-        `BEGIN_EVENTS`: determine on which side of zero every event function is at the start. `TAKE_SIDES`: set the
-        switches hidden in forces to the sides of the march's state. `FIND_EVENTS`: find the first event of the trial
-        and go on after it. `RING`: act as periodic events at the trial's end say. `MEET_HERE`: act as events that have
-        happened where the march stands. `RESUME`: go on with other forces, along switches or away from them.
+    It is SOUND for a trial to be accepted as it is, REASON_EVENT if an event was landed on, or why it is to be rejected.
     """
-    run = run_at(address)
-    if command == TAKE_SIDES:
-        take_sides(run)
-    elif command == BEGIN_EVENTS:
-        begin_events(run)
-    elif command == RING:
-        ring_alone(run)
-    elif command == MEET_HERE:
-        meet_here(run)
-    elif command == RESUME:
-        resume(run)
-    else:
-        find_event(run)
-
-
-@jit_separate
-def find_event(run: Run) -> None:
-    """Find the first event of a trial and go on after it.
-
-    `piece.verdict` is the verdict on the trial: SOUND for one that may be accepted, else why not. Afterwards it is SOUND
-    for a trial to be accepted as it is; or an event was landed on; or it is why the trial is to be rejected.
-    """
-    reason = run.piece[0].verdict
     run.piece[0].substeps = 0
     if reason == SOUND:
         reason = search_trial(run)
@@ -71,14 +36,14 @@ def find_event(run: Run) -> None:
         reason = shrink_to_domain(run, reason)
     if reason == REASON_EVENT:
         reason = locate_and_land(run)
-    run.piece[0].verdict = reason
     end_region(run)
     if run.plan[0].apart == 0:
         for i in range(run.detectors.shape[0]):
             run.watches[i].alive = 0
+    return reason
 
 
-@jit_separate
+@phase(WATCHERS)
 def begin_events(run: Run) -> None:
     """Determine on which side of zero every event function is at the start."""
     end_region(run)  # the region of an earlier run

@@ -10,10 +10,10 @@ import pytest
 import xdynamics as xd
 from cases.plain import Seen, law_of, nothing, plain, watching
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march import control
-from xdynamics.march.events import departures, dispatch, root_finding, transition, zero_tests
+from xdynamics.march import control, event_search, landing
+from xdynamics.march.events import departures, root_finding, zero_tests
 from xdynamics.march.events.enclosures import BOX, STANDS
-from xdynamics.march.run import FIND_EVENTS, REACTION, Run
+from xdynamics.march.run import REACTION, Run
 from xdynamics.model.detectors import GAP, GRIP, OCCASION, PULL, SLIP
 from xdynamics.schema import CROSSING, REASON_ERROR, REASON_EVENT, REASON_EVENT_FUNCTION
 
@@ -27,7 +27,7 @@ def noting(monkeypatch: pytest.MonkeyPatch, doubt: float = 1e-14) -> Run:
     run.put(log_rates=np.zeros((0, 5)), log_impulses=np.ones((2, 5)))
     plain(root_finding.locate_events)(run)
     run.slopes[:], run.watches["zone"] = 99.0, -1.0
-    monkeypatch.setitem(plain(transition.note_events).__globals__, "function_uncertainty", lambda *_: doubt)
+    monkeypatch.setitem(plain(landing.note_events).__globals__, "function_uncertainty", lambda *_: doubt)
     return run
 
 
@@ -35,7 +35,7 @@ def test_a_row_of_an_event_has_its_own_numbers(monkeypatch: pytest.MonkeyPatch) 
     """Assert time, bracket, residual, slope, doubt, direction, rows and counts of two events in one group."""
     run = noting(monkeypatch)
     run.watches[1].drift, run.watches[1].zone, run.watches[1].clear, run.now[0].events = 4e-9, 0.5, 0.625, 1
-    plain(transition.note_events)(run, 7, 13)
+    plain(landing.note_events)(run, 7, 13)
     assert run.now[0].events == 3
     h = float(run.trial[0].h)
     for i, (row, seen) in enumerate(zip(run.log_events[1:3], (FALLING, RISING), strict=True)):
@@ -54,7 +54,7 @@ def test_a_bracket_may_begin_before_the_step(monkeypatch: pytest.MonkeyPatch) ->
     run = noting(monkeypatch)
     run.watches[1].left, run.pending[1] = 0.0, 0.125
     run.detectors[0].sampled, run.watches[0].up = 1, 5.0
-    plain(transition.note_events)(run, 7, 13)
+    plain(landing.note_events)(run, 7, 13)
     assert run.log_events[1].left == 2.0 - 0.125
     assert run.log_events[0].slope == -5.0  # the mean slope, by the direction
 
@@ -118,7 +118,7 @@ def test_no_grip_is_lost_where_its_contact_opens(role: int, normal: int, other: 
     run.reactions["normal"] = [-1, -1, normal]
     run.detectors["role"], run.detectors["reaction"] = [role, other], [2, 1]
     run.watches[1].hit = zero_tests.CROSSED if hit else zero_tests.NONE
-    plain(transition.leave_out)(run)
+    plain(landing.leave_out)(run)
     assert (run.watches[0].hit != zero_tests.NONE) == left
 
 
@@ -135,11 +135,11 @@ def test_a_reset_sets_what_it_names() -> None:
         z=np.array([1.0, 2.0, 3.0, 0.25, 0.5]),
     )
     run.plan[0].used, run.plan[0].evaluated, run.plan[0].coordinates = 2, 1, 1
-    plain(transition.reset)(run, 0, 2)
+    plain(landing.reset)(run, 0, 2)
     assert run.z.tolist() == [5.0, 7.0, 3.0, 0.0, 0.0]
     assert run.log_impulses.tolist() == [[0.0, 0.0, 4.0, 0.0, 0.0]]
     run.z[:] = [1.0, 2.0, 3.0, 0.25, 0.5]
-    plain(transition.reset)(run, 1, 3)
+    plain(landing.reset)(run, 1, 3)
     assert run.z.tolist() == [6.0, 2.0, 3.0, 0.0, 0.5]
     assert run.log_impulses.tolist() == [[0.0, 0.0, 4.0, 5.0, 0.0]]
 
@@ -150,12 +150,11 @@ def test_what_happens_ends_the_region_without_events(monkeypatch: pytest.MonkeyP
     run, _ = watching(FALLING)
     run.put(box_variables=np.zeros((1, 3), np.int64), region=np.zeros(BOX + 4))
     run.region[STANDS], run.plan[0].apart = 1.0, apart
-    run.piece[0].verdict = REASON_ERROR
-    plain(dispatch.run_event_command)(run, 0.0, FIND_EVENTS)
-    assert (run.region[STANDS], run.piece[0].verdict, run.watches[0].alive) == (0.0, REASON_ERROR, apart)
+    verdict = plain(event_search.find_event)(run, REASON_ERROR)
+    assert (run.region[STANDS], verdict, run.watches[0].alive) == (0.0, REASON_ERROR, apart)
     run.region[STANDS] = 1.0
-    monkeypatch.setitem(plain(dispatch.begin_events).__globals__, "arm_event", lambda *_: None)
-    plain(dispatch.begin_events)(run)
+    monkeypatch.setitem(plain(event_search.begin_events).__globals__, "arm_event", lambda *_: None)
+    plain(event_search.begin_events)(run)
     assert run.region[STANDS] == 0.0
 
 
@@ -181,8 +180,8 @@ def test_a_trial_without_events_stays_as_it_is(
         run.z[:], run.kept[0].growth, run.piece[0].substeps = 0.0, 0.0, made
         return last != final
 
-    monkeypatch.setitem(plain(dispatch.search_trial).__globals__, "isolate", isolate)
-    plain(dispatch.search_trial)(run)
+    monkeypatch.setitem(plain(event_search.search_trial).__globals__, "isolate", isolate)
+    plain(event_search.search_trial)(run)
     assert run.z.tolist() == state.tolist()
     assert (run.kept[0].growth, run.piece[0].cut) == (1.5, int(made > 0))
 
@@ -190,12 +189,12 @@ def test_a_trial_without_events_stays_as_it_is(
 def test_a_trial_with_an_event_or_without_numbers_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert the reasons."""
     run, _ = watching(FALLING)
-    monkeypatch.setitem(plain(dispatch.search_trial).__globals__, "isolate", lambda *_: True)
-    assert plain(dispatch.search_trial)(run) == REASON_EVENT
+    monkeypatch.setitem(plain(event_search.search_trial).__globals__, "isolate", lambda *_: True)
+    assert plain(event_search.search_trial)(run) == REASON_EVENT
     run.put(
         law=law_of(nothing, lambda *given: given[0].__setitem__(UNSOUND, np.nan), nothing, nothing, nothing, nothing)
     )
-    assert plain(dispatch.search_trial)(run) == REASON_EVENT_FUNCTION
+    assert plain(event_search.search_trial)(run) == REASON_EVENT_FUNCTION
 
 
 def test_an_event_at_a_grid_time_is_at_that_time() -> None:

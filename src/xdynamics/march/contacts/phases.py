@@ -11,14 +11,11 @@ before. No event is located, and many contacts may close and open in one step.
 from __future__ import annotations
 
 from math import inf, nan
-from typing import Any
 
 from xdynamics.kernels.compiling import jit_separate
 from xdynamics.kernels.program import UNSOUND
-from xdynamics.march.calls import run_at
 from xdynamics.march.contacts.active_set import bounce, inform, solve_active_set
 from xdynamics.march.contacts.balance import (
-    check_contact_law,
     is_broken,
     open_balance,
     weigh_contact_impulses,
@@ -47,7 +44,8 @@ from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.force_evaluation import evaluate_forces, finite_state
 from xdynamics.march.log import first_of_group
 from xdynamics.march.outcomes import CONTACT_PENETRATED, RUNNING
-from xdynamics.march.run import CHECK, DERIVE, HOLD, INFORM, NO_LINK, RESOLVE, SETTLE, SKIPPED, STEP_IN_TIME, WEIGH, Run
+from xdynamics.march.phases import CONTACTS, phase
+from xdynamics.march.run import NO_LINK, SKIPPED, Run
 from xdynamics.march.trial_step import copy_numbers
 from xdynamics.model.detectors import GAP, GRIP, LIMIT, PULL, SLIP
 from xdynamics.model.reactions import NORMAL, TANGENT
@@ -239,49 +237,31 @@ def conclude_step(run: Run, k: int) -> None:
         touch.state = STICKING
 
 
-def run_contact_command(address: Any, t: float, command: int) -> None:
-    """Run a command of contacts; an entry of the engine.
-
-    Parameters
-    ----------
-    address : int
-        Of a `Run`.
-    t : float
-        The time of the trial's state; the start's where the march begins.
-    command : int
-        `BEGIN_CONTACTS`: find which contacts touch at the start. `HOLD`: put the trial's state back on closed contacts.
-        `SETTLE`: do so with the state of the march, after an event whose further bounces are skipped. `RESOLVE`: change
-        the trial's state by impacts, and determine what contacts do after the events at its end. `INFORM`: pass the
-        states of contacts, set by the caller, to the forces. `STEP_IN_TIME`: add what contacts do over a step, for
-        Moreau's method. `WEIGH`: check the energies after the events against their rows. `DERIVE`: determine once more
-        what contacts do after events, with forces that their impacts have changed. `CHECK`: end the run if the trial's
-        state breaks the law of contact.
-    """
-    run = run_at(address)
-    if command == STEP_IN_TIME:
+@phase(CONTACTS)
+def act_on_trial(run: Run, t: float) -> None:
+    """Put the trial's state, at a time, back on closed contacts; or add what contacts do over the step, for Moreau's method."""
+    if run.plan[0].steps_over > 0:
         step_in_time(run, t)
-    elif command == HOLD:
-        hold_closed_contacts(run, t, True)
-    elif command == SETTLE:
-        settle_contacts(run, t)
-    elif command == RESOLVE:
-        resolve(run, t)
-    elif command == WEIGH:
-        weigh_energies(run, first_of_group(run, run.now[0].rows - 1))
-        is_broken(run)
-    elif command == DERIVE:
-        derive_again(run, t)
-    elif command == CHECK:
-        check_contact_law(run, t)
-    elif command == INFORM:
-        copy_numbers(run.y, run.z)
-        look_at_links(run, t)
-        inform(run)
     else:
-        begin_contacts(run, t)
+        hold_closed_contacts(run, t, True)
 
 
-@jit_separate
+@phase(CONTACTS)
+def inform_forces(run: Run, t: float) -> None:
+    """Pass the states of contacts, set by the caller, to the forces."""
+    copy_numbers(run.y, run.z)
+    look_at_links(run, t)
+    inform(run)
+
+
+@phase(CONTACTS)
+def weigh_contacts(run: Run) -> None:
+    """Check the energies after the events against their rows."""
+    weigh_energies(run, first_of_group(run, run.now[0].rows - 1))
+    is_broken(run)
+
+
+@phase(CONTACTS)
 def begin_contacts(run: Run, t: float) -> None:
     """Determine the modes of contacts and friction at the start."""
     copy_numbers(run.y, run.z)
@@ -296,7 +276,7 @@ def begin_contacts(run: Run, t: float) -> None:
         if run.reactions[k].role == NORMAL and run.links[k].gap < -gap_width(run, k):
             run.now[0].status = CONTACT_PENETRATED
         contact.held = OPEN
-    if run.plan[0].contacts == STEP_IN_TIME:
+    if run.plan[0].steps_over > 0:
         inform(run)
         return
     find_touching(run)
@@ -306,7 +286,7 @@ def begin_contacts(run: Run, t: float) -> None:
         run.touches[k].held = run.touches[k].state
 
 
-@jit_separate
+@phase(CONTACTS)
 def derive_again(run: Run, t: float) -> None:
     """Determine the modes of contacts after the events at the trial's end, whose impacts have changed forces."""
     look_at_links(run, t)
@@ -317,7 +297,7 @@ def derive_again(run: Run, t: float) -> None:
         end_march(run, REASON_CONTACT)
 
 
-@jit_separate
+@phase(CONTACTS)
 def settle_contacts(run: Run, t: float) -> None:
     """Go on as if no bounces were left."""
     waiting = False
@@ -332,8 +312,8 @@ def settle_contacts(run: Run, t: float) -> None:
         copy_numbers(run.z, run.y)
 
 
-@jit_separate
-def resolve(run: Run, t: float) -> None:
+@phase(CONTACTS)
+def change_by_contacts(run: Run, t: float) -> None:
     """Change the trial's state by the impacts and transitions of contacts at its end."""
     look_at_links(run, t)
     open_balance(run)

@@ -19,7 +19,10 @@ from xdynamics.elementary.bounds import SMOOTH
 from xdynamics.kernels.compiling import jit_separate, noinline
 from xdynamics.kernels.law import DETECT, RESETS, SLOPES
 from xdynamics.kernels.program import REGIME, T
-from xdynamics.march.calls import call_law, call_phase
+from xdynamics.march.assembly.holding import release_moved
+from xdynamics.march.calls import call_law
+from xdynamics.march.contacts.balance import check_contact_law
+from xdynamics.march.contacts.phases import change_by_contacts, derive_again, settle_contacts, weigh_contacts
 from xdynamics.march.control import (
     AT_BORDER,
     AT_GRID,
@@ -69,24 +72,16 @@ from xdynamics.march.outcomes import (
     STOPPED,
 )
 from xdynamics.march.past import break_here, note_past
+from xdynamics.march.phases import WATCHERS, phase
 from xdynamics.march.run import (
-    ASSEMBLY_PHASE,
     BEFORE,
     BEGINS,
     BEGUN,
     BEHIND,
-    CHECK,
-    CONTACT_PHASE,
-    DERIVE,
     ENDS_THERE,
     GUARD,
-    HOLD,
     KEPT_ALL,
     NO_LINK,
-    RELEASE_LINKS,
-    RESOLVE,
-    SETTLE,
-    WEIGH,
     Run,
 )
 from xdynamics.march.trial_step import copy_numbers, evaluate_events, propose_step_apart
@@ -252,7 +247,7 @@ def stand_here(run: Run) -> None:
     evaluate_events(run)
 
 
-@jit_separate
+@phase(WATCHERS)
 def meet_here(run: Run) -> None:
     """Act for events that have happened at the march's present state, and go on from there."""
     stand_here(run)
@@ -261,10 +256,10 @@ def meet_here(run: Run) -> None:
     end_region(run)
 
 
-@jit_separate
-def ring_alone(run: Run) -> None:
-    """Act as periodic events at the end of a trial say, where nothing else happens."""
-    run.piece[0].verdict, run.piece[0].substeps = schema.REASON_EVENT, 0
+@phase(WATCHERS)
+def ring_alone(run: Run) -> int:
+    """Act as periodic events at the end of a trial say, where nothing else happens; return the verdict: that it has events."""
+    run.piece[0].substeps = 0
     evaluate_events(run)
     for i in range(run.detectors.shape[0]):
         run.watches[i].hit = NONE
@@ -273,6 +268,7 @@ def ring_alone(run: Run) -> None:
         grow_step_apart(run, run.trial[0].h, run.trial[0].landing != AT_GRID)
     note_both_sides(run, True)
     end_region(run)
+    return schema.REASON_EVENT
 
 
 @jit_separate
@@ -400,7 +396,7 @@ def cross_events(run: Run, row_before: int) -> bool:
         return False
     note_offsets(run, row_before)
     if plan.assemblies > 0 and changed:
-        call_phase(run.functions[ASSEMBLY_PHASE], run, trial.t, RELEASE_LINKS)
+        release_moved(run, trial.t)
     if plan.switches > 0 and plan.reactions > 0 and not reconcile_sides(run):
         break_off(run, row_before)
         return False
@@ -431,7 +427,7 @@ def now_slides(run: Run) -> bool:
     return bool(run.now[0].status == AT_SWITCH)
 
 
-@jit_separate
+@phase(WATCHERS)
 def resume(run: Run) -> None:
     """Go on with other forces: along switches, or away from them."""
     now, begins, ends = run.now[0], run.plan[0].resumes == BEGINS, run.plan[0].resumes == ENDS_THERE
@@ -501,14 +497,14 @@ def stand_on_switches(run: Run) -> None:
 @jit_separate
 def holds_contacts(run: Run) -> bool:
     """Whether contacts are located and kept closed, instead of time-stepping over impacts."""
-    return bool(run.plan[0].reactions > 0 and run.plan[0].contacts == HOLD)
+    return bool(run.plan[0].reactions > 0 and run.plan[0].steps_over == 0)
 
 
 @jit_separate
 def check_contact_row(run: Run, t: float) -> None:
     """End the run where the trial's state, at a time, breaks the law of contact."""
     if holds_contacts(run):
-        call_phase(run.functions[CONTACT_PHASE], run, t, CHECK)
+        check_contact_law(run, t)
 
 
 @jit_separate
@@ -527,7 +523,7 @@ def reconcile_sides(run: Run) -> bool:
         if not keep_sides(run, True, False):
             break
         if holds_contacts(run):
-            call_phase(run.functions[CONTACT_PHASE], run, run.trial[0].t, DERIVE)
+            derive_again(run, run.trial[0].t)
             if run.now[0].status == schema.REASON_CONTACT:
                 return False
     return True
@@ -540,14 +536,14 @@ def resolve_contacts(run: Run, row: int) -> bool:
     Row `row` of the log has the state before; it is -1 where an action has changed the state.
     """
     run.balance[BEFORE] = run.log_rows[run.plan[0].kinetic, row] if row >= 0 else kinetic_energy(run, run.z)
-    call_phase(run.functions[CONTACT_PHASE], run, run.trial[0].t, RESOLVE)
+    change_by_contacts(run, run.trial[0].t)
     if run.now[0].status in (CONTACT_PENETRATED, schema.REASON_CONTACT, CONTACT_INCONSISTENT):
         return False
     copy_numbers(run.z, run.whole)
     for i in range(run.plan[0].coordinates):  # the energy of velocities alone: masses depend on positions
         run.whole[i] = run.entry[i]
     run.balance[BEHIND] = kinetic_energy(run, run.whole)
-    call_phase(run.functions[CONTACT_PHASE], run, run.trial[0].t, WEIGH)
+    weigh_contacts(run)
     return bool(run.now[0].status != CONTACT_INCONSISTENT)
 
 
@@ -577,7 +573,7 @@ def go_on_after_events(run: Run, reached: bool) -> None:
     move_to_end_apart(run)
     run.kept[0].since, run.kept[0].weighs = BEGUN, 1
     if run.plan[0].reactions > 0:
-        call_phase(run.functions[CONTACT_PHASE], run, now.t, SETTLE)
+        settle_contacts(run, now.t)
         if run.balance[GUARD] != KEPT_ALL:
             end_march(run, CONTACT_INCONSISTENT)
         if meets_contact(run):

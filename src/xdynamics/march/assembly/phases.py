@@ -6,7 +6,6 @@ At an event the record gets impulses, rest and take-off of links.
 from __future__ import annotations
 
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -56,7 +55,7 @@ from xdynamics.march.assembly.broad_phase import (
     pattern_at,
 )
 from xdynamics.march.assembly.closed_links import GAPS, SINCE, STICKS, closed_link_row, grip_at, prepare_patterns
-from xdynamics.march.assembly.holding import put_on_closed_links, release_moved
+from xdynamics.march.assembly.holding import put_on_closed_links
 from xdynamics.march.assembly.impact import (
     ACTS,
     CANDIDATE,
@@ -90,7 +89,7 @@ from xdynamics.march.assembly.narrow_phase import (
 )
 from xdynamics.march.assembly.normal_forces import ALLOWED
 from xdynamics.march.assembly.time_stepping import note_pressed, step_links
-from xdynamics.march.calls import call_law, run_at
+from xdynamics.march.calls import call_law
 from xdynamics.march.control import (
     AT_BORDER,
     AT_GRID,
@@ -107,18 +106,9 @@ from xdynamics.march.events.zero_tests import NONE
 from xdynamics.march.force_evaluation import evaluate_forces, finite_state
 from xdynamics.march.log import append_row, note_sample, note_samples
 from xdynamics.march.outcomes import CONTACT_INCONSISTENT, CONTACT_PENETRATED, NONFINITE_OBSERVABLE, SOUND
-from xdynamics.march.run import (
-    BEGIN_LINKS,
-    FIND_CLOSED,
-    FIND_MEETING,
-    GO_ON,
-    HOLD_LINKS,
-    LAND_ON_MEETING,
-    NOTE_LINKS,
-    STEP_LINKS,
-    Run,
-)
+from xdynamics.march.phases import ASSEMBLIES, phase
 from xdynamics.march.run import BEGUN as STARTED
+from xdynamics.march.run import Run
 from xdynamics.march.trial_step import copy_numbers
 from xdynamics.schema import EVENT_AFTER, EVENT_BEFORE, IMPACT, REASON_CONTACT, REASON_EVENT, REST, STICK, TAKEOFF
 from xdynamics.schema import SLIP as SLIP_KIND
@@ -191,9 +181,12 @@ def note_link_changes(run: Run, row_before: int) -> None:
                 run.log_events[e].residual = 0.0
 
 
-@jit_separate
+@phase(ASSEMBLIES)
 def note_links(run: Run, t: float) -> None:
     """Write the closed links of the trial's state to the row that is being written."""
+    if run.plan[0].steps_over > 0:
+        note_pressed(run, t)
+        return
     if run.closed[0] == 0:
         return
     forces_at(run, run.z, t)
@@ -222,47 +215,23 @@ append_row_apart, note_samples_apart, grow_step_apart = (
 )
 
 
-def run_assembly_command(address: Any, number: float, command: int) -> None:
-    """Run a command of assemblies; an entry of the engine.
-
-    Parameters
-    ----------
-    address : int
-        Of a `Run`.
-    command : int
-        `BEGIN_LINKS`: check that no links overlap at the start. `FIND_MEETING`: shorten the trial to where links first
-        meet, or a closed one lifts, if any do, which `counters[MEETS]` says. `LAND_ON_MEETING`: accept the trial, and go
-        on after the impacts. `HOLD_LINKS`: put the trial's state, at a time, back on closed links. `NOTE_LINKS`: write
-        what is closed in it to the log. `RELEASE_LINKS`: let go of closed links that an event has set in motion.
-        `FIND_CLOSED`: find out which are closed in the state in `y`, from which a recorded step goes, where its record does
-        not say so. `GO_ON`: else go on from the state in `y` with those that are listed. `STEP_LINKS`: add what links do
-        over a step, for Moreau's method.
-    """
-    run = run_at(address)
-    if command == BEGIN_LINKS:
-        begin_assemblies(run)
-    elif command == FIND_MEETING:
-        find_meeting(run)
-    elif command == LAND_ON_MEETING:
-        land_on_meeting(run)
-    elif command == HOLD_LINKS:
-        put_on_closed_links(run, number)
-    elif command == STEP_LINKS:
-        step_links(run, number)
-    elif command == NOTE_LINKS and run.plan[0].links == STEP_LINKS:
-        note_pressed(run, number)
-    elif command == NOTE_LINKS:
-        note_links(run, number)
-    elif command == FIND_CLOSED:
-        find_closed(run)
-    elif command == GO_ON:
-        prepare_patterns(run)
+@phase(ASSEMBLIES)
+def act_on_links(run: Run, t: float) -> None:
+    """Put the trial's state, at a time, back on closed links; or add what links do over the step, for Moreau's method."""
+    if run.plan[0].steps_over > 0:
+        step_links(run, t)
     else:
-        release_moved(run, number)
+        put_on_closed_links(run, t)
 
 
-@jit_separate
-def begin_assemblies(run: Run) -> None:
+@phase(ASSEMBLIES)
+def go_on_with_links(run: Run) -> None:
+    """Go on from the state in `y` with the closed links that are listed."""
+    prepare_patterns(run)
+
+
+@phase(ASSEMBLIES)
+def begin_links(run: Run) -> None:
     """Refuse links that overlap at the start, by more than rounding, and find out which are closed there."""
     for i in range(run.greatest.shape[0]):
         run.greatest[i] = 0.0
@@ -272,21 +241,21 @@ def begin_assemblies(run: Run) -> None:
         if overlaps(run, k):
             run.now[0].status = CONTACT_PENETRATED
             return
-    if run.plan[0].links == STEP_LINKS:
+    if run.plan[0].steps_over > 0:
         run.counters[TOGETHER] = 0  # nothing pressed before the first step
     else:
         close_touching(run)
     run.counters[BEGUN], run.counters[HASTE], run.counters[IDLE] = 0, 0, 0
 
 
-@jit_separate
+@phase(ASSEMBLIES)
 def find_closed(run: Run) -> None:
     """Find out which links are closed in the state in `y`, as a march does that begins there.
 
     What rounding leaves of rates is a share of the speeds of the march, of which bodies at rest know nothing: the least is
     what they would gain in the step without forces of links.
     """
-    if run.plan[0].links != STEP_LINKS and list_near(run):
+    if run.plan[0].steps_over == 0 and list_near(run):
         accelerations = run.plan[0].used
         for i in range(run.plan[0].coordinates):
             gained = abs(run.z[accelerations + i]) * run.now[0].step
@@ -346,12 +315,19 @@ def set_piece_from_now(run: Run, h: float) -> None:
     piece.rough, piece.part = 0, 0
 
 
-@jit_separate
-def find_meeting(run: Run) -> None:
-    """Shorten the trial to where links first meet, or a closed one lifts, if any do."""
-    if run.plan[0].links == STEP_LINKS:
+@phase(ASSEMBLIES)
+def find_meeting(run: Run) -> bool:
+    """Shorten the trial to where links first meet, or a closed one lifts; whether any do, or cannot be watched."""
+    if run.plan[0].steps_over > 0:
         judge_impulses(run)
-        return
+    else:
+        watch_links(run)
+    return bool(run.counters[MEETS] > 0)
+
+
+@jit_separate
+def watch_links(run: Run) -> None:
+    """Shorten the trial to where links first meet, or a closed one lifts, if any do, which `counters[MEETS]` says."""
     if run.counters[READY] == 0 or run.counters[BEGUN] == 0:
         prepare_patterns(run)
     run.piece[0].substeps, run.counters[MEETS] = 0, 0
@@ -411,19 +387,24 @@ def give_up(run: Run, fault: int, why: int) -> None:
     run.counters[MEETS] = AT_A_LOSS
 
 
-@jit_separate
-def land_on_meeting(run: Run) -> None:
-    """Accept the trial, which ends where links meet, and go on after their impacts."""
-    now, plan, trial = run.now[0], run.plan[0], run.trial[0]
-    run.piece[0].verdict = REASON_EVENT
+@phase(ASSEMBLIES)
+def land_on_meeting(run: Run) -> int:
+    """Accept the trial, which ends where links meet, and go on after their impacts; return the verdict on the trial."""
     if run.counters[MEETS] == AT_A_LOSS:
-        return
-    if plan.adaptive:
+        return REASON_EVENT
+    if run.plan[0].adaptive:
         grow_step_apart(run, run.spans[WHOLE_STEP], run.counters[MEETS] == CUT)
     reason = judge_trial_apart(run)
     if reason != SOUND:
-        run.piece[0].verdict = reason
-        return
+        return reason
+    pass_meeting(run)
+    return REASON_EVENT
+
+
+@jit_separate
+def pass_meeting(run: Run) -> None:
+    """Note the states before and after the impacts at the trial's end, and go on from there."""
+    now, trial = run.now[0], run.trial[0]
     # an event within a spacing of t still moves the march on
     trial.t = max(trial.t, np.nextafter(now.t, np.inf))
     reached = trial.h == run.spans[WHOLE_STEP] or trial.t >= run.spans[AIM]
