@@ -24,12 +24,14 @@ def plain(function: Any) -> Callable[..., Any]:
     """Return a compiled phase, and all that it calls, as the Python that is written there."""
     name = getattr(function, "__name__", "")
     python = PHASES[name].function if name in PHASES else getattr(function, "py_func", function)
+    if python.__closure__ is not None:  # of a phase of a room above
+        return python  # type: ignore[no-any-return]
     if python not in _KNOWN:
         scope: dict[str, Any] = {}
         _KNOWN[python] = FunctionType(python.__code__, scope, python.__name__, python.__defaults__)
         for known, value in python.__globals__.items():
-            is_phase = known in PHASES or hasattr(value, "py_func") or is_declared(value)
-            scope[known] = plain(value) if is_phase else value
+            value = PHASES[known].function if known in PHASES else value  # noqa: PLW2901 - it may be an instruction by now
+            scope[known] = plain(value) if hasattr(value, "py_func") or is_declared(value) else value
         scope |= {
             "call_law": call_law_plainly,
             "call_row_writer": write_row_plainly,

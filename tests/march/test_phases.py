@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cases.plain import kept, law_of, made_by_hand, plain
 from xdynamics.kernels.program import UNSOUND, H
-from xdynamics.march import control, loop, trial_step
-from xdynamics.march.events import departures, root_finding, transition, zero_tests
+from xdynamics.march import control, landing, loop, trial_step
+from xdynamics.march.events import departures, root_finding, zero_tests
 from xdynamics.march.log import MOST_SUBSTEPS
 from xdynamics.march.outcomes import COMPLETED, OUTCOMES, RUNNING, SOUND, STEP_LIMIT, STEP_TOO_SMALL, STOPPED
 from xdynamics.march.run import DETECTOR, EVENT_ROW, TRIAL, WATCH, Run
@@ -384,9 +384,9 @@ def test_hand_over_writes_both_sides_without_another_step(monkeypatch: pytest.Mo
     run = dropped(stops)
     found(run, 1.5)
     run.located[0].landing = control.AT_GRID
-    for phase, name in ((transition.note_events, "function_uncertainty"), (departures.rearm, "arm_event")):
+    for phase, name in ((landing.note_events, "function_uncertainty"), (departures.rearm, "arm_event")):
         monkeypatch.setitem(plain(phase).__globals__, name, lambda *_: 0.0)
-    plain(transition.locate_and_land)(run)
+    plain(landing.locate_and_land)(run)
     assert run.now[0].evaluations == run.now[0].trials
     event, row = run.log_events[0], int(run.log_events[0].row_before)
     assert run.now[0].events == 1
