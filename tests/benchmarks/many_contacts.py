@@ -111,7 +111,7 @@ def main(impacts: int) -> None:
         start = model.initial
         r, v = (
             np.reshape([start[name].si for name in start if name.startswith(word)], (count, 2))
-            for word in ("r·", "v_r·")
+            for word in ("r[", "v_r[")
         )
         radius = model.parameters["radius"].quantity.si
         peer(r.copy(), v.copy(), radius, 1)

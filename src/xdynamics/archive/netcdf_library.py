@@ -211,9 +211,29 @@ def _open_by_library(name: str, mode: Literal["r", "w"]) -> netCDF4.Dataset:
     cache_settings = netCDF4.get_chunk_cache()
     netCDF4.set_chunk_cache(min(cache_settings[0], READ_CACHE), *cache_settings[1:])
     try:
-        return _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
+        file = _kind_of_file()(name, mode, encoding="latin-1", format="NETCDF4")
     finally:
         netCDF4.set_chunk_cache(*cache_settings)
+    dimensions: dict[str, Any] = file.dimensions
+    dimensions.update({name: _MeasuredDimension(dimension) for name, dimension in dimensions.items()})
+    return file
+
+
+class _MeasuredDimension:
+    """A dimension of a file that is read, whose length is asked for once.
+
+    The library finds the length of an unlimited one, as every one without rows is, by asking each variable of the file, and
+    does so whenever the shape of a variable along it is read: in a file of 3,600 variables that takes milliseconds.
+    """
+
+    def __init__(self, dimension: Any) -> None:
+        self._dimension, self._length = dimension, len(dimension)
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._dimension, name)
 
 
 @lru_cache
