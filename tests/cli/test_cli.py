@@ -362,6 +362,28 @@ x = "metre"
 """
 
 
+def modules_after(commands: list[list[str]]) -> set[str]:
+    """Run commands in one new process, without a fault; return the names of all modules that it has imported."""
+    script = (
+        "import sys, json; from click.testing import CliRunner; from xdynamics.cli import main; "
+        "print(*(CliRunner().invoke(main, run).exit_code for run in json.loads(sys.argv[1]))); print(*sys.modules)"
+    )
+    new_process = [sys.executable, "-c", script, json.dumps(commands)]
+    codes, modules = subprocess.run(
+        new_process, capture_output=True, text=True, check=True, cwd=ROOT
+    ).stdout.splitlines()
+    assert codes.split() == ["0"] * len(commands)
+    return {*modules.split()}
+
+
+def test_looking_at_a_run_imports_no_dask(tmp_path: Path) -> None:
+    """Assert that xarray is given no reason to import dask, which takes half a second, by verbs that compute nothing lazily."""
+    archive, picture = str(tmp_path / "ball.nc"), str(tmp_path / "ball.png")
+    assert call("run", BALL, "--until", "1 s", "-o", archive).exit_code == 0
+    looks = [["check", str(BALL)], ["show", archive], ["table", archive], ["plot", archive, "-o", picture]]
+    assert "dask.array" not in modules_after(looks)
+
+
 def test_a_plain_run_imports_none_of_the_dear_libraries(tmp_path: Path) -> None:
     """Assert that runs whose machine code is kept, labels or not, need neither numba, a third of their start, nor others."""
     beads = tmp_path / "beads.toml"
@@ -370,14 +392,7 @@ def test_a_plain_run_imports_none_of_the_dear_libraries(tmp_path: Path) -> None:
     for k, run in enumerate(runs):
         assert call(*run, "-o", tmp_path / f"{k}.nc").exit_code == 0
         run += ["-o", str(tmp_path / f"{k} again.nc")]
-    script = (
-        "import sys, json; from click.testing import CliRunner; from xdynamics.cli import main; "
-        "print(*(CliRunner().invoke(main, run).exit_code for run in json.loads(sys.argv[1]))); print(*sys.modules)"
-    )
-    command = [sys.executable, "-c", script, json.dumps(runs)]
-    loaded = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout.split()
-    assert loaded[:2] == ["0", "0"]
-    assert not {"numba", "dask", "matplotlib", "sympy", "cf_xarray", "pint"} & set(loaded)
+    assert not {"numba", "dask", "matplotlib", "sympy", "cf_xarray", "pint"} & modules_after(runs)
 
 
 def test_second_process_compiles_nothing(tmp_path: Path) -> None:

@@ -254,7 +254,10 @@ def remember_archive(run: xr.Dataset, source: Source, *, edits: tuple[str, ...] 
 
 
 def _decoded_text(text: xr.Variable) -> xr.Variable:
-    return text.copy(data=np.asarray(text.values).astype(str))
+    import xarray as xr
+
+    # fastpath: else xarray asks whether it is an array of dask's, whose import takes half a second
+    return xr.Variable(text.dims, np.asarray(text.values).astype(str), text.attrs, text.encoding, fastpath=True)
 
 
 def variable_digest(name: str, variable: Any) -> str:

@@ -21,8 +21,7 @@ from xdynamics.model import Model
 from xdynamics.model.assemblies import assemblies
 from xdynamics.model.body_reading import body_entries
 from xdynamics.model.body_sections import scalar_part, vector_part
-from xdynamics.model.constraint_consistency import implied_at_start
-from xdynamics.model.constraints import Condition, conditions
+from xdynamics.model.constraints import Condition, conditions, implied_conditions
 from xdynamics.model.controllers import controller_states, limited_value
 from xdynamics.model.entries import COULOMB
 from xdynamics.model.joint_sections import HINGE, SLIDER
@@ -289,7 +288,7 @@ def _constraint_lines(model: Model) -> Iterator[str]:
     """Print joints, and the constraints that are no part of one, with those that others imply at the start."""
     elements = model.elements
     joint_names, names = _joint_of_constraint(model), [*elements.constraints]
-    implied = implied_at_start(elements.statement) if names else ()
+    implied = implied_conditions(model)
     for name, joint in model.joints.items():
         first, second = joint.bodies
         word = {HINGE: "about", SLIDER: "along"}.get(joint.kind)

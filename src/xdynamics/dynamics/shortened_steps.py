@@ -244,6 +244,7 @@ class StepInterpolator:
         """Return states and errors at times as a Dataset."""
         import xarray as xr
 
+        # fastpath: xarray would import dask to find out that the numbers are not one of its arrays
         run, variables, size, first = self.run, {}, self.layout.used.size, 0
         for quantity, (name, described, error, error_described) in zip(
             self.quantities, self._descriptions, strict=True
@@ -251,24 +252,23 @@ class StepInterpolator:
             dims = (AT, *quantity.dims)
             state_values, of_error, of_rest = (values_along(numbers, k * size + first, quantity) for k in range(3))
             first += quantity.size
-            variables[schema.name_without_clash((AT_TIME,), name)] = xr.Variable(dims, state_values, described)
-            variables[error] = xr.Variable(dims, of_error, error_described)
+            variables[schema.name_without_clash((AT_TIME,), name)] = xr.Variable(dims, state_values, described, fastpath=True)
+            variables[error] = xr.Variable(dims, of_error, error_described, fastpath=True)
             if self.layout.is_doubled:
                 left = {
                     "units": described["units"],
                     "long_name": f"what a float does not hold of {name}: the number is {name} + {schema.rest_name(name)}",
                     "role": LEFT_OVER,
                 }
-                variables[schema.rest_name(name)] = xr.Variable(dims, of_rest, left)
+                variables[schema.rest_name(name)] = xr.Variable(dims, of_rest, left, fastpath=True)
         time_attributes = {
             "units": str(run.variables["time"].attrs["units"]),
             "long_name": "wanted time",
             "role": "time",
         }
-        variables[AT_TIME] = xr.Variable((AT,), times, time_attributes | schema.AXIS)
-        variables["row"] = xr.Variable(
-            (AT,), rows, {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
-        )
+        variables[AT_TIME] = xr.Variable((AT,), times, time_attributes | schema.AXIS, fastpath=True)
+        row_attributes = {"units": "1", "long_name": "row of the run from which the step goes", "role": "index"}
+        variables["row"] = xr.Variable((AT,), rows, row_attributes, fastpath=True)
         attributes = {key: run.attrs[key] for key in _KEPT if key in run.attrs}
         attributes |= interpolation_attributes(self.settings.scheme, self.model, self.rule) | {"error_estimate": ROUTE}
         return xr.Dataset(variables, attrs=attributes).set_coords(AT_TIME)

@@ -31,8 +31,7 @@ from xdynamics.expressions.calculus import ONE, divide, multiply
 from xdynamics.expressions.evaluation import evaluate
 from xdynamics.methods.scheme import REINTEGRATE
 from xdynamics.model import Model
-from xdynamics.model.constraint_consistency import implied_at_start
-from xdynamics.model.constraints import conditions, state_corrections
+from xdynamics.model.constraints import conditions, implied_conditions, state_corrections
 from xdynamics.model.drive_arguments import CLOCK
 from xdynamics.model.linearisation import force_totals, mass_matrices
 from xdynamics.model.motion import REGIME_NUMBER, constants, drive_pieces, drive_slope, evaluate_over_states, variables
@@ -51,7 +50,7 @@ Numbers = Mapping[tuple[str, Any, str], Floats]
 
 def independent_conditions(model: Model) -> list[int]:
     """Return the conditions that no others imply at the start."""
-    implied = implied_at_start(model.elements.statement)
+    implied = implied_conditions(model)
     return [k for k in range(len(conditions(model))) if k not in implied]
 
 

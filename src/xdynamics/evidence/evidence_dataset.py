@@ -64,7 +64,10 @@ def evidence_dataset(
     coordinates = [
         name for name in (schema.AT_TIME, "time", schema.STEP_NUMBER.name) if name in variables and variables[name][0]
     ]
-    dataset_variables = {name: xr.Variable(*variable) for name, variable in variables.items()}
+    dataset_variables = {
+        name: xr.Variable(dims, _as_array(values), attributes, fastpath=True)
+        for name, (dims, values, attributes) in variables.items()
+    }
     for name in schema.TEXT_NAMES:
         if name in dataset_variables and not dataset_variables[name].dims:
             names_and_dims = (
@@ -94,6 +97,11 @@ def evidence_dataset(
         header |= {key: entry for key, entry in dataset.attrs.items() if key == schema.MODEL_DIMENSIONS}
     dataset.attrs = header | dict(attributes) | circumstances(f"{kind} made")
     return archive.marched(dataset, unchanged)
+
+
+def _as_array(values: Any) -> Any:
+    """Return numbers or texts as an array: of anything else xarray asks whether it is one of dask's, which it imports."""
+    return np.asarray(values) if isinstance(values, np.generic | float | int | str | list) else values
 
 
 def _with_display_texts(variables: dict[str, xr.Variable]) -> dict[str, xr.Variable]:

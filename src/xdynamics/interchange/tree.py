@@ -67,7 +67,7 @@ def tree_nodes(run: xr.Dataset) -> xr.DataTree:
             for k, end in enumerate(ENDS):
                 described = attrs_of(unit, f"{end} end of the bracket of the event's time", "event")
                 variables_by_dim[schema.EVENTS][f"{schema.EVENT_BOUNDS}_{end}"] = xr.Variable(
-                    (schema.EVENTS,), variable.isel({schema.BOUNDS: k}).data, described
+                    (schema.EVENTS,), variable.isel({schema.BOUNDS: k}).data, described, fastpath=True
                 )
         else:
             variables_by_dim[str(dim)][name] = variable.copy(deep=False)
@@ -123,5 +123,7 @@ def states_on_side(
             values = np.array(variable.isel({schema.STEPS: np.maximum(places, 0)}).values)
             values[missing] = np.nan
             described = attrs_of(str(variable.attrs["units"]), f"{name} {side} the event", str(variable.attrs["role"]))
-            states[f"{side}_{name}"] = xr.Variable((schema.EVENTS, *variable.dims[1:]), values, described)
+            states[f"{side}_{name}"] = xr.Variable(
+                (schema.EVENTS, *variable.dims[1:]), values, described, fastpath=True
+            )
     return states

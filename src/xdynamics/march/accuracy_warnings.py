@@ -29,8 +29,7 @@ from xdynamics.march.tolerances import Tolerances
 from xdynamics.methods.steppers import SIMPLIFIED
 from xdynamics.model import Model, Trait
 from xdynamics.model.assemblies import assemblies
-from xdynamics.model.constraint_consistency import implied_at_start
-from xdynamics.model.constraints import beyond_trees, conditions
+from xdynamics.model.constraints import beyond_trees, conditions, implied_conditions
 from xdynamics.model.linearisation import independent_counts, initial_state, mass_matrices
 from xdynamics.model.motion import constants
 from xdynamics.model.parts import ENERGETIC, POISSON
@@ -461,7 +460,7 @@ def _event_position_doubts(march: March) -> Iterator[str]:
 
 def _implied_condition_doubts(model: Model) -> Iterator[str]:
     """Report conditions that are implied by others except for a remainder too small to be enforced."""
-    implied = implied_at_start(model.elements.statement) if model.constraints else ()
+    implied = implied_conditions(model)
     if implied and len(conditions(model)) - len(implied) < independent_counts(model)[0]:
         names = ", ".join(f"'{conditions(model)[condition_index].name}'" for condition_index in implied)
         yield (

@@ -398,11 +398,17 @@ def keep_conditions(
 
 
 @lru_cache(maxsize=64)
+def implied_conditions(model: Model) -> tuple[int, ...]:
+    """Return which conditions those before them imply where the motion starts; none where measured values decide it."""
+    return implied_at_start(model.elements.statement) if model.elements.statement.constraints else ()
+
+
+@lru_cache(maxsize=64)
 def _sharing(model: Model) -> Sharing:
     """Return how conditions that imply each other share their force."""
     count = range(len(conditions(model)))
     return Sharing(
-        implied_at_start(model.elements.statement) if count else (),
+        implied_conditions(model),
         tuple(map(inverse_pivot, count)),
         {(i, p): _factor_name(i, p) for i, p in _coupled(model)},
         tuple(Name(_gram_name(k, k)) for k in count),
