@@ -471,3 +471,83 @@ def test_lengths_by_their_full_names(text: str, same: str) -> None:
         InputError, match=r"unit 'mpc' is not known here: a value alone may be given in light_year \(ly\) or"
     ):
         parse_quantity("1 mpc")
+
+
+@pytest.mark.parametrize(
+    ("text", "spelled", "si"),
+    [
+        ("60 mph", "mile h-1", 26.8224),
+        ("60 kph", "km h-1", 60.0 / 3.6),
+        ("1 knot", "knot", 1852.0 / 3600.0),
+        ("1 kWh", "kW h", 3.6e6),
+        ("2 mAh", "mA h", 7.2),
+        ("3 Nm", "N m", 3.0),
+        ("1 psi", "psi", 6894.757293168361),
+        ("1 kip", "kip", 4448.2216152605),
+        ("1 kgf/cm2", "kgf cm-2", 98066.5),
+        ("1 atm", "atm", 101325.0),
+        ("1 mmHg", "mmHg", 133.322387415),
+        ("1 kcal", "kthermochemical_calorie", 4184.0),
+        ("1 yd", "yard", 0.9144),
+        ("1 lbm", "lb", 0.45359237),
+        ("1 cP", "mPa s", 1e-3),
+        ("1 cSt", "mm2 s-1", 1e-6),
+        ("3000 rpm", "rpm", 314.1592653589793),
+        ("1 rev/s", "revolution s-1", 6.283185307179586),
+        ("3000 RPM", "rpm", 314.1592653589793),
+        ("5 ppm", "ppm", 5e-6),
+        ("2 Newtons", "N", 2.0),
+        ("2 Seconds", "s", 2.0),
+        ("2 Feet", "foot", 0.6096),
+        ("2 Ft", "foot", 0.6096),
+        ("2 Kg", "kg", 2.0),
+    ],
+)
+def test_units_that_engineers_type(text: str, spelled: str, si: float) -> None:
+    """Assert sizes of NIST SP 811 (2008), appendix B, and that UDUNITS reads what a record says as the same."""
+    quantity = parse_quantity(text)
+    assert (quantity.unit.text, quantity.si) == (spelled, pytest.approx(si, rel=4e-16))
+    assert parse_quantity(f"{quantity.value!r} {spelled}").si == quantity.si
+    dimension = quantity.unit.dimension
+    if dimension != NONE and "r" not in spelled[:3]:  # of angles UDUNITS keeps radians
+        size = cf_units.Unit(spelled).convert(quantity.value, cf_units.Unit(spell(dimension).text))
+        assert size == pytest.approx(si, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("text", "kept", "si"),
+    [
+        ("1 hp", "W", 745.6998715822702),
+        ("1 horsepower", "W", 745.6998715822702),
+        ("1 slug", "kg", 14.593902937206364),
+        ("16 oz", "lb", 0.45359237),
+        ("760 torr", "Pa", 101325.0),
+        ("1 eV", "J", 1.602176634e-19),
+        ("1 MeV", "J", 1.602176634e-13),
+    ],
+)
+def test_units_of_values(text: str, kept: str, si: float) -> None:
+    """Assert exact sizes that UDUNITS has not, kept in a unit that it has, and the way on where a product has one."""
+    quantity = parse_quantity(text)
+    assert (quantity.unit.text, quantity.si) == (kept, pytest.approx(si, rel=2e-16))
+    with pytest.raises(InputError, match=f"and is kept in {kept}; in a product write '{kept}'"):
+        parse_unit(f"{text.split()[1]} s-1")
+
+
+@pytest.mark.parametrize(
+    ("unit", "said"),
+    [
+        ("dB", r"unit 'dB' is not known here: a level is the logarithm of a ratio: write the ratio itself"),
+        ("gallon", "3.785411784 L in the US"),
+        ("BTU", "1055.05585262 J"),
+        ("ton", "write 'tonne' for 1000 kg"),
+        ("m2.5/s", "has the power 2.5, and a record spells whole powers alone"),
+        ("m^0.5", "has the power 0.5"),
+        ("Mpa", "unit 'Mpa' is not known"),  # not mPa
+        ("G", "unit 'G' is not known"),
+    ],
+)
+def test_units_of_several_sizes_have_a_remedy(unit: str, said: str) -> None:
+    """Assert that nothing is guessed, and that the message says what to write."""
+    with pytest.raises(InputError, match=said):
+        parse_quantity(f"3 {unit}")

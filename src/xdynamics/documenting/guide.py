@@ -31,7 +31,7 @@ from xdynamics.model.grammar import HEAD, SECTIONS
 from xdynamics.model.section import Key
 from xdynamics.model.table_keys import suggestion
 from xdynamics.schema import Variable
-from xdynamics.units import CALENDAR, CONSTANTS, PREFIX, SPELLING
+from xdynamics.units import CALENDAR, CONSTANTS, PREFIX, PRODUCTS, SPELLING
 
 # functions of the language that need an explanation; the others have their usual meaning
 SAID = {
@@ -258,8 +258,15 @@ def _units_page() -> Iterator[str]:
     yield from wrapped_lines(f"  units     {', '.join(SPELLING.values())}", 12)
     yield f"  prefixes  {', '.join(prefix for prefix in PREFIX.values() if prefix)};"
     yield "            u is micro; UDUNITS has no R, Q, r or q: write the power of ten in the number"
-    yield "  values    also in month (365.25/12 d), °C and °F, light_year (ly) and parsec (pc, kpc, Mpc, Gpc),"
-    yield "            which are kept in d, K and m; year is the Julian one, of 365.25 d"
+    read_too = ("mph", "kph", "kWh", "Wh", "Ah", "mAh", "Nm", "cP", "cSt", "rev", "lbm")
+    spelled = ", ".join(f"{name} ({PRODUCTS[name]})" for name in read_too)
+    yield from wrapped_lines(f"  products  {spelled}: in brackets as a record spells them", 12)
+    yield from wrapped_lines(
+        "  values    also in month (365.25/12 d), °C and °F, light_year (ly) and parsec (pc, kpc, Mpc, Gpc), hp, slug, oz,"
+        " torr and eV (keV, MeV, GeV), which are kept in d, K, m, W, kg, lb, Pa and J: UDUNITS has them in other sizes; year"
+        " is the Julian one, of 365.25 d, a calorie the thermochemical one, of 4.184 J",
+        12,
+    )
     yield "  also      m/s, m s^-2, m*s**-1; with an uncertainty: 50 ± 0.5 g, or of its last digits: 50.0(5) g"
 
 

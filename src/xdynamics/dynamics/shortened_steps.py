@@ -252,7 +252,9 @@ class StepInterpolator:
             dims = (AT, *quantity.dims)
             state_values, of_error, of_rest = (values_along(numbers, k * size + first, quantity) for k in range(3))
             first += quantity.size
-            variables[schema.name_without_clash((AT_TIME,), name)] = xr.Variable(dims, state_values, described, fastpath=True)
+            variables[schema.name_without_clash((AT_TIME,), name)] = xr.Variable(
+                dims, state_values, described, fastpath=True
+            )
             variables[error] = xr.Variable(dims, of_error, error_described, fastpath=True)
             if self.layout.is_doubled:
                 left = {

@@ -4,7 +4,7 @@ Text is taken apart here, under limits. Conversion factors are exact fractions, 
 ``0.001`` seconds are the same float.
 """
 
-from xdynamics.units.names import CALENDAR, CONSTANTS, PREFIX, SPELLING, constant_of
+from xdynamics.units.names import CALENDAR, CONSTANTS, PREFIX, PRODUCTS, SPELLING, constant_of
 from xdynamics.units.reading import (
     UNSCALED,
     Range,
@@ -38,7 +38,7 @@ from xdynamics.units.unit import (
 )
 
 __all__ = [
-    "BASE", "CALENDAR", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "SECONDS", "SPELLING", "TIME", "UNKNOWN_UNIT", "UNSCALED", "Dimension", "Quantity",
+    "BASE", "CALENDAR", "CONSTANTS", "ENERGY", "NONE", "NUMBERS", "PREFIX", "PRODUCTS", "SECONDS", "SPELLING", "TIME", "UNKNOWN_UNIT", "UNSCALED", "Dimension", "Quantity",
     "Range", "Scale", "Scales", "Unit", "coherent", "constant", "constant_of", "is_number", "is_range", "parse_quantity", "parse_scale", "parse_time", "parse_unit", "quotient",
     "spell", "time_in", "unit_suffix", "unit_text",
 ]  # fmt: skip

@@ -7,7 +7,7 @@ Scales of length, time and mass are the units in which a march may be nondimensi
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -16,7 +16,7 @@ from numbers import Real
 from typing import Any
 
 from xdynamics.faults import InputError
-from xdynamics.units.names import LENGTHS_OF_VALUES, PREFIX, look_up_unit
+from xdynamics.units.names import PREFIX, PRODUCTS, UNITS_OF_VALUES, look_up_unit
 from xdynamics.units.unit import (
     BASE,
     COHERENT,
@@ -49,18 +49,22 @@ _SIGNS = {
 }
 _RAISED = re.compile("(?<![⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])(?=[⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺])")
 _CELSIUS, _FAHRENHEIT, _MONTH = ("°C", "℃", "degC", "celsius", "Celsius"), ("°F", "℉", "degF"), ("month", "months")
-_LENGTH = re.compile(r"(?P<prefix>kilo|mega|giga|k|M|G|)(?:(?P<parsec>pc|parsecs?)|ly|light[-_ ]?years?)")
+_OF_VALUES = re.compile(
+    r"(?P<prefix>kilo|mega|giga|k|M|G|)(?:(?P<parsec>pc|parsecs?)|(?P<light_year>ly|light[-_ ]?years?)|(?P<electron_volt>eV))"
+    r"|(?P<horsepower>hp|HP|horsepower)|(?P<slug>slugs?)|(?P<ounce>oz|ounces?)|(?P<torr>[Tt]orr)"
+)
 _THOUSANDS = {"": 0, "k": 1, "M": 2, "G": 3, "kilo": 1, "mega": 2, "giga": 3}
 _OF_TIME = "units of time are s, ms, us, min, h, day, month and year"
 _DAYS_OF_MONTH = Fraction("365.25") / 12
 _OF_DIFFERENCES = re.compile("|".join(f"(?<![A-Za-z]){unit}(?![A-Za-z])" for unit in _CELSIUS))
+_FRACTION = re.compile(r"\.[0-9]")
 _BELOW = re.compile(r"/\s*\(([^()/]+)\)")
 OPERATORS = ("*", "+", "-", "(", ")")  # that an expression has behind a number, and no unit begins with
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?(?![0-9_.])")
 
 
 def parse_scale(text: str) -> Scale:
-    """Read a unit, or a scale that values alone are given on: ``°C``, ``°F``, ``month``, ``light_year``, ``Mpc``.
+    """Read a unit, or a scale that values alone are given on: ``°C``, ``°F``, ``month``, ``light_year``, ``Mpc``, ``hp``, ``oz``.
 
     A month is a twelfth of a Julian year; a light-year is what light goes in one, 9460730472580800 m, and a parsec 648000/pi
     astronomical units, as the International Astronomical Union has them (style manual, 1989; resolution B2, 2015, note 4).
@@ -80,9 +84,9 @@ def parse_scale(text: str) -> Scale:
         return Scale(parse_unit("K"), Fraction(5, 9), Fraction("459.67") * Fraction(5, 9), word)
     if word in _MONTH:
         return Scale(parse_unit("d"), _DAYS_OF_MONTH, text=word)
-    if match := _LENGTH.fullmatch(word):
-        length = LENGTHS_OF_VALUES["parsec" if match["parsec"] else "light_year"]
-        return Scale(parse_unit("m"), length * 1000 ** _THOUSANDS[match["prefix"]], text=word)
+    if match := _OF_VALUES.fullmatch(word):
+        kept_unit, factor = UNITS_OF_VALUES[match.lastgroup or ""]
+        return Scale(parse_unit(kept_unit), factor * 1000 ** _THOUSANDS[match["prefix"] or ""], text=word)
     return Scale(parse_unit(text), text=word)
 
 
@@ -113,7 +117,7 @@ def parse_unit(text: str) -> Unit:
         raise InputError(
             "the unit is unknown: the values were edited since they were marched; state it as their 'units'"
         )
-    if stripped in (*_CELSIUS, *_FAHRENHEIT, *_MONTH) or _LENGTH.fullmatch(stripped):
+    if stripped in (*_CELSIUS, *_FAHRENHEIT, *_MONTH) or _OF_VALUES.fullmatch(stripped):
         kept_unit = parse_scale(stripped).unit.text
         raise InputError(
             f"unit {shown_text} is for values alone, like '20 {stripped}': they are kept in {kept_unit}; write '{kept_unit}'"
@@ -147,13 +151,18 @@ def _unit_product(stripped: str, shown_text: str) -> Unit:
             raise InputError(
                 f"unit {shown_text} cannot be read at column {position + 1}; write factors with whole powers, like 'kg m-1'"
             )
+        if match["name"] and (rest := _FRACTION.match(stripped, match.end())):
+            raise InputError(
+                f"unit {shown_text} has the power {match['exponent'] or ''}{rest[0]}, and a record spells whole powers alone; put the"
+                " root into the expression, as in K*sqrt(h/metre) with K in m3 s-1"
+            )
         exponent = sign * int(match["exponent"] or 1)
         if not 0 < abs(exponent) <= LARGEST_EXPONENT:
             raise InputError(f"unit {shown_text} has the power {exponent}, needs 1 to {LARGEST_EXPONENT} in size")
-        if match["name"]:
-            spelling, one_dimension, one_factor = look_up_unit(match["name"])
-            powers[spelling] = powers.get(spelling, 0) + exponent
-            dimension, factor = dimension * one_dimension**exponent, factor * one_factor**exponent
+        for spelling, power, one_dimension, one_factor in _spelled(match["name"] or ""):
+            powers[spelling] = powers.get(spelling, 0) + power * exponent
+            dimension = dimension * one_dimension ** (power * exponent)
+            factor *= one_factor ** (power * exponent)
         position = match.end()
         if position == len(stripped):
             break
@@ -164,6 +173,14 @@ def _unit_product(stripped: str, shown_text: str) -> Unit:
         position = between.end()
     parts = [name + ("" if power == 1 else str(power)) for name, power in powers.items() if power]
     return Unit(" ".join(parts) or "1", dimension, factor)
+
+
+def _spelled(name: str) -> Iterator[tuple[str, int, Dimension, Fraction]]:
+    """Yield spelling, power, dimension and factor of each unit that a name stands for: one, or several, as mph for mile h-1."""
+    for part in PRODUCTS.get(name, name).split():
+        stem = part.rstrip("-0123456789") if name in PRODUCTS else part
+        spelling, dimension, factor = look_up_unit(stem)
+        yield spelling, int(part[len(stem) :] or 1), dimension, factor
 
 
 def parse_quantity(value: Any, *, difference: bool = False) -> Quantity:
