@@ -149,7 +149,10 @@ def test_an_empty_file_is_said_to_be_empty(tmp_path: Path) -> None:
         ({"units": {"z": "m"}}, "has no column 'z', which units names; there are 't', 'x', 'y'"),
         ({**TRACKED, "time_zero": "1 m"}, "time_zero is '1 m', and column 't .s.' is in 's'"),
         ({"decimal": ";"}, "decimal is ';', needs"),
-        ({"rows": 3}, "'rows' does not say how a file is read; there are skip, header, units, time_zero, decimal"),
+        (
+            {"rows": 3},
+            "'rows' does not say how a file is read; there are skip, header, units, argument_column, duplicates",
+        ),
     ],
 )
 def test_wrong_keys_are_named(keys: dict[str, Any], said: str) -> None:

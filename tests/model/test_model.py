@@ -386,7 +386,7 @@ def test_a_table_that_is_no_file(tmp_path: Path, what: str) -> None:
         "pipe": lambda: os.mkfifo(table),
         "folder": table.mkdir,
         "missing": lambda: None,
-        "bytes": lambda: table.write_bytes(b"secret\xff"),
+        "bytes": lambda: table.write_bytes(b"secret\x00\xff"),
         "large": lambda: os.truncate(table, 1 << 40),
     }
     if what == "large":

@@ -77,7 +77,7 @@ def test_a_column_of_several(column: str) -> None:
         ("t [s],x [wibble]\n0,1\n", {}, "column 'x .wibble.': unit 'wibble'"),
         ("t [s],x [m]\n0,1,5\n1,2,5\n", {}, "line 2, '0' …, has 3 cells, the header 2"),
         ("t [s],x [m]\n0,1\n1,nan\n", {}, "line 3: column 'x .m.' has a gap"),
-        ("t [s];x [m]\n0;1.000,5\n1;2\n", {}, "line 2: '1.000,5' is no number"),
+        ("t [s];x [m]\n0;1.00,5\n1;2\n", {}, "line 2: '1.00,5' is no number"),
         ("# nothing\n", {}, "is empty; it needs a header"),
         ("t [s],x [m]\n1,0\n1,2\n0,3\n", {}, "line 3: argument 1.0 does not increase after 1.0"),
     ],

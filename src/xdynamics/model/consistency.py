@@ -354,7 +354,7 @@ def _check_drive(
         if drive.table.argument_unit.dimension != dimension:
             raise InputError(
                 f"the first column of '{drive.table.name}' is in '{drive.table.argument_unit.text}', its argument"
-                f" '{text}' in '{dimension}'"
+                f" '{text}' in '{dimension}'; where it is another column, say which: argument_column = \"…\""
             )
 
 

@@ -110,7 +110,14 @@ _TITLES = tuple(
     )
 )
 _PLAIN = re.compile(r"[\s0-9.eE+\-a-zA-Z]+", re.ASCII)  # no underscore, no digits of other alphabets
-_GAPS = ("", "-", "--", "na", "n/a", "nan", "null", "none")
+# what loggers and spreadsheets write where there is no number
+_GAPS = ("", "na", "n/a", "#n/a", "nan", "null", "none", "missing", "over", "overload", "ol", "#value!", "#div/0!", "?")
+_STRUCK = re.compile(r"-+|\*+")
+# groups of three digits, where the other mark is the decimal one: 1.000,5 and 1,000.5
+_GROUPED = {
+    mark: re.compile(rf"\s*[+-]?[0-9]{{1,3}}(?:\{other}[0-9]{{3}})+\{mark}[0-9]+\s*")
+    for mark, other in ((",", "."), (".", ","))
+}
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+(?:[eE][+-]?[0-9]+)?\s*")
 
 
@@ -171,10 +178,13 @@ class Sheet:
                 " its titles, or leave out columns that are not read"
             )
         separator = next((separator for separator in SEPARATORS if separator in first), ",")
-        header = tuple(next(csv.reader([first], delimiter=separator)))
-        if table := PlainTable.from_text(text[below:], separator, len(header)):
+        written = next(csv.reader([first], delimiter=separator))
+        header = tuple(written[: 1 + max((k for k, cell in enumerate(written) if cell.strip()), default=-1)])
+        if table := PlainTable.from_text(text[below:], separator, len(written)):
             return cls(name, separator, ".", header, number, table)
         rows = tuple((n, _split_cells(name, n, line, separator)) for n, line, _ in lines)
+        while len(rows) > 1 and _is_foot(rows[-1][1], rows[0][1]):
+            rows = rows[:-1]
         return cls(name, separator, _decimal(name, separator, rows), header, number, rows)
 
     @cached_property
@@ -268,7 +278,7 @@ class Sheet:
                 )
                 continue
             selected = [cells[k] for k in columns]
-            gaps = [k for k, cell in zip(columns, selected, strict=True) if cell.strip().lower() in _GAPS]
+            gaps = [k for k, cell in zip(columns, selected, strict=True) if is_gap(cell)]
             if gaps and skip:
                 continue
             if gaps:
@@ -326,6 +336,8 @@ class Sheet:
             return lambda value: value
 
     def _cell_number(self, cell: str) -> float | None:
+        if "," in cell and _GROUPED[self.decimal].fullmatch(cell):
+            cell = cell.replace("." if self.decimal == "," else ",", "")
         return number_in_cell(cell.replace(",", ".") if self.decimal == "," else cell)
 
 
@@ -416,10 +428,23 @@ def number_in_cell(cell: str) -> float | None:
     return value if _PLAIN.fullmatch(cell) else None
 
 
+def is_gap(cell: str) -> bool:
+    """Whether a cell says that there is no number: empty, or ``NA``, ``---``, ``***``, ``#N/A``, ``OVER`` and their like."""
+    word = cell.strip().lower()
+    return word in _GAPS or _STRUCK.fullmatch(word) is not None
+
+
 def cell_excerpt(cell: str) -> str:
     """Show the beginning of a cell: enough to find it, too little to disclose the contents of a file."""
     cell = cell.strip()
     return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "…")
+
+
+def _is_foot(cells: Sequence[str], first_cells: Sequence[str]) -> bool:
+    """Whether a line is words below a table of numbers, whose first line is given."""
+    of_numbers = all(is_gap(cell) or _is_number_cell(cell) for cell in first_cells)
+    is_words = re.search("[A-Za-z]{2}", cells[0]) is not None and not any(map(_is_number_cell, cells))
+    return of_numbers and is_words and len(cells) < len(first_cells)
 
 
 def _is_number_cell(cell: str) -> bool:
@@ -436,6 +461,7 @@ def _decimal(name: str, separator: str, rows: Sequence[tuple[int, list[str]]]) -
         return "."
     commas = next((n for n, cells in rows for cell in cells if _DECIMAL_COMMA.fullmatch(cell)), 0)
     points = next((n for n, cells in rows for cell in cells if "." in cell and "," not in cell), 0)
+    commas = commas or next((n for n, cells in rows for cell in cells if _GROUPED[","].fullmatch(cell)), 0)
     if commas and points:
         raise InputError(
             f"table '{name}' has decimal commas (line {commas}) and points (line {points}); write one of them"
@@ -515,7 +541,8 @@ def number_cells(line: str, decimal: str) -> list[str]:
         cells.pop()
     comma = decimal == "," or (not decimal and ";" in line) or (not decimal and "\t" in line and "." not in line)
     cells = [cell.replace(",", ".") if comma else cell for cell in cells]
-    good = any(cells) and all(not cell or number_in_cell(cell) is not None for cell in cells)
+    good = any(cells) and all(is_gap(cell) or number_in_cell(cell) is not None for cell in cells)
+    good = good and not all(map(is_gap, cells))
     return cells if good else []
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from xdynamics.elementary.piecewise import find_piece, last_piece_begun, slope_at, value_at
 from xdynamics.faults import InputError, Ledger
-from xdynamics.model.csv_sheet import MOST_FAULTS, Sheet, Title, cell_excerpt, normalise_newlines
+from xdynamics.model.csv_sheet import MOST_FAULTS, Sheet, Title, cell_excerpt, clocks_of, normalise_newlines
 from xdynamics.units import Unit
 
 Floats = NDArray[np.float64]
@@ -257,9 +257,20 @@ def _value_columns(sheet: Sheet, column: str) -> dict[str, int]:
         raise InputError(
             f"table '{sheet.name}', line {sheet.header_line}, has {problem}; it is {sheet.layout_text}, and needs two with"
             " units, like 'time [s],thrust [N]', with uncertainties further ones, 'u(thrust) [N]' of each value,"
-            f" 'u_common(thrust) [N]' of all together; {sheet.first_lines_text}"
+            f" 'u_common(thrust) [N]' of all together{_argument_remedy(sheet)}; {sheet.first_lines_text}"
         )
     return {ARGUMENT: 0, VALUE: values[0]} | doubts_of(names[values[0]], names)
+
+
+def _argument_remedy(sheet: Sheet) -> str:
+    """Return how to say that values are measured over another column than the first, if there is one of times."""
+    clocks = [name for name in clocks_of(sheet.header) if name != sheet.names[0]]
+    return (
+        f"; they are measured over the first column, {cell_excerpt(sheet.names[0])}; where that is another one:"
+        f' argument_column = "{clocks[0]}"'
+        if clocks
+        else ""
+    )
 
 
 def _check_doubts(sheet: Sheet, places: Mapping[str, int], titles: Mapping[int, Title]) -> None:
@@ -279,7 +290,8 @@ def _refuse_rows(sheet: Sheet, rows: list[tuple[int, tuple[float, ...]]]) -> Non
     previous = -inf
     for number, row in rows:
         if row[0] <= previous:
-            ledger.note(f"line {number}: argument {row[0]!r} does not increase after {previous!r}")
+            same = ', of which duplicates = "first", "last" or "mean" takes one' if row[0] == previous else ""
+            ledger.note(f"line {number}: argument {row[0]!r} does not increase after {previous!r}{same}")
         elif row[2:] and min(row[2:]) < 0:
             ledger.note(f"line {number}: the uncertainty {min(row[2:])!r} is negative")
         previous = max(previous, row[0])

@@ -121,7 +121,8 @@ def drive_table(entry: Any, section: Section, name: str, source: Source) -> Any:
     InputError
         If it has neither a table nor its text, or the name is no file's.
     """
-    if not isinstance(entry, Mapping) or not ({*entry} & {"table", "csv"} or {*entry} <= {*section.fixed_keys}):
+    says = isinstance(entry, Mapping) and all(isinstance(value, str) for value in entry.values())
+    if not isinstance(entry, Mapping) or not (says or {*entry} & {"table", "csv"} or {*entry} <= {*section.fixed_keys}):
         entry = {"table": entry}  # a table from Python in place of an entry
     check_keys(entry, section.fixed_keys, ())
     if "table" not in entry and "csv" not in entry:

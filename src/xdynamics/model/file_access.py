@@ -121,7 +121,7 @@ class FileAccess:
             path = self._below(name)
         try:
             content = read_bounded(path, LARGEST_TABLE, "; leave out rows, or columns that are not read")
-            return text_of_workbook(content) if path.suffix.lower() == WORKBOOK else decoded(content)
+            return text_of_workbook(content) if path.suffix.lower() == WORKBOOK else _text_of_table(content)
         except InputError as error:
             why = str(error)
         except FileNotFoundError:
@@ -218,3 +218,20 @@ def excess(entries: Mapping[str, Any]) -> str:
     return (
         f"has {len(entries)} entries, over the limit of {MOST_ENTRIES}{_SIZES}" if len(entries) > MOST_ENTRIES else ""
     )
+
+
+def _text_of_table(content: bytes) -> str:
+    """Return the text of a table: in UTF-8 or UTF-16, else in Windows-1252, which spreadsheets write, and it then says so.
+
+    Raises
+    ------
+    ValueError
+        If it is no text.
+    """
+    try:
+        return decoded(content)
+    except UnicodeDecodeError:
+        if b"\0" in content:
+            raise
+    text = decoded(content.decode("cp1252").encode())
+    return f"{text.rstrip()}\n# read as Windows-1252, as it is no UTF-8\n"

@@ -103,6 +103,20 @@ READING = (
         is_rewritten=False,
     ),
     Key("units", raw("table of units"), "of columns whose titles have none", "none", is_rewritten=False),
+    Key(
+        "argument_column",
+        raw("name of a column"),
+        "that the values are measured over: of a file whose first column is another one",
+        "the first",
+        is_rewritten=False,
+    ),
+    Key(
+        "duplicates",
+        word_kind("first", "last", "mean"),
+        "of lines in a row with one argument, which value is taken",
+        "refused",
+        is_rewritten=False,
+    ),
     Key("time_zero", raw('time | "first"'), "what the times are counted from", "0", is_rewritten=False),
     Key("decimal", word_kind(".", ","), "decimal mark", "found", is_rewritten=False),
 )
@@ -253,7 +267,7 @@ SECTIONS: dict[str, Section] = {
         ),
         '[drives.pull]\ntable = "pull.csv"\ncsv = "t [s],pull [N]\\n0,0\\n2,3\\n9,0\\n"\ninterpolation = "pchip"\noutside = "zero"\n'
         '[drives.soft]\ntable = "soft.csv"\ncsv = "x (mm);soft (N);u(soft) (N);heat/K\\n-900;5,0;0,1;290\\n0;;;291\\n900;-5,0;0,1;292\\n"\ncolumn = "soft"\ngaps = "skip"\nargument = "x"\ndescription = "measured spring"\n'
-        '[drives.swing]\ntable = "tracked.txt"\ncsv = "mass A\\nt;y\\n2,0;1,5\\n2,1;1,6\\n"\nskip = 1\nunits = { t = "s", y = "mm" }\ntime_zero = "2 s"\ndecimal = ","\n'
+        '[drives.swing]\ntable = "tracked.txt"\ncsv = "mass A\\nframe;t;y\\n1;2,0;1,5\\n2;2,1;1,6\\n3;2,1;1,7\\n"\nskip = 1\nunits = { t = "s", y = "mm" }\nargument_column = "t"\ncolumn = "y"\nduplicates = "mean"\ntime_zero = "2 s"\ndecimal = ","\n'
         '[drives.scope]\ntable = "scope.txt"\ncsv = "0 1\\n1 2\\n"\nheader = ["t [s]", "CH1 [V]"]\n'
         '[drives.bath]\ntable = "bath.csv"\ncsv = "t [s],left [K],middle [K],right [K]\\n0,290,291,292\\n9,300,300,300\\n"\ndims = ["bead"]\n',
         full=entries.drive_table, make=entries.make_drive, own_tables=True,

@@ -15,7 +15,8 @@ Rigol      DS1000Z: ``X,CH1,Start,Increment``, below it ``Sequence,Volt,-1e-3,1e
            DS1000E: ``Time,X(CH1)``, ``Second,Volt``. MSO5000, DHO: ``Time(s),CH1(V),t0 = -5e-07s, tInc = 4e-10s``.
 RASP       ``.eng``, thrust of a rocket motor: comments from semicolons, seven words on the motor, then seconds and newtons;
            the first point (0, 0) is not written (https://www.thrustcurve.org/info/raspformat.html).
-others     Lines before a header, and units in a line of their own below the names: ``Time,Channel A``, ``(ms),(V)``. So are
+TOA5       Campbell's loggers: four lines first, of which the second has the names and the third the units.
+others     Lines before a header, a header in a comment, and units in a line of their own below the names: ``Time,Channel A``, ``(ms),(V)``. So are
            Tracker's, a line with the name of the track and ``t  x  y``, whose units are said by the key `units`.
 ========== ==========================================================================================================
 
@@ -28,13 +29,16 @@ import csv
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import date
 from fractions import Fraction
+from itertools import groupby
 from typing import Any
 
 from xdynamics.faults import InputError
 from xdynamics.model.csv_sheet import (
     COMMENTS,
     LONGEST_HEADER,
+    SEPARATORS,
     Cells,
     cell_excerpt,
     cells_of,
@@ -195,6 +199,97 @@ def preambled(lines: list[str], decimal: str) -> Cells | None:
     return Cells(kind, tuple(header), tuple(tuple(row) for row in rows if row))
 
 
+def commented(lines: list[str], decimal: str) -> Cells | None:
+    """Read a table whose header is the last comment above its numbers, ``# t [s], F [N]``; None of another file."""
+    comments = [line for line in lines if line.lstrip().startswith(COMMENTS)]
+    rows = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
+    header = cells_of(comments[-1].lstrip().lstrip("#%/").strip()) if comments and rows else []
+    numbers = number_cells(rows[0], decimal) if header else []
+    if not numbers or len(header) != len(numbers) or not any(map(has_unit, header)):
+        return None
+    return Cells("its header in a comment", tuple(header), tuple(tuple(number_cells(line, decimal)) for line in rows))
+
+
+def toa5(lines: list[str], _: str) -> Cells | None:
+    """Read the record of one of Campbell's loggers, a table of TOA5; None of another file."""
+    if cells_of(lines[0])[:1] != ["TOA5"] or len(lines) < 6:
+        return None
+    names, units = cells_of(lines[1]), [cell.replace("Deg C", "°C") for cell in cells_of(lines[2])]
+    titles = [
+        f"{name} [{unit}]" if has_unit(f"x [{unit}]") and unit else name
+        for name, unit in zip(names, units, strict=False)
+    ]
+    return Cells(
+        "a table of a Campbell logger, TOA5", tuple(titles), tuple(tuple(cells_of(line)) for line in lines[4:])
+    )
+
+
+_DATE = r"(?P<year>[0-9]{4})-(?P<month>[0-9]{2})-(?P<day>[0-9]{2})"
+_CLOCK = r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2}(?:[.,][0-9]+)?))?"
+_INSTANT = re.compile(rf"(?:{_DATE}[T ])?{_CLOCK}\s*(?P<zone>Z|[+-][0-9]{{2}}:?[0-9]{{2}})?")
+_DAY = 86_400
+
+
+def times_of_dates(lines: list[str]) -> tuple[list[str], str]:
+    """Return lines whose first cell, a date (ISO 8601) or a clock, is replaced by seconds since that of the first one; and that.
+
+    A clock that goes back by more than half a day has passed midnight. The text is empty where the first cells are none.
+
+    Raises
+    ------
+    InputError
+        If some dates have a time zone and others none, or a date is none of the calendar.
+    """
+    begin = next((k for k, line in enumerate(lines[:200]) if _INSTANT.fullmatch(line_start(line))), -1)
+    if begin < 0:
+        return lines, ""
+    origin, previous, days = line_start(lines[begin]), Fraction(-_DAY), 0
+    zero, zoned = _seconds_of(origin)
+    timed_lines = lines[:begin]
+    for line in lines[begin:]:
+        cell = line_start(line)
+        if not _INSTANT.fullmatch(cell):
+            timed_lines.append(line)
+            continue
+        seconds, has_zone = _seconds_of(cell)
+        if has_zone != zoned:
+            raise InputError(
+                f"the time {cell_excerpt(cell)} has {'a' if has_zone else 'no'} time zone, and {origin!r} {'none' if has_zone else 'one'}; write all alike"
+            )
+        if "-" not in cell and seconds + days * _DAY < previous - _DAY // 2:
+            days += 1
+        previous = seconds + days * _DAY
+        rest = line.lstrip().removeprefix('"')[len(cell) :].removeprefix('"')
+        timed_lines.append(f"{float(previous - zero)!r}{rest}")
+    return timed_lines, origin
+
+
+def line_start(line: str) -> str:
+    """Return the first cell of a line, without quotes."""
+    separator = next((separator for separator in SEPARATORS if separator in line), ",")
+    return line.split(separator, 1)[0].strip().strip('"').strip()
+
+
+def _seconds_of(cell: str) -> tuple[Fraction, bool]:
+    """Return the seconds of a date since that of year 1, or of a clock since midnight, exactly; and whether it has a zone."""
+    match = _INSTANT.fullmatch(cell)
+    assert match is not None  # noqa: S101 - callers have looked
+    parts = match.groupdict()
+    seconds = (
+        3600 * int(parts["hour"]) + 60 * int(parts["minute"]) + Fraction((parts["second"] or "0").replace(",", "."))
+    )
+    if parts["year"]:
+        try:
+            seconds += _DAY * date(int(parts["year"]), int(parts["month"]), int(parts["day"])).toordinal()
+        except ValueError:
+            raise InputError(f"the date {cell_excerpt(cell)} is none of the calendar") from None
+    zone = parts["zone"]
+    if zone and zone != "Z":
+        shift = 3600 * int(zone[1:3]) + 60 * int(zone[-2:])
+        seconds += shift if zone[0] == "-" else -shift
+    return seconds, zone is not None
+
+
 def _channel_titles(units: Sequence[str], preamble: Mapping[str, Sequence[str]]) -> list[str]:
     """Return the titles of columns whose header is words for units, ``Second,Volt``: channels are named above it."""
     channel_matches = [match for cell in preamble.get("vertical units", ()) if (match := _CHANNEL.fullmatch(cell))]
@@ -222,8 +317,9 @@ def _preamble_titles(header: Sequence[str], preamble: Mapping[str, Sequence[str]
     return [f"{name} [{unit}]" for name, unit in zip(header, [horizontal, *vertical_units], strict=True)]
 
 
-KEYS = ("skip", "header", "units", "time_zero", "decimal")
+KEYS = ("skip", "header", "units", "argument_column", "duplicates", "time_zero", "decimal")
 FIRST = "first"  # of `time_zero`: times are counted from the first
+DUPLICATES = ("first", "last", "mean")  # what is taken of lines of one argument
 COLUMNS = "columns"  # of `compare` and `fit`; a drive has a name of its own, and `column`
 
 
@@ -239,6 +335,10 @@ class Reading:
         Titles with units in the place of the file's own, ``("t [s]", "x [mm]")``.
     units : mapping of str to str
         Units of columns whose titles have none, by their names.
+    argument_column : str
+        The column that values are measured over, where it is not the first.
+    duplicates : {"", "first", "last", "mean"}
+        Which value is taken where lines in a row have one argument; refused if empty.
     time_zero : str
         What the column of times is counted from: a time, or ``"first"``, its first number.
     decimal : {"", ".", ","}
@@ -250,6 +350,8 @@ class Reading:
     skip: int = 0
     header: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    argument_column: str = ""
+    duplicates: str = ""
     time_zero: str = ""
     decimal: str = ""
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -275,6 +377,11 @@ class Reading:
             raise InputError(f'units is {units!r}, needs a table of units by column, {{ t = "s", x = "mm" }}')
         for name, unit in units.items():
             _make_labelled(f"units: column '{name}'", lambda unit=unit: parse_scale(unit))  # type: ignore[misc]
+        argument, duplicates = keys.get("argument_column", ""), keys.get("duplicates", "")
+        if not isinstance(argument, str):
+            raise InputError(f"argument_column is {argument!r}, needs the name of a column of the file")
+        if duplicates not in ("", *DUPLICATES):
+            raise InputError(f"duplicates is {duplicates!r}, needs {', '.join(map(repr, DUPLICATES))}")
         zero, decimal = keys.get("time_zero", ""), keys.get("decimal", "")
         if zero and zero != FIRST:
             _make_labelled("time_zero", lambda: parse_quantity(zero))
@@ -285,7 +392,7 @@ class Reading:
             raise InputError(
                 f'columns is {columns!r}, needs names of the file by those of the model, {{ x = "Position" }}'
             )
-        return cls(skip, tuple(header), dict(units), str(zero), str(decimal), dict(columns))
+        return cls(skip, tuple(header), dict(units), argument, str(duplicates), str(zero), str(decimal), dict(columns))
 
 
 AS_IT_IS = Reading()
@@ -314,22 +421,30 @@ def as_table(name: str, text: str, reading: Reading = AS_IT_IS) -> str:
         if reading.skip and text.strip():
             raise InputError(f"table '{name}' has no lines after the first {reading.skip}, which skip leaves out")
         raise InputError(f"table '{name}' is empty")
+    lines, origin = times_of_dates(lines)
     grid: Cells | None = None
     first = next((line for line in lines if not line.lstrip().startswith(COMMENTS)), "")[:LONGEST_HEADER]
     ready = is_table(first) and not any(form.search(first) for form in (RUN, STEP))
-    if ready and reading == AS_IT_IS:
+    titled = not ready or cells_of(first)[0] != ""  # a first column without a title is an index of lines
+    if ready and titled and not origin and reading == AS_IT_IS:
         return text
     if reading.header:
         grid = _cells_below_titles(name, lines, reading)
     elif not ready:
         read_known_file: Callable[[list[str], str], Cells | None]
-        for read_known_file in (rasp, vernier, tds, rigol, preambled):
+        for read_known_file in (rasp, vernier, tds, rigol, toa5, commented, preambled):
             if (grid := read_known_file(lines, reading.decimal)) is not None:
                 break
-    if reading == AS_IT_IS:
-        return text if grid is None else grid.text(name)
+    if reading == AS_IT_IS and grid is None and titled and not origin:
+        return text
     grid = grid or _split(lines, reading)
-    return _count_times(name, _renamed(name, _with_column_units(name, grid, reading), reading), reading).text(name)
+    if not titled:
+        grid = Cells(f"{grid.kind}, without its first column", grid.header[1:], tuple(row[1:] for row in grid.rows))
+    if origin:
+        grid = replace(grid, kind=f"{grid.kind}, time counted from {origin}", header=(TIME, *grid.header[1:]))
+    for change in (_with_column_units, _renamed, _with_argument_first, _without_duplicates, _count_times):
+        grid = change(name, grid, reading)
+    return grid.text(name)
 
 
 def _make_labelled(label: str, make: Callable[[], Any]) -> Any:
@@ -363,7 +478,11 @@ def _split(lines: list[str], reading: Reading) -> Cells:
     header = cells_of(lines[0])
     while header and not header[-1]:
         header.pop()
-    return Cells("read as it was said", tuple(header), tuple(tuple(row) for row in rows))
+    return Cells(
+        "read as a table" if reading == AS_IT_IS else "read as it was said",
+        tuple(header),
+        tuple(tuple(row) for row in rows),
+    )
 
 
 def _with_column_units(name: str, grid: Cells, reading: Reading) -> Cells:
@@ -396,6 +515,50 @@ def _renamed(name: str, grid: Cells, reading: Reading) -> Cells:
             if column in (theirs, f"u({theirs})"):
                 header[k] = header[k].replace(theirs, ours, 1)
     return replace(grid, header=tuple(header))
+
+
+def _with_argument_first(name: str, grid: Cells, reading: Reading) -> Cells:
+    """Put the column that values are measured over before the others."""
+    if not reading.argument_column:
+        return grid
+    names = [name_of_title(title) for title in grid.header]
+    wanted = reading.argument_column.strip()
+    matching = [k for k, title in enumerate(grid.header) if wanted in (names[k], title.strip())]
+    if len(matching) != 1:
+        raise InputError(
+            f"table '{name}' has {'several columns' if matching else 'no column'} '{wanted}', which argument_column names;"
+            f" there are {', '.join(map(cell_excerpt, grid.header))}"
+        )
+    k = matching[0]
+    rows = tuple((row[k], *row[:k], *row[k + 1 :]) if len(row) > k else row for row in grid.rows)
+    return replace(grid, header=(grid.header[k], *grid.header[:k], *grid.header[k + 1 :]), rows=rows)
+
+
+def _without_duplicates(_name: str, grid: Cells, reading: Reading) -> Cells:
+    """Take one line of those in a row that have the same argument."""
+    if not reading.duplicates:
+        return grid
+    rows: list[tuple[str, ...]] = []
+    for _, same in groupby(grid.rows, key=lambda row: number_in_cell(row[0]) if row else None):
+        group = list(same)
+        rows.append(
+            _mean_row(group) if reading.duplicates == "mean" else group[0 if reading.duplicates == "first" else -1]
+        )
+    left_out = len(grid.rows) - len(rows)
+    kind = f"{grid.kind}, lines left out whose argument another one has: {left_out}, the {reading.duplicates} is taken"
+    return replace(grid, kind=kind if left_out else grid.kind, rows=tuple(rows))
+
+
+def _mean_row(group: list[tuple[str, ...]]) -> tuple[str, ...]:
+    """Return a line of the means of lines; a gap where one of them has one."""
+    if len(group) == 1:
+        return group[0]
+    columns = zip(*group, strict=False)
+    numbers = ([number_in_cell(cell) for cell in column] for column in columns)
+    return tuple(
+        "" if None in column else repr(float(sum(Fraction(repr(number)) for number in column) / len(column)))
+        for column in numbers
+    )
 
 
 def _count_times(name: str, grid: Cells, reading: Reading) -> Cells:
