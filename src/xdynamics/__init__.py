@@ -212,6 +212,14 @@ _entered = entrance(
         "record.arguments.marching": _OF_RECORDS,
         "record.pint_records.taking": _OF_RECORDS,
     },
+    other_words={
+        **dict.fromkeys(("open", "load", "read", "open_dataset", "load_run", "read_run", "open_archive"), "open_run"),
+        **dict.fromkeys(("run", "march", "integrate", "simulation"), "simulate"),
+        **dict.fromkeys(("solve_ivp", "odeint", "ode"), "solve"),
+        **dict.fromkeys(("write", "dump", "to_netcdf"), "save"),
+        **dict.fromkeys(("scan", "grid", "ensemble", "parameter_study"), "sweep"),
+        **dict.fromkeys(("convergence", "converge"), "refine"),
+    },
 )
 
 when_imported("xarray", "xdynamics.interchange.registration", "register")

@@ -6,11 +6,12 @@ Each entry has one name, which is the keyword of `simulate`, the key of `[run]`,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, signature
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from xdynamics.faults import InputError, internal_text
@@ -161,6 +162,8 @@ def checked_keywords(verb: Callable[..., Any]) -> Callable[..., Any]:
             return verb(*arguments, **keywords)
         except TypeError:
             parameters = signature(verb).parameters
+            if len(arguments) > _places(parameters.values()):
+                raise InputError(_surplus_text(verb.__name__, parameters, arguments)) from None
             if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters.values()):
                 raise
             unknown = next((name for name in keywords if name not in parameters), None)
@@ -172,6 +175,25 @@ def checked_keywords(verb: Callable[..., Any]) -> Callable[..., Any]:
         raise InputError(f"{verb.__name__} has no '{unknown}'; {keyword_hint(unknown, keyword_names)}")
 
     return checked_verb
+
+
+def _places(parameters: Iterable[Parameter]) -> float:
+    """Return how many arguments have a place of their own; inf where any number has."""
+    kinds = [parameter.kind for parameter in parameters]
+    if Parameter.VAR_POSITIONAL in kinds:
+        return inf
+    return sum(kind in (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD) for kind in kinds)
+
+
+def _surplus_text(verb: str, parameters: Mapping[str, Parameter], arguments: Sequence[Any]) -> str:
+    """Say how the first argument is written that has no place."""
+    places = int(_places(parameters.values()))
+    named = [name for name, parameter in parameters.items() if parameter.kind is Parameter.KEYWORD_ONLY]
+    first = "method" if "method" in named else next(iter(named), "name")
+    return (
+        f"{verb} takes {places} of its arguments by place, and all others by name, as in {first}=…; given are"
+        f" {len(arguments)}, and {str(arguments[places])[:40]!r} has no name"
+    )
 
 
 def keyword_hint(word: str, known_names: Sequence[str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -72,6 +73,11 @@ def open_run(
         If what the record says was changed since it was archived; `save` then takes it as derived data alone.
     """
     location = location_of(path)
+    if isinstance(location, Path) and location.suffix.lower() == ".toml" and location.is_file():
+        raise InputError(
+            f"'{location}' is a model, and a run of it is needed: xdynamics run {location} -o {location.with_suffix('.nc')}, in"
+            " Python run = xd.simulate(xd.Model.from_toml(…))"
+        )
     run, examination = _open_location(location, check=check)
     run.attrs.pop(SEALED, None)  # describes the file, not the run
     if check:

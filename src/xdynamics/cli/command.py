@@ -277,6 +277,7 @@ class _Command(click.Group):
         """Find the verb; refuse to begin if the libraries do not fit into memory, where some would wait for ever."""
         if args[0] not in self.commands and not args[0].startswith("-"):
             meant = command_meant(args, [*self.commands])
+            meant = "xdynamics --version" if args[0] == "version" else meant
             remedy = f"did you mean `{meant}`?" if meant else f"there are {', '.join(sorted(self.commands))}"
             raise click.UsageError(f"there is no verb '{args[0]}'; {remedy}", ctx)
         name, command, remaining_args = super().resolve_command(ctx, args)
@@ -393,7 +394,7 @@ def print_json(subject: Any, **files: str | None) -> None:
 
 
 @click.group(cls=_Command, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="xdynamics", message="%(prog)s %(version)s")
+@click.version_option(None, "-V", "-v", "--version", package_name="xdynamics", message="%(prog)s %(version)s")
 def main() -> None:
     """Numerical dynamics as self-describing xarray datasets."""
 

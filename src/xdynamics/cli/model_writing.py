@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from xdynamics.cli.command import json_option, main, print_json, say, verb_meant
+from xdynamics.cli.command import ALSO, json_option, main, print_json, say
 from xdynamics.cli.marching import read_changed_model
 
 
@@ -23,7 +23,8 @@ def help_on(topic: str | None, folder: str | None) -> None:
         return
     from xdynamics.documenting.guide import guide, topic_named, topics
 
-    verb = None if topic is None or topic_named(topic) in topics() else verb_meant(topic, [*main.commands])
+    named = "" if topic is None or topic_named(topic) in topics() else topic.lower()
+    verb = next((verb for verb in main.commands if named == verb or named in ALSO.get(verb, ())), None)
     if verb:
         command = main.commands[verb]
         say(command.get_help(click.Context(command, click.get_current_context().parent, verb)).splitlines())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
@@ -104,6 +105,7 @@ BY_NAME = (  # variables of the record that are named after the model's own name
     ("m, g, …", "", "every parameter, with its uncertainty as an attribute"),
 )
 PAGES_ABOUT = {  # pages that are of no section of a model file
+    "first": "First steps: from nothing to a number and its error.",
     "model": "What may stand in a model file; `xdynamics new MODEL.toml` writes one to begin with.",
     "language": "Expressions: operators, functions, names of units.",
     "shapes": "Quantities along named dimensions: bodies, lattices, fields.",
@@ -127,6 +129,9 @@ PAGES_ABOUT = {  # pages that are of no section of a model file
 STARTER = page_text("starter.toml")
 FILES = page_text("files.txt")
 SOLVE = page_text("solve.txt")
+FIRST_STEPS = page_text("first.txt")
+ALSO = {"first": ("quickstart", "tutorial", "start", "intro", "introduction", "begin", "beginners", "steps")}
+MOST_LINES, SHORTEST_WORD = 3, 3  # of a page that says a word, which has so many letters
 
 
 def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:
@@ -147,10 +152,27 @@ def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:
     if topic is None:
         return _contents(verbs)
     topic = topic_named(topic)
+    topic = next((page for page, words in ALSO.items() if topic in words), topic)
     if topic not in pages:
+        if found := [*_pages_that_say(topic)]:
+            return iter((f"no page is called '{topic}'; these say it", *found))
         raise InputError(f"help has no topic '{topic}'{suggestion(topic, tuple(dict.fromkeys((*pages, *verbs))))}")
     verb_note = f"the verb of that name: xdynamics {topic} --help"
     return iter((*pages[topic](), *([verb_note] if topic in verbs else ())))
+
+
+def _pages_that_say(word: str) -> Iterator[str]:
+    """Yield the first lines of each page that say a word, or one that begins so: pages that explain it first."""
+    said = re.compile(rf"(?<![a-z0-9_]){re.escape(word)}", re.IGNORECASE)
+    found = {
+        name: [line.strip() for line in page() if said.search(line)]
+        for name, page in topics().items()
+        if len(word) >= SHORTEST_WORD and name != "first"
+    }
+    for name, lines in sorted(found.items(), key=lambda item: not any(map(said.match, item[1]))):
+        if lines:
+            yield f"xdynamics help {name}"
+            yield from (f"  {line}" for line in sorted(lines, key=lambda line: not said.match(line))[:MOST_LINES])
 
 
 def _contents(verbs: Iterable[str]) -> Iterator[str]:
@@ -173,6 +195,7 @@ def topic_named(word: str) -> str:
 def topics() -> dict[str, Callable[[], Iterable[str]]]:
     """Return every topic with the function that prints its page."""
     return {
+        "first": FIRST_STEPS.splitlines,
         "model": _model_page,
         "language": _language_page,
         "shapes": shapes_page,

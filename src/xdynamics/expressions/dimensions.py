@@ -159,7 +159,9 @@ def _near_names(name: str, names: Mapping[str, Dimension]) -> str:
     # imported for a message alone
     from difflib import get_close_matches
 
-    near = get_close_matches(name, [*names][:MOST_COMPARED], n=1)
+    stems = (name.removesuffix("_dot"), name.removesuffix("dot"), name.removesuffix("_prime"), name.removeprefix("d"))
+    rates = [f"v_{stem}" for stem in stems if stem != name and f"v_{stem}" in names]  # as models write them
+    near = rates or get_close_matches(name, [*names][:MOST_COMPARED], n=1)
     meant = f"; did you mean '{near[0]}'?" if near else ""
     try:
         unit = parse_unit(name)

@@ -115,6 +115,7 @@ _TOKEN = re.compile(
 _QUOTED = re.compile(r"(?<=,)( *)(?:\"[A-Za-z0-9_+\-*/(). ]{1,100}\"|'[A-Za-z0-9_+\-*/(). ]{1,100}')(?= *\))")
 _REMEDIES = {
     "^": "; a power is written **",
+    "|": "; an absolute value is written abs(x)",
     ":": "; there are no slices: neighbours are shift(u, site, 1, fill), and a part is where(index(site) < 3, u, fill)",
     "'": "; no sign stands for a derivative: the velocity of x is v_x, and its acceleration follows from the forces",
 }

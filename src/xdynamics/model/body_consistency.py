@@ -20,7 +20,7 @@ from xdynamics.model.parts import Function
 from xdynamics.model.statement import Statement
 from xdynamics.schema import velocity
 from xdynamics.shapes import Shapes
-from xdynamics.units import Dimension, constant, parse_unit
+from xdynamics.units import NONE, Dimension, constant, parse_unit
 
 
 def check_motion(statement: Statement, dimensions: Mapping[str, Dimension], ledger: Ledger) -> None:
@@ -117,9 +117,15 @@ def check_tree_dimension(
         return
     if dimension != needed and node != Number(0.0):
         column = getattr(node, "column", 1) or 1
-        ledger.note(f"{label} has units '{dimension}', needs '{needed}' (column {column}: {shortened_text(node)})")
+        pure = sorted(name for name in free_names(node) if dimensions.get(name) == NONE)
+        has = "has" if len(pure) == 1 else "have"
+        hint = f"; {', '.join(map(repr, pure))} {has} no unit" if 0 < len(pure) <= MOST_NAMED else ""
+        ledger.note(
+            f"{label} has units '{dimension}', needs '{needed}' (column {column}: {shortened_text(node)}){hint}"
+        )
 
 
+MOST_NAMED = 3  # names without units, in a message on units
 ROUNDING = 1e-12  # of the largest moment
 Part = tuple[str, Node, str]  # what it is, its expression, the unit that it needs
 

@@ -104,7 +104,8 @@ def force_table(entry: Any, section: Section, *_: Any) -> Any:
         If it has neither, or both.
     """
     if not isinstance(entry, Mapping) or not entry:
-        raise InputError(f"{entry!r} needs a potential or a component per coordinate")
+        example = f", like {{ x = {entry!r} }} along x" if isinstance(entry, str) else ""
+        raise InputError(f"{entry!r} needs a potential or a component per coordinate{example}")
     components = [key for key in entry if key not in section.fixed_keys]
     if components and "potential" in entry:
         raise InputError(f"has a potential and the components {', '.join(components)}; write two forces")

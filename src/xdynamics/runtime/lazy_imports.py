@@ -149,6 +149,7 @@ def entrance(
     rooms: Mapping[str, str],
     companion_module: str = "",
     through: Mapping[str, tuple[str, ...]] | None = None,
+    other_words: Mapping[str, str] | None = None,
 ) -> Callable[[str], Any]:
     """Return the `__getattr__` of a package (PEP 562).
 
@@ -161,11 +162,15 @@ def entrance(
         A module that is loaded too, once a room has brought xarray: what is registered with it.
     through : mapping of str to tuple of str, optional
         Of functions ``module.name``, the names that come through them, from the inmost to the outmost.
+    other_words : mapping of str to str, optional
+        Names of other libraries, and those that they stand for here.
     """
 
     def load_name(name: str) -> Any:
         if name not in rooms:
-            raise AttributeError(f"module '{package}' has no attribute {name!r}")
+            meant = (other_words or {}).get(name, "")
+            hint = f"; did you mean '{meant}'?" if meant else ""
+            raise AttributeError(f"module '{package}' has no attribute {name!r}{hint}")
         value = getattr(import_module(f"{package}.{rooms[name]}"), name)
         for module, _, gate in (
             gate_path.rpartition(".") for gate_path, names in (through or {}).items() if name in names

@@ -32,7 +32,42 @@ PREFIX = {"": "", "kilo": "k", "milli": "m", "micro": "u", "nano": "n", "pico": 
           "zepto": "z", "yocto": "y", "zetta": "Z", "yotta": "Y", "deca": "da"}  # fmt: skip
 # prefixes of 2022 (27th CGPM, resolution 3), which UDUNITS cannot read: a record has no spelling for them
 _UNSPELLED = {"ronna": "1e27", "quetta": "1e30", "ronto": "1e-27", "quecto": "1e-30"}
-NO_PREFIX = ["minute", "hour", "day", "year", "degree", "inch", "foot", "mile", "pound", "force_pound", "percent", "metric_ton", "astronomical_unit", "yard", "nautical_mile", "knot", "force_kilogram", "kip", "pound_force_per_square_inch", "kip_per_square_inch", "standard_atmosphere", "turn", "revolutions_per_minute", "arcminute", "arcsecond", "week", "ppm", "standard_gravity", "dyne", "erg", "poise", "stokes", "angstrom", "hectare"]
+NO_PREFIX = [
+    "minute",
+    "hour",
+    "day",
+    "year",
+    "degree",
+    "inch",
+    "foot",
+    "mile",
+    "pound",
+    "force_pound",
+    "percent",
+    "metric_ton",
+    "astronomical_unit",
+    "yard",
+    "nautical_mile",
+    "knot",
+    "force_kilogram",
+    "kip",
+    "pound_force_per_square_inch",
+    "kip_per_square_inch",
+    "standard_atmosphere",
+    "turn",
+    "revolutions_per_minute",
+    "arcminute",
+    "arcsecond",
+    "week",
+    "ppm",
+    "standard_gravity",
+    "dyne",
+    "erg",
+    "poise",
+    "stokes",
+    "angstrom",
+    "hectare",
+]
 # names that stand for products, or that instruments write in capitals, and how a record spells them
 PRODUCTS = {
     "mph": "mile h-1", "kph": "km h-1", "kmh": "km h-1", "Wh": "W h", "kWh": "kW h", "MWh": "MW h", "Ah": "A h", "mAh": "mA h",
