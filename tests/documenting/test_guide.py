@@ -56,7 +56,8 @@ def test_the_guide_knows_the_language() -> None:
     assert all(name in text for name in FUNCTIONS)
     assert set(SAID) <= set(FUNCTIONS)
     assert all(f"  {name} " in call("help").output for name in PAGES_ABOUT)
-    done = call("help", "drive")
+    assert call("help", "drive").output == call("help", "drives").output
+    done = call("help", "drvies")
     assert (done.exit_code, "did you mean 'drives'?" in done.output) == (2, True)
 
 
