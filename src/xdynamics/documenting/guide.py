@@ -153,7 +153,7 @@ def guide(topic: str | None, verbs: Iterable[str] = ()) -> Iterator[str]:
         return _contents(verbs)
     topic = topic_named(topic)
     topic = next((page for page, words in ALSO.items() if topic in words), topic)
-    topic = f"{topic}s" if topic not in pages and f"{topic}s" in pages else topic
+    topic = topic if topic in pages else next((page for page in pages if page[:-1] == topic), topic)
     if topic not in pages:
         if found := [*_pages_that_say(topic)]:
             return iter((f"no page is called '{topic}'; these say it", *found))

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from fractions import Fraction
@@ -195,8 +195,7 @@ def preambled(lines: list[str], decimal: str) -> Cells | None:
     elif not above:
         return None
     kind = f"lines before its header left out: {len(above)}" if above else "names and units in two lines"
-    rows = (number_cells(line, decimal) for line in lines[begin:])
-    return Cells(kind, tuple(header), tuple(tuple(row) for row in rows if row))
+    return Cells(kind, tuple(header), tuple(_cells_below(lines[begin:], decimal)))
 
 
 def commented(lines: list[str], decimal: str) -> Cells | None:
@@ -207,7 +206,12 @@ def commented(lines: list[str], decimal: str) -> Cells | None:
     numbers = number_cells(rows[0], decimal) if header else []
     if not numbers or len(header) != len(numbers) or not any(map(has_unit, header)):
         return None
-    return Cells("its header in a comment", tuple(header), tuple(tuple(number_cells(line, decimal)) for line in rows))
+    return Cells("its header in a comment", tuple(header), tuple(_cells_below(rows, decimal)))
+
+
+def _cells_below(lines: Sequence[str], decimal: str) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of lines below a header; a line that is none of numbers as it is, so that a reader finds it."""
+    return (tuple(number_cells(line, decimal) or cells_of(line)) for line in lines)
 
 
 def toa5(lines: list[str], _: str) -> Cells | None:
@@ -462,7 +466,7 @@ def _cells_below_titles(name: str, lines: list[str], reading: Reading) -> Cells:
         raise InputError(
             f"table '{name}' has no two lines of as many numbers below each other; it begins {cell_excerpt(lines[0])}"
         )
-    rows = tuple(tuple(row) for line in lines[begin:] if (row := number_cells(line, reading.decimal)))
+    rows = tuple(_cells_below(lines[begin:], reading.decimal))
     if len(rows[0]) != len(reading.header):
         raise InputError(
             f"table '{name}' has {len(rows[0])} numbers in a line, {' '.join(map(cell_excerpt, rows[0][:6]))}, and header has"
@@ -474,14 +478,13 @@ def _cells_below_titles(name: str, lines: list[str], reading: Reading) -> Cells:
 def _split(lines: list[str], reading: Reading) -> Cells:
     """Split a file whose first line is its header."""
     lines = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
-    rows = (number_cells(line, reading.decimal) or cells_of(line) for line in lines[1:])
     header = cells_of(lines[0])
     while header and not header[-1]:
         header.pop()
     return Cells(
         "read as a table" if reading == AS_IT_IS else "read as it was said",
         tuple(header),
-        tuple(tuple(row) for row in rows),
+        tuple(_cells_below(lines[1:], reading.decimal)),
     )
 
 
@@ -539,8 +542,10 @@ def _without_duplicates(_name: str, grid: Cells, reading: Reading) -> Cells:
     if not reading.duplicates:
         return grid
     rows: list[tuple[str, ...]] = []
-    for _, same in groupby(grid.rows, key=lambda row: number_in_cell(row[0]) if row else None):
-        group = list(same)
+    arguments = (number_in_cell(row[0]) if row else None for row in grid.rows)
+    keys = [object() if argument is None else argument for argument in arguments]  # a gap is none of another line's
+    for _, numbered in groupby(enumerate(grid.rows), key=lambda item: keys[item[0]]):
+        group = [row for _, row in numbered]
         rows.append(
             _mean_row(group) if reading.duplicates == "mean" else group[0 if reading.duplicates == "first" else -1]
         )

@@ -14,60 +14,27 @@ from xdynamics.units.unit import COHERENT, NONE, TIME, Dimension, base_powers
 
 # pint's name of a unit -> how UDUNITS spells it, where both mean the same size (an electronvolt differs; a year of
 # UDUNITS is the tropical one, pint's its Julian_year); a unit outside this table has no place in a record
-SPELLING = {
+_WITH_PREFIXES = {
     "meter": "m", "gram": "g", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
-    "radian": "rad", "degree": "degree", "newton": "N", "joule": "J", "watt": "W", "pascal": "Pa", "hertz": "Hz",
-    "volt": "V", "coulomb": "C", "ohm": "ohm", "farad": "F", "tesla": "T", "weber": "Wb", "henry": "H",
-    "siemens": "S", "minute": "min", "hour": "h", "day": "d", "year": "Julian_year", "liter": "L", "bar": "bar",
-    "astronomical_unit": "astronomical_unit", "inch": "inch", "foot": "foot", "mile": "mile",
-    "pound": "lb", "force_pound": "lbf", "percent": "percent", "metric_ton": "tonne",
-    "yard": "yard", "nautical_mile": "nautical_mile", "knot": "knot", "force_kilogram": "kgf", "kip": "kip",
-    "pound_force_per_square_inch": "psi", "kip_per_square_inch": "ksi", "standard_atmosphere": "atm", "turn": "revolution",
-    "revolutions_per_minute": "rpm", "arcminute": "arcminute", "arcsecond": "arcsecond", "week": "week", "ppm": "ppm",
-    "calorie": "thermochemical_calorie", "standard_gravity": "gravity", "dyne": "dyne", "erg": "erg",
-    "poise": "poise", "stokes": "stokes", "angstrom": "angstrom", "hectare": "hectare",
+    "radian": "rad", "newton": "N", "joule": "J", "watt": "W", "pascal": "Pa", "hertz": "Hz", "volt": "V", "coulomb": "C",
+    "ohm": "ohm", "farad": "F", "tesla": "T", "weber": "Wb", "henry": "H", "siemens": "S", "liter": "L", "bar": "bar",
+    "calorie": "thermochemical_calorie",
 }  # fmt: skip
+NO_PREFIX = {
+    "degree": "degree", "minute": "min", "hour": "h", "day": "d", "week": "week", "year": "Julian_year", "inch": "inch",
+    "foot": "foot", "yard": "yard", "mile": "mile", "nautical_mile": "nautical_mile", "astronomical_unit": "astronomical_unit",
+    "angstrom": "angstrom", "hectare": "hectare", "knot": "knot", "pound": "lb", "metric_ton": "tonne", "force_pound": "lbf",
+    "force_kilogram": "kgf", "kip": "kip", "dyne": "dyne", "erg": "erg", "pound_force_per_square_inch": "psi",
+    "kip_per_square_inch": "ksi", "standard_atmosphere": "atm", "standard_gravity": "gravity", "poise": "poise",
+    "stokes": "stokes", "turn": "revolution", "revolutions_per_minute": "rpm", "arcminute": "arcminute",
+    "arcsecond": "arcsecond", "percent": "percent", "ppm": "ppm",
+}  # fmt: skip
+SPELLING = _WITH_PREFIXES | NO_PREFIX
 PREFIX = {"": "", "kilo": "k", "milli": "m", "micro": "u", "nano": "n", "pico": "p", "centi": "c", "deci": "d",
           "hecto": "h", "mega": "M", "giga": "G", "tera": "T", "femto": "f", "atto": "a", "peta": "P", "exa": "E",
           "zepto": "z", "yocto": "y", "zetta": "Z", "yotta": "Y", "deca": "da"}  # fmt: skip
 # prefixes of 2022 (27th CGPM, resolution 3), which UDUNITS cannot read: a record has no spelling for them
 _UNSPELLED = {"ronna": "1e27", "quetta": "1e30", "ronto": "1e-27", "quecto": "1e-30"}
-NO_PREFIX = [
-    "minute",
-    "hour",
-    "day",
-    "year",
-    "degree",
-    "inch",
-    "foot",
-    "mile",
-    "pound",
-    "force_pound",
-    "percent",
-    "metric_ton",
-    "astronomical_unit",
-    "yard",
-    "nautical_mile",
-    "knot",
-    "force_kilogram",
-    "kip",
-    "pound_force_per_square_inch",
-    "kip_per_square_inch",
-    "standard_atmosphere",
-    "turn",
-    "revolutions_per_minute",
-    "arcminute",
-    "arcsecond",
-    "week",
-    "ppm",
-    "standard_gravity",
-    "dyne",
-    "erg",
-    "poise",
-    "stokes",
-    "angstrom",
-    "hectare",
-]
 # names that stand for products, or that instruments write in capitals, and how a record spells them
 PRODUCTS = {
     "mph": "mile h-1", "kph": "km h-1", "kmh": "km h-1", "Wh": "W h", "kWh": "kW h", "MWh": "MW h", "Ah": "A h", "mAh": "mA h",
@@ -107,8 +74,7 @@ REMEDIES = {
 }
 # spelling of each unit constant, and what is not coherent with its factor: known here, so that a model in SI units
 # does not wait for pint's dictionary
-_SPELLED = dict(zip(CONSTANTS, ("m", "m", "s", "kg", "g", "A", "K", "mol", "cd", "rad", "degree", "N", "J", "W", "Pa", "Hz",
-                                "V", "C", "ohm", "F", "T", "min", "h", "d"), strict=True), year="Julian_year")  # fmt: skip
+_SPELLED = {name: (SPELLING | {"metre": "m", "kilogram": "kg"})[name] for name in CONSTANTS} | {"year": "Julian_year"}
 _FACTORS = {
     "g": (base_powers(kg=1), Fraction(1, 1000)),
     "degree": (NONE, _PI / 180),
