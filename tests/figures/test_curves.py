@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,7 @@ from xdynamics.figures.curves import (
     energy_changes,
     has_chords,
     plotted_lines,
+    rows_along,
     thinned_rows,
 )
 from xdynamics.figures.plane import views
@@ -415,3 +417,50 @@ def test_a_bar_of_zero_has_no_length() -> None:
     assert len(axes.patches) == np.count_nonzero(sizes > sizes.max() / 1e6)
     assert len(axes.texts) == len(sizes)
     assert min(patch.get_width() for patch in axes.patches) == sizes[sizes > sizes.max() / 1e6].min()
+
+
+def spiral(step: float, until: float) -> xr.Dataset:
+    """Return an oscillation by forward Euler or, with wide steps, one by rk4 that dies away."""
+    model = spring(1.0, 0.0, 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", xd.StabilityWarning)
+        return xd.simulate(model, method="forward_euler" if step < 0.1 else "rk4", step=step, until=until)
+
+
+def test_a_spiral_of_many_rows_is_one_curve() -> None:
+    """Assert no gap, chords that are those of the record to what a picture shows, and that the last row is there."""
+    run = spiral(0.02, 628.0)
+    assert run.sizes["step"] > 30_000
+    x, v = np.asarray(max((line.get_xydata() for line in xd.plot(run, only="phase").axes[-1].lines), key=len)).T
+    assert np.isfinite(x).all()
+    assert (x[-1], v[-1]) == (float(run.x[-1]), float(run.v_x[-1]))
+    rows = rows_along(run.x.values, run.v_x.values)
+    assert len(rows) < run.sizes["step"]  # the first turns are finer than the picture
+    shown = [np.interp(np.arange(run.sizes["step"]), rows, values[rows]) for values in (run.x.values, run.v_x.values)]
+    off = [
+        np.abs(one - values).max() / np.ptp(values)
+        for one, values in zip(shown, (run.x.values, run.v_x.values), strict=True)
+    ]
+    assert max(off) < 2e-3
+
+
+def test_wide_steps_of_a_long_run_are_dots() -> None:
+    """Assert that no line joins rows a third of a turn apart, and that every row is there."""
+    run = spiral(0.6, 6000.0)
+    lines = xd.plot(run, only="phase").axes[-1].lines
+    dots = max((line for line in lines if line.get_linestyle() == "None"), key=lambda line: len(line.get_xdata()))
+    assert np.array_equal(np.asarray(dots.get_xydata()), np.stack([run.x.values, run.v_x.values], axis=1))
+    assert not any(
+        np.isfinite(np.diff(np.asarray(line.get_xdata()))).any() for line in lines if line.get_linestyle() == "-"
+    )
+
+
+def test_rows_along_a_curve_keep_ends_and_gaps() -> None:
+    """Assert both ends, every gap, an upper bound, and a point that stays where it is."""
+    t = np.linspace(0.0, 1.0, 3_000_001)
+    x, y = np.cos(4000.0 * t), np.sin(4000.0 * t)
+    x[1_000_000] = np.nan
+    rows = rows_along(x, y)
+    assert (rows[0], rows[-1], 1_000_000 in rows) == (0, 3_000_000, True)
+    assert len(rows) <= 100_003
+    assert rows_along(np.zeros(9), np.ones(9)).tolist() == [0, 8]

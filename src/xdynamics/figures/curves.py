@@ -237,8 +237,11 @@ def with_role(run: xr.Dataset, *roles: str) -> list[str]:
 
 DRAWN = 4000  # points of a line; what is longer is thinned
 GOLDEN = 0.6180339887498949
+FINEST, MOST_ALONG = (
+    1.0 / 2000.0,
+    100_000,
+)  # of the ranges: what a picture tells apart along a curve; points of one at most
 LEAP = 0.05  # of the ranges in a plane, between neighbours of a line of which rows are left out
-DOTS: dict[str, Any] = {"marker": ".", "markersize": 1.5, "linestyle": "none"}  # of rows that no line joins
 MOST_BETWEEN = 40  # points inside each step, however long it is
 WORK = 100_000_000  # numbers that an energy is made of at all points together
 STATES_WORK = 4_000_000  # numbers of all states together
@@ -320,21 +323,37 @@ def is_long(run: xr.Dataset) -> bool:
     return run.sizes[STEPS] > DRAWN or STEPS in run.coords
 
 
-def broken_curve(x: Floats, y: Floats, times: Floats) -> tuple[Floats, Floats]:
-    """Return a curve in a plane of a long run, broken where it leaps between rows that are left out: no chord is its own."""
-    row_sets = [thinned_rows(x, times=times), thinned_rows(y, times=times), spread_rows(len(x))]
-    rows = np.unique(np.concatenate(row_sets)) if len(x) > 5 * DRAWN else np.arange(len(x))
-    x, y = x[rows], y[rows]
-    leaps = [np.abs(np.diff(values)) / (np.nanmax(values) - np.nanmin(values) or 1.0) for values in (x, y)]
-    breaks = 1 + np.flatnonzero(np.hypot(*leaps) > LEAP)
+def ways_along(*coordinates: Floats) -> Floats:
+    """Return how far each row of a curve in a plane or in space is from the one before, over the ranges of its coordinates."""
+    squares = np.zeros(len(coordinates[0]) - 1)
+    for values in coordinates:
+        squares += (np.diff(values) / (np.nanmax(values) - np.nanmin(values) or 1.0)) ** 2
+    return np.sqrt(squares)
+
+
+def rows_along(*coordinates: Floats) -> Rows:
+    """Return the rows of a curve that a picture tells apart, by the way along it, with both ends and gaps."""
+    along = np.concatenate([[0.0], np.cumsum(np.nan_to_num(ways_along(*coordinates)))])
+    marks = np.floor(along / max(FINEST, along[-1] / MOST_ALONG))
+    is_shown = np.concatenate([[True], np.diff(marks) > 0.0])
+    is_shown[-1] = True
+    return np.flatnonzero(is_shown | np.isnan(np.sum(coordinates, axis=0)))
+
+
+def curve_in_plane(run: xr.Dataset, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return the points of a curve that are drawn, all that a picture tells apart.
+
+    It is broken where an excerpt leaps over rows that are left out, and where the steps of a long run are so wide that lines
+    between rows would not be the curve: what is left are its rows.
+    """
+    if len(x) <= DRAWN and STEPS not in run.coords:
+        return x, y
+    ways = ways_along(x, y)
+    if STEPS not in run.coords and np.nanmedian(ways) <= LEAP:
+        rows = rows_along(x, y)
+        return x[rows], y[rows]
+    breaks = 1 + np.flatnonzero((ways > LEAP) | (STEPS not in run.coords))
     return np.insert(x, breaks, np.nan), np.insert(y, breaks, np.nan)
-
-
-def isolated_points(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Return the points of a broken curve that no line joins, since their neighbours are left out."""
-    is_missing = np.concatenate([[True], np.isnan(x) | np.isnan(y), [True]])
-    is_isolated = ~is_missing[1:-1] & is_missing[:-2] & is_missing[2:]
-    return x[is_isolated], y[is_isolated]
 
 
 def plotted_lines(run: xr.Dataset, *names: str, exact: bool = False) -> tuple[Floats, list[Floats]]:

@@ -29,13 +29,11 @@ from xdynamics.faults import InputError
 from xdynamics.figures.companions import Overlay
 from xdynamics.figures.curves import (
     AGREED,
-    DOTS,
-    broken_curve,
+    curve_in_plane,
     energy_changes,
     has_chords,
     inner_states,
     is_long,
-    isolated_points,
     known_model,
     line_times,
     plotted_lines,
@@ -47,6 +45,7 @@ from xdynamics.figures.event_marks import mark_events
 from xdynamics.figures.marks import (
     COLOURS,
     axis_title,
+    draw_isolated,
     draw_line,
     escaped_text,
     label_panel,
@@ -272,9 +271,9 @@ def draw_phase_portrait(run: xr.Dataset, names: list[str], overlay: Overlay, axe
             colour, text = colour_and_label(name, k, label, names, overlay)
             line, speeds = tear(positions), velocities
             if k == 0 and is_long(run):
-                line, speeds = broken_curve(*(run.variables[entry].values for entry in (name, velocity(name), "time")))
+                line, speeds = curve_in_plane(run, *(run.variables[entry].values for entry in (name, velocity(name))))
                 line = tear(line)
-                axes.plot(*isolated_points(line, speeds), color=colour, **DOTS)
+                draw_isolated(axes, line, speeds, colour)
             draw_line(axes, line, speeds, run_dashes(k), colour, text)
             draw_line(axes, wrap(positions[:1]), velocities[:1], "o", colour)
     note = straight_lines_note(run, *names, *(velocity(name) for name in names))

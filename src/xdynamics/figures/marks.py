@@ -244,6 +244,14 @@ def draw_line(
     return axes.plot(x, y, style, color=shade, label=text, linewidth=width, markersize=size, **options)[0]
 
 
+def draw_isolated(axes: Axes, x: Any, y: Any, colour: str) -> None:
+    """Draw the points of a broken curve that no line joins, since their neighbours are left out, as dots; there may be none."""
+    is_missing = np.concatenate([[True], np.isnan(x) | np.isnan(y), [True]])
+    is_isolated = ~is_missing[1:-1] & is_missing[:-2] & is_missing[2:]
+    if is_isolated.any():
+        axes.plot(x[is_isolated], y[is_isolated], ".", color=colour, markersize=1.5)
+
+
 def evenly_spaced(count: int, most: int) -> list[int]:
     """Return numbers from 0 up to a count: all, or as many as are drawn at most, spread evenly with both ends.
 

@@ -25,12 +25,10 @@ from xdynamics.expressions.tree import Name
 from xdynamics.faults import InputError
 from xdynamics.figures.companions import Overlay
 from xdynamics.figures.curves import (
-    DOTS,
-    broken_curve,
-    is_long,
-    isolated_points,
+    curve_in_plane,
     recorded_model,
     refined_line,
+    rows_along,
     with_role,
 )
 from xdynamics.figures.event_marks import IN_LEGEND, concerned_elements, event_kinds, legend_label
@@ -39,6 +37,7 @@ from xdynamics.figures.line_panels import GREY, MOST_NAMED, run_dashes
 from xdynamics.figures.marks import (
     COLOURS,
     LETTERS,
+    draw_isolated,
     draw_line,
     escaped_text,
     label_panel,
@@ -207,12 +206,11 @@ def draw_plane(
         if body.is_fixed:
             draw_line(axes, body.x[:1], body.y[:1], "s", colour)
             continue
-        x, y = broken_curve(body.x, body.y, body.times) if is_long(run) else (body.x, body.y)
+        x, y = curve_in_plane(run, body.x, body.y)
         label = body.label if body.body and len(view) <= MOST_NAMED else ""
         label = overlay.run_label if overlay.run_label and len(view) == 1 else label
         draw_line(axes, x, y, "-", colour, label, 1.1)
-        if is_long(run):
-            axes.plot(*isolated_points(x, y), color=colour, **DOTS)
+        draw_isolated(axes, x, y, colour)
         if not discs:
             draw_line(axes, body.x[:1], body.y[:1], "o", colour, size=5)
     _draw_companion_paths(view, overlay, axes)
@@ -397,7 +395,6 @@ def _path_lines(run: xr.Dataset, names: list[str]) -> tuple[Floats, list[Floats]
     return curves[0][0], [values for _, values in curves]
 
 
-MOST_POINTS = 4000  # of a path
 MOST_TICKS = 5  # of the longest side
 SHORTEST_SIDE = 0.25  # of the longest side, that each one has at least
 THINNEST = 1e-3  # of the longest side, for whose part a side of no length is taken
@@ -431,8 +428,7 @@ def draw_space(run: xr.Dataset, view: list[BodyPath], axes: Axes) -> None:
     frame = frame_of([path.points for path in bodies], [path.times for path in bodies])
     for path, colour in zip(bodies, colours_of(view), strict=True):
         points = frame.points_inside(path.points) if frame.leaving else path.points
-        rows = np.append(np.arange(0, points.shape[1] - 1, 1 + points.shape[1] // MOST_POINTS), points.shape[1] - 1)
-        solid.plot(*points[:, rows], "-", color=colour, linewidth=1.0, label=escaped_text(path.label))
+        solid.plot(*points[:, rows_along(*points)], "-", color=colour, linewidth=1.0, label=escaped_text(path.label))
         solid.plot(*points[:, :1], "o", color=colour, markersize=4)
     names = {escaped_text(path.label) for path in view if path.body}
     if 0 < len(names) <= MOST_NAMED and not names <= named_elsewhere(solid):
