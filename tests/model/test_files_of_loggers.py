@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import xdynamics as xd
+from xdynamics.model.csv_sheet import Sheet
 
 PLAIN = "time (s),pull (N)\n0,0\n0.5,5\n1.5,6\n"
 TOA5 = """"TOA5","CR1000","log","7"
@@ -106,12 +107,19 @@ def test_dates_say_what_they_are_counted_from(tmp_path: Path) -> None:
         ("time (s),pull (N)\n0,0\n1,*\n2,1\n", {}, "line 3: column 'pull .N.' has a gap"),
         ("time (s),pull (N)\n0,0\nwords here\n2,1\n", {}, "line 3, 'words here' …, has 1 cells, the header 2"),
         ("time (s);pull (N)\n0;0\n1;1.00,5\n", {}, "is no number"),
+        ("time (s),pull (N)\n0,0\n,1\n,2\n3,3\n", {"duplicates": '"first"'}, "(?s)line 4: .*line 5: "),
     ],
 )
 def test_what_could_be_misread_is_refused(tmp_path: Path, content: str, keys: dict[str, str], said: str) -> None:
     """Assert one line each, with the line to write."""
     with pytest.raises(xd.ModelError, match=said):
         read(tmp_path, content, **keys)
+
+
+def test_a_short_line_of_a_table_of_words_is_no_foot() -> None:
+    """Assert that only below numbers words are passed over: a label without values is one that somebody forgot."""
+    assert len(Sheet.from_text("planets", "name,mass [kg],radius [m]\nMars,1,2\nVenus\n").lines) == 2
+    assert len(Sheet.from_text("log", "t [s],mass [kg],radius [m]\n0,1,2\nVenus\n").lines) == 1
 
 
 def test_a_drive_of_texts_alone_is_no_table_from_python() -> None:

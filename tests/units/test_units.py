@@ -499,6 +499,7 @@ def test_lengths_by_their_full_names(text: str, same: str) -> None:
         ("2 Newtons", "N", 2.0),
         ("2 Seconds", "s", 2.0),
         ("2 Feet", "foot", 0.6096),
+        ("2 FEET", "foot", 0.6096),
         ("2 Ft", "foot", 0.6096),
         ("2 Kg", "kg", 2.0),
     ],
@@ -544,6 +545,7 @@ def test_units_of_values(text: str, kept: str, si: float) -> None:
         ("m2.5/s", "has the power 2.5, and a record spells whole powers alone"),
         ("m^0.5", "has the power 0.5"),
         ("Mpa", "unit 'Mpa' is not known"),  # not mPa
+        ("Cal", "unit 'Cal' is not known"),  # of food it is 1000 cal
         ("G", "unit 'G' is not known"),
     ],
 )

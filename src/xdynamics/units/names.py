@@ -150,7 +150,7 @@ def look_up_unit(name: str) -> tuple[str, Dimension, Fraction]:
         raise InputError(f"unit '{name[:40]}…' is not known")
     registry = _registry()
     readings = [(prefix, unit) for prefix, unit, _ in registry.parse_unit_name(name)]
-    if not readings and name[1:].islower() and len(name) > 3:  # a full name as tables write it: Newtons, Seconds
+    if not readings and len(name) > 3:  # a full name as tables write it, Newtons, FEET; no symbol, as of Cal and Mpa
         in_full = registry.parse_unit_name(name.lower())
         readings = [(prefix, unit) for prefix, unit, _ in in_full if not prefix]
     fitting = [
