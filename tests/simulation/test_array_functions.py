@@ -191,7 +191,6 @@ def test_tolerances_and_events_of_another_length() -> None:
         (lambda t, y: np.fft.fft(y), "calls numpy.fft.fft, which"),
         (lambda t, y: np.sum(y, where=y > 0) * y, "numpy.sum with where, which"),
         (lambda t, y: np.subtract.reduceat(y, [0, 1]), "numpy.subtract.reduceat, which"),
-        (lambda t, y: y if y[0] > 1 else -y, "write numpy.where"),
         (lambda t, y: y[y > 0], r"is written np\.where\(condition, value, row\)"),
     ],
 )

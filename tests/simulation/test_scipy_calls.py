@@ -9,8 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
-from scipy.interpolate import CubicSpline, interp1d
+from scipy.interpolate import (
+    Akima1DInterpolator,
+    CubicSpline,
+    PchipInterpolator,
+    interp1d,
+    make_interp_spline,
+)
 from scipy.optimize import brentq, fsolve, root, root_scalar
+from scipy.signal import sawtooth, square
 from scipy.special import erf
 
 import xdynamics as xd
@@ -24,8 +31,7 @@ CASES = {
     "scipy.optimize.root,": (lambda y: root(lambda z: z**2 - y, 1.0).x[0], STATE),
     "scipy.optimize.root_scalar": (lambda y: root_scalar(lambda z: z**3 - y, bracket=(0.0, 2.0)).root, STATE),
     "scipy.optimize.brentq": (lambda y: brentq(lambda z: z**3 - y, 0.0, 2.0), STATE),
-    "scipy.interpolate": (STRAIGHT, "numpy.interp"),
-    "scipy.interpolate,": (SMOOTH, "numpy.interp"),
+    "scipy.interpolate": (Akima1DInterpolator(np.arange(9.0), np.sin(np.arange(9.0))), "numpy.interp"),
     "scipy.special.erf": (erf, "np.interp"),
 }
 
@@ -37,6 +43,54 @@ def test_functions_of_scipy_are_refused_by_name(called: str) -> None:
     function, remedy = CASES[called]
     with pytest.raises(xd.InputError, match=f"the function calls {called.rstrip(',')}, which .*{remedy}"):
         xd.solve(lambda t, y: [-function(y[0])], (0.0, 1.0), [1.0])
+
+
+KNOTS = np.linspace(0.0, 10.0, 21)
+VALUES = np.sin(KNOTS) + 0.1 * KNOTS
+SPLINE = CubicSpline(KNOTS, VALUES)
+OF_TIME = {  # and the interpolation of the drive that is made of each, if any is
+    "straight": (interp1d(KNOTS, VALUES), "linear"),
+    "cubic": (interp1d(KNOTS, VALUES, kind="cubic"), "cubic"),
+    "spline": (SPLINE, "cubic"),
+    "B-spline": (make_interp_spline(KNOTS, VALUES, k=3), "cubic"),
+    "B-spline of lines": (make_interp_spline(KNOTS, VALUES, k=1), "linear"),
+    "monotone": (PchipInterpolator(KNOTS, VALUES), "pchip"),
+    "backwards": (lambda t, read=SPLINE: read(10.0 - t), "cubic"),
+    "square": (lambda t: square(2.0 * t), ""),
+    "square of a duty": (lambda t: square(2.0 * t, duty=0.3), ""),
+    "sawtooth": (sawtooth, ""),
+    "triangle": (lambda t: sawtooth(t, 0.25), ""),
+}
+
+
+@pytest.mark.parametrize("name", OF_TIME)
+def test_interpolators_and_waveforms_of_time_give_scipys_numbers(name: str) -> None:
+    """Assert the end of y' = f(t) - y as solve_ivp has it by short steps; interpolators become drives of the model."""
+    function, interpolation = OF_TIME[name]
+
+    def rates(t: float, y: Any) -> Any:
+        return [function(t) - y[0]]
+
+    run = xd.solve(rates, (0.0, 10.0), [0.3], rtol=1e-10, atol=1e-12)
+    theirs = solve_ivp(rates, (0.0, 10.0), [0.3], rtol=1e-9, atol=1e-11, max_step=0.01).y[0, -1]
+    assert float(run.y0[-1]) == pytest.approx(theirs, abs=2e-6 if "square" in name else 1e-7)
+    assert [drive.interpolation for drive in xd.Model.from_record(run).drives.values()] == [interpolation] * bool(
+        interpolation
+    )
+
+
+def test_other_interpolators_and_arguments_are_refused() -> None:
+    """Assert that an end condition that no drive has, and a state as the argument, are not taken for another thing."""
+    natural = CubicSpline(KNOTS, VALUES, bc_type="natural")
+    with pytest.raises(xd.InputError, match=r"the function calls scipy.interpolate, which looks up a table"):
+        xd.solve(lambda t, y: [natural(t)], (0.0, 1.0), [1.0])
+    for function in (STRAIGHT, SMOOTH):
+        with pytest.raises(
+            xd.InputError, match="at something else than t, or a straight line of it; write numpy.interp"
+        ):
+            xd.solve(lambda t, y, read=function: [-read(y[0])], (0.0, 1.0), [1.0])
+    run = xd.solve(lambda t, y: [SMOOTH(t)], (0.0, 3.0), [0.0])
+    assert run.attrs["run_outcome"] == "outside_drive_table"
 
 
 def test_functions_of_scipy_may_be_given_numbers() -> None:

@@ -132,15 +132,71 @@ def test_scipys_tolerances_and_first_step() -> None:
     assert run.attrs["solver_first_step"] == 0.01
 
 
-def branch(t: Any, y: Any) -> Any:
-    """Decides by a value."""
-    return [1.0 if y[0] > 0 else -1.0]
+def endless(t: Any, y: Any) -> Any:
+    """Decides by a value, again and again."""
+    while y[0] > 0:
+        y = y - 1.0
+    return [y[0]]
+
+
+def unlike(t: Any, y: Any) -> Any:
+    """Returns as many numbers as it likes."""
+    return [1.0] if t < 1.0 else [1.0, 2.0]
+
+
+def many(t: Any, y: Any) -> Any:
+    """Has many ways."""
+    return [sum(1.0 if y[0] > k else 0.0 for k in range(9))]
+
+
+def nested(t: Any, y: Any) -> Any:
+    """A force in three phases, the second of which asks for the state."""
+    force = 0.0
+    if 1 < t < 3:
+        force = 1.0 if y[0] > 0.5 else 2.0
+    elif t >= 5 and not y[0] >= 3:
+        force = -1.0
+    return [force - 0.1 * y[0]]
+
+
+def pulsed(t: float, y: Any) -> Any:
+    """Returns a number, not a list, and an array elsewhere."""
+    if t < 2.0:
+        return 1.0
+    return -y
+
+
+@pytest.mark.parametrize("fun", [nested, pulsed])
+def test_branches_are_followed_both_ways(fun: Any) -> None:
+    """Assert scipy's numbers by short steps, and that each switch is located, whatever the step is."""
+    run = xd.solve(fun, (0.0, 10.0), [0.0], rtol=1e-10, atol=1e-12)
+    theirs = solve_ivp(fun, (0.0, 10.0), [0.0], rtol=1e-10, atol=1e-12, max_step=1e-3).y[0, -1]
+    assert float(run.y0[-1]) == pytest.approx(theirs, abs=1e-7)
+    assert run.sizes["event"] >= 1
+
+
+def test_a_branch_that_drives_back_slides() -> None:
+    """Assert a relay by `if`: from 0 to 1 in a second, and then at 1 by the share of both ways."""
+    run = xd.solve(lambda t, y: [-1.0] if y[0] > 1.0 else [1.0], (0.0, 3.0), [0.0])
+    assert float(run.y0[-1]) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("method", ["BDF", "LSODA"])
+def test_stiff_methods_of_scipy_are_taken_by_radau(method: str) -> None:
+    """Assert the warning, the method in the record, and scipy's number of a stiff problem."""
+    stiff = lambda t, y: [-1000.0 * (y[0] - np.cos(t))]  # noqa: E731
+    with pytest.warns(UserWarning, match=f"{method} is not here, and radau_iia is taken in its place"):
+        run = xd.solve(stiff, (0.0, 1.0), [0.0], method, np.array([0.5, 1.0]), rtol=1e-8)
+    theirs = solve_ivp(stiff, (0.0, 1.0), [0.0], "BDF", np.array([0.5, 1.0]), rtol=1e-10, atol=1e-12).y[0]
+    np.testing.assert_allclose(run.y0.values, theirs, rtol=1e-7)
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"fun": branch}, r"decides by a value that is not known yet; write numpy.where"),
+        ({"fun": endless}, r"decides by a value that is not known yet; write numpy.where"),
+        ({"fun": unlike}, "the branches of the function return 1 and 2 numbers"),
+        ({"fun": many}, "has over 64 ways through its branches; write numpy.where"),
         ({"fun": lambda t, y: [int(y[0])]}, "takes a number of a value that is not known yet"),
         ({"fun": lambda t, y: [y[0], y[0]]}, "returns 2 rates, and y0 has 1 numbers"),
         ({"fun": lambda t, y: [y[3]]}, "ends with IndexError: index 3 is out of bounds"),
@@ -156,7 +212,6 @@ def branch(t: Any, y: Any) -> Any:
         ({"names": ["t"]}, "'t' is"),
         ({"t_span": (0, 1, 2)}, "t_span has 3 times"),
         ({"t_span": (1, 0)}, "until"),
-        ({"method": "LSODA"}, "for stiff equations write method='Radau' .radau_iia."),
         ({"method": "euler"}, "scipy's RK45, RK23"),
         ({"events": [5]}, r"events\[0\] is 5"),
     ],

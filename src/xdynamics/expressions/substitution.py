@@ -14,7 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from xdynamics.expressions.traced_arrays import Points, UniversalFunction, array_of, is_traced, of_numpy, table_reader
+from xdynamics.expressions.traced_arrays import (
+    Points,
+    UniversalFunction,
+    array_of,
+    interpolator_reader,
+    is_traced,
+    of_numpy,
+    table_reader,
+)
 from xdynamics.expressions.tracing import Traced, called, trace_rounding
 
 FOREIGN = ("numpy", "scipy", "math", "builtins", "numba")  # whose functions are not substituted inside
@@ -51,7 +59,7 @@ class Substitution:
                 return MethodType(self.substitute(value.__func__), value.__self__)
             case partial():
                 return partial(self.substitute(value.func), *value.args, **value.keywords)
-            case ModuleType() if value in (np, np.linalg, math):
+            case ModuleType() if value in (np, np.linalg, math) or value.__name__ in _OF_SCIPY:
                 return _Module(self, value)
         if hasattr(value, "py_func"):  # compiled by numba
             return self.substitute(value.py_func)
@@ -69,6 +77,8 @@ class Substitution:
         new.__kwdefaults__ = function.__kwdefaults__
         # noted before its names are looked at: a function that calls itself finds this one
         self._known[id(function)] = function, new
+        if function.__defaults__:
+            new.__defaults__ = tuple(map(self.substitute, function.__defaults__))
         for word in _names(function.__code__):
             if word in function.__globals__:
                 scope[word] = self.substitute(function.__globals__[word])
@@ -94,6 +104,10 @@ class Substitution:
         module = str(getattr(value, "__module__", ""))
         if isinstance(value, np.ufunc):
             return UniversalFunction(value)
+        if module.startswith("scipy.signal") and (waveform := getattr(value, "__name__", "")) in _WAVEFORMS:
+            return _WAVEFORMS[waveform]
+        if callable(value) and module.startswith("scipy.interpolate") and not isinstance(value, type | FunctionType):
+            return interpolator_reader(value, self.tables) or value
         if callable(value) and module.startswith("numpy") and not isinstance(value, type):
             return partial(of_numpy, value)
         return value
@@ -139,8 +153,27 @@ class Substitution:
         }
 
 
+def _square(t: Any, duty: Any = 0.5) -> Any:
+    """Return `scipy.signal.square`: 1 in the first part of each 2 pi, then -1."""
+    return of_numpy(np.where, t % TURN < TURN * duty, 1.0, -1.0)
+
+
+def _sawtooth(t: Any, width: Any = 1.0) -> Any:
+    """Return `scipy.signal.sawtooth`: from -1 to 1 in the first part of each 2 pi, and back in the rest."""
+    phase = t % TURN
+    if width == 1.0:
+        return phase / math.pi - 1.0
+    rises, falls = phase / (math.pi * width) - 1.0, (math.pi * (width + 1.0) - phase) / (math.pi * (1.0 - width))
+    return of_numpy(np.where, phase < TURN * width, rises, falls)
+
+
+TURN = 2.0 * math.pi
+_WAVEFORMS = {"square": _square, "sawtooth": _sawtooth}
+_OF_SCIPY = ("scipy", "scipy.signal")  # modules in which they are found
+
+
 class _Module:
-    """numpy or math, whose functions take traced numbers."""
+    """numpy, math or scipy, whose functions take traced numbers as far as they are known."""
 
     def __init__(self, substitution: Substitution, module: ModuleType) -> None:
         self._substitution, self._module = substitution, module
@@ -226,4 +259,14 @@ def _names(code: CodeType) -> set[str]:
 
 def table_values(tables: Mapping[str, Points], t: float) -> dict[str, float]:
     """Return the values of tables at a time."""
-    return {word: float(np.interp(t, *points)) for word, points in tables.items()}
+    return {word: _table_value(points, t) for word, points in tables.items()}
+
+
+def _table_value(points: Points, t: float) -> float:
+    """Return the value of a table at a time, as scipy has it."""
+    times, values, interpolation, _ = points
+    if interpolation == "linear":
+        return float(np.interp(t, times, values))
+    from scipy.interpolate import CubicSpline, PchipInterpolator
+
+    return float((CubicSpline if interpolation == "cubic" else PchipInterpolator)(times, values)(t))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache, partial, reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,17 @@ from xdynamics.expressions.tree import Binary, Name, Negative, Node, Number
 from xdynamics.faults import InputError
 
 LARGEST_SOLVED = 6  # unknowns of a traced linear system: minors double with each
+ALIKE = 1e-12  # of the largest value: how near an interpolator is to the one that a drive has
 MOST_KINKS = 40  # points of a table that is read at an expression, each a switch
 
-Points = tuple[tuple[float, ...], tuple[float, ...]]  # times of a table, and its values
+
+class Points(NamedTuple):
+    """A table over time: its times and values, and what is between them and beyond, as a drive says it."""
+
+    times: tuple[float, ...]
+    values: tuple[float, ...]
+    interpolation: str = "linear"
+    outside: str = "hold"
 
 
 class TracedArray(np.ndarray[Any, Any]):
@@ -156,6 +164,49 @@ def table_reader(tables: dict[str, Points]) -> Callable[..., Any]:
     return interp
 
 
+def interpolator_reader(interpolator: Any, tables: dict[str, Points]) -> Callable[..., Any] | None:
+    """Return an interpolator of scipy for traced times, whose table is noted; None of one that no drive is like.
+
+    It is known by its values: through straight lines, a cubic spline whose ends are not-a-knot, or a monotone cubic (PCHIP).
+    """
+    from scipy.interpolate import BSpline, CubicSpline, PchipInterpolator
+
+    if isinstance(interpolator, BSpline):
+        knots = np.unique(interpolator.t)
+        # between the first two and the last two, so that a spline through all of these has the same pieces
+        further = [(knots[0] + knots[1]) / 2.0, (knots[-2] + knots[-1]) / 2.0] if interpolator.k == 3 else []
+        sites = np.unique([*knots, *further])
+    else:
+        sites = np.asarray(getattr(interpolator, "x", ()), float).ravel()
+    values = (
+        np.asarray(interpolator(sites), float) if sites.size > 1 and (np.diff(sites) > 0.0).all() else np.zeros((0, 0))
+    )
+    if values.shape != sites.shape:
+        return None
+    within = np.concatenate([sites[:-1] + part * np.diff(sites) for part in (0.3, 0.8)])
+    known, size = interpolator(within), np.abs(values).max()
+    alike: dict[str, Callable[[], Any]] = {
+        "linear": lambda: np.interp(within, sites, values),
+        "cubic": lambda: CubicSpline(sites, values)(within),
+        "pchip": lambda: PchipInterpolator(sites, values)(within),
+    }
+    word = next((word for word, value in alike.items() if (np.abs(value() - known) <= ALIKE * size).all()), "")
+    return partial(_map_elements, lambda x: _tabulated(x, interpolator, sites, values, word, tables)) if word else None
+
+
+def _tabulated(x: Any, interpolator: Any, sites: Any, values: Any, word: str, tables: dict[str, Points]) -> Any:
+    """Return the value of an interpolator at a number, or the name of its table at a time."""
+    if not isinstance(x, Traced):
+        return float(interpolator(x))
+    line = _line_of_time(x.node)
+    if line is None:
+        raise InputError(
+            "the function reads an interpolator of scipy at something else than t, or a straight line of it; write"
+            " numpy.interp(y[0], x, table), of some 40 points, or the model with a drive over a coordinate"
+        )
+    return _noted(line, sites, values, tables, word, "error")
+
+
 def _repeated(x: Any, xp: Any, fp: Any, period: float) -> tuple[Any, Any, Any]:
     """Return a table over a period, and the argument within it, as `numpy.interp` has them."""
     if not period:
@@ -183,11 +234,23 @@ def _interpolated(x: Any, xp: Any, fp: Any, tables: dict[str, Points]) -> Any:
     line = _line_of_time(x.node)
     if line is None:
         return _by_kinks(x, xp, fp)
+    return _noted(line, xp, fp, tables)
+
+
+def _noted(
+    line: tuple[float, float],
+    xp: Any,
+    fp: Any,
+    tables: dict[str, Points],
+    interpolation: str = "linear",
+    outside: str = "hold",
+) -> Traced:
+    """Return the name of a table that is read along a straight line of time, under which it is noted."""
     scale, offset = line
     table_times = (xp - offset) / scale
     # a table has to ascend in time, also where its argument falls
     order = slice(None, None, 1 if scale > 0 else -1)
-    points: Points = tuple(table_times[order].tolist()), tuple(fp[order].tolist())
+    points = Points(tuple(table_times[order].tolist()), tuple(fp[order].tolist()), interpolation, outside)
     label = next(
         (table_name for table_name, table_points in tables.items() if table_points == points),
         f"interpolated_{len(tables)}",
@@ -206,6 +269,8 @@ def _line_of_time(node: Node) -> tuple[float, float] | None:
             return line and (-line[0], -line[1])
         case Binary("+" | "*", Number() as value, right):
             return _line_of_time(Binary(node.operator, right, value))
+        case Binary("-", Number(value), right) if line := _line_of_time(right):
+            return -line[0], value - line[1]
         case Binary("+" | "-" | "*" | "/" as operator, left, Number(value)) if value and (line := _line_of_time(left)):
             if operator in "+-":
                 return line[0], line[1] + (value if operator == "+" else -value)

@@ -1,6 +1,7 @@
 """Tracing of Python functions: called with names in place of numbers, they write themselves as expressions.
 
-A branch on a value, by `if`, `while` or `int`, cannot be traced and is refused; `numpy.where` can.
+A function that branches on values, by `if`, is called once for each way through its branches, and what the ways return is
+joined by choices, as `numpy.where` would; loops that end by a value, by `while` or `int`, are refused.
 
 Functions of numpy are written under the names that the language of expressions has for them. A call of a scipy function
 is refused, with the expression to write in its place. Traced numbers are real: numpy drops imaginary parts where it
@@ -10,6 +11,7 @@ makes floats.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from math import isfinite
 from types import TracebackType
 from typing import Any
@@ -241,7 +243,10 @@ class Traced:
         return _trace_comparison("!=", self, operand)
 
     def __bool__(self) -> bool:
-        raise InputError(f"the function decides by a value that is not known yet; {REMEDY}")
+        way = _WAY.get()
+        if way is None or len(way.conditions) >= MOST_DECISIONS:
+            raise InputError(f"the function decides by a value that is not known yet; {REMEDY}")
+        return way.decided_by(self)
 
     def __float__(self) -> float:
         raise InputError(f"the function takes a number of a value that is not known yet; {REMEDY}, {TABLE}")
@@ -265,6 +270,69 @@ class Traced:
 
 
 _ARRAYS = np.ndarray
+
+
+class _Way:
+    """A way through the branches of a function: what its conditions were, and how each is decided, at first as true."""
+
+    def __init__(self, decisions: Sequence[bool]) -> None:
+        self.decisions, self.conditions = [*decisions], list[Traced]()
+
+    def decided_by(self, condition: Traced) -> bool:
+        """Return how the next condition is decided."""
+        self.conditions.append(condition)
+        if len(self.conditions) > len(self.decisions):
+            self.decisions.append(True)
+        return self.decisions[len(self.conditions) - 1]
+
+
+_WAY: ContextVar[_Way | None] = ContextVar("way", default=None)
+MOST_WAYS, MOST_DECISIONS = 64, 32  # through the branches of a function, and along one of them
+
+
+def joined_branches(call: Callable[[], Any]) -> Any:
+    """Call a function once for each way through its branches; return what it does, chosen by their conditions.
+
+    Raises
+    ------
+    InputError
+        If there are too many ways, or they return different numbers of values.
+    """
+    ways = 0
+
+    def go_on(decisions: list[bool]) -> Any:
+        nonlocal ways
+        ways += 1
+        if ways > MOST_WAYS:
+            raise InputError(f"the function has over {MOST_WAYS} ways through its branches; {REMEDY}")
+        way = _Way(decisions)
+        token = _WAY.set(way)
+        try:
+            result = call()
+        finally:
+            _WAY.reset(token)
+        for k in reversed(range(len(decisions), len(way.conditions))):
+            result = _chosen(way.conditions[k], result, go_on([*way.decisions[:k], False]))
+        return result
+
+    return go_on([])
+
+
+def _chosen(condition: Traced, yes: Any, no: Any) -> Any:
+    """Return what two ways return, number by number, where they differ as a choice."""
+    first, second = _boxed(yes), _boxed(no)
+    first = first.reshape(second.shape) if first.size == second.size else first
+    if first.shape != second.shape:
+        raise InputError(
+            f"the branches of the function return {first.size} and {second.size} numbers; let each return as many"
+        )
+    if not is_condition(condition.node):
+        condition = Traced(Compare("!=", condition.node, Number(0.0)), condition.nodes + 1)
+    results = np.empty(first.shape, object)
+    for index in np.ndindex(first.shape):
+        pair = _traced_number(first[index]), _traced_number(second[index])
+        results[index] = pair[0] if pair[0].node == pair[1].node else choice(condition, *pair)
+    return results if results.shape else results[()]
 
 
 def traced(function: Callable[..., Any], *arguments: Any) -> Any:

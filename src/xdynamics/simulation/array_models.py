@@ -18,8 +18,8 @@ from xdynamics.expressions import Along, Call, Compare, Element, Name, Node, Num
 from xdynamics.expressions.element_folding import IrregularError, Unfolding, term_count
 from xdynamics.expressions.repeating import NEGLIGIBLE, check_numbers, check_repeats, check_unwritten
 from xdynamics.expressions.substitution import Substitution, table_values
-from xdynamics.expressions.traced_arrays import array_of
-from xdynamics.expressions.tracing import Traced, WholeNumberError, node_of, traced, traced_name
+from xdynamics.expressions.traced_arrays import Points, array_of
+from xdynamics.expressions.tracing import Traced, WholeNumberError, joined_branches, node_of, traced, traced_name
 from xdynamics.expressions.tree import every
 from xdynamics.faults import InputError
 from xdynamics.model.links import MOST_ELEMENTS
@@ -241,10 +241,15 @@ def write_each(
 
 def call_with_names(function: RightSide, tables: Substitution, t: Traced, y: Any, arguments: list[Any]) -> Any:
     """Call a function with traced numbers, and refuse a function that writes into y."""
-    y_copy = y.copy()
-    rates = traced(tables.substitute(function), t, y_copy, *arguments)
-    check_unwritten(function_name(function), y, y_copy)
-    return rates
+    substitute = tables.substitute(function)
+
+    def call() -> Any:
+        y_copy = y.copy()
+        rates = traced(substitute, t, y_copy, *arguments)
+        check_unwritten(function_name(function), y, y_copy)
+        return rates
+
+    return joined_branches(call)
 
 
 def call_with_numbers(function: RightSide, t: float, y: Floats, row: list[Any]) -> Any:
@@ -255,10 +260,10 @@ def call_with_numbers(function: RightSide, t: float, y: Floats, row: list[Any]) 
     return rates
 
 
-def interpolated_drive(word: str, times: Any, values: Any) -> dict[str, Any]:
-    """Return a table that a function read by `numpy.interp`."""
-    table = {"t [s]": np.array(times), f"{word} [1]": np.array(values)}
-    return {"table": table, "interpolation": "linear", "outside": "hold"}
+def interpolated_drive(word: str, points: Points) -> dict[str, Any]:
+    """Return a table that a function read by `numpy.interp`, or by an interpolator of scipy."""
+    table = {"t [s]": np.array(points.times), f"{word} [1]": np.array(points.values)}
+    return {"table": table, "interpolation": points.interpolation, "outside": points.outside}
 
 
 def event_sections(written_functions: list[WrittenFunction]) -> dict[str, dict[str, Any]]:
@@ -352,7 +357,7 @@ def array_sections(
         "events": event_sections(written_functions[1:]),
         "parameters": parameters | ({} if unit is None else {scale: f"1 {units[0]}"}) | dense,
         "initial": {word: {"value": numbers.tolist(), "unit": units[0]}},
-        "drives": {label: interpolated_drive(label, *points) for label, points in tables.tables.items()},
+        "drives": {label: interpolated_drive(label, points) for label, points in tables.tables.items()},
     }
 
 

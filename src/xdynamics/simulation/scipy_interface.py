@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from warnings import warn
 
 import numpy as np
 
@@ -56,8 +57,8 @@ def solve(
     t_span: Sequence[float | str],
     y0: Sequence[float | str] | Any,
     method: str = "dormand_prince",
-    *,
     t_eval: Any = None,
+    *,
     events: RightSide | Sequence[RightSide] | None = None,
     args: Sequence[Any] = (),
     names: Sequence[str] | str | None = None,
@@ -71,16 +72,17 @@ def solve(
     ----------
     fun : callable
         ``fun(t, y, *args)``, which returns as many rates as there are numbers in y, by arithmetic and numpy's elementary
-        functions, arrays that it fills (`numpy.zeros`), and tables that it reads at t (`numpy.interp`),
-        which become drives. It is called with names for numbers, and written down as expressions: these
-        are what is marched, differentiated and archived. A branch is written `numpy.where`. What is random, counts its calls or reads a clock
+        functions, arrays that it fills (`numpy.zeros`), and tables that it reads at t (`numpy.interp`, interp1d, CubicSpline,
+        PchipInterpolator, make_interp_spline), which become drives. It is called with names for numbers, and written down as expressions: these
+        are what is marched, differentiated and archived. Branches, by `if`, are followed both ways, and
+        become choices, as `numpy.where` writes them. What is random, counts its calls or reads a clock
         is refused: it is called twice with names, and with numbers at two states.
     t_span : pair of float, s, or str
         First and last time.
     y0 : array_like of float or str, shape (n,)
         Initial values, in `units`; or quantities like ``"20 m s-1"``.
     method : str
-        Any of xdynamics, or scipy's RK45, RK23, DOP853, Radau.
+        Any of xdynamics, or scipy's RK45, RK23, DOP853, Radau; for BDF and LSODA radau_iia is taken, with a warning.
     t_eval : array_like of float or str, optional
         Return the states at these times, as `sample` gives them, in the place of the record; beside them along `event`
         the `event_time`, `event_detector` and, as `after_<name>`, the state after each event.
@@ -210,7 +212,7 @@ def named_sections(
         "parameters": parameters | sizes,
         "initial": dict(zip(words, starts, strict=True)),
         "events": event_sections(written_functions[1:]),
-        "drives": {word: interpolated_drive(word, *points) for word, points in tables.tables.items()},
+        "drives": {word: interpolated_drive(word, points) for word, points in tables.tables.items()},
     }
 
 
@@ -245,7 +247,8 @@ def _check_named_numbers(
 
 def _method_name(method: Any) -> str:
     if method in NEAR:
-        raise InputError(f"method '{method}' is not here; for stiff equations write method='Radau' ({NEAR[method]})")
+        warn(f"{method} is not here, and {NEAR[method]} is taken in its place, for stiff equations too", stacklevel=3)
+        return NEAR[str(method)]
     if method not in SAME and method not in METHODS:
         suggestion = unknown_method(str(method), METHODS)
         raise InputError(f"{suggestion}there are {', '.join(METHODS)}, and scipy's {', '.join(SAME)}")
